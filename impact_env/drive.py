@@ -1,0 +1,94 @@
+"""The harmonic force and its frequency over time: constant, linear sweep, or any piecewise-linear schedule."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.parameters import finite, non_negative, positive, require
+
+PAPER_RATE = 1.0  # percent of the resonance frequency per 100 pseudo periods
+PAPER_LIMITS = (0.9, 1.06)  # of the resonance frequency
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencySchedule:
+    """Piecewise-linear circular frequency: ``times`` (K,) in s from 0, strictly rising, and ``omegas`` (K,) in rad/s, K >= 2.
+
+    ``reference`` is the resonance frequency in rad/s that defines the pseudo period and the frequency ratio.
+    """
+
+    times: NDArray[np.float64]
+    omegas: NDArray[np.float64]
+    reference: float
+
+    def __post_init__(self) -> None:
+        times, omegas = (np.array(values, dtype=np.float64, ndmin=1) for values in (self.times, self.omegas))
+        ok = times.ndim == 1 and len(times) >= 2 and bool(np.all(np.isfinite(times)))
+        require(ok and times[0] == 0 and bool(np.all(np.diff(times) > 0)), "times", self.times, "two or more finite times in s, strictly rising from 0")
+        ok = omegas.shape == times.shape and bool(np.all(np.isfinite(omegas))) and bool(np.all(omegas >= 0))
+        require(ok, "omegas", self.omegas, "one finite frequency in rad/s, 0 or above, for each time")
+        positive("reference frequency", self.reference)
+        for name, values in (("times", times), ("omegas", omegas)):
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+
+    @property
+    def pseudo_period(self) -> float:
+        """Pseudo period 2 pi / reference in s."""
+        return 2 * np.pi / self.reference
+
+    @property
+    def periods(self) -> float:
+        """Duration in pseudo periods."""
+        return float(self.times[-1]) / self.pseudo_period
+
+    def omega_at(self, time: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        """Return the circular frequency in rad/s at times in s."""
+        return np.interp(time, self.times, self.omegas)
+
+    def phase_at(self, time: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        """Return the integral of the circular frequency in rad at times in s."""
+        steps = np.diff(self.times)
+        starts = np.concatenate([[0.0], np.cumsum(steps * (self.omegas[1:] + self.omegas[:-1]) / 2)])
+        k = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(steps) - 1)
+        tau = np.asarray(time) - self.times[k]
+        slope = np.diff(self.omegas)[k] / steps[k]
+        return np.asarray(starts[k] + (self.omegas[k] + slope * tau / 2) * tau)
+
+
+def linear_sweep(
+    reference: float,
+    start_ratio: float = PAPER_LIMITS[0],
+    stop_ratio: float = PAPER_LIMITS[1],
+    percent_per_100_periods: float = PAPER_RATE,
+) -> FrequencySchedule:
+    """Return a linear sweep between two ratios of ``reference`` (rad/s); up or down follows from the ratios (paper, section 3.3)."""
+    positive("reference frequency", reference)
+    start, stop = non_negative("start ratio", start_ratio), non_negative("stop ratio", stop_ratio)
+    require(start != stop, "stop ratio", stop_ratio, "different from the start ratio (use constant_frequency for a fixed one)")
+    rate = positive("percent_per_100_periods", percent_per_100_periods)
+    periods = abs(stop - start) * 100 * 100 / rate
+    return FrequencySchedule(np.array([0.0, periods * 2 * np.pi / reference]), np.array([start, stop]) * reference, reference)
+
+
+def constant_frequency(reference: float, ratio: float, periods: float) -> FrequencySchedule:
+    """Return a constant frequency ``ratio * reference`` over a number of pseudo periods."""
+    positive("reference frequency", reference)
+    duration = positive("periods", periods) * 2 * np.pi / reference
+    return FrequencySchedule(np.array([0.0, duration]), np.full(2, non_negative("ratio", ratio) * reference), reference)
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Force amplitude * cos(integral of omega + phase) (paper, Eq. exc): ``amplitude`` in N, ``phase`` in rad."""
+
+    amplitude: float
+    schedule: FrequencySchedule
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "amplitude", finite("force amplitude", self.amplitude))
+        object.__setattr__(self, "phase", finite("phase", self.phase))

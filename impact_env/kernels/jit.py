@@ -1,0 +1,50 @@
+"""The one compile decorator and the one cache folder of all kernels.
+
+numba's cache does not notice an edit in an imported module, so the folder carries a hash of the package's sources.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+_PACKAGE = Path(__file__).resolve().parent
+# reordering and contraction only: event logic relies on NaN and on signed comparisons
+SUM_FLAGS = frozenset({"reassoc", "contract", "nsz", "arcp"})
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def cache_folder() -> Path:
+    """Return the cache folder of these sources; ``IMPACT_ENV_CACHE`` names another parent folder."""
+    digest = hashlib.sha256()
+    for source in sorted(_PACKAGE.glob("*.py")):
+        digest.update(source.name.encode() + source.read_bytes())
+    for package in (numba,):
+        digest.update(package.__version__.encode())
+    parent = os.environ.get("IMPACT_ENV_CACHE") or str(Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "impact_env")
+    folder = Path(parent) / digest.hexdigest()[:16]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:  # a read-only home must not stop a simulation
+        folder = Path(tempfile.gettempdir()) / "impact_env" / digest.hexdigest()[:16]
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+numba.config.CACHE_DIR = str(cache_folder())
+
+
+def jit(function: _F) -> _F:
+    """Compile without fastmath: the code around events."""
+    return numba.njit(cache=True, nogil=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+
+
+def jit_sum(function: _F) -> _F:
+    """Compile with reordering allowed: sums over modes, which then vectorise."""
+    return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=set(SUM_FLAGS))(function)  # type: ignore[no-any-return]

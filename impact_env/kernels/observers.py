@@ -1,0 +1,147 @@
+"""What a run may be asked to observe. Each observer is a NamedTuple of arrays or None; None is pruned when a kernel is compiled.
+
+Every method hands its observers the same things: the tip displacement at equidistant samples (level), the state at those samples
+(series), impacts and contact phases (events), and the terms of the energy balance (energy).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.jit import jit
+
+# rows of Counters.values
+IMPACTS, STUCK_TIME, STEPS, EVALUATIONS = 0, 1, 2, 3
+# kinds of contact phase
+STUCK_INSIDE, HELD_LOWER, HELD_UPPER = 0, 1, 2
+# rows of Energy.totals
+WORK, FRICTION_LOSS, IMPACT_LOSS, ABSORBER_DAMPING = 0, 1, 2, 3
+# status codes of all integration kernels
+DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS = 0, 1, 2, 3
+
+
+class Counters(NamedTuple):
+    """``values`` (4,): number of impacts, time in joined phases (s), steps or events, evaluations."""
+
+    values: NDArray[np.float64]
+
+
+class Level(NamedTuple):
+    """Streaming windowed RMS around the maximum (paper, Eqs. tmax and barqtip), in memory that does not grow with the run.
+
+    ``ring`` (W + 1,) holds the last running sums of q^2, W samples being half the window; ``state`` (10,) the rest.
+    """
+
+    ring: NDArray[np.float64]
+    state: NDArray[np.float64]
+
+
+class Events(NamedTuple):
+    """``impacts`` (capacity, 4): time, relative velocity before, impulse on the absorber, energy lost. ``phases`` (capacity, 3): start, end, kind.
+
+    ``counts`` (2,) goes on counting when the capacity is used up, so that the caller can run again with enough of it.
+    """
+
+    impacts: NDArray[np.float64]
+    phases: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+
+class Series(NamedTuple):
+    """``states`` (samples, 2 N_m + 2): modal displacements, absorber displacement, modal velocities, absorber velocity."""
+
+    states: NDArray[np.float64]
+
+
+class Energy(NamedTuple):
+    """``totals`` (4,): work of the force, losses by friction, by impacts, in the tuned absorber's damper; ``modal`` (N_m,) loss per mode. In J."""
+
+    totals: NDArray[np.float64]
+    modal: NDArray[np.float64]
+
+
+# Level.state: next sample, running sum, largest |q|, its sample, running sums at the first and last sample of the window,
+# neighbours of the maximum, last |q|, flag: the right neighbour is due
+_NEXT, _SUM, _MAX, _AT, _SUM0, _SUM1, _LEFT, _RIGHT, _PREVIOUS, _DUE = range(10)
+
+
+def new_level(samples_per_period: int, half_window_periods: int = 10) -> Level:
+    """Return an empty level observer for a window of +- ``half_window_periods`` pseudo periods."""
+    state = np.zeros(10)
+    state[_MAX] = -1.0
+    return Level(np.zeros(half_window_periods * samples_per_period + 1), state)
+
+
+@jit
+def push_level(level, q):  # type: ignore[no-untyped-def]
+    """Take the next sample of the tip displacement (m)."""
+    ring, state = level
+    width = ring.shape[0] - 1
+    n = int(state[_NEXT])
+    square, size = q * q, abs(q)
+    total = state[_SUM] + square
+    ring[n % (width + 1)] = total
+    if state[_DUE] > 0.0:
+        state[_RIGHT] = size
+        state[_DUE] = 0.0
+    if size > state[_MAX]:
+        state[_MAX], state[_AT], state[_DUE] = size, n, 1.0
+        state[_LEFT], state[_RIGHT] = state[_PREVIOUS], size
+        # the slot that the next sample overwrites holds the sum at n - width: the first sample of the window
+        state[_SUM0] = ring[(n + 1) % (width + 1)] if n >= width else ring[0]
+    if n <= state[_AT] + width:
+        state[_SUM1] = total
+    state[_PREVIOUS], state[_SUM], state[_NEXT] = size, total, n + 1
+
+
+@jit
+def close_level(level):  # type: ignore[no-untyped-def]
+    """Return (response level in m, sample of the maximum with a parabola's fraction, largest |q| in m).
+
+    The window is cut where the run starts or ends. The RMS is the mean of the samples after the window's first.
+    """
+    ring, state = level
+    width = ring.shape[0] - 1
+    if state[_NEXT] < 2.0:
+        return abs(state[_MAX]), 0.0, abs(state[_MAX])
+    at = state[_AT]
+    first = max(0.0, at - width)
+    last = min(state[_NEXT] - 1.0, at + width)
+    mean = (state[_SUM1] - state[_SUM0]) / max(last - first, 1.0)
+    left, peak, right = state[_LEFT], state[_MAX], state[_RIGHT]
+    bend = left - 2.0 * peak + right
+    shift = 0.0
+    if bend < 0.0 and at > 0.0:
+        shift = 0.5 * (left - right) / bend
+        peak -= 0.25 * (left - right) * shift
+    return np.sqrt(max(mean, 0.0)), at + shift, peak
+
+
+@jit
+def push_impact(events, time, relative_velocity, impulse, loss):  # type: ignore[no-untyped-def]
+    """Append an impact to the list, if one is kept."""
+    if events is None:
+        return
+    k = events.counts[0]
+    if k < events.impacts.shape[0]:
+        events.impacts[k, 0] = time
+        events.impacts[k, 1] = relative_velocity
+        events.impacts[k, 2] = impulse
+        events.impacts[k, 3] = loss
+    events.counts[0] = k + 1
+
+
+@jit
+def push_phase(events, start, end, kind):  # type: ignore[no-untyped-def]
+    """Append a contact phase to the list, if one is kept."""
+    if events is None:
+        return
+    k = events.counts[1]
+    if k < events.phases.shape[0]:
+        events.phases[k, 0] = start
+        events.phases[k, 1] = end
+        events.phases[k, 2] = kind
+    events.counts[1] = k + 1

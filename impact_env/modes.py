@@ -1,0 +1,84 @@
+"""Beam to modal model: frequencies, damping ratios, and mode shapes at the force and at the absorber."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from impact_env.beam import deflection_row, matrices
+from impact_env.parameters import Beam, require
+
+
+def _frozen(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    array = np.array(values, dtype=np.float64, ndmin=1)
+    require(array.ndim == 1 and bool(np.all(np.isfinite(array))), name, values, "a row of finite numbers")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class ModalModel:
+    """Mass-normalised modes of the free beam (paper, Eq. eqmmod); every array is (N_m,), read-only.
+
+    omega in rad/s, damping_ratio dimensionless, force_shape and tip_shape in 1/sqrt(kg); ``beam_mass`` in kg makes a mass ratio a mass.
+    """
+
+    omega: NDArray[np.float64]
+    damping_ratio: NDArray[np.float64]
+    force_shape: NDArray[np.float64]
+    tip_shape: NDArray[np.float64]
+    beam_mass: float
+
+    def __post_init__(self) -> None:
+        for name in ("omega", "damping_ratio", "force_shape", "tip_shape"):
+            object.__setattr__(self, name, _frozen(name, getattr(self, name)))
+        lengths = {len(getattr(self, name)) for name in ("omega", "damping_ratio", "force_shape", "tip_shape")}
+        require(len(lengths) == 1, "modal model", lengths, "arrays of one length")
+        require(bool(np.all(self.omega > 0)), "omega", self.omega, "frequencies above 0 rad/s")
+        require(bool(np.all(self.damping_ratio >= 0)), "damping_ratio", self.damping_ratio, "0 or above")
+
+    @property
+    def modes(self) -> int:
+        """Number of modes kept."""
+        return len(self.omega)
+
+    def pseudo_period(self, resonance: int = 1) -> float:
+        """Return 2 pi / omega of a resonance (counted from 1) in s (paper, section 3.1)."""
+        return 2 * np.pi / self.resonance_omega(resonance)
+
+    def resonance_omega(self, resonance: int) -> float:
+        """Return a resonance's circular frequency in rad/s; raises ParameterError if the model lacks that mode."""
+        ok = isinstance(resonance, int | np.integer) and 1 <= resonance <= self.modes
+        require(ok, "resonance", resonance, f"a mode of the model, 1 to {self.modes}")
+        return float(self.omega[resonance - 1])
+
+
+def modal_model(beam: Beam) -> ModalModel:
+    """Return the lowest ``beam.modes`` modes of a beam.
+
+    The inverse problem M v = (1/omega^2) K v is solved because the low modes, the ones that matter, then are the largest
+    eigenvalues and keep more digits than from K v = omega^2 M v.
+    """
+    mass, stiffness = matrices(beam)
+    inverse_squares, vectors = scipy.linalg.eigh(mass, stiffness)
+    order = np.argsort(inverse_squares)[::-1][: beam.modes]
+    inverse_squares, vectors = inverse_squares[order], vectors[:, order]
+    vectors = vectors / np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
+    # K-orthonormality gives the square of the highest frequencies with more digits than the tiny inverse eigenvalue
+    omega = np.sqrt(np.where(inverse_squares > 0, 1 / np.abs(inverse_squares), 0.0))
+    rayleigh = np.sqrt(np.einsum("ij,ij->j", vectors, stiffness @ vectors))
+    omega = np.where(omega > 1e3 * omega[0], rayleigh, omega)
+    for mode, ratio in beam.modal_frequency_ratio.items():
+        omega[mode - 1] = ratio * omega[0]
+    tip = deflection_row(beam, 1.0) @ vectors
+    vectors = vectors * np.where(tip < 0, -1.0, 1.0)  # the tip moves up in every mode
+    return ModalModel(
+        omega=omega,
+        damping_ratio=np.broadcast_to(np.asarray(beam.damping_ratio, dtype=float), omega.shape),
+        force_shape=deflection_row(beam, beam.force_position) @ vectors,
+        tip_shape=deflection_row(beam, beam.absorber_position) @ vectors,
+        beam_mass=beam.mass,
+    )

@@ -1,0 +1,218 @@
+"""Validated, frozen parameters in SI units. The defaults are the paper's Table 1, and this is the only place that states them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from numbers import Integral, Real
+
+
+class ParameterError(ValueError):
+    """A parameter is out of range; the message names it, its value and what is allowed."""
+
+
+def require(ok: bool, name: str, value: object, allowed: str) -> None:
+    """Raise ParameterError unless ``ok``."""
+    if not ok:
+        raise ParameterError(f"{name} = {value!r} is not allowed: {allowed}")
+
+
+def _is_real(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def positive(name: str, value: object) -> float:
+    """Return ``value`` as a float if it is finite and above zero."""
+    require(_is_real(value) and math.isfinite(value) and value > 0, name, value, "a finite number above 0")  # type: ignore[arg-type,operator]
+    return float(value)  # type: ignore[arg-type]
+
+
+def non_negative(name: str, value: object) -> float:
+    """Return ``value`` as a float if it is finite and not below zero."""
+    require(_is_real(value) and math.isfinite(value) and value >= 0, name, value, "a finite number, 0 or above")  # type: ignore[arg-type,operator]
+    return float(value)  # type: ignore[arg-type]
+
+
+def finite(name: str, value: object) -> float:
+    """Return ``value`` as a float if it is finite."""
+    require(_is_real(value) and math.isfinite(value), name, value, "a finite number")  # type: ignore[arg-type]
+    return float(value)  # type: ignore[arg-type]
+
+
+def fraction(name: str, value: object) -> float:
+    """Return ``value`` as a float if it lies in (0, 1]."""
+    require(_is_real(value) and 0 < value <= 1, name, value, "a number in (0, 1]")  # type: ignore[operator]
+    return float(value)  # type: ignore[arg-type]
+
+
+def count(name: str, value: object, low: int, high: int | None = None) -> int:
+    """Return ``value`` as an int if it is a whole number in [low, high]."""
+    allowed = f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}"
+    ok = isinstance(value, Integral) and not isinstance(value, bool)
+    require(ok and value >= low and (high is None or value <= high), name, value, allowed)  # type: ignore[operator]
+    return int(value)  # type: ignore[call-overload, no-any-return]
+
+
+@dataclass(frozen=True)
+class Beam:
+    """Cantilever of Hermite Euler-Bernoulli elements, kept to its lowest modes (paper, section 2.1 and Table 1).
+
+    Positions are fractions of the length, measured from the clamped end. ``damping_ratio`` is one number for all
+    modes or one per mode. ``modal_frequency_ratio`` maps a mode number (2 or more, counted from 1) to a wanted ratio
+    omega_i/omega_1; the paper varies omega_2 so.
+    """
+
+    length: float = 0.5  # m
+    bending_stiffness: float = 362.88  # N m^2
+    mass_per_length: float = 1.1275  # kg/m
+    elements: int = 30
+    modes: int = 10
+    damping_ratio: float | tuple[float, ...] = 0.01
+    force_position: float = 0.4
+    absorber_position: float = 1.0
+    modal_frequency_ratio: Mapping[int, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("length", "bending_stiffness", "mass_per_length"):
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        for name in ("force_position", "absorber_position"):
+            object.__setattr__(self, name, fraction(name, getattr(self, name)))
+        count("elements", self.elements, 1)
+        count("modes", self.modes, 1, 2 * self.elements)
+        if isinstance(self.damping_ratio, Real):
+            non_negative("damping_ratio", self.damping_ratio)
+        else:
+            ratios = tuple(non_negative("damping_ratio", d) for d in self.damping_ratio)
+            require(len(ratios) == self.modes, "damping_ratio", ratios, f"one number, or one for each of the {self.modes} modes")
+            object.__setattr__(self, "damping_ratio", ratios)
+        for mode, ratio in self.modal_frequency_ratio.items():
+            count("modal_frequency_ratio's mode", mode, 2, self.modes)
+            positive(f"modal_frequency_ratio[{mode}]", ratio)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the beam in kg."""
+        return self.mass_per_length * self.length
+
+    @property
+    def static_tip_stiffness(self) -> float:
+        """3 EI / l^3 in N/m, the paper's unit for contact stiffness (appendix)."""
+        return 3 * self.bending_stiffness / self.length**3
+
+
+@dataclass(frozen=True)
+class RigidWalls:
+    """Cavity walls with Newton's impact law (paper, Eqs. signorini and impulse). ``gap`` is the clearance to either wall in m."""
+
+    gap: float = 1e-3
+    restitution: float = 1.0
+
+    def __post_init__(self) -> None:
+        require(_is_real(self.gap) and self.gap >= 0, "gap", self.gap, "a number in m, 0 or above (infinity: no wall)")
+        require(_is_real(self.restitution) and 0 <= self.restitution <= 1, "restitution", self.restitution, "a number from 0 to 1")
+        object.__setattr__(self, "gap", float(self.gap))
+        object.__setattr__(self, "restitution", float(self.restitution))
+
+
+@dataclass(frozen=True)
+class CompliantWalls:
+    """Cavity walls that are unilateral springs (paper, Eq. elSignorini). ``gap`` in m, ``stiffness`` k_n in N/m."""
+
+    stiffness: float
+    gap: float = RigidWalls.gap
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stiffness", positive("contact stiffness", self.stiffness))
+        object.__setattr__(self, "gap", non_negative("gap", self.gap))
+
+
+@dataclass(frozen=True)
+class CoulombFriction:
+    """Rigid Coulomb friction (paper, Eq. coulomb). ``limit`` is mu f_N in N."""
+
+    limit: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "limit", positive("friction limit", self.limit))
+
+
+@dataclass(frozen=True)
+class ElasticCoulombFriction:
+    """Spring k_t in series with a Coulomb slider (paper, Eq. elCoulomb). ``limit`` in N, ``stiffness`` k_t in N/m."""
+
+    limit: float
+    stiffness: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "limit", positive("friction limit", self.limit))
+        object.__setattr__(self, "stiffness", positive("friction stiffness", self.stiffness))
+
+
+DEFAULT_MASS_RATIO = 0.02
+
+
+@dataclass(frozen=True)
+class StuckAbsorber:
+    """An absorber that never moves in its cavity: mass added to the beam (paper, section 3.1)."""
+
+    mass_ratio: float = DEFAULT_MASS_RATIO
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
+
+
+@dataclass(frozen=True)
+class TunedAbsorber:
+    """Linear tuned absorber, LTVA (paper, section 6): ``stiffness`` in N/m, ``damping`` in N s/m. Defaults are the paper's."""
+
+    mass_ratio: float = DEFAULT_MASS_RATIO
+    stiffness: float = 701.8
+    damping: float = 0.728
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
+        object.__setattr__(self, "stiffness", positive("absorber stiffness", self.stiffness))
+        object.__setattr__(self, "damping", non_negative("absorber damping", self.damping))
+
+
+@dataclass(frozen=True)
+class SlidingAbsorber:
+    """A mass that slides along the tip's deflection, with walls, friction, or both (paper, section 2.2).
+
+    With walls it is the impact absorber, without them the friction damper. A part that is absent is None.
+    """
+
+    mass_ratio: float = DEFAULT_MASS_RATIO
+    walls: RigidWalls | CompliantWalls | None = None
+    friction: CoulombFriction | ElasticCoulombFriction | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
+        require(
+            self.walls is not None or self.friction is not None,
+            "absorber",
+            self,
+            "walls, friction or both (a mass with neither does not touch the beam: leave it out)",
+        )
+        kinds = {isinstance(self.walls, RigidWalls) if self.walls is not None else None, isinstance(self.friction, CoulombFriction) if self.friction is not None else None}
+        require(kinds != {True, False}, "absorber", self, "walls and friction either both rigid or both compliant")
+
+
+Absorber = StuckAbsorber | TunedAbsorber | SlidingAbsorber
+
+
+def impact_absorber(
+    gap: float = RigidWalls.gap,
+    restitution: float = RigidWalls.restitution,
+    friction_limit: float | None = None,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+) -> SlidingAbsorber:
+    """Return the impact absorber with rigid contact; ``friction_limit`` None leaves friction out."""
+    friction = None if friction_limit is None else CoulombFriction(friction_limit)
+    return SlidingAbsorber(mass_ratio, RigidWalls(gap, restitution), friction)
+
+
+def friction_damper(friction_limit: float = 0.5, mass_ratio: float = DEFAULT_MASS_RATIO) -> SlidingAbsorber:
+    """Return the pure friction damper; the default limit is the paper's optimum for 3.5 N."""
+    return SlidingAbsorber(mass_ratio, None, CoulombFriction(friction_limit))
