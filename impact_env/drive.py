@@ -27,7 +27,9 @@ class FrequencySchedule:
     def __post_init__(self) -> None:
         times, omegas = (np.array(values, dtype=np.float64, ndmin=1) for values in (self.times, self.omegas))
         ok = times.ndim == 1 and len(times) >= 2 and bool(np.all(np.isfinite(times)))
-        require(ok and times[0] == 0 and bool(np.all(np.diff(times) > 0)), "times", self.times, "two or more finite times in s, strictly rising from 0")
+        require(
+            ok and times[0] == 0 and bool(np.all(np.diff(times) > 0)), "times", self.times, "two or more finite times in s, strictly rising from 0"
+        )
         ok = omegas.shape == times.shape and bool(np.all(np.isfinite(omegas))) and bool(np.all(omegas >= 0))
         require(ok, "omegas", self.omegas, "one finite frequency in rad/s, 0 or above, for each time")
         positive("reference frequency", self.reference)

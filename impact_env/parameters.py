@@ -195,7 +195,10 @@ class SlidingAbsorber:
             self,
             "walls, friction or both (a mass with neither does not touch the beam: leave it out)",
         )
-        kinds = {isinstance(self.walls, RigidWalls) if self.walls is not None else None, isinstance(self.friction, CoulombFriction) if self.friction is not None else None}
+        kinds = {
+            isinstance(self.walls, RigidWalls) if self.walls is not None else None,
+            isinstance(self.friction, CoulombFriction) if self.friction is not None else None,
+        }
         require(kinds != {True, False}, "absorber", self, "walls and friction either both rigid or both compliant")
 
 

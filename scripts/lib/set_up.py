@@ -1,0 +1,136 @@
+"""Make or complete the environment in .venv: one call at a time, and started afresh after one that was broken off.
+
+Arguments are layers: "main", "test", "rl", ... are files in requirements/; "kernels" compiles the kernels into their cache.
+Only the standard library is used, as this runs before anything is installed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+EXPECTED = {"main": "one to three minutes", "test": "about half a minute", "rl": "several minutes, as torch is large", "optimise": "about a minute"}
+
+
+def say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def stamp_text(root: Path, layer: str) -> bytes:
+    """Return what a layer is made from; environment.sh compares the same bytes."""
+    layers = ["main"] if layer == "main" else ["main", layer]
+    files = [root / "pyproject.toml", *(root / "requirements" / f"{name}.txt" for name in layers)]
+    return os.fsencode(root) + b"\n" + b"".join(file.read_bytes() for file in files)
+
+
+@contextmanager
+def lock(root: Path) -> Iterator[None]:
+    """Hold the checkout's lock; the system drops it when the process ends, however it ends."""
+    with (root / ".venv.lock").open("w") as handle:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            say("Another call is setting up the environment; waiting for it ...")
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
+class SetUp:
+    """One checkout's environment."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.folder = root / ".venv"
+        self.python = self.folder / "bin" / "python"
+        self.stamps = self.folder / "stamps"
+        self.incomplete = self.folder / "incomplete"
+
+    def usable(self) -> bool:
+        """Tell whether the folder can be built upon: complete, at its place, and its Python still there."""
+        main = self.stamps / "main"
+        moved = main.exists() and not main.read_bytes().startswith(os.fsencode(self.root) + b"\n")
+        return os.access(self.python, os.X_OK) and not self.incomplete.exists() and not moved
+
+    def is_current(self, layer: str) -> bool:
+        stamp = self.stamps / layer
+        return stamp.exists() and stamp.read_bytes() == stamp_text(self.root, layer)
+
+    def pip(self, *arguments: str) -> None:
+        command = [str(self.python), "-m", "pip", "install", "--quiet", "--no-input", "--disable-pip-version-check", *arguments]
+        subprocess.run(command, check=True, cwd=self.root, stdin=subprocess.DEVNULL)
+
+    def make(self, layers: list[str]) -> None:
+        """Install what is not current; a folder that was left half-made is made again."""
+        if not self.usable():
+            shutil.rmtree(self.folder, ignore_errors=True)
+        due = [layer for layer in dict.fromkeys(["main", *layers]) if not self.is_current(layer)]
+        if not due:
+            return
+        fresh = not self.folder.exists()
+        self.folder.mkdir(exist_ok=True)
+        self.incomplete.touch()
+        for layer in due:
+            what = "Setting up .venv" if layer == "main" else f"Adding requirements/{layer}.txt to .venv"
+            say(f"{what} (once, {EXPECTED.get(layer, 'a few minutes')}) ...")
+            if layer == "main" and fresh:
+                subprocess.run([sys.executable, "-m", "venv", str(self.folder)], check=True)
+            requirements = self.root / "requirements"
+            self.pip("-c", str(requirements / "main.txt"), "-r", str(requirements / f"{layer}.txt"))
+            if layer == "main":
+                self.pip("--no-deps", "--no-build-isolation", "--editable", str(self.root))
+        self.stamps.mkdir(exist_ok=True)
+        for layer in due:
+            (self.stamps / layer).write_bytes(stamp_text(self.root, layer))
+        self.incomplete.unlink()
+
+    def warm_kernels(self) -> None:
+        """Compile the kernels into their cache. A failure is told, not raised: they would be compiled on first use."""
+        if not (self.root / "impact_env" / "warm_up.py").exists():
+            return
+        stamp = Path(os.environ.get("IMPACT_ENV_CACHE") or self.folder / "kernel-cache") / "warm"
+        started = time.time()
+        files = [
+            self.root / "impact_env" / "warm_up.py",
+            self.root / "requirements" / "main.txt",
+            *(self.root / "impact_env" / "kernels").rglob("*.py"),
+        ]
+        if stamp.exists() and all(file.stat().st_mtime <= stamp.stat().st_mtime for file in files):
+            return
+        say("Compiling the kernels (once for each version of the sources, about a minute) ...")
+        stamp.parent.mkdir(parents=True, exist_ok=True)
+        command = [str(self.python), "-m", "impact_env.warm_up"]
+        if subprocess.run(command, cwd=self.root, stdin=subprocess.DEVNULL, env={**os.environ, "IMPACT_ENV_CACHE": str(stamp.parent)}).returncode:
+            say("warning: the kernels could not be compiled in advance; they are compiled when they are first used")
+            return
+        stamp.touch()
+        os.utime(stamp, (started, started))
+
+
+def main(layers: list[str]) -> int:
+    set_up = SetUp(ROOT)
+    try:
+        with lock(ROOT):
+            set_up.make([layer for layer in layers if layer != "kernels"])
+            if "kernels" in layers:
+                set_up.warm_kernels()
+    except KeyboardInterrupt:
+        say("\nSet-up was broken off; the next call does it again.")
+        return 130
+    except (subprocess.CalledProcessError, OSError) as error:
+        say(f"error: the set-up failed, and the next call does it again: {error}")
+        if isinstance(error, subprocess.CalledProcessError) and "venv" in error.cmd:
+            say("On Debian and Ubuntu the module venv is a package of its own: apt install python3-venv")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
