@@ -64,7 +64,7 @@ class SetUp:
         return stamp.exists() and stamp.read_bytes() == stamp_text(self.root, layer)
 
     def pip(self, *arguments: str) -> None:
-        command = [str(self.python), "-m", "pip", "install", "--quiet", "--no-input", "--disable-pip-version-check", *arguments]
+        command = [str(self.python), "-m", "pip", "install", "-qq", "--no-input", "--disable-pip-version-check", *arguments]
         subprocess.run(command, check=True, cwd=self.root, stdin=subprocess.DEVNULL)
 
     def make(self, layers: list[str]) -> None:
