@@ -83,7 +83,7 @@ def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) 
 def _attachment(model: ModalModel, absorber: LinearAbsorber, omega: Real) -> tuple[Complex, Complex]:
     """Return n and D of the attachment's T = n/D (N/m): n = m_a omega^2 K and D = K - m_a omega^2 with K = k + i omega c; K is infinite if stuck."""
     require(isinstance(absorber, LinearAbsorber), "absorber", absorber, "a TunedAbsorber or a StuckAbsorber (others are not linear)")
-    inertia = absorber.mass_ratio * model.beam_mass * omega**2 + 0j
+    inertia = np.asarray(absorber.mass_ratio * model.beam_mass * omega**2, dtype=np.complex128)
     if isinstance(absorber, StuckAbsorber):
         return inertia, np.ones_like(inertia)
     spring = absorber.stiffness + 1j * omega * absorber.damping
