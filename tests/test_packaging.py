@@ -116,7 +116,7 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def _run(root: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    environment = {name: value for name, value in os.environ.items() if name != "IMPACT_ENV_CACHE"} | variables
+    environment = {name: value for name, value in os.environ.items() if name not in {"IMPACT_ENV_CACHE", "PYTHON"}} | variables
     return subprocess.run(
         [root / "scripts" / "run", *arguments], env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60
     )
