@@ -1,0 +1,322 @@
+"""Classical Runge-Kutta stepping for linear scenes and for the appendix' compliant contact (paper, Eqs. elSignorini, elCoulomb).
+
+All contact acts along one line, so a scene is a row of independent oscillators (the absorber is one more, of frequency zero) with one
+scalar feedback: a force p(y) on the absorber that depends on an observation y, a weighted sum of displacements and velocities. In
+each of the four stages y, and so p, follows from the state at the step's start, the excitation, and the p of the stages before, all
+linearly. The weights come from the textbook step applied to unit states and unit inputs, once. Then one pass over the modes does a
+whole step. This is the classical method with its sums in another order, not an approximation of it.
+
+The slider of elastic friction stays where it is within a step and follows at its end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impact_env.kernels.chirp import fill_phases
+from impact_env.kernels.feedback import (
+    Q_BEFORE,
+    QF1,
+    QFM,
+    QP1,
+    QP2,
+    QP3,
+    QQ,
+    QU,
+    STRIDE,
+    TIP,
+    U_BEFORE,
+    UF1,
+    UF4,
+    UFM,
+    UP1,
+    UP2,
+    UP3,
+    UP4,
+    UQ,
+    UU,
+    Q,
+    U,
+    Y,
+    feedback,
+    move_slider,
+    new_table,
+    slider_force,
+    stop_force,
+    textbook_step,
+)
+from impact_env.kernels.grid import close_phase, rows_wanted, step_of_row
+from impact_env.kernels.jit import jit, jit_sum
+from impact_env.kernels.observers import (
+    ABSORBER_DAMPING,
+    DONE,
+    EVALUATIONS,
+    FRICTION_LOSS,
+    HELD_LOWER,
+    HELD_UPPER,
+    IMPACTS,
+    NOT_FINITE,
+    STEPS,
+    STUCK_INSIDE,
+    WORK,
+    push_impact,
+    push_level,
+    push_phase,
+)
+
+_BLOCK = 16  # steps between two checks for values that are not finite
+
+
+@jit_sum
+def _swing(table, lanes, wide, forces, at, push, watched):  # type: ignore[no-untyped-def]
+    """Advance all oscillators by a step; return the next step's four observations as far as they follow from the state."""
+    stride = STRIDE
+    if wide is not None:
+        stride = wide
+    f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
+    y1, y2, y3, y4 = 0.0, 0.0, 0.0, 0.0
+    for j in range(lanes):
+        q, u = table[Q * stride + j], table[U * stride + j]
+        q_next = table[QQ * stride + j] * q + table[QU * stride + j] * u + table[QF1 * stride + j] * f1 + table[QFM * stride + j] * fm
+        u_next = table[UQ * stride + j] * q + table[UU * stride + j] * u + table[UF1 * stride + j] * f1 + table[UFM * stride + j] * fm
+        u_next += table[UF4 * stride + j] * f4
+        if push is not None:
+            q_next += table[QP1 * stride + j] * push[0] + table[QP2 * stride + j] * push[1] + table[QP3 * stride + j] * push[2]
+            u_next += table[UP1 * stride + j] * push[0] + table[UP2 * stride + j] * push[1]
+            u_next += table[UP3 * stride + j] * push[2] + table[UP4 * stride + j] * push[3]
+        table[Q * stride + j] = q_next
+        table[U * stride + j] = u_next
+        if watched is not None:
+            y1 += table[Y * stride + j] * q_next + table[(Y + 1) * stride + j] * u_next
+            y2 += table[(Y + 2) * stride + j] * q_next + table[(Y + 3) * stride + j] * u_next
+            y3 += table[(Y + 4) * stride + j] * q_next + table[(Y + 5) * stride + j] * u_next
+            y4 += table[(Y + 6) * stride + j] * q_next + table[(Y + 7) * stride + j] * u_next
+    return y1, y2, y3, y4
+
+
+@jit
+def _observe(table, lanes, wide):  # type: ignore[no-untyped-def]
+    """Return the four observations of the first step as far as they follow from the state."""
+    stride = STRIDE
+    if wide is not None:
+        stride = wide
+    y = np.zeros(4)
+    for stage in range(4):
+        for j in range(lanes):
+            y[stage] += table[(Y + 2 * stage) * stride + j] * table[Q * stride + j]
+            y[stage] += table[(Y + 2 * stage + 1) * stride + j] * table[U * stride + j]
+    return y[0], y[1], y[2], y[3]
+
+
+@jit
+def _stages(y, mix, forces, at, rest, stops, slider, spring, added_mass, joined_mass):  # type: ignore[no-untyped-def]
+    """Return the observations and the feedbacks in the four stages."""
+    f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
+    y1 = y[0] + mix[0, 0] * f1
+    p1 = feedback(y1, rest, stops, slider, spring, added_mass, joined_mass)
+    y2 = y[1] + mix[1, 0] * f1 + mix[1, 1] * fm + mix[1, 3] * p1
+    p2 = feedback(y2, rest, stops, slider, spring, added_mass, joined_mass)
+    y3 = y[2] + mix[2, 0] * f1 + mix[2, 1] * fm + mix[2, 3] * p1 + mix[2, 4] * p2
+    p3 = feedback(y3, rest, stops, slider, spring, added_mass, joined_mass)
+    y4 = y[3] + mix[3, 0] * f1 + mix[3, 1] * fm + mix[3, 2] * f4 + mix[3, 3] * p1 + mix[3, 4] * p2 + mix[3, 5] * p3
+    p4 = feedback(y4, rest, stops, slider, spring, added_mass, joined_mass)
+    return (y1, y2, y3, y4), (p1, p2, p3, p4)
+
+
+@jit
+def _account(energy, table, wide, omega, damping_ratio, force_shape, amplitude, m_a, spring, slider, rest, forces, at, y, p, h):  # type: ignore[no-untyped-def]
+    """Add a step's work and losses: the powers in the four stages with the weights of the method."""
+    stride = STRIDE
+    if wide is not None:
+        stride = wide
+    n = omega.shape[0]
+    weights = (h / 6.0, h / 3.0, h / 3.0, h / 6.0)
+    gamma = np.zeros(4)
+    for j in range(n + 1):
+        w2, c, push = 0.0, 0.0, 0.0
+        if j < n:
+            w2, c, push = omega[j] * omega[j], 2.0 * damping_ratio[j] * omega[j], force_shape[j] * amplitude
+        tip = table[TIP * stride + j]
+        f = (push * forces[at], push * forces[at + 1], push * forces[at + 1], push * forces[at + 2])
+        w = (f[0] - tip * p[0], f[1] - tip * p[1], f[2] - tip * p[2], f[3] - tip * p[3])
+        stages = textbook_step(w2, c, h, table[Q * stride + j], table[U * stride + j], w[0], w[1], w[2], w[3])
+        us = (stages[1], stages[3], stages[5], stages[7])
+        for s in range(4):
+            gamma[s] -= tip * us[s]
+            energy.totals[WORK] += weights[s] * f[s] * us[s]
+            if j < n:
+                energy.modal[j] += weights[s] * c * us[s] * us[s]
+    for s in range(4):
+        if slider is not None:
+            energy.totals[FRICTION_LOSS] -= weights[s] * slider_force(y[s], rest, slider) * gamma[s]
+        if spring is not None:
+            energy.totals[ABSORBER_DAMPING] += weights[s] * spring.damping * gamma[s] * gamma[s]
+
+
+@jit
+def _crossing(d0, g0, d1, g1, level, h):  # type: ignore[no-untyped-def]
+    """Return (time into the step, relative velocity) where the cubic through both ends' values and slopes passes ``level``."""
+    low, high = 0.0, 1.0
+    rising = d1 > d0
+    for _ in range(52):
+        s = 0.5 * (low + high)
+        d = (1 - s) * (1 - s) * ((1 + 2 * s) * d0 + s * h * g0) + s * s * ((3 - 2 * s) * d1 - (1 - s) * h * g1)
+        if (d < level) == rising:
+            low = s
+        else:
+            high = s
+    return low * h, 6 * low * (1 - low) * (d1 - d0) / h + (1 - low) * (1 - 3 * low) * g0 + low * (3 * low - 2) * g1
+
+
+@jit
+def _side(y, gap):  # type: ignore[no-untyped-def]
+    return 1.0 if y > gap else (-1.0 if y < -gap else 0.0)
+
+
+@jit
+def _track_stops(touch, stops, d0, g0, d1, g1, y, t, h, counters, events):  # type: ignore[no-untyped-def]
+    """Note where a wall's spring is reached and left; ``touch`` holds side, time, relative velocity at the start of the contact, impulse."""
+    touch[3] += h / 6.0 * (stop_force(y[0], stops) + 2.0 * stop_force(y[1], stops) + 2.0 * stop_force(y[2], stops) + stop_force(y[3], stops))
+    side = _side(d1, stops.gap)
+    if side == touch[0]:
+        return
+    if touch[0] != 0.0:
+        tau, _ = _crossing(d0, g0, d1, g1, touch[0] * stops.gap, h)
+        _end_touch(touch, t + tau, counters, events)
+    touch[0] = side
+    if side != 0.0:
+        tau, gamma = _crossing(d0, g0, d1, g1, side * stops.gap, h)
+        touch[1], touch[2] = t + tau, gamma
+
+
+@jit
+def _end_touch(touch, time, counters, events):  # type: ignore[no-untyped-def]
+    """Note a contact as an impact without loss and as a phase."""
+    counters.values[IMPACTS] += 1
+    push_impact(events, touch[1], touch[2], touch[3], 0.0)
+    push_phase(events, touch[1], time, HELD_UPPER if touch[0] > 0.0 else HELD_LOWER)
+    touch[3] = 0.0
+
+
+@jit
+def _keep_before(table, lanes, wide):  # type: ignore[no-untyped-def]
+    """Note the state at the step's start."""
+    stride = STRIDE
+    if wide is not None:
+        stride = wide
+    for j in range(lanes):
+        table[Q_BEFORE * stride + j] = table[Q * stride + j]
+        table[U_BEFORE * stride + j] = table[U * stride + j]
+
+
+@jit
+def _tip(table, n, wide):  # type: ignore[no-untyped-def]
+    """Return the tip's displacement."""
+    stride = STRIDE
+    if wide is not None:
+        stride = wide
+    tip = 0.0
+    for j in range(n):
+        tip += table[TIP * stride + j] * table[Q * stride + j]
+    return tip
+
+
+@jit
+def _store(target, table, n, wide, part, m_a, added_mass, offset):  # type: ignore[no-untyped-def]
+    """Write the state at ``part`` (0 to 1) of the step; ``offset`` is where a stuck absorber sits in the cavity."""
+    stride = STRIDE
+    if wide is not None:
+        stride = wide
+    tip_q, tip_u = 0.0, 0.0
+    for j in range(n + 1):
+        q, u = table[Q_BEFORE * stride + j], table[U_BEFORE * stride + j]
+        q, u = q + part * (table[Q * stride + j] - q), u + part * (table[U * stride + j] - u)
+        if j < n:
+            target[j], target[n + 1 + j] = q, u
+            tip_q += table[TIP * stride + j] * q
+            tip_u += table[TIP * stride + j] * u
+        elif m_a is not None:
+            target[n], target[2 * n + 1] = q / np.sqrt(m_a), u / np.sqrt(m_a)
+    if added_mass is not None:
+        target[n], target[2 * n + 1] = tip_q + offset, tip_u
+
+
+@jit
+def runge_kutta_lane(  # type: ignore[no-untyped-def]
+    omega, damping_ratio, force_shape, tip_shape, m_a, added_mass, stops, slider, spring, times, omegas, phases, amplitude, phase,
+    state, dt, sample_dt, counters, level, events, series, energy, wide,
+):  # fmt: skip
+    """Integrate one lane from time 0 to ``times[-1]`` and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end.
+
+    An absorber has either ``m_a`` (kg) with ``stops``, ``slider`` or ``spring``, or, stuck, ``added_mass`` (kg); what is absent is None, as are
+    observers. ``phases`` is the integral of the frequency at each of ``times``. ``dt`` (s) is reduced so that it divides the duration.
+    Sample k lies at k ``sample_dt``. ``wide`` is None, or N_m + 1 rounded up to a multiple of 4 if that is above `STRIDE`. The friction loss
+    contains what the slider's spring holds at the end. A contact with a wall's spring is noted as an impact at the time it begins.
+    """
+    n = omega.shape[0]
+    steps = max(1, int(np.ceil(times[-1] / dt - 1e-9)))
+    dt = times[-1] / steps
+    table, mix = new_table(omega, damping_ratio, force_shape, tip_shape, amplitude, m_a, added_mass, spring, state, dt, wide)
+    lanes = 4 * ((n + 4) // 4)
+    offset = state[n] - _tip(table, n, wide)
+    joined_mass = 0.0
+    if added_mass is not None:
+        joined_mass = added_mass / (1.0 + added_mass * np.sum(tip_shape * tip_shape))
+    y = _observe(table, lanes, wide)
+    rest, touch = y[0], np.zeros(4)
+    if stops is not None:
+        touch[0], touch[2] = _side(y[0], stops.gap), 2.0 * (y[1] - y[0]) / dt
+    rows, row = rows_wanted(level, series, times[-1], sample_dt), 0
+    row_step = step_of_row(row, rows, sample_dt, dt, steps)
+    forces = np.empty(2 * _BLOCK + 1)
+
+    i, k, status, tip_start = 0, 0, DONE, 0.0
+    while i < steps:
+        start, stop = i, min(i + _BLOCK, steps)
+        k = fill_phases(forces, 2 * (stop - start) + 1, times, omegas, phases, phase, k, i * dt, 0.5 * dt)
+        while i < stop:
+            at = 2 * (i - start)
+            if i == row_step:
+                _keep_before(table, lanes, wide)
+                tip_start = _tip(table, n, wide)
+            if m_a is None and added_mass is None:
+                if energy is not None:
+                    zero = (0.0, 0.0, 0.0, 0.0)
+                    _account(energy, table, wide, omega, damping_ratio, force_shape, amplitude, m_a, spring, slider, rest, forces, at, zero, zero, dt)
+                _swing(table, lanes, wide, forces, at, None, None)
+            else:
+                seen, push = _stages(y, mix, forces, at, rest, stops, slider, spring, added_mass, joined_mass)
+                if energy is not None:
+                    _account(energy, table, wide, omega, damping_ratio, force_shape, amplitude, m_a, spring, slider, rest, forces, at, seen, push, dt)
+                before = y
+                if push[0] == 0.0 and push[1] == 0.0 and push[2] == 0.0 and push[3] == 0.0:
+                    y = _swing(table, lanes, wide, forces, at, None, 0.0)
+                else:
+                    y = _swing(table, lanes, wide, forces, at, push, 0.0)
+                if stops is not None:
+                    if touch[0] != 0.0 or abs(y[0]) > stops.gap:
+                        g0, g1 = 2.0 * (before[1] - before[0]) / dt, 2.0 * (y[1] - y[0]) / dt
+                        _track_stops(touch, stops, before[0], g0, y[0], g1, seen, i * dt, dt, counters, events)
+                rest = move_slider(y[0], rest, slider)
+            while i == row_step:
+                part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
+                if level is not None:
+                    push_level(level, tip_start + part * (_tip(table, n, wide) - tip_start))
+                if series is not None:
+                    series.states[row, n], series.states[row, 2 * n + 1] = state[n], state[2 * n + 1]
+                    _store(series.states[row], table, n, wide, part, m_a, added_mass, offset)
+                row += 1
+                row_step = step_of_row(row, rows, sample_dt, dt, steps)
+            i += 1
+        if not np.isfinite(_tip(table, n, wide)):
+            status = NOT_FINITE
+            break
+    if touch[0] != 0.0:
+        _end_touch(touch, i * dt, counters, events)
+    if added_mass is not None:
+        close_phase(STUCK_INSIDE, 0.0, i * dt, counters, events)
+    _keep_before(table, lanes, wide)
+    _store(state, table, n, wide, 0.0, m_a, added_mass, offset)
+    counters.values[STEPS] += i
+    counters.values[EVALUATIONS] += 4 * i
+    return status

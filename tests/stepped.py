@@ -1,0 +1,85 @@
+"""Runs of the time-stepping methods with every observer, for the tests of both."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive, FrequencySchedule
+from impact_env.kernels.observers import Counters, Energy, Events, Series
+from impact_env.methods import Moreau, RungeKutta
+from impact_env.modes import ModalModel
+from impact_env.parameters import CompliantWalls, SlidingAbsorber, TunedAbsorber, impact_absorber
+from impact_env.scene import InitialState, Scene
+from impact_env.stepping import run_moreau, run_runge_kutta
+
+TRUTHS = Path(__file__).parent / "truths"
+
+
+@dataclass
+class Run:
+    status: int
+    start: NDArray[np.float64]
+    end: NDArray[np.float64]
+    impacts: NDArray[np.float64]
+    phases: NDArray[np.float64]
+    states: NDArray[np.float64]
+    counters: NDArray[np.float64]
+    energy: Energy
+    balance_error: float
+
+
+def stored_energy(scene: Scene, state: NDArray[np.float64]) -> float:
+    model, n = scene.model, scene.model.modes
+    distance = state[n] - model.tip_shape @ state[:n]
+    energy = 0.5 * np.sum(state[n + 1 : 2 * n + 1] ** 2) + 0.5 * np.sum((model.omega * state[:n]) ** 2)
+    if scene.absorber_mass is not None:
+        energy += 0.5 * scene.absorber_mass * state[-1] ** 2
+    if isinstance(scene.absorber, TunedAbsorber):
+        energy += 0.5 * scene.absorber.stiffness * distance**2
+    if isinstance(scene.absorber, SlidingAbsorber) and isinstance(scene.absorber.walls, CompliantWalls):
+        energy += 0.5 * scene.absorber.walls.stiffness * max(abs(distance) - scene.absorber.walls.gap, 0.0) ** 2
+    return float(energy)
+
+
+def integrate(scene: Scene, drive: Drive, method: Moreau | RungeKutta, initial: InitialState | None = None, sample_dt: float | None = None) -> Run:
+    n = scene.model.modes
+    start = (initial or InitialState()).vector(scene)
+    end = start.copy()
+    sample_dt = drive.schedule.pseudo_period / 128 if sample_dt is None else sample_dt
+    rows = int(drive.schedule.times[-1] / sample_dt + 1e-9) + 1
+    counters, events = Counters(np.zeros(4)), Events(np.zeros((2000, 4)), np.zeros((2000, 3)), np.zeros(2, dtype=np.int64))
+    series, energy = Series(np.full((rows, 2 * n + 2), np.nan)), Energy(np.zeros(4), np.zeros(n))
+    run = run_moreau if isinstance(method, Moreau) else run_runge_kutta
+    status = run(scene, drive, method, end, sample_dt, counters, None, events, series, energy)  # type: ignore[arg-type]
+    losses = energy.totals[1:].sum() + energy.modal.sum() + stored_energy(scene, end) - stored_energy(scene, start)
+    scale = max(abs(energy.totals[0]), stored_energy(scene, start), 1e-300)
+    impacts, phases = events.impacts[: events.counts[0]], events.phases[: events.counts[1]]
+    return Run(status, start, end, impacts, phases, series.states, counters.values, energy, abs(energy.totals[0] - losses) / scale)
+
+
+def still(duration: float, reference: float) -> Drive:
+    """No force for a time."""
+    return Drive(0.0, FrequencySchedule(np.array([0.0, duration]), np.array([reference, reference]), reference))
+
+
+def golden(name: str, duration: float) -> tuple[Scene, Drive, NDArray[np.float64], NDArray[np.float64]]:
+    """Return a golden case's scene and drive, impact times (s) and relative velocities before impact (m/s)."""
+    case = json.loads((TRUTHS / f"golden_{name}.json").read_text())
+    model = ModalModel(
+        case["omega_rad_s"], [case["damping_ratio"]] * case["modes"], case["phi_force"], case["phi_tip"], case["absorber_mass_kg"] / 0.02
+    )
+    absorber = impact_absorber(case["gap_m"], case["restitution"], case["friction_limit_N"] or None)
+    start, rate = case["excitation"]["start_rad_s"], case["excitation"]["rate_rad_s2"]
+    schedule = FrequencySchedule(np.array([0.0, duration]), np.array([start, start + rate * duration]), model.omega[0])
+    truths = (np.array(case[key], dtype=float) for key in ("impact_time_s", "pre_impact_relative_velocity_m_s"))
+    return Scene(model, absorber), Drive(case["force_amplitude_N"], schedule), *truths
+
+
+def order(errors: list[float], factor: float = 2.0) -> float:
+    """Return the smallest convergence order between neighbours; each step is ``factor`` times smaller than the one before."""
+    return float(np.min(np.diff(-np.log(errors)) / np.log(factor)))
