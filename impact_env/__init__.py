@@ -1,0 +1,54 @@
+"""Impact absorbers on a vibrating beam: models, exact and stepping integration, response levels and performance curves.
+
+The names below are the public interface; everything is in SI units.
+"""
+
+from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
+from impact_env.methods import Exact, Moreau, RungeKutta
+from impact_env.modes import ModalModel, modal_model
+from impact_env.parameters import (
+    Beam,
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    ParameterError,
+    RigidWalls,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    friction_damper,
+    impact_absorber,
+)
+from impact_env.response import Record, Response
+from impact_env.scene import InitialState, Scene, scene
+from impact_env.sweep import IntegrationError, simulate
+
+__all__ = [
+    "Beam",
+    "CompliantWalls",
+    "CoulombFriction",
+    "Drive",
+    "ElasticCoulombFriction",
+    "Exact",
+    "FrequencySchedule",
+    "InitialState",
+    "IntegrationError",
+    "ModalModel",
+    "Moreau",
+    "ParameterError",
+    "Record",
+    "Response",
+    "RigidWalls",
+    "RungeKutta",
+    "Scene",
+    "SlidingAbsorber",
+    "StuckAbsorber",
+    "TunedAbsorber",
+    "constant_frequency",
+    "friction_damper",
+    "impact_absorber",
+    "linear_sweep",
+    "modal_model",
+    "scene",
+    "simulate",
+]

@@ -49,7 +49,7 @@ class FrequencySchedule:
 
     def omega_at(self, time: NDArray[np.float64] | float) -> NDArray[np.float64]:
         """Return the circular frequency in rad/s at times in s."""
-        return np.interp(time, self.times, self.omegas)
+        return np.asarray(np.interp(time, self.times, self.omegas))
 
     def phase_at(self, time: NDArray[np.float64] | float) -> NDArray[np.float64]:
         """Return the integral of the circular frequency in rad at times in s."""

@@ -51,7 +51,7 @@ def count(name: str, value: object, low: int, high: int | None = None) -> int:
     allowed = f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}"
     ok = isinstance(value, Integral) and not isinstance(value, bool)
     require(ok and value >= low and (high is None or value <= high), name, value, allowed)  # type: ignore[operator]
-    return int(value)  # type: ignore[call-overload, no-any-return]
+    return int(value)  # type: ignore[call-overload]
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Beam:
             object.__setattr__(self, name, fraction(name, getattr(self, name)))
         count("elements", self.elements, 1)
         count("modes", self.modes, 1, 2 * self.elements)
-        if isinstance(self.damping_ratio, Real):
+        if isinstance(self.damping_ratio, int | float):
             non_negative("damping_ratio", self.damping_ratio)
         else:
             ratios = tuple(non_negative("damping_ratio", d) for d in self.damping_ratio)

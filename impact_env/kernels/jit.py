@@ -48,3 +48,13 @@ def jit(function: _F) -> _F:
 def jit_sum(function: _F) -> _F:
     """Compile with reordering allowed: sums over modes, which then vectorise."""
     return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=set(SUM_FLAGS))(function)  # type: ignore[no-any-return]
+
+
+def jit_inline(function: _F) -> _F:
+    """Compile like `jit` and inline at every call: small functions in the innermost loop."""
+    return numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function)  # type: ignore[no-any-return]
+
+
+def jit_sum_inline(function: _F) -> _F:
+    """Compile like `jit_sum` and inline at every call."""
+    return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=set(SUM_FLAGS), forceinline=True)(function)  # type: ignore[no-any-return]

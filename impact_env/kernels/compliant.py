@@ -1,0 +1,280 @@
+"""Event-driven exact integration of compliant contact (paper, appendix): a spring k_n at either wall, a spring k_t in series with a Coulomb slider.
+
+Between events the scene is linear: absorber and tip apart, or joined by the springs that act. Events are the contact of a wall and its end, the
+slider's slip (its spring at the limit) and its stick (the relative velocity turns). All of them are guards on the relative displacement r and its rate.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_env.kernels.forced import add_forced, new_forced, solve_forced
+from impact_env.kernels.jit import jit
+from impact_env.kernels.observers import (
+    DONE,
+    EVALUATIONS,
+    FRICTION_LOSS,
+    HELD_LOWER,
+    HELD_UPPER,
+    IMPACTS,
+    NO_PROGRESS,
+    NOT_FINITE,
+    STEPS,
+    STUCK_INSIDE,
+    STUCK_TIME,
+    push_impact,
+    push_phase,
+)
+from impact_env.kernels.search import HIT_HIGH, NOTHING, REVERSAL, bound_signal, new_signal, search
+from impact_env.kernels.segments import add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
+from impact_env.kernels.slots import GUARD, REST, add, advance, weigh
+
+STALLED = 100_000
+
+
+class Springs(NamedTuple):
+    """Stiffness of the walls and of the friction in N/m, 0 where absent."""
+
+    wall: float
+    friction: float
+
+
+# rows of a lane's `now`: time from the window's centre; absorber displacement, velocity, acceleration (used in the free regime); constant relative force;
+# wall touched (-1, 0, 1); slider sticks (0, 1); sign of sliding; slider's position; signal starts on the low or high guard (-1, 0, 1);
+# start of the contact, relative velocity and absorber velocity there; start of the stick; relative velocity starts at zero
+TAU, Q, V, A, FORCE, WALL, STICK, SIGN, ANCHOR, SIDE, CONTACT_TIME, CONTACT_RATE, CONTACT_V, STICK_TIME, AT_REST = range(15)
+
+
+@jit
+def regime_number(now):  # type: ignore[no-untyped-def]
+    """Return 0 free, 1 wall's spring, 2 friction's spring, 3 both."""
+    return (1 if now[WALL] != 0.0 else 0) + (2 if now[STICK] != 0.0 else 0)
+
+
+@jit
+def guard_bounds(gap, reach, now):  # type: ignore[no-untyped-def]
+    """Return the interval of the relative displacement in which the regime holds; ``reach`` is the slider's limit over its stiffness."""
+    low, high = -np.inf, np.inf
+    if gap is not None:
+        if now[WALL] == 0.0:
+            low, high = -gap, gap
+        elif now[WALL] > 0.0:
+            low = gap
+        else:
+            high = -gap
+    if now[STICK] != 0.0:
+        low, high = max(low, now[ANCHOR] - reach), min(high, now[ANCHOR] + reach)
+    return low, high
+
+
+@jit
+def constant_force(springs, gap, limit, now):  # type: ignore[no-untyped-def]
+    """Set the constant part of the force on the absorber: from the wall's place, the slider's place, and sliding friction."""
+    force = 0.0
+    if gap is not None:
+        force += springs.wall * gap * now[WALL]
+    if limit is not None:
+        force += springs.friction * now[ANCHOR] if now[STICK] != 0.0 else -limit * now[SIGN]
+    now[FORCE] = force
+
+
+@jit
+def guard_rest(rows):  # type: ignore[no-untyped-def]
+    """Return the relative displacement under a unit constant relative force."""
+    r = 0.0
+    for j in range(rows.shape[1]):
+        r += rows[GUARD, j] * rows[REST, j] - rows[GUARD + 1, j] * rows[REST + 1, j]
+    return r
+
+
+@jit
+def run_to_event(regime, forced, window, contact, gap, limit, reach, losses, now, work, signal, scratch, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
+    """Advance a regime to its next event or the window's end."""
+    slots, omega = regime.slots, window.omega
+    weigh(slots.rows, GUARD, work.z, signal.u)
+    p, rest = signal.polynomial, guard_rest(slots.rows) * now[FORCE]
+    free = regime_number(now) == 0
+    now[A] = now[FORCE] / contact.mass if free else 0.0
+    if free:
+        p[0], p[1], p[2] = now[Q] + rest, now[V], now[A]
+    else:
+        p[0], p[1], p[2] = rest, 0.0, 0.0
+        now[Q], now[V] = 0.0, 0.0
+    bound_signal(slots.rows, forced.bound, signal)
+    low, high = guard_bounds(gap, reach, now)
+    tau, length, side = now[TAU], window.half - now[TAU], int(now[SIDE])
+    if limit is None:
+        found = search(slots, forced, omega, signal, tau, length, low, high, side, None, False)
+    elif now[STICK] == 0.0:
+        found = search(slots, forced, omega, signal, tau, length, low, high, side, now[SIGN], now[AT_REST] > 0.0)
+    else:
+        found = search(slots, forced, omega, signal, tau, length, low, high, side, None, False)
+    counters.values[EVALUATIONS] += found.evaluations
+    offset = found.offset
+    end = tau + offset
+    sample_tip(slots, forced.signals, window, work.z, work.u, regime.tip_rest * now[FORCE], tau, end, clock, level)
+    sample_state(regime, forced, window, work.z, now[FORCE], now[Q : A + 1], tau, end, clock, work.rows[0], series)
+    add_energy(regime, forced, window, losses, work.z, now[FORCE], now[Q : A + 1], tau, end, work.rows, scratch, energy)
+    advance(slots.rows, slots.table, slots.scale, offset, work.z)
+    if free:
+        now[Q] += offset * (now[V] + 0.5 * offset * now[A])
+        now[V] += offset * now[A]
+    now[TAU] = end
+    now[SIDE], now[AT_REST] = 0.0, 0.0
+    if now[STICK] != 0.0:
+        counters.values[STUCK_TIME] += offset
+    return found
+
+
+@jit
+def read_state(regime, forced, omega, now, work, state):  # type: ignore[no-untyped-def]
+    """Write the state in the current regime at the current time."""
+    w = work.rows[0]
+    w[:] = work.z
+    add_forced(forced.slots, omega, now[TAU], 1.0, w)
+    add(regime.slots.rows, REST, now[FORCE], w)
+    to_state(regime.out, w, state)
+    half = state.shape[0] // 2
+    if regime_number(now) == 0:
+        state[half - 1], state[2 * half - 1] = now[Q], now[V]
+
+
+@jit
+def write_state(regime, forced, omega, now, work, state):  # type: ignore[no-untyped-def]
+    """Set the free part of the slots, and the absorber, from a state at the current time."""
+    half = state.shape[0] // 2
+    now[Q], now[V] = state[half - 1], state[2 * half - 1]
+    to_slots(regime.into, state, work.z)
+    add_forced(forced.slots, omega, now[TAU], -1.0, work.z)
+    add(regime.slots.rows, REST, -now[FORCE], work.z)
+
+
+@jit
+def relative_motion(contact, state):  # type: ignore[no-untyped-def]
+    """Return relative displacement and velocity, absorber less tip."""
+    modes = contact.tip_shape.shape[0]
+    r, v = state[modes], state[2 * modes + 1]
+    for i in range(modes):
+        r -= contact.tip_shape[i] * state[i]
+        v -= contact.tip_shape[i] * state[modes + 1 + i]
+    return r, v
+
+
+@jit
+def touch(found, now, time, absorber_velocity, counters, events, mass):  # type: ignore[no-untyped-def]
+    """A wall's contact begins or ends."""
+    if now[WALL] == 0.0:
+        now[WALL] = 1.0 if found.kind == HIT_HIGH else -1.0
+        now[SIDE] = -now[WALL]
+        now[CONTACT_TIME], now[CONTACT_RATE], now[CONTACT_V] = time, found.rate, absorber_velocity
+        counters.values[IMPACTS] += 1.0
+        return
+    push_impact(events, now[CONTACT_TIME], now[CONTACT_RATE], mass * (absorber_velocity - now[CONTACT_V]), 0.0)
+    push_phase(events, now[CONTACT_TIME], time, HELD_UPPER if now[WALL] > 0.0 else HELD_LOWER)
+    now[SIDE] = now[WALL]
+    now[WALL] = 0.0
+
+
+@jit
+def switch(found, gap, reach, now, state, contact, time, counters, events):  # type: ignore[no-untyped-def]
+    """Set the regime that follows an event."""
+    half = state.shape[0] // 2
+    r, v = relative_motion(contact, state)
+    if found.kind == REVERSAL:
+        now[STICK], now[ANCHOR], now[SIDE] = 1.0, r - now[SIGN] * reach, now[SIGN]
+        now[STICK_TIME] = time
+        return
+    sign = 1.0 if found.kind == HIT_HIGH else -1.0
+    if now[STICK] != 0.0:
+        low, high = guard_bounds(gap, reach, now)
+        slip = now[ANCHOR] + sign * reach
+        if slip == (high if sign > 0.0 else low):
+            now[STICK], now[SIGN] = 0.0, sign
+            now[AT_REST] = 1.0 if sign * v <= 0.0 else 0.0
+            push_phase(events, now[STICK_TIME], time, STUCK_INSIDE)
+            return
+    touch(found, now, time, state[2 * half - 1], counters, events, contact.mass)
+
+
+@jit
+def begin(springs, gap, limit, now, state, contact, time):  # type: ignore[no-untyped-def]
+    """Set the first regime: the slider starts without force, a wall that is already overlapped is in contact."""
+    r, v = relative_motion(contact, state)
+    if gap is not None:
+        if abs(r) > gap:
+            now[WALL] = 1.0 if r > 0.0 else -1.0
+            now[CONTACT_TIME], now[CONTACT_RATE], now[CONTACT_V] = time, v, state[-1]
+    if limit is not None:
+        now[STICK], now[ANCHOR], now[STICK_TIME] = 1.0, r, time
+    constant_force(springs, gap, limit, now)
+
+
+@jit
+def add_slider_loss(limit, reach, r0, r1, now, energy):  # type: ignore[no-untyped-def]
+    """Add limit times the distance slid."""
+    if energy is None or limit is None:
+        return
+    if now[STICK] == 0.0:
+        energy.totals[FRICTION_LOSS] += limit * abs(r1 - r0)
+
+
+@jit
+def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, losses, schedule, state, clock, counters, level, events, series, energy):  # type: ignore[no-untyped-def]
+    """Integrate one lane; ``state`` (2 N_m + 2,) is the start and becomes the end. Return a status code.
+
+    ``gap`` None: no walls; ``limit`` None: no friction. ``wall``, ``friction``, ``both``: the regimes with these springs. The friction loss contains
+    what the slider's spring holds at the end.
+    """
+    size = free.slots.rows.shape[1]
+    regimes = (free, wall, friction, both)
+    forced = (new_forced(size), new_forced(size), new_forced(size), new_forced(size))
+    work, signal, now, scratch = new_work(size), new_signal(size), np.zeros(15), np.zeros_like(state)
+    solved = np.zeros(4)
+    reach = 0.0
+    if limit is not None:
+        reach = limit / springs.friction
+    begin(springs, gap, limit, now, state, contact, 0.0)
+    for k in range(schedule.times.shape[0] - 1):
+        count = window_count(schedule, k)
+        for w in range(count):
+            window = window_of(schedule, k, w, count)
+            now[TAU] = -window.half
+            solved[:] = 0.0
+            number, last, stalled = regime_number(now), now[TAU], 0
+            solve_forced(regimes[number].slots.rows, window, None, forced[number])
+            solved[number] = 1.0
+            write_state(regimes[number], forced[number], window.omega, now, work, state)
+            while now[TAU] < window.half:
+                r0, _ = relative_motion(contact, state)
+                regime, part = regimes[number], forced[number]
+                found = run_to_event(
+                    regime, part, window, contact, gap, limit, reach, losses, now, work, signal, scratch, clock, counters, level, series, energy
+                )
+                read_state(regime, part, window.omega, now, work, state)
+                r1, _ = relative_motion(contact, state)
+                add_slider_loss(limit, reach, r0, r1, now, energy)
+                if found.kind != NOTHING:
+                    switch(found, gap, reach, now, state, contact, window.centre + now[TAU], counters, events)
+                    constant_force(springs, gap, limit, now)
+                    number = regime_number(now)
+                    if solved[number] == 0.0:
+                        solve_forced(regimes[number].slots.rows, window, None, forced[number])
+                        solved[number] = 1.0
+                    write_state(regimes[number], forced[number], window.omega, now, work, state)
+                counters.values[STEPS] += 1.0
+                stalled = stalled + 1 if now[TAU] == last else 0
+                if stalled > STALLED:
+                    return NO_PROGRESS
+                last = now[TAU]
+            if not np.isfinite(state[0]):
+                return NOT_FINITE
+    end = schedule.times[-1]
+    if now[STICK] != 0.0:
+        push_phase(events, now[STICK_TIME], end, STUCK_INSIDE)
+        if energy is not None:
+            r, _ = relative_motion(contact, state)
+            energy.totals[FRICTION_LOSS] += 0.5 * springs.friction * (r - now[ANCHOR]) ** 2
+    last_sample(state, contact.tip_shape, end, clock, level, series)
+    return DONE

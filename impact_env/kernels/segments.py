@@ -1,0 +1,227 @@
+"""What the exact kernels share: regimes with their maps, the walk through windows, and the observers of a stretch without events.
+
+A lane's ``clock`` (3,) holds the level's next sample, the sampling interval in s, and the series' next sample.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.forced import CHIRP_REMAINDER, TIP_SIGNAL, Window, add_forced, signal_value
+from impact_env.kernels.jit import jit, jit_sum
+from impact_env.kernels.observers import ABSORBER_DAMPING, WORK, push_level
+from impact_env.kernels.slots import REST, SPEED, TIP, Slots, add, advance, value, weigh
+
+Array = NDArray[np.float64]
+
+
+class Regime(NamedTuple):
+    """Slots and the maps between them and the state (modal displacements, absorber displacement, modal velocities, absorber velocity).
+
+    ``out`` (2, 2 N_m + 2, J), real and imaginary: state = Re(out Z); ``into`` (2, 2 N_m + 2, J), transposed: Z = into^T state; ``tip_rest``: tip
+    displacement under a unit constant relative force.
+    """
+
+    slots: Slots
+    out: Array
+    into: Array
+    tip_rest: float
+
+
+class Schedule(NamedTuple):
+    """Breakpoints of the drive: times (s), circular frequencies (rad/s), phases (rad), each (K,); force amplitude (N); longest window (s)."""
+
+    times: Array
+    omegas: Array
+    phases: Array
+    amplitude: float
+    reach: float
+
+
+class Losses(NamedTuple):
+    """What the energy balance needs: force shape, tip shape, 2 D omega, each (N_m,), and the tuned absorber's damper (N s/m)."""
+
+    force_shape: Array
+    tip_shape: Array
+    rate: Array
+    damper: float
+
+
+@jit
+def window_count(schedule, k):  # type: ignore[no-untyped-def]
+    """Return how many windows stretch k of the schedule needs: within the tables' reach, and within the chirp's remainder."""
+    duration = schedule.times[k + 1] - schedule.times[k]
+    alpha = abs(schedule.omegas[k + 1] - schedule.omegas[k]) / duration
+    longest = schedule.reach
+    if alpha > 0.0:
+        longest = min(longest, 2.0 * np.sqrt(2.0 * (24.0 * CHIRP_REMAINDER) ** 0.25 / alpha))
+    return max(1, int(np.ceil(duration / longest * (1.0 - 1e-12))))
+
+
+@jit
+def window_of(schedule, k, w, count):  # type: ignore[no-untyped-def]
+    """Return window w of ``count`` in stretch k."""
+    duration = schedule.times[k + 1] - schedule.times[k]
+    alpha = (schedule.omegas[k + 1] - schedule.omegas[k]) / duration
+    x = duration * (w + 0.5) / count
+    phase = schedule.phases[k] + (schedule.omegas[k] + 0.5 * alpha * x) * x
+    a = schedule.amplitude
+    return Window(schedule.times[k] + x, 0.5 * duration / count, schedule.omegas[k] + alpha * x, alpha, a * np.cos(phase), a * np.sin(phase))
+
+
+@jit_sum
+def to_state(out, z, state):  # type: ignore[no-untyped-def]
+    """Write state = Re(out Z)."""
+    for i in range(state.shape[0]):
+        x = 0.0
+        for j in range(z.shape[1]):
+            x += out[0, i, j] * z[0, j] - out[1, i, j] * z[1, j]
+        state[i] = x
+
+
+@jit_sum
+def to_slots(into, state, z):  # type: ignore[no-untyped-def]
+    """Write Z = into state."""
+    z[:] = 0.0
+    for i in range(state.shape[0]):
+        for j in range(z.shape[1]):
+            z[0, j] += into[0, i, j] * state[i]
+            z[1, j] += into[1, i, j] * state[i]
+
+
+@jit
+def sample_tip(slots, signals, window, z, u, tip_rest, tau, end, clock, level):  # type: ignore[no-untyped-def]
+    """Push the tip displacement at the samples in [tau, end) to the level; z holds the free part at tau, u is scratch."""
+    if level is None:
+        return
+    n, interval = clock[0], clock[1]
+    x = n * interval - window.centre
+    if x >= end:
+        return
+    rows, table, scale = slots.rows, slots.table, slots.scale
+    weigh(rows, TIP, z, u)
+    while x < end:
+        push_level(level, value(rows, table, scale, u, max(x - tau, 0.0)) + signal_value(signals, TIP_SIGNAL, window.omega, x) + tip_rest)
+        n += 1.0
+        x = n * interval - window.centre
+    clock[0] = n
+
+
+@jit
+def state_at(regime, forced, omega, z, constant, tau, offset, w, state):  # type: ignore[no-untyped-def]
+    """Write the state at tau + offset from the free part z at tau; ``constant`` is the constant relative force, w is scratch."""
+    slots = regime.slots
+    w[:] = z
+    advance(slots.rows, slots.table, slots.scale, offset, w)
+    add_forced(forced.slots, omega, tau + offset, 1.0, w)
+    add(slots.rows, REST, constant, w)
+    to_state(regime.out, w, state)
+
+
+@jit
+def sample_state(regime, forced, window, z, constant, absorber, tau, end, clock, w, series):  # type: ignore[no-untyped-def]
+    """Write the state at the samples in [tau, end).
+
+    ``absorber`` (3,): displacement, velocity and acceleration at tau to be added to what the regime's map gives.
+    """
+    if series is None:
+        return
+    n, interval = int(clock[2]), clock[1]
+    x = n * interval - window.centre
+    half = series.states.shape[1] // 2
+    while x < end and n < series.states.shape[0]:
+        t = max(x - tau, 0.0)
+        row = series.states[n]
+        state_at(regime, forced, window.omega, z, constant, tau, t, w, row)
+        row[half - 1] += absorber[0] + t * (absorber[1] + 0.5 * t * absorber[2])
+        row[2 * half - 1] += absorber[1] + t * absorber[2]
+        n += 1
+        x = n * interval - window.centre
+    clock[2] = n
+
+
+@jit
+def last_sample(state, tip_shape, end, clock, level, series):  # type: ignore[no-untyped-def]
+    """Take the sample that falls on the end of the run, within rounding."""
+    interval = clock[1]
+    if series is not None:
+        n = int(clock[2])
+        if n < series.states.shape[0] and abs(n * interval - end) < 1e-6 * interval:
+            series.states[n] = state
+    if level is not None:
+        if abs(clock[0] * interval - end) < 1e-6 * interval:
+            q = 0.0
+            for i in range(tip_shape.shape[0]):
+                q += tip_shape[i] * state[i]
+            push_level(level, q)
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
+PANEL = 2.0  # phase of the fastest active slot in a quadrature panel
+ACTIVE = 1e-11  # of the largest slot velocity
+
+
+@jit
+def _active_speed(rows, omega, z):  # type: ignore[no-untyped-def]
+    largest = 0.0
+    for j in range(z.shape[1]):
+        largest = max(largest, rows[SPEED, j] * (abs(z[0, j]) + abs(z[1, j])))
+    for m in range(z.shape[1]):
+        j = z.shape[1] - 1 - m
+        if rows[SPEED, j] * (abs(z[0, j]) + abs(z[1, j])) > ACTIVE * largest:
+            return max(rows[SPEED, j], omega)
+    return max(rows[SPEED, 0], omega)
+
+
+@jit
+def add_energy(regime, forced, window, losses, z, constant, absorber, tau, end, scratch, state, energy):  # type: ignore[no-untyped-def]
+    """Add work and losses of the stretch [tau, end] by Gauss-Legendre quadrature, in panels that resolve every slot still active.
+
+    ``absorber`` (3,) as in `sample_state`; ``scratch`` (2, 2, J).
+    """
+    if energy is None:
+        return
+    modes = losses.rate.shape[0]
+    slots, p = regime.slots, scratch[0]
+    p[:] = z
+    force_size = np.sqrt(window.force_r**2 + window.force_i**2)
+    phase = np.arctan2(window.force_i, window.force_r)
+    x = tau
+    while x < end:
+        h = min(PANEL / _active_speed(slots.rows, window.omega, p), end - x)
+        if end - x - h < 1e-6 * h:
+            h = end - x
+        for k in range(_NODES.shape[0]):
+            t = 0.5 * h * (1.0 + _NODES[k])
+            state_at(regime, forced, window.omega, p, constant, x, t, scratch[1], state)
+            c = x + t
+            f = force_size * np.cos(phase + (window.omega + 0.5 * window.alpha * c) * c)
+            weight = 0.5 * h * _WEIGHTS[k]
+            power, tip = 0.0, 0.0
+            for i in range(modes):
+                v = state[modes + 1 + i]
+                power += losses.force_shape[i] * v
+                tip += losses.tip_shape[i] * v
+                energy.modal[i] += weight * losses.rate[i] * v * v
+            energy.totals[WORK] += weight * f * power
+            relative = state[2 * modes + 1] + absorber[1] + absorber[2] * (c - tau) - tip
+            energy.totals[ABSORBER_DAMPING] += weight * losses.damper * relative * relative
+        advance(slots.rows, slots.table, slots.scale, h, p)
+        x += h
+
+
+class Work(NamedTuple):
+    """Scratch of a lane: free part z, signal of the samples u, each (2, J), and room for the observers (2, 2, J)."""
+
+    z: Array
+    u: Array
+    rows: Array
+
+
+@jit
+def new_work(size):  # type: ignore[no-untyped-def]
+    """Return scratch for regimes of ``size`` slots."""
+    return Work(np.zeros((2, size)), np.zeros((2, size)), np.zeros((2, 2, size)))

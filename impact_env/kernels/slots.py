@@ -1,0 +1,196 @@
+"""Linear regimes in first-order modal form, and their exact propagation.
+
+In every regime the state is a sum of slots Z_j with Z_j' = s_j Z_j + drive_j f(t) + relative_j F, where f is the external force and F a
+constant force between beam and absorber (positive on the absorber). A pair of complex eigenvalues is one slot, of which real parts are
+taken; a real eigenvalue is a slot of its own. So a slot splits into z_j exp(s_j t), a forced part (forced.py) and a rest part
+-relative_j F / s_j.
+
+exp(s_j t) is a product of three table entries and a short Taylor polynomial: t = d1 h1 + d2 h2 + d3 h3 + rest, with h1 = reach/base,
+h2 = h1/base, h3 = h2/base and |s_j| h3 <= TAYLOR_REACH, so that the polynomial is exact to rounding. No transcendental function is called.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.jit import jit_inline, jit_sum, jit_sum_inline
+
+TAYLOR_TERMS = 7  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
+TAYLOR_REACH = 0.02
+LOW = 2  # slots of the first block: the slow modes
+MIDDLE = 10  # end of the second block
+
+# rows of Slots.rows: real part, then imaginary part
+S, SQUARE, DRIVE, RELATIVE, REST, GUARD, TIP, TAYLOR, SPEED = 0, 2, 4, 6, 8, 10, 12, 14, 26
+ROWS = 27
+# entries of Slots.scale
+BASE, FINEST, FASTEST, FADE_MIDDLE, FADE_HIGH = range(5)
+
+
+class Slots(NamedTuple):
+    """One regime: J slots sorted by |s_j| and padded with empty ones. Few arrays, because each costs time at every call.
+
+    ``rows`` (ROWS, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces; REST
+    -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s|.
+    ``table`` (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (5,): base, h3 (s), largest |s|, smallest decay rate of the middle and of the
+    high block (1/s).
+    """
+
+    rows: NDArray[np.float64]
+    table: NDArray[np.float64]
+    scale: NDArray[np.float64]
+
+
+@jit_inline
+def digits(scale, delta):  # type: ignore[no-untyped-def]
+    """Return (d1, d2, d3, rest) of a time offset within the tables' reach."""
+    base = np.int64(scale[BASE])
+    n = np.int64(delta / scale[FINEST])
+    d2 = n // base
+    d1 = min(d2 // base, base - 1)
+    d2 = min(d2 - d1 * base, base - 1)
+    d3 = min(n - (d1 * base + d2) * base, base - 1)
+    return d1, d2, d3, delta - ((d1 * base + d2) * base + d3) * scale[FINEST]
+
+
+@jit_sum_inline
+def turned(rows, table, u, d1, d2, d3, x, j):  # type: ignore[no-untyped-def]
+    """Return real and imaginary part of u_j exp(s_j t), t given by its digits and rest."""
+    a_r = u[0, j] * table[0, 0, d1, j] - u[1, j] * table[1, 0, d1, j]
+    a_i = u[0, j] * table[1, 0, d1, j] + u[1, j] * table[0, 0, d1, j]
+    b_r = table[0, 1, d2, j] * table[0, 2, d3, j] - table[1, 1, d2, j] * table[1, 2, d3, j]
+    b_i = table[0, 1, d2, j] * table[1, 2, d3, j] + table[1, 1, d2, j] * table[0, 2, d3, j]
+    c_r = x * (rows[20, j] + x * (rows[22, j] + x * rows[24, j]))
+    c_i = x * (rows[21, j] + x * (rows[23, j] + x * rows[25, j]))
+    c_r = 1.0 + x * (rows[14, j] + x * (rows[16, j] + x * (rows[18, j] + c_r)))
+    c_i = x * (rows[15, j] + x * (rows[17, j] + x * (rows[19, j] + c_i)))
+    p_r = a_r * b_r - a_i * b_i
+    p_i = a_r * b_i + a_i * b_r
+    return p_r * c_r - p_i * c_i, p_r * c_i + p_i * c_r
+
+
+@jit_sum
+def advance(rows, table, scale, delta, z):  # type: ignore[no-untyped-def]
+    """Multiply z (2, J) by exp(s delta) in place."""
+    d1, d2, d3, x = digits(scale, delta)
+    for j in range(z.shape[1]):
+        z_r, z_i = turned(rows, table, z, d1, d2, d3, x, j)
+        z[0, j] = z_r
+        z[1, j] = z_i
+
+
+@jit_sum
+def sum_block(rows, table, u, d1, d2, d3, x, start, stop):  # type: ignore[no-untyped-def]
+    """Return value, first and second derivative of sum Re(u_j exp(s_j t)) over slots [start, stop)."""
+    y0 = 0.0
+    y1 = 0.0
+    y2 = 0.0
+    for j in range(start, stop):
+        v_r, v_i = turned(rows, table, u, d1, d2, d3, x, j)
+        y0 += v_r
+        y1 += rows[0, j] * v_r - rows[1, j] * v_i
+        y2 += rows[2, j] * v_r - rows[3, j] * v_i
+    return y0, y1, y2
+
+
+@jit_sum
+def sum_block_on_grid(rows, table, u, d1, d2, start, stop):  # type: ignore[no-untyped-def]
+    """Return what `sum_block` does at an offset d1 h1 + d2 h2, for less work."""
+    y0 = 0.0
+    y1 = 0.0
+    y2 = 0.0
+    for j in range(start, stop):
+        a_r = u[0, j] * table[0, 0, d1, j] - u[1, j] * table[1, 0, d1, j]
+        a_i = u[0, j] * table[1, 0, d1, j] + u[1, j] * table[0, 0, d1, j]
+        v_r = a_r * table[0, 1, d2, j] - a_i * table[1, 1, d2, j]
+        v_i = a_r * table[1, 1, d2, j] + a_i * table[0, 1, d2, j]
+        y0 += v_r
+        y1 += rows[0, j] * v_r - rows[1, j] * v_i
+        y2 += rows[2, j] * v_r - rows[3, j] * v_i
+    return y0, y1, y2
+
+
+@jit_sum
+def value(rows, table, scale, u, delta):  # type: ignore[no-untyped-def]
+    """Return sum Re(u_j exp(s_j delta))."""
+    d1, d2, d3, x = digits(scale, delta)
+    y = 0.0
+    for j in range(u.shape[1]):
+        v_r, _ = turned(rows, table, u, d1, d2, d3, x, j)
+        y += v_r
+    return y
+
+
+@jit_sum
+def high_derivatives(rows, u):  # type: ignore[no-untyped-def]
+    """Return the third and fourth derivative of sum Re(u_j exp(s_j t)) at t = 0."""
+    y3 = 0.0
+    y4 = 0.0
+    for j in range(u.shape[1]):
+        v_r = rows[SQUARE, j] * u[0, j] - rows[SQUARE + 1, j] * u[1, j]
+        v_i = rows[SQUARE, j] * u[1, j] + rows[SQUARE + 1, j] * u[0, j]
+        y3 += rows[S, j] * v_r - rows[S + 1, j] * v_i
+        y4 += rows[SQUARE, j] * v_r - rows[SQUARE + 1, j] * v_i
+    return y3, y4
+
+
+@jit_sum
+def weigh(rows, row, z, u):  # type: ignore[no-untyped-def]
+    """Write u = w z with the weights w in ``row`` and the row behind it."""
+    for j in range(z.shape[1]):
+        u_r = rows[row, j] * z[0, j] - rows[row + 1, j] * z[1, j]
+        u_i = rows[row, j] * z[1, j] + rows[row + 1, j] * z[0, j]
+        u[0, j] = u_r
+        u[1, j] = u_i
+
+
+@jit_sum
+def add(rows, row, factor, z):  # type: ignore[no-untyped-def]
+    """Add factor * w to z with w in ``row`` and the row behind it."""
+    for j in range(z.shape[1]):
+        z[0, j] += factor * rows[row, j]
+        z[1, j] += factor * rows[row + 1, j]
+
+
+@jit_sum
+def block_amplitudes(rows, u, start, stop):  # type: ignore[no-untyped-def]
+    """Return the sums of |u_j| |s_j|^m, m = 0 ... 3, over slots [start, stop): they bound the m-th derivative for ever after."""
+    m0 = 0.0
+    m1 = 0.0
+    m2 = 0.0
+    m3 = 0.0
+    for j in range(start, stop):
+        a = np.sqrt(u[0, j] * u[0, j] + u[1, j] * u[1, j])
+        c = rows[SPEED, j]
+        m0 += a
+        m1 += a * c
+        m2 += a * c * c
+        m3 += a * c * c * c
+    return m0, m1, m2, m3
+
+
+_HALF_PI_HEAD = 1.5707963267341256  # 33 bits, so that k * head is exact for the k that occur
+_HALF_PI_TAIL = 6.077100506506192e-11
+
+
+@jit_inline
+def cos_sin(x):  # type: ignore[no-untyped-def]
+    """Return (cos x, sin x) for |x| up to 1e6 by Taylor polynomials on [-pi/4, pi/4]; error below 2e-16."""
+    k = np.floor(x * 0.6366197723675814 + 0.5)
+    r = (x - k * _HALF_PI_HEAD) - k * _HALF_PI_TAIL
+    q = r * r
+    s = q * (-1.0 / 39916800.0 + q * (1.0 / 6227020800.0 + q * (-1.0 / 1307674368000.0)))
+    s = r + r * (q * (-1.0 / 6.0 + q * (1.0 / 120.0 + q * (-1.0 / 5040.0 + q * (1.0 / 362880.0 + s)))))
+    c = q * (1.0 / 479001600.0 + q * (-1.0 / 87178291200.0 + q * (1.0 / 20922789888000.0)))
+    c = 1.0 + q * (-0.5 + q * (1.0 / 24.0 + q * (-1.0 / 720.0 + q * (1.0 / 40320.0 + q * (-1.0 / 3628800.0 + c)))))
+    n = np.int64(k) & 3
+    if n == 0:
+        return c, s
+    if n == 1:
+        return -s, c
+    if n == 2:
+        return -c, -s
+    return s, -c

@@ -1,0 +1,40 @@
+"""The paper's resonant response level: windowed RMS of the tip displacement around its maximum (paper, Eqs. tmax and barqtip)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.observers import close_level, new_level, push_level
+from impact_env.parameters import count, positive, require
+
+HALF_WINDOW_PERIODS = 10  # pseudo periods to either side of the maximum
+
+
+@dataclass(frozen=True)
+class ResponseLevel:
+    """RMS ``value`` in m; ``time`` (s) and ``frequency_ratio`` (to the reference) of the maximum; ``max_tip``: largest |q_tip| in m."""
+
+    value: float
+    time: float
+    frequency_ratio: float
+    max_tip: float
+
+
+def response_level(
+    tip_displacement: NDArray[np.float64], samples_per_period: int, half_window_periods: int = HALF_WINDOW_PERIODS
+) -> tuple[float, float]:
+    """Return (response level, largest |q_tip|) in m of equidistant samples (S,) in m, S >= 2; the window is cut at the ends of the series."""
+    values = np.asarray(tip_displacement, dtype=float)
+    require(
+        values.ndim == 1 and len(values) >= 2 and bool(np.all(np.isfinite(values))), "tip_displacement", values.shape, "two or more finite samples"
+    )
+    count("samples_per_period", samples_per_period, 1)
+    positive("half_window_periods", half_window_periods)
+    level = new_level(samples_per_period, half_window_periods)
+    for value in values:
+        push_level(level, value)
+    rms, _, largest = close_level(level)
+    return float(rms), float(largest)

@@ -1,0 +1,121 @@
+"""From scene and drive to the arrays of the exact kernels; linear scenes go to the closed form, which has no events at all."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive
+from impact_env.kernels.compliant import Springs, compliant_lane
+from impact_env.kernels.contact_law import Walls
+from impact_env.kernels.exact import Contact, exact_lane
+from impact_env.kernels.linear import linear_lane
+from impact_env.kernels.observers import Counters, Energy, Events, Level, Series
+from impact_env.kernels.segments import Losses, Regime, Schedule
+from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction, RigidWalls, SlidingAbsorber, StuckAbsorber, TunedAbsorber
+from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime, table_reach
+from impact_env.scene import Scene
+
+Array = NDArray[np.float64]
+WINDOW_PERIODS = 1.0  # wanted length of a window of the chirp, in pseudo periods
+
+
+def is_linear(scene: Scene) -> bool:
+    """Return whether a scene is one linear regime."""
+    return not isinstance(scene.absorber, SlidingAbsorber)
+
+
+def _stiffnesses(absorber: SlidingAbsorber) -> tuple[float, float]:
+    """Return wall and friction stiffness in N/m of a compliant scene, 0 where absent."""
+    wall = absorber.walls.stiffness if isinstance(absorber.walls, CompliantWalls) else 0.0
+    return wall, absorber.friction.stiffness if isinstance(absorber.friction, ElasticCoulombFriction) else 0.0
+
+
+def is_compliant(scene: Scene) -> bool:
+    """Return whether a scene's contacts are springs."""
+    return isinstance(scene.absorber, SlidingAbsorber) and any(_stiffnesses(scene.absorber))
+
+
+@lru_cache(maxsize=256)
+def _linear(scene: Scene, wanted: float) -> tuple[Regime, float]:
+    model, absorber = scene.model, scene.absorber
+    mass, spring = scene.absorber_mass, (absorber.stiffness, absorber.damping) if isinstance(absorber, TunedAbsorber) else (None, 0.0)
+    speed, slots = fastest(model, mass, *spring)
+    size, reach = padded_size(slots), table_reach(speed, wanted)
+    if mass is None:
+        return free_regime(model, size, reach), reach
+    if isinstance(absorber, StuckAbsorber):
+        return joined_regime(model, mass, size, reach), reach
+    return sprung_regime(model, mass, absorber.stiffness, absorber.damping, size, reach), reach  # type: ignore[union-attr]
+
+
+@lru_cache(maxsize=256)
+def _rigid(scene: Scene, wanted: float) -> tuple[Regime, Regime, float]:
+    assert scene.absorber_mass is not None
+    bounds = (fastest(scene.model), fastest(scene.model, scene.absorber_mass))
+    size = padded_size(max(slots for _, slots in bounds))
+    reach = table_reach(max(speed for speed, _ in bounds), wanted)
+    return free_regime(scene.model, size, reach), joined_regime(scene.model, scene.absorber_mass, size, reach), reach
+
+
+@lru_cache(maxsize=256)
+def _compliant(scene: Scene, wanted: float) -> tuple[Regime, tuple[Regime, Regime, Regime], float]:
+    """Return the free regime and those with the wall's spring, with the friction's spring, and with both; an absent one repeats another."""
+    model, mass, absorber = scene.model, scene.absorber_mass, scene.absorber
+    assert mass is not None
+    assert isinstance(absorber, SlidingAbsorber)
+    wall, friction = _stiffnesses(absorber)
+    springs = [wall or friction, friction or wall, wall + friction]
+    bounds = [fastest(model), *(fastest(model, mass, k) for k in springs)]
+    size = padded_size(max(slots for _, slots in bounds))
+    reach = table_reach(max(speed for speed, _ in bounds), wanted)
+    first, second, third = (sprung_regime(model, mass, k, 0.0, size, reach) for k in springs)
+    return free_regime(model, size, reach), (first, second, third), reach
+
+
+def run_exact(
+    scene: Scene,
+    drive: Drive,
+    state: Array,
+    sample_dt: float,
+    counters: Counters,
+    level: Level | None = None,
+    events: Events | None = None,
+    series: Series | None = None,
+    energy: Energy | None = None,
+) -> int:
+    """Integrate exactly over the whole schedule; ``state`` (2 N_m + 2,) is the start and becomes the end.
+
+    Samples lie ``sample_dt`` (s) apart from time 0. Returns a status code of `impact_env.kernels.observers`. The slider of elastic friction
+    starts without force.
+    """
+    model, absorber, mass = scene.model, scene.absorber, scene.absorber_mass
+    wanted = WINDOW_PERIODS * drive.schedule.pseudo_period
+    breaks = drive.schedule
+    tip_shape = np.array(model.tip_shape)
+    damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
+    losses = Losses(np.array(model.force_shape), tip_shape, 2 * model.damping_ratio * model.omega, damper)
+    clock = np.array([0.0, sample_dt, 0.0])
+
+    def schedule(reach: float) -> Schedule:
+        phases = breaks.phase_at(breaks.times) + drive.phase
+        return Schedule(np.array(breaks.times), np.array(breaks.omegas), np.asarray(phases), drive.amplitude, reach)
+
+    if not isinstance(absorber, SlidingAbsorber):
+        regime, reach = _linear(scene, wanted)
+        return int(linear_lane(regime, tip_shape, losses, schedule(reach), state, clock, counters, level, series, energy))
+    assert mass is not None
+    contact = Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape)
+    observers = (clock, counters, level, events, series, energy)
+    if is_compliant(scene):
+        free, sprung, reach = _compliant(scene, wanted)
+        gap = absorber.walls.gap if absorber.walls is not None else None
+        limit = absorber.friction.limit if absorber.friction is not None else None
+        springs = Springs(*_stiffnesses(absorber))
+        return int(compliant_lane(free, *sprung, contact, springs, gap, limit, losses, schedule(reach), state, *observers))
+    free, joined, reach = _rigid(scene, wanted)
+    walls = Walls(absorber.walls.gap, absorber.walls.restitution) if isinstance(absorber.walls, RigidWalls) else None
+    limit = absorber.friction.limit if isinstance(absorber.friction, CoulombFriction) else None
+    return int(exact_lane(free, joined, contact, walls, limit, losses, schedule(reach), state, *observers))

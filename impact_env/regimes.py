@@ -1,0 +1,254 @@
+"""Scene to linear regimes: the slots, maps and tables that the exact kernels propagate (see kernels/slots.py).
+
+The coupled regimes (absorber stuck, held, or on a spring) share one secular equation. With the force lambda = kappa(s) r between absorber and tip,
+kappa = k + c s, a mode i answers phi_i/d_i(s), d_i = s^2 + 2 D_i omega_i s + omega_i^2, and the absorber -1/(m_a s^2), so
+
+    g(s) = 1/kappa(s) + 1/(m_a s^2) + sum phi_i^2/d_i(s) = 0,
+
+with 1/kappa = 0 where absorber and tip are joined. A dense eigensolver gives start values, Newton's method on g full digits, and the eigenvectors
+follow in closed form. Mass, damping and stiffness matrices are symmetric, so left and right eigenvectors agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.special
+from numpy.typing import NDArray
+
+from impact_env.kernels.segments import Regime
+from impact_env.kernels.slots import LOW, MIDDLE, TAYLOR_REACH, TAYLOR_TERMS, Slots
+from impact_env.modes import ModalModel
+from impact_env.parameters import ParameterError, require
+
+CRITICAL = 1e-10  # a damping ratio this close to 1 is moved to 1 + CRITICAL: two equal eigenvalues have no modal form
+UNCOUPLED = 1e-9  # of the largest tip shape: a mode with a node at the absorber
+MAX_BASE = 256
+
+Complex = NDArray[np.complex128]
+Real = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Eigenvalues (J,), their columns in the state (2 N_m + 2, J), rows from the state (J, 2 N_m + 2), responses to drive and relative force (J,)."""
+
+    values: Complex
+    out: Complex
+    into: Complex
+    drive: Complex
+    relative: Complex
+
+
+def _damping(model: ModalModel) -> Real:
+    ratio = np.array(model.damping_ratio)
+    return np.where(np.abs(ratio - 1) < CRITICAL, 1 + CRITICAL, ratio)
+
+
+def _own_modes(model: ModalModel, which: Index) -> Modes:
+    """Return the free beam's modes ``which`` as slots: one for an oscillating mode, two for an overdamped one."""
+    n = model.modes
+    values, modes, weights = [], [], []
+    ratios = _damping(model)
+    for i in which:
+        omega, ratio = model.omega[i], ratios[i]
+        if ratio < 1:
+            s = omega * complex(-ratio, np.sqrt((1 - ratio) * (1 + ratio)))
+            values.append(s)
+            modes.append(i)
+            weights.append((1 + 1j * s.real / s.imag, -1j / s.imag))
+        else:
+            root = omega * np.sqrt((ratio - 1) * (ratio + 1))
+            fast = -ratio * omega - root
+            slow = omega**2 / fast  # the product of both is omega^2: no cancellation
+            for s, other in ((slow, fast), (fast, slow)):
+                values.append(complex(s))
+                modes.append(i)
+                weights.append((-other / (s - other), 1 / (s - other)))
+    s = np.array(values, dtype=complex)
+    index = np.array(modes, dtype=int)
+    alpha, kappa = (np.array(w, dtype=complex) for w in zip(*weights, strict=True)) if weights else (s, s)
+    size, row = len(s), np.arange(len(s))
+    out, into = np.zeros((2 * n + 2, size), complex), np.zeros((size, 2 * n + 2), complex)
+    out[index, row], out[n + 1 + index, row] = 1, s
+    into[row, index], into[row, n + 1 + index] = alpha, kappa
+    return Modes(s, out, into, kappa * model.force_shape[index], -kappa * model.tip_shape[index])
+
+
+def _start_values(model: ModalModel, which: Index, mass: float, stiffness: float | None, damper: float) -> Complex:
+    """Return approximate eigenvalues of a coupled regime with imaginary part not below 0."""
+    omega, ratio, tip = model.omega[which], _damping(model)[which], model.tip_shape[which]
+    if stiffness is None:
+        m, c, k = np.eye(len(omega)) + mass * np.outer(tip, tip), np.diag(2 * ratio * omega), np.diag(omega**2)
+    else:
+        w = np.append(-tip, 1.0)
+        m = np.diag(np.append(np.ones(len(omega)), mass))
+        c = np.diag(np.append(2 * ratio * omega, 0)) + damper * np.outer(w, w)
+        k = np.diag(np.append(omega**2, 0)) + stiffness * np.outer(w, w)
+    squares, vectors = scipy.linalg.eigh(k, m)
+    frequencies = np.sqrt(np.maximum(squares, 1e-8 * omega[0] ** 2 if len(omega) else 0))
+    zero = np.zeros_like(k)
+    block = np.block([[zero, np.diag(frequencies)], [-np.diag(frequencies), -vectors.T @ c @ vectors]])
+    values = scipy.linalg.eigvals(block)
+    values = np.where(np.abs(values.imag) < 1e-9 * np.abs(values), values.real, values)
+    return values[values.imag >= 0]
+
+
+def _polish(values: Complex, model: ModalModel, which: Index, mass: float, stiffness: float | None, damper: float) -> Complex:
+    """Improve eigenvalues by Newton's method on the secular equation."""
+    omega, ratio, tip = model.omega[which], _damping(model)[which], model.tip_shape[which]
+    s = values.copy()
+    for _ in range(8):
+        d = s[:, None] ** 2 + 2 * ratio * omega * s[:, None] + omega**2
+        g = 1 / (mass * s**2) + np.sum(tip**2 / d, axis=1)
+        slope = -2 / (mass * s**3) - np.sum(tip**2 * (2 * s[:, None] + 2 * ratio * omega) / d**2, axis=1)
+        if stiffness is not None:
+            g += 1 / (stiffness + damper * s)
+            slope -= damper / (stiffness + damper * s) ** 2
+        step = g / slope
+        good = np.isfinite(step) & (np.abs(step) < 1e-4 * np.abs(s))
+        s = np.where(good, s - np.where(good, step, 0), s)
+    return np.where(values.imag == 0, s.real, s)
+
+
+def _coupled_modes(model: ModalModel, mass: float, stiffness: float | None, damper: float = 0.0) -> Modes:
+    """Return the modes of beam and absorber: joined for ``stiffness`` None, else with a spring (N/m) and a damper (N s/m) between them."""
+    n = model.modes
+    coupled = np.abs(model.tip_shape) > UNCOUPLED * np.max(np.abs(model.tip_shape))
+    which = np.flatnonzero(coupled)
+    s = _polish(_start_values(model, which, mass, stiffness, damper), model, which, mass, stiffness, damper)
+    ratio = _damping(model)
+    d = s[:, None] ** 2 + 2 * ratio * model.omega * s[:, None] + model.omega**2
+    v = np.where(coupled, model.tip_shape, 0) / np.where(coupled, d, 1)  # modal displacements of the eigenvectors, (J, N_m)
+    tip = v @ model.tip_shape
+    absorber = tip if stiffness is None else -1 / (mass * s**2)
+    relative = np.zeros_like(s) if stiffness is None else 1 / (stiffness + damper * s)
+    rate = 2 * ratio * model.omega
+    norm = 2 * s * (np.sum(v**2, axis=1) + mass * absorber**2) + v**2 @ rate + damper * relative**2
+    twice = np.where(s.imag == 0, 1, 2)
+    shape = np.concatenate([v, absorber[:, None]], axis=1)
+    out = np.concatenate([shape, shape * s[:, None]], axis=1).T * twice
+    momentum = shape * np.append(np.ones(n), mass)
+    from_displacement = momentum * s[:, None]
+    from_displacement[:, :n] += v * rate - damper * relative[:, None] * model.tip_shape
+    from_displacement[:, n] += damper * relative
+    if stiffness is None:  # the absorber's coordinate is not a freedom here: its share belongs to the tip
+        for rows in (momentum, from_displacement):
+            rows[:, :n] += rows[:, n : n + 1] * model.tip_shape
+            rows[:, n] = 0
+    into = np.concatenate([from_displacement, momentum], axis=1) / norm[:, None]
+    drive = v @ model.force_shape / norm
+    force = (absorber - tip) / norm
+    own = _own_modes(model, np.flatnonzero(~coupled))
+    return Modes(
+        np.concatenate([s, own.values]),
+        np.concatenate([out, own.out], axis=1),
+        np.concatenate([into, own.into]),
+        np.concatenate([drive, own.drive]),
+        np.concatenate([force, own.relative]),
+    )
+
+
+def padded_size(slots: int) -> int:
+    """Return the number of slots after padding: whole vectors of four behind the first block."""
+    return LOW + 4 * max(1, -(-(slots - LOW) // 4))
+
+
+def table_reach(fastest: float, wanted: float) -> float:
+    """Return the time offset in s that the tables cover: ``wanted``, or less if the fastest slot (1/s) turns too quickly for them."""
+    return min(wanted, TAYLOR_REACH * MAX_BASE**3 / fastest)
+
+
+def _tables(values: Complex, reach: float) -> tuple[int, float, Complex]:
+    base = 4
+    while base**3 * TAYLOR_REACH < reach * np.max(np.abs(values)) * (1 - 1e-12):
+        base *= 2
+    finest = reach / base**3
+    steps = finest * np.array([base**2, base, 1])
+    return base, finest, np.exp(values * steps[:, None, None] * np.arange(base)[:, None])
+
+
+def _regime(modes: Modes, guard: Complex, tip: Complex, size: int, reach: float) -> Regime:
+    """Sort, pad and tabulate a regime's modes."""
+    order = np.argsort(np.abs(modes.values), kind="stable")
+    used = len(order)
+
+    def pad(values: Complex, axis: int = 0) -> Complex:
+        values = np.take(values, order, axis=axis)
+        widths = [(0, size - used) if a == axis else (0, 0) for a in range(values.ndim)]
+        return np.pad(values, widths)
+
+    s = pad(modes.values)
+    s = np.minimum(s.real, 0) + 1j * s.imag  # rounding must not make an undamped slot grow
+    speed = np.abs(s)
+    s[used:] = -1
+    base, finest, table = _tables(s[:used], reach)
+    table = np.pad(table, [(0, 0), (0, 0), (0, size - used)], constant_values=1)
+    powers = np.arange(TAYLOR_TERMS)[:, None]
+    taylor = s**powers / np.array([float(scipy.special.factorial(p)) for p in range(TAYLOR_TERMS)])[:, None]
+    taylor[1:, used:] = 0
+    slowest = [np.min(-s.real[start:stop], initial=np.inf) for start, stop in ((LOW, min(MIDDLE, used)), (MIDDLE, used))]
+    slowest = [rate if np.isfinite(rate) else 0.0 for rate in slowest]
+    relative = pad(modes.relative)
+    rest = np.where(np.arange(size) < used, -relative / s, 0)
+    pairs = [s, s**2, pad(modes.drive), relative, rest, pad(guard), pad(tip), *taylor[1:]]
+    rows = np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed])
+    scale = np.array([base, finest, np.max(speed), *slowest])
+    slots = Slots(rows, np.ascontiguousarray([table.real, table.imag]), scale)
+    out, into = pad(modes.out, 1), pad(modes.into).T
+    maps = [np.ascontiguousarray([part.real, part.imag]) for part in (out, into)]
+    return Regime(slots, maps[0], maps[1], float(np.real(pad(tip) @ rest)))
+
+
+def _check(modes: Modes, states: Index) -> None:
+    """Raise ParameterError if the eigenvectors do not span the state: two eigenvalues (almost) coincide."""
+    block = np.real(modes.out @ modes.into)[np.ix_(states, states)]
+    scale = np.sqrt(np.outer(np.diag(block), 1 / np.diag(block))) if np.all(np.diag(block) > 0) else np.full_like(block, np.nan)
+    error = np.max(np.abs(np.diag(block) - 1))
+    require(
+        bool(np.isfinite(scale).all()) and error < 1e-6,
+        "scene",
+        f"modal basis off by {error:.1e}",
+        "damping and stiffness away from a double eigenvalue",
+    )
+
+
+def _state_index(model: ModalModel, absorber: bool) -> Index:
+    n = model.modes
+    own = np.concatenate([np.arange(n), n + 1 + np.arange(n)])
+    return np.concatenate([own, [n, 2 * n + 1]]) if absorber else own
+
+
+def free_regime(model: ModalModel, size: int, reach: float) -> Regime:
+    """Return the regime of beam and absorber apart. Guard signal: relative displacement absorber - tip, without the absorber's share."""
+    modes = _own_modes(model, np.arange(model.modes))
+    tip = model.tip_shape @ modes.out[: model.modes]
+    return _regime(modes, -tip, tip, size, reach)
+
+
+def joined_regime(model: ModalModel, mass: float, size: int, reach: float) -> Regime:
+    """Return the regime of an absorber (kg) that moves with the tip. Guard signal: the force on the absorber, mass times tip acceleration."""
+    modes = _coupled_modes(model, mass, None)
+    _check(modes, _state_index(model, False))
+    tip = model.tip_shape @ modes.out[: model.modes]
+    return _regime(modes, mass * modes.values**2 * tip, tip, size, reach)
+
+
+def sprung_regime(model: ModalModel, mass: float, stiffness: float, damper: float, size: int, reach: float) -> Regime:
+    """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m). Guard signal: relative displacement absorber - tip."""
+    modes = _coupled_modes(model, mass, stiffness, damper)
+    _check(modes, _state_index(model, True))
+    tip = model.tip_shape @ modes.out[: model.modes]
+    return _regime(modes, modes.out[model.modes] - tip, tip, size, reach)
+
+
+def fastest(model: ModalModel, mass: float | None = None, stiffness: float | None = None, damper: float = 0.0) -> tuple[float, int]:
+    """Return the largest |s| in 1/s and the number of slots of a regime: free for ``mass`` None, else joined or sprung."""
+    try:
+        values = _own_modes(model, np.arange(model.modes)).values if mass is None else _coupled_modes(model, mass, stiffness, damper).values
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise ParameterError(f"the scene has no usable modes: {error}") from error
+    return float(np.max(np.abs(values))), len(values)

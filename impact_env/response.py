@@ -1,0 +1,92 @@
+"""What a run may record, and what it gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive
+from impact_env.energy import EnergyAccount
+from impact_env.level import ResponseLevel
+from impact_env.methods import Method
+from impact_env.parameters import count
+from impact_env.scene import Scene
+
+Array = NDArray[np.float64]
+DEFAULT_SAMPLES = 32  # per pseudo period: the harmonics of the tip that count are resolved
+
+
+@dataclass(frozen=True)
+class Record:
+    """What to observe: response level, impacts and contact phases, the state at samples, the energy balance."""
+
+    level: bool = True
+    events: bool = False
+    series: bool = False
+    energy: bool = False
+    samples_per_period: int = DEFAULT_SAMPLES
+
+    def __post_init__(self) -> None:
+        count("samples_per_period", self.samples_per_period, 4)
+
+
+@dataclass(frozen=True, eq=False)
+class Impacts:
+    """Impacts, (K,) each: time (s), relative velocity absorber - tip before (m/s), impulse on the absorber (N s), energy lost (J)."""
+
+    time: Array
+    relative_velocity: Array
+    impulse: Array
+    energy_lost: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPhases:
+    """Joined phases, (K,) each: start and end (s), kind (0 stuck inside the cavity, 1 held at the lower wall, 2 at the upper wall)."""
+
+    start: Array
+    end: Array
+    kind: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """State at the samples: time (S,) in s, modal displacement and velocity (S, N_m), absorber displacement and velocity (S,), tip shape (N_m,)."""
+
+    time: Array
+    modal_displacement: Array
+    modal_velocity: Array
+    absorber_displacement: Array
+    absorber_velocity: Array
+    tip_shape: Array
+
+    @property
+    def tip_displacement(self) -> Array:
+        """Tip displacement in m, (S,)."""
+        return np.asarray(self.modal_displacement @ self.tip_shape)
+
+    @property
+    def tip_velocity(self) -> Array:
+        """Tip velocity in m/s, (S,)."""
+        return np.asarray(self.modal_velocity @ self.tip_shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Result of a run; what was not recorded is None. ``end_state`` (2 N_m + 2,), ``stuck_time`` and ``wall_time`` in s."""
+
+    scene: Scene
+    drive: Drive
+    method: Method
+    end_state: Array
+    impact_count: int
+    stuck_time: float
+    steps: int
+    wall_time: float
+    level: ResponseLevel | None = None
+    impacts: Impacts | None = None
+    phases: ContactPhases | None = None
+    history: History | None = None
+    energy: EnergyAccount | None = None
