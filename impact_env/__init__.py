@@ -20,7 +20,7 @@ from impact_env.parameters import (
     impact_absorber,
 )
 from impact_env.response import Record, Response
-from impact_env.scene import InitialState, Scene, scene
+from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import IntegrationError, simulate
 
 __all__ = [
@@ -44,11 +44,11 @@ __all__ = [
     "SlidingAbsorber",
     "StuckAbsorber",
     "TunedAbsorber",
+    "beam_scene",
     "constant_frequency",
     "friction_damper",
     "impact_absorber",
     "linear_sweep",
     "modal_model",
-    "scene",
     "simulate",
 ]

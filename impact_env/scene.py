@@ -35,7 +35,7 @@ class Scene:
         return None if self.absorber is None else self.absorber.mass_ratio * self.model.beam_mass
 
 
-def scene(beam: Beam | None = None, absorber: Absorber | None = None) -> Scene:
+def beam_scene(beam: Beam | None = None, absorber: Absorber | None = None) -> Scene:
     """Return the scene of a beam (default: the paper's) and an absorber (default: none)."""
     return Scene(modal_model(Beam() if beam is None else beam), absorber)
 

@@ -141,7 +141,7 @@ def _history(scene: Scene, series: Series | None, interval: float) -> History | 
         return None
     n, rows = scene.model.modes, series.states
     times = interval * np.arange(len(rows))
-    return History(times, rows[:, :n], rows[:, n + 1 : 2 * n + 1], rows[:, n], rows[:, 2 * n + 1], scene.model.tip_shape)
+    return History(np.asarray(times), rows[:, :n], rows[:, n + 1 : 2 * n + 1], rows[:, n], rows[:, 2 * n + 1], scene.model.tip_shape)
 
 
 def _energy(scene: Scene, energy: Energy | None, start: Array, end: Array) -> EnergyAccount | None:

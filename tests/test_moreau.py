@@ -19,15 +19,15 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
-from impact_env.scene import InitialState, Scene, scene
+from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.stepping import run_moreau
 
 LIGHT = 1e-9  # mass ratio of an absorber that the beam does not feel
-OMEGA = scene(Beam(modes=1)).model.omega[0]
+OMEGA = beam_scene(Beam(modes=1)).model.omega[0]
 
 
 def damped_free_response(beam: Beam, start: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
-    model = scene(beam).model
+    model = beam_scene(beam).model
     delta, nu = model.damping_ratio * model.omega, model.omega * np.sqrt(1 - model.damping_ratio**2)
     decay = np.exp(-delta * time)
     return start * decay * (np.cos(nu * time) + delta / nu * np.sin(nu * time)), -start * decay * model.omega**2 / nu * np.sin(nu * time)
@@ -40,7 +40,7 @@ def test_linear_scene_has_second_order_and_first_with_damping(damping: float, le
     q, u = damped_free_response(beam, start, 0.1)
     errors = []
     for steps in (40, 80, 160, 320):
-        run = integrate(scene(beam), still(0.1, OMEGA), Moreau(steps), InitialState(start))
+        run = integrate(beam_scene(beam), still(0.1, OMEGA), Moreau(steps), InitialState(start))
         assert run.status == DONE
         errors.append(np.max(np.abs(run.end[[0, 1, 2]] - q)) * OMEGA + np.max(np.abs(run.end[[4, 5, 6]] - u)))
     assert least < order(errors) < most
@@ -48,7 +48,7 @@ def test_linear_scene_has_second_order_and_first_with_damping(damping: float, le
 
 @pytest.mark.parametrize("restitution", [1.0, 0.7])
 def test_bouncing_absorber(restitution: float) -> None:
-    light = Scene(scene(Beam(modes=1)).model, impact_absorber(1e-3, restitution, mass_ratio=LIGHT))
+    light = Scene(beam_scene(Beam(modes=1)).model, impact_absorber(1e-3, restitution, mass_ratio=LIGHT))
     speed, mass = 0.05, light.absorber_mass
     assert mass is not None
     speeds = speed * restitution ** np.arange(5)
@@ -67,7 +67,7 @@ def test_bouncing_absorber(restitution: float) -> None:
 
 def test_friction_stops_the_absorber_and_holds_it() -> None:
     limit, speed = 1e-9, 0.02
-    light = Scene(scene(Beam(modes=1)).model, friction_damper(limit, LIGHT))
+    light = Scene(beam_scene(Beam(modes=1)).model, friction_damper(limit, LIGHT))
     assert light.absorber_mass is not None
     slowing = limit / light.absorber_mass
     stop = speed / slowing
@@ -82,7 +82,7 @@ def test_friction_stops_the_absorber_and_holds_it() -> None:
 
 def test_coulomb_oscillator_loses_a_fixed_amplitude_each_half_period() -> None:
     limit, start = 0.5, 1e-3
-    heavy = Scene(scene(Beam(modes=1, damping_ratio=0.0)).model, friction_damper(limit, 1e9))
+    heavy = Scene(beam_scene(Beam(modes=1, damping_ratio=0.0)).model, friction_damper(limit, 1e9))
     shape = heavy.model.tip_shape[0]
     for halves in (1, 2, 3):
         run = integrate(heavy, still(halves * np.pi / OMEGA, OMEGA), Moreau(2000), InitialState(np.array([start]), absorber_displacement=0.0))
@@ -90,7 +90,7 @@ def test_coulomb_oscillator_loses_a_fixed_amplitude_each_half_period() -> None:
 
 
 def test_without_rebound_the_absorber_is_held_at_the_wall() -> None:
-    held = scene(Beam(modes=3), impact_absorber(1e-3, 0.0))
+    held = beam_scene(Beam(modes=3), impact_absorber(1e-3, 0.0))
     run = integrate(held, Drive(5.0, constant_frequency(OMEGA, 1.0, 30)), Moreau(50))
     assert {HELD_LOWER, HELD_UPPER} <= set(run.phases[:, 2])
     assert run.counters[STUCK_TIME] == pytest.approx(np.sum(run.phases[:, 1] - run.phases[:, 0]))
@@ -101,7 +101,7 @@ def test_without_rebound_the_absorber_is_held_at_the_wall() -> None:
 
 def test_energy_balance_shrinks_with_the_square_of_the_step() -> None:
     for absorber in (impact_absorber(1e-3, 0.7, 0.1), TunedAbsorber(), StuckAbsorber(), None):
-        present = scene(Beam(modes=3), absorber)
+        present = beam_scene(Beam(modes=3), absorber)
         drive = Drive(3.5, linear_sweep(present.model.omega[0], 0.98, 0.99))
         coarse, fine = (integrate(present, drive, Moreau(steps)) for steps in (20, 200))
         assert coarse.status == fine.status == DONE
@@ -128,14 +128,14 @@ def test_impact_times_are_of_first_order() -> None:
 
 def test_mirror_symmetry_and_scaling_law() -> None:
     drive = linear_sweep(OMEGA, 0.98, 0.985)
-    one, mirrored = (integrate(scene(Beam(modes=3), impact_absorber(1e-3, 0.7, 0.1)), Drive(f, drive), Moreau()) for f in (3.5, -3.5))
-    doubled = integrate(scene(Beam(modes=3), impact_absorber(2e-3, 0.7, 0.2)), Drive(7.0, drive), Moreau())
+    one, mirrored = (integrate(beam_scene(Beam(modes=3), impact_absorber(1e-3, 0.7, 0.1)), Drive(f, drive), Moreau()) for f in (3.5, -3.5))
+    doubled = integrate(beam_scene(Beam(modes=3), impact_absorber(2e-3, 0.7, 0.2)), Drive(7.0, drive), Moreau())
     np.testing.assert_array_equal(mirrored.states, -one.states)
     np.testing.assert_array_equal(doubled.states, 2 * one.states)
 
 
 def test_samples_lie_on_their_times_and_end_with_the_run() -> None:
-    beam, sample_dt = scene(Beam(modes=1), None), 1e-3
+    beam, sample_dt = beam_scene(Beam(modes=1), None), 1e-3
     run = integrate(beam, Drive(1.0, constant_frequency(OMEGA, 1.0, 0.05 * OMEGA / 2 / np.pi)), Moreau(2000), sample_dt=sample_dt)
     shorter = integrate(beam, Drive(1.0, constant_frequency(OMEGA, 1.0, 0.02 * OMEGA / 2 / np.pi)), Moreau(2000), sample_dt=sample_dt)
     assert run.states.shape == (51, 4)
@@ -145,7 +145,7 @@ def test_samples_lie_on_their_times_and_end_with_the_run() -> None:
 
 
 def test_level_agrees_with_the_series_and_any_step_grid() -> None:
-    present = scene(Beam(modes=3), impact_absorber())
+    present = beam_scene(Beam(modes=3), impact_absorber())
     drive = Drive(1.5, constant_frequency(OMEGA, 1.0, 40))
     run = integrate(present, drive, Moreau())
     tip = run.states[:, :3] @ present.model.tip_shape
@@ -159,7 +159,7 @@ def test_level_agrees_with_the_series_and_any_step_grid() -> None:
 
 
 def test_stuck_absorber_moves_with_the_tip() -> None:
-    stuck = scene(Beam(modes=3), StuckAbsorber())
+    stuck = beam_scene(Beam(modes=3), StuckAbsorber())
     run = integrate(stuck, Drive(1.0, constant_frequency(OMEGA, 1.0, 10)), Moreau())
     distance = run.states[:, 3] - run.states[:, :3] @ stuck.model.tip_shape
     assert np.max(np.abs(distance)) < 1e-12
@@ -167,7 +167,7 @@ def test_stuck_absorber_moves_with_the_tip() -> None:
 
 
 def test_more_modes_than_a_table_of_fixed_width_holds() -> None:
-    present = scene(Beam(modes=66, elements=33), impact_absorber(1e-4, 0.5))
+    present = beam_scene(Beam(modes=66, elements=33), impact_absorber(1e-4, 0.5))
     duration = 1e-4
     states = [
         integrate(present, still(duration, OMEGA), Moreau(steps), InitialState(absorber_velocity=2.0), sample_dt=duration) for steps in (20, 40)
@@ -177,7 +177,7 @@ def test_more_modes_than_a_table_of_fixed_width_holds() -> None:
 
 
 def test_an_unstable_step_is_reported() -> None:
-    overdamped = scene(Beam(modes=2, damping_ratio=20.0))
+    overdamped = beam_scene(Beam(modes=2, damping_ratio=20.0))
     with np.errstate(over="ignore", invalid="ignore"):
         assert integrate(overdamped, Drive(1.0, constant_frequency(OMEGA, 1.0, 50)), Moreau(4)).status == NOT_FINITE
 
@@ -193,7 +193,7 @@ def test_the_turning_phasor_is_the_cosine(dt: float) -> None:
 
 
 def test_methods_refuse_what_they_cannot_do() -> None:
-    model = scene(Beam(modes=1)).model
+    model = beam_scene(Beam(modes=1)).model
     compliant = Scene(model, SlidingAbsorber(walls=CompliantWalls(1e5)))
     elastic = Scene(model, SlidingAbsorber(friction=ElasticCoulombFriction(0.1, 1e5)))
     rigid, friction = Scene(model, impact_absorber()), Scene(model, friction_damper())

@@ -19,10 +19,10 @@ from impact_env.parameters import (
     TunedAbsorber,
     impact_absorber,
 )
-from impact_env.scene import InitialState, Scene, scene
+from impact_env.scene import InitialState, Scene, beam_scene
 
 LIGHT = 1e-9  # mass ratio of an absorber that the beam does not feel
-OMEGA = scene(Beam(modes=1)).model.omega[0]
+OMEGA = beam_scene(Beam(modes=1)).model.omega[0]
 Array = NDArray[np.float64]
 
 
@@ -44,7 +44,7 @@ def linear_matrix(present: Scene) -> Array:
 
 @pytest.mark.parametrize("absorber", [None, StuckAbsorber(), TunedAbsorber(0.05, 900.0, 0.5)])
 def test_fourth_order_on_linear_scenes(absorber: Absorber | None) -> None:
-    present = scene(Beam(modes=3, damping_ratio=(0.0, 0.02, 0.1)), absorber)
+    present = beam_scene(Beam(modes=3, damping_ratio=(0.0, 0.02, 0.1)), absorber)
     initial = InitialState(np.array([1e-3, -2e-4, 5e-5]), np.array([0.1, 0.2, -0.3]))
     start = initial.vector(present)
     truth = scipy.linalg.expm(linear_matrix(present) * 0.1) @ start
@@ -89,7 +89,7 @@ def textbook(present: Scene, drive: Drive, steps: int) -> Array:
 
 
 def test_the_step_is_the_textbook_step() -> None:
-    present = scene(Beam(modes=3), SlidingAbsorber(0.02, CompliantWalls(1e5, 5e-5), ElasticCoulombFriction(0.02, 2e4)))
+    present = beam_scene(Beam(modes=3), SlidingAbsorber(0.02, CompliantWalls(1e5, 5e-5), ElasticCoulombFriction(0.02, 2e4)))
     schedule = FrequencySchedule(np.array([0.0, 0.011, 0.02, 0.03]), np.array([250.0, 300.0, 90.0, 90.0]), OMEGA)
     drive = Drive(20.0, schedule, 0.4)
     run = integrate(present, drive, RungeKutta())
@@ -99,7 +99,7 @@ def test_the_step_is_the_textbook_step() -> None:
 
 def test_a_contact_lasts_as_long_as_half_a_period_on_the_wall() -> None:
     stiffness, speed, gap = 1e-5, 0.05, 1e-3
-    light = Scene(scene(Beam(modes=1)).model, SlidingAbsorber(LIGHT, CompliantWalls(stiffness, gap)))
+    light = Scene(beam_scene(Beam(modes=1)).model, SlidingAbsorber(LIGHT, CompliantWalls(stiffness, gap)))
     mass = light.absorber_mass
     assert mass is not None
     contact = np.pi * np.sqrt(mass / stiffness)
@@ -115,7 +115,7 @@ def test_a_contact_lasts_as_long_as_half_a_period_on_the_wall() -> None:
 
 def test_elastic_friction_stops_the_absorber() -> None:
     limit, stiffness, speed = 1e-9, 1e-5, 0.02
-    light = Scene(scene(Beam(modes=1)).model, SlidingAbsorber(LIGHT, None, ElasticCoulombFriction(limit, stiffness)))
+    light = Scene(beam_scene(Beam(modes=1)).model, SlidingAbsorber(LIGHT, None, ElasticCoulombFriction(limit, stiffness)))
     mass, reach = light.absorber_mass, limit / stiffness
     assert mass is not None
     farthest = mass * speed**2 / 2 / limit + reach / 2  # the spring takes limit * reach / 2 on the way to sliding
@@ -128,10 +128,10 @@ def test_elastic_friction_stops_the_absorber() -> None:
 
 def test_stiff_contact_approaches_rigid_contact() -> None:
     drive = Drive(3.0, linear_sweep(OMEGA, 0.98, 0.985))
-    rigid = integrate(scene(Beam(modes=2), impact_absorber()), drive, Moreau(20_000)).impacts[:3, 0]
+    rigid = integrate(beam_scene(Beam(modes=2), impact_absorber()), drive, Moreau(20_000)).impacts[:3, 0]
     errors = []
     for stiffness in (1e5, 1e7, 1e9):
-        run = integrate(scene(Beam(modes=2), SlidingAbsorber(0.02, CompliantWalls(stiffness))), drive, RungeKutta())
+        run = integrate(beam_scene(Beam(modes=2), SlidingAbsorber(0.02, CompliantWalls(stiffness))), drive, RungeKutta())
         errors.append(np.abs(run.impacts[:3, 0] - rigid) * OMEGA / 2 / np.pi)
     assert np.all(errors[1][1:] < errors[0][1:])
     assert np.all(errors[2][1:] < errors[1][1:])
@@ -150,7 +150,7 @@ def test_stiff_contact_approaches_rigid_contact() -> None:
     ],
 )
 def test_energy_balance(absorber: Absorber | None, coarse: float, fine: float) -> None:
-    present = scene(Beam(modes=3), absorber)
+    present = beam_scene(Beam(modes=3), absorber)
     drive = Drive(3.0, linear_sweep(OMEGA, 0.98, 0.985))
     assert integrate(present, drive, RungeKutta()).balance_error < coarse
     assert integrate(present, drive, RungeKutta(100, 100)).balance_error < fine
@@ -158,7 +158,7 @@ def test_energy_balance(absorber: Absorber | None, coarse: float, fine: float) -
 
 @pytest.mark.parametrize("absorber", [None, StuckAbsorber(), TunedAbsorber()])
 def test_moreau_and_runge_kutta_agree_on_linear_scenes(absorber: Absorber | None) -> None:
-    present = scene(Beam(modes=3), absorber)
+    present = beam_scene(Beam(modes=3), absorber)
     drive = Drive(-2.0, constant_frequency(OMEGA, 0.97, 20), 0.3)
     one, other = integrate(present, drive, Moreau(5000)), integrate(present, drive, RungeKutta(40))
     np.testing.assert_allclose(one.states, other.states, atol=2e-3 * np.max(np.abs(other.states)))
@@ -169,14 +169,14 @@ def test_moreau_and_runge_kutta_agree_on_linear_scenes(absorber: Absorber | None
 @pytest.mark.parametrize("mass_ratio", [1e-6, 0.02, 10.0])
 @pytest.mark.parametrize("stiffness", [1e2, 1e9])
 def test_stable_for_light_and_heavy_absorbers_on_soft_and_hard_walls(mass_ratio: float, stiffness: float) -> None:
-    present = scene(Beam(modes=10), SlidingAbsorber(mass_ratio, CompliantWalls(stiffness, 1e-5)))
+    present = beam_scene(Beam(modes=10), SlidingAbsorber(mass_ratio, CompliantWalls(stiffness, 1e-5)))
     run = integrate(present, Drive(1.0, constant_frequency(OMEGA, 1.0, 0.5)), RungeKutta())
     assert run.status == DONE
     assert np.max(np.abs(run.end)) < 1.0
 
 
 def test_more_modes_than_a_table_of_fixed_width_holds() -> None:
-    present = scene(Beam(modes=70, elements=35), SlidingAbsorber(0.02, CompliantWalls(1e6, 1e-4)))
+    present = beam_scene(Beam(modes=70, elements=35), SlidingAbsorber(0.02, CompliantWalls(1e6, 1e-4)))
     run = integrate(present, still(1e-4, OMEGA), RungeKutta(), InitialState(absorber_velocity=2.0), sample_dt=1e-4)
     assert run.status == DONE
     assert run.impacts[0, 0] == pytest.approx(5e-5, rel=1e-9)
