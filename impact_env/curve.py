@@ -1,0 +1,203 @@
+"""Performance curves: response level over the force's amplitude, as an ensemble with a band (paper, section 4).
+
+In the impact regimes a level is a random variable: runs that differ by rounding part after some impacts. A curve is therefore
+computed over members that differ in the initial phase of the force, and has a median and a band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, FrequencySchedule, linear_sweep
+from impact_env.ensemble import Lane, LaneLevels, Progress, member_phases, run_lanes
+from impact_env.methods import Method
+from impact_env.parameters import require
+from impact_env.propagation import is_linear
+from impact_env.response import DEFAULT_SAMPLES
+from impact_env.scene import Scene
+
+Array = NDArray[np.float64]
+DEFAULT_MEMBERS = 16
+BAND = (0.05, 0.95)
+UP, DOWN = 0, 1  # directions of the sweep, the last axis of a curve's arrays
+
+
+@dataclass(frozen=True, eq=False)
+class CurveCase:
+    """What a curve is computed for: forces (F,) in N, each swept up and down through ``limits`` times a resonance (counted from 1)."""
+
+    scene: Scene
+    forces: Array
+    resonance: int = 1
+    limits: tuple[float, float] = PAPER_LIMITS
+    percent_per_100_periods: float = PAPER_RATE
+
+    def __post_init__(self) -> None:
+        forces = np.array(self.forces, dtype=np.float64, ndmin=1)
+        ok = forces.ndim == 1 and forces.size > 0 and bool(np.all(np.isfinite(forces) & (forces >= 0)))
+        require(ok, "forces", self.forces, "a row of finite forces in N, 0 or above")
+        require(self.limits[0] < self.limits[1], "limits", self.limits, "(low, high) with low below high")
+        forces.setflags(write=False)
+        object.__setattr__(self, "forces", forces)
+        self.schedules()
+
+    def schedules(self) -> tuple[FrequencySchedule, FrequencySchedule]:
+        """Return the sweep up and the sweep down."""
+        omega, (low, high) = self.scene.model.resonance_omega(self.resonance), self.limits
+        return linear_sweep(omega, low, high, self.percent_per_100_periods), linear_sweep(omega, high, low, self.percent_per_100_periods)
+
+    def amplitudes(self) -> Array:
+        """Return the forces to run in N: one newton for a linear scene, whose level is proportional to the force."""
+        return np.ones(1) if is_linear(self.scene) else self.forces
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The force with the smallest median level relative to a reference, with 5 to 95 % bands over the members.
+
+    force and force_band in N (the band is that of each member's own best force), level and level_band in m, relative and
+    relative_band to the reference.
+    """
+
+    force: float
+    force_band: tuple[float, float]
+    level: float
+    level_band: tuple[float, float]
+    relative: float
+    relative_band: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class PerformanceCurve:
+    """Levels over the force. ``forces`` (F,) in N, ``phases`` (M,) in rad, arrays of ``lanes`` (F, M, 2): force, member, up or down.
+
+    What an interrupted computation left out is NaN there, and left out of median and band.
+    """
+
+    forces: Array
+    phases: Array
+    lanes: LaneLevels
+
+    @property
+    def level(self) -> Array:
+        """Response level in m, (F, M, 2)."""
+        return self.lanes.level
+
+    @property
+    def complete(self) -> bool:
+        """Whether all runs of the curve were made."""
+        return self.lanes.complete
+
+    @property
+    def combined(self) -> Array:
+        """The larger level of the two directions in m, (F, M), as in the paper's curves; NaN unless both are there."""
+        return np.asarray(np.max(self.level, axis=-1))
+
+    @property
+    def median(self) -> Array:
+        """Median of `combined` over the members in m, (F,)."""
+        return quantiles(self.combined, (0.5,))[0]
+
+    @property
+    def band(self) -> Array:
+        """5 and 95 % quantiles of `combined` over the members in m, (2, F)."""
+        return quantiles(self.combined, BAND)
+
+    def relative_to(self, reference: PerformanceCurve) -> Array:
+        """Return `combined` over that of the same member of a reference, (F, M); raises ParameterError unless forces and phases agree."""
+        same = np.array_equal(self.forces, reference.forces) and np.array_equal(self.phases, reference.phases)
+        require(same, "reference", (reference.forces, reference.phases), "a curve over the same forces and members")
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(self.combined / reference.combined)
+
+    def at(self, k: int, reference: PerformanceCurve) -> Optimum:
+        """Return level and relative level at force ``k``; the force's band is that of the members' best forces."""
+        relative = self.relative_to(reference)
+        best = self.forces[np.argmin(np.where(np.isnan(relative), np.inf, relative), axis=0)]
+        best = best[~np.isnan(relative).all(axis=0)]
+        rows = [quantiles(values[k], (0.5, *BAND)) for values in (self.combined, relative)]
+        (level, *level_band), (ratio, *ratio_band) = ([float(x) for x in row] for row in rows)
+        low, high = (float(x) for x in quantiles(best, BAND))
+        return Optimum(float(self.forces[k]), (low, high), level, (level_band[0], level_band[1]), ratio, (ratio_band[0], ratio_band[1]))
+
+    def optimum(self, reference: PerformanceCurve) -> Optimum | None:
+        """Return the best force relative to a reference (no absorber, say), or None if nothing is finished yet."""
+        relative = quantiles(self.relative_to(reference), (0.5,))[0]
+        return None if np.isnan(relative).all() else self.at(int(np.nanargmin(relative)), reference)
+
+
+def quantiles(values: ArrayLike, wanted: Sequence[float]) -> Array:
+    """Return quantiles over the last axis, NaN left out, with the quantile as the first axis; NaN where nothing is left."""
+    rows = np.asarray(values, dtype=np.float64)
+    result = np.full((len(wanted), *rows.shape[:-1]), np.nan)
+    for index in np.ndindex(rows.shape[:-1]):
+        row = rows[index][~np.isnan(rows[index])]
+        if row.size:
+            result[(slice(None), *index)] = np.quantile(row, wanted)
+    return result
+
+
+def performance_curves(
+    cases: Sequence[CurveCase],
+    members: int = DEFAULT_MEMBERS,
+    seed: int = 0,
+    method: Method | None = None,
+    *,
+    threads: int | None = None,
+    samples_per_period: int = DEFAULT_SAMPLES,
+    progress: Progress | None = None,
+) -> list[PerformanceCurve]:
+    """Compute several curves in one pool of threads. Arguments after ``seed`` and errors are those of `run_lanes`.
+
+    The member is the outermost loop, so an interrupted computation leaves all curves with fewer members.
+    """
+    phases = member_phases(members, seed)
+    sweeps = [(case, case.schedules(), case.amplitudes()) for case in cases]
+    lanes = [
+        Lane(case.scene, Drive(float(amplitude), schedule, float(phase)))
+        for phase in phases
+        for case, schedules, amplitudes in sweeps
+        for schedule in schedules
+        for amplitude in amplitudes
+    ]
+    levels = run_lanes(lanes, method, threads=threads, samples_per_period=samples_per_period, progress=progress)
+    ends = np.cumsum([0] + [2 * len(amplitudes) for _, _, amplitudes in sweeps])
+    return [
+        PerformanceCurve(case.forces, phases, _of_case(case, levels, members, start, stop))
+        for case, start, stop in zip(cases, ends, ends[1:], strict=False)
+    ]
+
+
+def _of_case(case: CurveCase, levels: LaneLevels, members: int, start: int, stop: int) -> LaneLevels:
+    """Return a case's share of all lanes as (F, M, 2), a linear scene's scaled by the force."""
+    shape = (len(case.forces), members, 2)
+    arrays = {}
+    for name in (field.name for field in fields(LaneLevels) if field.name != "complete"):
+        share = getattr(levels, name).reshape(members, -1)[:, start:stop].reshape(members, 2, -1).transpose(2, 0, 1)
+        scale = case.forces[:, None, None] if is_linear(case.scene) and name in ("level", "max_tip") else 1.0
+        arrays[name] = np.array(np.broadcast_to(share * scale, shape))
+    return LaneLevels(**arrays, complete=not np.isnan(arrays["level"]).any())
+
+
+def performance_curve(
+    scene: Scene,
+    forces: ArrayLike,
+    resonance: int = 1,
+    members: int = DEFAULT_MEMBERS,
+    seed: int = 0,
+    method: Method | None = None,
+    *,
+    limits: tuple[float, float] = PAPER_LIMITS,
+    percent_per_100_periods: float = PAPER_RATE,
+    threads: int | None = None,
+    samples_per_period: int = DEFAULT_SAMPLES,
+    progress: Progress | None = None,
+) -> PerformanceCurve:
+    """Compute one curve; see `CurveCase` and `performance_curves`."""
+    case = CurveCase(scene, np.asarray(forces, dtype=np.float64), resonance, limits, percent_per_100_periods)
+    (curve,) = performance_curves([case], members, seed, method, threads=threads, samples_per_period=samples_per_period, progress=progress)
+    return curve

@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    Drive,
+    Exact,
+    IntegrationError,
+    Moreau,
+    ParameterError,
+    SlidingAbsorber,
+    TunedAbsorber,
+    beam_scene,
+    ensemble,
+    impact_absorber,
+    linear_sweep,
+    simulate,
+)
+from impact_env.ensemble import Lane, LaneLevels, member_phases, run_lanes
+
+BEAM = Beam(modes=3)
+SCENES = [beam_scene(BEAM, absorber) for absorber in (None, TunedAbsorber(), impact_absorber(restitution=0.7, friction_limit=0.1))]
+FAST = 100.0  # percent per 100 pseudo periods
+
+
+def some_lanes() -> list[Lane]:
+    return [
+        Lane(scene, Drive(force, linear_sweep(scene.model.resonance_omega(1), *limits, FAST), phase))
+        for scene in SCENES
+        for force in (1.0, 3.0)
+        for limits in ((0.9, 1.06), (1.06, 0.9))
+        for phase in (0.0, 2.0)
+    ]
+
+
+def rows(levels: LaneLevels) -> np.ndarray:
+    return np.array([levels.level, levels.time, levels.frequency_ratio, levels.max_tip, levels.impacts, levels.stuck_time])
+
+
+@pytest.mark.parametrize("method", [Exact(), Moreau()])
+def test_lane_is_a_single_run_bit_for_bit(method: Exact | Moreau) -> None:
+    lanes = some_lanes()
+    levels = run_lanes(lanes, method)
+    assert levels.complete
+    for k, lane in enumerate(lanes):
+        single = simulate(lane.scene, lane.drive, method)
+        assert single.level is not None
+        expected = (single.level.value, single.level.time, single.level.frequency_ratio, single.level.max_tip, single.impact_count, single.stuck_time)
+        assert tuple(rows(levels)[:, k]) == expected
+    assert levels.impacts.max() > 10
+
+
+def test_result_does_not_depend_on_the_number_of_threads() -> None:
+    lanes = some_lanes()
+    results = [rows(run_lanes(order, threads=threads)) for order, threads in ((lanes, 1), (lanes, 2), (lanes, 7), (lanes[::-1], 3))]
+    for other in (*results[1:3], results[3][:, ::-1]):
+        np.testing.assert_array_equal(other, results[0])
+
+
+def test_phases_follow_from_the_seed() -> None:
+    phases = member_phases(16, 3)
+    assert phases[0] == 0
+    assert np.all((phases[1:] > 0) & (phases[1:] < 2 * np.pi))
+    np.testing.assert_array_equal(member_phases(5, 3), phases[:5])
+    assert not np.any(member_phases(16, 4)[1:] == phases[1:])
+    np.testing.assert_array_equal(member_phases(1, 9), [0.0])
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_interrupt_keeps_what_is_finished(threads: int) -> None:
+    lanes, told = some_lanes(), []
+
+    def stop(done: int, total: int) -> None:
+        told.append((done, total))
+        if done == 7:
+            raise KeyboardInterrupt
+
+    levels = run_lanes(lanes, threads=threads, progress=stop)
+    assert told == [(k, len(lanes)) for k in range(1, 8)]
+    done = ~np.isnan(levels.level)
+    assert not levels.complete
+    assert 7 <= done.sum() < len(lanes)
+    whole = run_lanes(lanes)
+    for partial, full in zip(rows(levels), rows(whole), strict=True):
+        np.testing.assert_array_equal(partial[done], full[done])
+        assert np.isnan(partial[~done]).all()
+
+
+def test_second_interrupt_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(_done: int, _total: int) -> None:
+        raise KeyboardInterrupt
+
+    shutdown = ensemble.ThreadPoolExecutor.shutdown
+
+    def stop_again(self: ensemble.ThreadPoolExecutor, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        shutdown(self, wait, cancel_futures=cancel_futures)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ensemble.ThreadPoolExecutor, "shutdown", stop_again)
+    with pytest.raises(KeyboardInterrupt):
+        run_lanes(some_lanes(), progress=stop)
+
+
+def test_failing_lane_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(scene: object, drive: Drive, *arguments: object, **options: object) -> object:
+        if drive.amplitude == 3.0:
+            raise IntegrationError("it broke down")
+        return simulate(scene, drive, *arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(ensemble, "simulate", fail)
+    with pytest.raises(IntegrationError, match=r"lane \d+ \(3 N, phase .*\): it broke down"):
+        run_lanes(some_lanes())
+
+
+def test_bad_input_is_refused_before_anything_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ensemble, "simulate", lambda *_a, **_o: pytest.fail("ran"))
+    compliant = Lane(beam_scene(BEAM, SlidingAbsorber(walls=CompliantWalls(1e5))), some_lanes()[0].drive)
+    with pytest.raises(ParameterError, match="method"):
+        run_lanes([*some_lanes(), compliant], Moreau())
+    with pytest.raises(ParameterError, match="threads = 0"):
+        run_lanes(some_lanes(), threads=0)
+    with pytest.raises(ParameterError, match="samples_per_period = 1"):
+        run_lanes(some_lanes(), samples_per_period=1)
+    with pytest.raises(ParameterError, match="members = 0"):
+        member_phases(0, 0)
+    with pytest.raises(ParameterError, match="seed = -1"):
+        member_phases(2, -1)
+
+
+def test_no_lanes_are_done_at_once() -> None:
+    levels = run_lanes([])
+    assert levels.complete
+    assert levels.level.shape == (0,)
