@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import CompliantWalls, SlidingAbsorber, TunedAbsorber
 from impact_env.scene import Scene
+
+if TYPE_CHECKING:
+    from impact_env.response import History
 
 Array = NDArray[np.float64]
 
@@ -56,3 +60,32 @@ def contact_energy(scene: Scene, relative_displacement: float) -> float:
     if isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, CompliantWalls):
         return 0.5 * absorber.walls.stiffness * max(abs(relative_displacement) - absorber.walls.gap, 0.0) ** 2
     return 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class MechanicalEnergy:
+    """Energy in J at the samples of a run (paper, Eq. Einst): ``modal`` (S, N_m) of each mode, ``absorber`` (S,) kinetic energy of the absorber."""
+
+    modal: Array
+    absorber: Array
+
+    @property
+    def total(self) -> Array:
+        """Energy of all modes and the absorber in J, (S,)."""
+        return np.asarray(np.sum(self.modal, axis=1) + self.absorber)
+
+    @property
+    def absorber_share(self) -> Array:
+        """Share of the absorber in the total, (S,); 0 where nothing moves."""
+        total = self.total
+        return np.divide(self.absorber, total, out=np.zeros_like(total), where=total > 0)
+
+
+def mechanical_energy(scene: Scene, history: History) -> MechanicalEnergy:
+    """Return the energy of modes and absorber at the samples of a run (paper, Eq. Einst); 0 for an absorber that the scene lacks.
+
+    As in the paper the absorber has kinetic energy only: the springs of a tuned absorber or of compliant walls are not counted (`contact_energy`).
+    """
+    modal = 0.5 * ((scene.model.omega * history.modal_displacement) ** 2 + history.modal_velocity**2)
+    mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
+    return MechanicalEnergy(np.asarray(modal), np.asarray(0.5 * mass * history.absorber_velocity**2))

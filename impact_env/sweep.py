@@ -14,6 +14,7 @@ from impact_env.kernels import observers
 from impact_env.kernels.observers import Counters, Energy, Events, Level, Series, close_level, new_level
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel
 from impact_env.methods import Exact, Method, Moreau, check_supported
+from impact_env.parameters import StuckAbsorber
 from impact_env.propagation import run_exact
 from impact_env.response import ContactPhases, History, Impacts, Record, Response
 from impact_env.scene import InitialState, Scene
@@ -115,7 +116,7 @@ def _response(scene: Scene, drive: Drive, method: Method, start: Array, state: A
         method,
         state,
         int(values[observers.IMPACTS]),
-        float(values[observers.STUCK_TIME]),
+        float(drive.schedule.times[-1]) if isinstance(scene.absorber, StuckAbsorber) else float(values[observers.STUCK_TIME]),
         int(values[observers.STEPS]),
         wall_time,
         level=read_level(room.level, drive, interval),

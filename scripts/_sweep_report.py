@@ -1,0 +1,103 @@
+"""What scripts/sweep.py tells about a run: the contents of the JSON file and the printed summary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from impact_env.ensemble import LaneLevels
+from impact_env.parameters import CompliantWalls, ElasticCoulombFriction, RigidWalls, StuckAbsorber, TunedAbsorber
+from impact_env.response import Response
+from impact_env.scene import Scene
+
+
+@dataclass(frozen=True)
+class Result:
+    """The recorded run of member 0, levels of the members after it (None: there are none), and the time of one bare integration in s."""
+
+    response: Response
+    others: LaneLevels | None
+    wall_time: float
+
+    @property
+    def levels(self) -> list[float]:
+        assert self.response.level is not None
+        return [self.response.level.value, *([] if self.others is None else self.others.level.tolist())]
+
+    @property
+    def ratios(self) -> list[float]:
+        assert self.response.level is not None
+        return [self.response.level.frequency_ratio, *([] if self.others is None else self.others.frequency_ratio.tolist())]
+
+
+def contract(result: Result) -> dict[str, object]:
+    """Return what the JSON file holds."""
+    response = result.response
+    level, impacts, energy = response.level, response.impacts, response.energy
+    assert level is not None
+    assert impacts is not None
+    assert energy is not None
+    return {
+        "impact_time_s": impacts.time.tolist(),
+        "impact_relative_velocity_m_s": impacts.relative_velocity.tolist(),
+        "response_level_m": result.levels,
+        "level_frequency_ratio": result.ratios,
+        "max_tip_m": level.max_tip,
+        "impacts": response.impact_count,
+        "stuck_time_s": response.stuck_time,
+        "energy_balance_relative_error": energy.relative_error,
+        "pseudo_periods": response.drive.schedule.periods,
+        "wall_s": result.wall_time,
+        "omega_rad_s": response.scene.model.omega.tolist(),
+    }
+
+
+def describe_absorber(scene: Scene) -> str:
+    absorber = scene.absorber
+    if absorber is None:
+        return "no absorber"
+    mass = f"mass ratio {absorber.mass_ratio:g}"
+    if isinstance(absorber, StuckAbsorber):
+        return f"stuck absorber, {mass}"
+    if isinstance(absorber, TunedAbsorber):
+        return f"tuned absorber, {mass}, stiffness {absorber.stiffness:g} N/m, damping {absorber.damping:g} N s/m"
+    words = ["friction damper" if absorber.walls is None else "impact absorber", mass]
+    if isinstance(absorber.walls, RigidWalls):
+        words.append(f"gap {1e3 * absorber.walls.gap:g} mm, restitution {absorber.walls.restitution:g}")
+    if isinstance(absorber.walls, CompliantWalls):
+        words.append(f"gap {1e3 * absorber.walls.gap:g} mm, contact stiffness {absorber.walls.stiffness:g} N/m")
+    words.append("no friction" if absorber.friction is None else f"friction limit {absorber.friction.limit:g} N")
+    if isinstance(absorber.friction, ElasticCoulombFriction):
+        words.append(f"friction stiffness {absorber.friction.stiffness:g} N/m")
+    return ", ".join(words)
+
+
+def describe_run(response: Response, resonance: int) -> str:
+    schedule, modes = response.drive.schedule, response.scene.model.modes
+    ratios = schedule.omegas / schedule.reference
+    frequency = f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"
+    where = f"{frequency} times resonance {resonance} ({schedule.reference:.6g} rad/s)"
+    return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods, {modes} mode{'s' * (modes > 1)}, {response.method}"
+
+
+def summary(result: Result, resonance: int) -> str:
+    """Return the lines that are printed."""
+    response, levels, ratios = result.response, 1e3 * np.array(result.levels), result.ratios
+    level, energy, schedule = response.level, response.energy, response.drive.schedule
+    assert level is not None
+    assert energy is not None
+    rows = [("response level", f"{levels[0]:.4g} mm", f"around {ratios[0]:.4f} times the resonance")]
+    if len(levels) > 1:
+        low, middle, high = np.quantile(levels, (0.05, 0.5, 0.95))
+        rows.append(("", f"{middle:.4g} mm", f"median of {len(levels)} members, 5 to 95 %: {low:.4g} to {high:.4g} mm"))
+    stuck = response.stuck_time / float(schedule.times[-1])
+    rows += [
+        ("largest tip displacement", f"{1e3 * level.max_tip:.4g} mm", ""),
+        ("impacts", f"{response.impact_count}", f"{response.impact_count / schedule.periods:.3g} a pseudo period"),
+        ("time stuck or held", f"{response.stuck_time:.4g} s", f"{100 * stuck:.3g} % of {float(schedule.times[-1]):.4g} s"),
+        ("energy balance, relative", f"{energy.relative_error:.1e}", f"work of the force {energy.work:.4g} J"),
+        ("integration alone", f"{1e3 * result.wall_time:.4g} ms", f"{1e6 * result.wall_time / schedule.periods:.3g} us a pseudo period"),
+    ]
+    lines = [f"  {name:<26}{value:>12}   {note}".rstrip() for name, value, note in rows]
+    return "\n".join([describe_absorber(response.scene), describe_run(response, resonance), *lines])

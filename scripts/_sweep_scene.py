@@ -1,0 +1,112 @@
+"""From the options of scripts/sweep.py to scene, method and schedule."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from _command_line import BadInput
+
+from impact_env.drive import FrequencySchedule, constant_frequency, linear_sweep
+from impact_env.methods import Exact, Method, Moreau, RungeKutta
+from impact_env.parameters import (
+    Absorber,
+    Beam,
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    friction_damper,
+)
+from impact_env.scene import Scene, beam_scene
+
+Options = dict[str, Any]  # the options of the command line; None: not given
+FRICTION_DAMPER_LIMIT = friction_damper().friction.limit  # type: ignore[union-attr]
+PARTS = {
+    "impact": {"gap", "restitution", "friction_limit", "mass_ratio", "contact_stiffness", "friction_stiffness"},
+    "friction": {"friction_limit", "mass_ratio", "friction_stiffness"},
+    "tuned": {"mass_ratio", "stiffness", "absorber_damping"},
+    "stuck": {"mass_ratio"},
+    "none": set(),
+}
+
+
+def option_name(name: str) -> str:
+    return "--" + name.replace("_", "-")
+
+
+def chosen(given: Options, **options: str) -> Options:
+    """Return the parameters, named after the library, whose options were given; the others keep the library's defaults."""
+    return {parameter: given[option] for parameter, option in options.items() if given[option] is not None}
+
+
+def refuse_contradictions(given: Options) -> None:
+    """Raise BadInput if two options do not go together."""
+    kind = given["absorber"]
+    for name in sorted(set().union(*PARTS.values()) - PARTS[kind]):
+        if given[name] is not None:
+            kinds = " or ".join(k for k, parts in PARTS.items() if name in parts)
+            raise BadInput(f"{option_name(name)} does not go with --absorber {kind}: it is for {kinds}")
+    compliant, rubs = given["contact_stiffness"] is not None, given["friction_limit"] not in (None, 0)
+    if compliant and given["restitution"] is not None:
+        raise BadInput("--restitution does not go with --contact-stiffness: compliant walls lose nothing")
+    if kind == "impact" and given["friction_stiffness"] is not None and not (compliant and rubs):
+        raise BadInput(
+            "--friction-stiffness needs --contact-stiffness and a --friction-limit above 0: walls and friction are both rigid or both compliant"
+        )
+    if given["steps_per_period"] is not None and given["method"] == "exact":
+        raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
+    constant = given["start"] == given["stop"]
+    if constant and given["periods"] is None:
+        raise BadInput(f"--to = {given['stop']} equal to --from is a constant frequency: it needs --periods")
+    if not constant and given["periods"] is not None:
+        raise BadInput("--periods is for a constant frequency, --to equal to --from: the length of a sweep follows from its rate")
+    if constant and given["percent_per_100_periods"] is not None:
+        raise BadInput("--percent-per-100-periods does not go with a constant frequency, --to equal to --from")
+    if given["down"] and not given["start"] < given["stop"]:
+        raise BadInput(f"--down swaps --from and --to: it needs --from = {given['start']} below --to = {given['stop']}")
+
+
+def make_absorber(given: Options) -> Absorber | None:
+    """Return the absorber that the options describe; what is not given keeps the library's default."""
+    kind, limit, stiffness = given["absorber"], given["friction_limit"], given["contact_stiffness"]
+    mass = chosen(given, mass_ratio="mass_ratio")
+    if kind == "none":
+        return None
+    if kind == "stuck":
+        return StuckAbsorber(**mass)
+    if kind == "tuned":
+        return TunedAbsorber(**mass, **chosen(given, stiffness="stiffness", damping="absorber_damping"))
+    walls: RigidWalls | CompliantWalls | None = None
+    if kind == "impact":
+        rigid = stiffness is None
+        walls = RigidWalls(**chosen(given, gap="gap", restitution="restitution")) if rigid else CompliantWalls(stiffness, **chosen(given, gap="gap"))
+        limit = None if limit == 0 else limit
+    elif limit is None:
+        limit = FRICTION_DAMPER_LIMIT
+    tangential = stiffness if given["friction_stiffness"] is None else given["friction_stiffness"]
+    friction: CoulombFriction | ElasticCoulombFriction | None = None
+    if limit is not None:
+        friction = CoulombFriction(limit) if tangential is None else ElasticCoulombFriction(limit, tangential)
+    return SlidingAbsorber(**mass, walls=walls, friction=friction)
+
+
+def make_scene(given: Options) -> Scene:
+    return beam_scene(Beam(**chosen(given, modes="modes", damping_ratio="damping")), make_absorber(given))
+
+
+def make_method(given: Options) -> Method:
+    if given["method"] == "exact":
+        return Exact()
+    return {"moreau": Moreau, "runge-kutta": RungeKutta}[given["method"]](**chosen(given, steps_per_period="steps_per_period"))
+
+
+def make_schedule(given: Options, scene: Scene) -> FrequencySchedule:
+    omega, start, stop = scene.model.resonance_omega(given["resonance"]), given["start"], given["stop"]
+    if start == stop:
+        return constant_frequency(omega, start, given["periods"])
+    if given["down"]:
+        start, stop = stop, start
+    return linear_sweep(omega, start, stop, **chosen(given, percent_per_100_periods="percent_per_100_periods"))

@@ -1,0 +1,182 @@
+"""One sweep through a resonance to look at: response level, impacts, energy balance and the time it took."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from _command_line import BadInput, check_target
+from _sweep_report import Result, contract, describe_absorber, describe_run, summary
+from _sweep_scene import FRICTION_DAMPER_LIMIT, PARTS, Options, make_method, make_scene, make_schedule, refuse_contradictions
+from tqdm import tqdm
+
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, FrequencySchedule, constant_frequency
+from impact_env.ensemble import Lane, member_phases, run_lanes
+from impact_env.methods import PAPER_STEPS, Method, check_supported
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, TunedAbsorber, count
+from impact_env.response import Record
+from impact_env.scene import Scene
+from impact_env.sweep import IntegrationError, simulate
+from optimisation.files import replacing
+
+FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
+SHORT = 2.0  # s: a run below this is timed three times
+MOST_PLOTTED = 2**30  # bytes of states that a figure may need
+T = TypeVar("T")
+
+
+def integration_time(scene: Scene, drive: Drive, method: Method) -> float:
+    """Return the time in s of an integration that observes nothing, without compilation: the median of three, or one if it is long."""
+    bare, schedule = Record(level=False), drive.schedule
+    simulate(scene, Drive(drive.amplitude, constant_frequency(schedule.reference, 1.0, 1.0), drive.phase), method, record=bare)
+    times = [simulate(scene, drive, method, record=bare).wall_time]
+    while times[0] < SHORT and len(times) < 3:
+        times.append(simulate(scene, drive, method, record=bare).wall_time)
+    return statistics.median(times)
+
+
+def heard(work: Callable[[], T], bar: tqdm) -> T:
+    """Do ``work`` in a thread, so that Ctrl-C is heard and the bar's clock runs while compiled code does."""
+    results: list[T] = []
+    errors: list[Exception] = []
+
+    def run() -> None:
+        try:
+            results.append(work())
+        except Exception as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(1.0)
+    while thread.is_alive():
+        bar.refresh()
+        thread.join(0.2)
+    if errors:
+        raise errors[0]
+    return results[0]
+
+
+def compute(scene: Scene, drives: list[Drive], method: Method, plotted: bool) -> Result:
+    """Run all members; the first is recorded and, by itself, timed."""
+    record = Record(events=True, energy=True, series=plotted)
+    with tqdm(total=len(drives) + 1, desc="integrating", unit="run", delay=1, leave=False, disable=None) as bar:
+        response = heard(lambda: simulate(scene, drives[0], method, record=record), bar)
+        bar.update()
+        others = None
+        if len(drives) > 1:
+            lanes = [Lane(scene, drive) for drive in drives[1:]]
+            others = run_lanes(lanes, method, progress=lambda _done, _total: bar.update())
+            if not others.complete:
+                raise KeyboardInterrupt
+        bar.set_description("timing")
+        return Result(response, others, heard(lambda: integration_time(scene, drives[0], method), bar))
+
+
+def refuse_long_plot(scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
+    size = 8 * (2 * scene.model.modes + 2) * schedule.periods * samples
+    if size > MOST_PLOTTED:
+        raise BadInput(f"--plot of {schedule.periods:g} pseudo periods needs {size / 2**30:.1f} GiB: leave it out, or take fewer periods or modes")
+
+
+def write(result: Result, given: Options) -> None:
+    """Write the files asked for: all of them or none."""
+    with ExitStack() as files:
+        if given["json"] is not None:
+            files.enter_context(replacing(given["json"].resolve())).write_text(json.dumps(contract(result), indent=1, allow_nan=False) + "\n")
+        if given["plot"] is not None:
+            from _sweep_plot import save_figure
+
+            title = f"{describe_absorber(result.response.scene)}\n{describe_run(result.response, given['resonance'])}"
+            save_figure(files.enter_context(replacing(given["plot"].resolve())), title, result.response, given["resonance"])
+
+
+def run(given: Options) -> str:
+    """Do what the options ask for and return the summary. Raises BadInput or ParameterError before anything is computed or written."""
+    refuse_contradictions(given)
+    check_target("--json", given["json"])
+    check_target("--plot", given["plot"], (".png", ".pdf", ".svg"))
+    scene, method = make_scene(given), make_method(given)
+    check_supported(scene, method)
+    schedule = make_schedule(given, scene)
+    count("members", given["members"], 1)
+    if given["plot"] is not None:
+        refuse_long_plot(scene, schedule, Record().samples_per_period)
+    phases = Drive(given["force"], schedule, given["phase"]).phase + member_phases(given["members"], given["seed"])
+    drives = [Drive(given["force"], schedule, float(phase)) for phase in phases]
+    result = compute(scene, drives, method, given["plot"] is not None)
+    write(result, given)
+    return summary(result, given["resonance"])
+
+
+def default(text: str, value: object) -> str:
+    return f"{text}  [default: {value}]"
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})
+@click.option(
+    "--absorber",
+    type=click.Choice(list(PARTS)),
+    default="impact",
+    show_default=True,
+    help="Impact absorber, friction damper, linear tuned absorber, added mass, nothing.",
+)
+@click.option("--modes", type=int, help=default("Number of modes kept.", Beam.modes))
+@click.option("--damping", type=float, help=default("Modal damping ratio, the same for all modes.", Beam.damping_ratio))
+@click.option("--mass-ratio", type=float, help=default("Absorber mass over beam mass.", DEFAULT_MASS_RATIO))
+@click.option("--gap", type=float, help=default("Clearance to either wall in m (impact).", RigidWalls.gap))
+@click.option("--restitution", type=float, help=default("Coefficient of restitution, 0 to 1 (impact, rigid walls).", RigidWalls.restitution))
+@click.option(
+    "--friction-limit", type=float, help=default("Friction limit in N; 0: no friction.", f"none for impact, {FRICTION_DAMPER_LIMIT} for friction")
+)
+@click.option("--contact-stiffness", type=float, help="Makes the walls springs of this stiffness in N/m (impact).")
+@click.option(
+    "--friction-stiffness",
+    type=float,
+    help="Makes friction elastic with this stiffness in N/m.  [default with compliant walls: the contact stiffness]",
+)
+@click.option("--stiffness", type=float, help=default("Spring of the tuned absorber in N/m.", TunedAbsorber.stiffness))
+@click.option("--absorber-damping", type=float, help=default("Damper of the tuned absorber in N s/m.", TunedAbsorber.damping))
+@click.option("--force", type=float, default=FORCE, show_default=True, help="Amplitude of the harmonic force in N.")
+@click.option("--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad.")
+@click.option("--resonance", type=int, default=1, show_default=True, help="Resonance, counted from 1, that frequencies and pseudo periods refer to.")
+@click.option("--from", "start", type=float, default=PAPER_LIMITS[0], show_default=True, help="First frequency over the resonance frequency.")
+@click.option(
+    "--to",
+    "stop",
+    type=float,
+    default=PAPER_LIMITS[1],
+    show_default=True,
+    help="Last frequency over the resonance frequency; equal to --from: constant.",
+)
+@click.option("--periods", type=float, help="Length in pseudo periods at a constant frequency.")
+@click.option("--percent-per-100-periods", type=float, help=default("Rate of the sweep in percent of the resonance frequency.", PAPER_RATE))
+@click.option("--down", is_flag=True, help="Sweep down: swaps --from and --to.")
+@click.option("--method", type=click.Choice(["exact", "moreau", "runge-kutta"]), default="exact", show_default=True, help="Method of integration.")
+@click.option("--steps-per-period", type=int, help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS))
+@click.option("--members", type=int, default=1, show_default=True, help="Runs that differ in the force's initial phase; the first has --phase.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases.")
+@click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the results, in SI units.")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw the run: .png, .pdf or .svg.")
+def main(**given: Any) -> None:
+    """Integrate one sweep of the force's frequency through a resonance of the beam, and print what came out.
+
+    In the JSON file response_level_m and level_frequency_ratio have one number for each member; impacts, tip, stuck time, energy balance and
+    time of integration are those of the first member. wall_s is the time of an integration alone, compiled and with nothing observed.
+    """
+    try:
+        click.echo(run(given))
+    except ParameterError as error:
+        raise BadInput(str(error)) from error
+    except IntegrationError as error:
+        raise click.ClickException(str(error)) from error
+
+
+if __name__ == "__main__":
+    main(prog_name="scripts/run sweep")
