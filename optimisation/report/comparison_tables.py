@@ -1,0 +1,182 @@
+"""The comparison of absorber concepts as numbers: rows for CSV files, a summary for JSON, a table to read. SI units, unless named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict
+
+import numpy as np
+
+from impact_env.curve import BAND, DOWN, UP, Optimum, quantiles
+from impact_env.parameters import RigidWalls
+from impact_env.propagation import is_linear
+from impact_env.scene import Scene
+from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
+
+Json = dict[str, object]
+LIMIT = "limit"
+DIRECTIONS = {UP: "up", DOWN: "down"}
+RUN_COLUMNS = (
+    "resonance",
+    "concept",
+    "force_n",
+    "member",
+    "phase_rad",
+    "direction",
+    "response_level_m",
+    "level_frequency_ratio",
+    "level_time_s",
+    "max_tip_m",
+    "impacts",
+    "stuck_time_s",
+)
+CURVE_COLUMNS = (
+    "resonance",
+    "concept",
+    "force_n",
+    "members",
+    "level_median_m",
+    "level_5_percent_m",
+    "level_95_percent_m",
+    "level_up_median_m",
+    "level_down_median_m",
+    "relative_median",
+    "relative_5_percent",
+    "relative_95_percent",
+)
+
+
+def run_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
+    """Yield one row of `RUN_COLUMNS` for each finished run; those of linear concepts are one run scaled by the force."""
+    for part in comparison.resonances:
+        for key, curve in part.curves.items():
+            lanes = curve.lanes
+            for k, m, d in zip(*np.nonzero(~np.isnan(lanes.level)), strict=True):
+                names = (lanes.level, lanes.frequency_ratio, lanes.time, lanes.max_tip, lanes.impacts, lanes.stuck_time)
+                level, ratio, time, tip, impacts, stuck = (float(values[k, m, d]) for values in names)
+                start = (part.resonance, key, float(part.forces[k]), int(m), float(curve.phases[m]), DIRECTIONS[int(d)])
+                yield (*start, level, ratio, time, tip, int(impacts), stuck)
+
+
+def curve_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
+    """Yield one row of `CURVE_COLUMNS` for each concept and force, and for the limit; an empty cell where nothing is finished."""
+    for part in comparison.resonances:
+        for key, curve in part.curves.items():
+            levels = quantiles(curve.combined, (0.5, *BAND))
+            directions = quantiles(np.moveaxis(curve.level, 2, 0), (0.5,))[0]
+            relative = quantiles(curve.relative_to(part.curves[NONE]), (0.5, *BAND))
+            members = np.sum(~np.isnan(curve.combined), axis=1)
+            for k, force in enumerate(part.forces):
+                numbers = [*levels[:, k], *directions[:, k], *relative[:, k]]
+                yield (part.resonance, key, float(force), int(members[k]), *("" if math.isnan(x) else float(x) for x in numbers))
+        for force, limit in zip(part.forces, part.limit, strict=True):
+            yield (part.resonance, LIMIT, float(force), "", float(limit), *[""] * 7)
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _numbers(values: tuple[float, float]) -> list[float | None]:
+    return [_number(value) for value in values]
+
+
+def _relative(point: Optimum) -> Json:
+    return {"relative_to_no_absorber": _number(point.relative), "relative_5_to_95_percent": _numbers(point.relative_band)}
+
+
+def _at(point: Optimum) -> Json:
+    level = {"response_level_m": _number(point.level), "response_level_5_to_95_percent_m": _numbers(point.level_band)}
+    return {"force_n": point.force, **level, **_relative(point)}
+
+
+def _parameters(concept: Concept) -> Json:
+    """Return an absorber's parameters, without the parts that it lacks."""
+    if concept.absorber is None:
+        return {}
+    return {name: value for name, value in asdict(concept.absorber).items() if value is not None}
+
+
+def _linear(comparison: Comparison, concept: Concept) -> bool:
+    return is_linear(Scene(comparison.model, concept.absorber))
+
+
+def _concept_summary(comparison: Comparison, part: ResonanceComparison, concept: Concept) -> Json:
+    """Return a concept's results; the best force of a linear one is null, as all forces are alike to it."""
+    curve, none = part.curves[concept.key], part.curves[NONE]
+    optimum = curve.optimum(none)
+    summary: Json = {"label": concept.label, "sweep_limits": list(concept.limits), "absorber": _parameters(concept), "complete": curve.complete}
+    if optimum is not None and _linear(comparison, concept):
+        summary["optimum"] = {"force_n": None, **_relative(optimum)}
+    elif optimum is not None:
+        summary["optimum"] = {**_at(optimum), "force_5_to_95_percent_n": _numbers(optimum.force_band)}
+    if part.best is not None:
+        summary["at_best_force_of_impact_absorber"] = _at(curve.at(part.best, none))
+    return summary
+
+
+def summary(comparison: Comparison) -> Json:
+    """Return the study's result as JSON values."""
+    model = comparison.model
+    return {
+        "complete": comparison.complete,
+        "settings": {
+            "members": comparison.members,
+            "seed": comparison.seed,
+            "modes": model.modes,
+            "gap_m": RigidWalls.gap,
+            "beam_mass_kg": model.beam_mass,
+            "damping_ratio": model.damping_ratio.tolist(),
+            "percent_per_100_pseudo_periods": comparison.percent_per_100_periods,
+            "level": "larger of sweep up and sweep down; median and 5 to 95 % over the members",
+        },
+        "resonances": {
+            str(part.resonance): {
+                "omega_rad_s": part.omega,
+                "forces_n": part.forces.tolist(),
+                "limit_m": part.limit.tolist(),
+                "design_force_n": part.design_force,
+                "concepts": {concept.key: _concept_summary(comparison, part, concept) for concept in comparison.concepts},
+            }
+            for part in comparison.resonances
+        },
+    }
+
+
+def _with_band(value: float, band: tuple[float, float], pattern: str) -> str:
+    """Return a value with its band in brackets, without it if all members agree to the digits shown."""
+    if math.isnan(value):
+        return "-"
+    low, high = (pattern.format(x) for x in band)
+    return pattern.format(value) if low == high else f"{pattern.format(value)} ({low} to {high})"
+
+
+def _row(comparison: Comparison, part: ResonanceComparison, concept: Concept) -> list[str]:
+    curve, none = part.curves[concept.key], part.curves[NONE]
+    optimum = curve.optimum(none)
+    if optimum is None or part.best is None:
+        return [concept.label, *["-"] * 4]
+    here = curve.at(part.best, none)
+    best = "any" if _linear(comparison, concept) else _with_band(optimum.force, optimum.force_band, "{:.3g}")
+    own, level = (_with_band(100 * x.relative, (100 * x.relative_band[0], 100 * x.relative_band[1]), "{:.1f}") for x in (optimum, here))
+    return [concept.label, best, own, _with_band(1e3 * here.level, (1e3 * here.level_band[0], 1e3 * here.level_band[1]), "{:.3f}"), level]
+
+
+def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
+    finished = int(np.max(np.sum(~np.isnan(part.curves[IMPACT].combined), axis=1)))
+    at = "the best force" if part.best is None else f"{part.forces[part.best]:.3g} N"
+    rows = [["concept", "best force, N", "level there, %", f"level at {at}, mm", f"level at {at}, %"]]
+    rows += [_row(comparison, part, concept) for concept in comparison.concepts]
+    if part.best is not None:
+        rows.append([f"limit of a stroke of {1e3 * RigidWalls.gap:g} mm", "", "", f"{1e3 * part.limit[part.best]:.3f}", ""])
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    title = f"Resonance {part.resonance} ({part.omega / (2 * np.pi):.1f} Hz), {finished} of {comparison.members} members"
+    return [title, *lines, f"design rule: {part.design_force:.3g} N is the force at which the limit leaves zero"]
+
+
+def text_table(comparison: Comparison) -> str:
+    """Return the results as aligned text, one block a resonance; levels in % are relative to no absorber."""
+    notes = "Median, in brackets 5 to 95 % of the members. Levels in % are relative to no absorber."
+    return "\n\n".join(["\n".join(_block(comparison, part)) for part in comparison.resonances] + [notes])

@@ -1,0 +1,96 @@
+"""The main job: impact absorber, friction damper and tuned absorbers compared over the force, near two resonances."""
+
+from __future__ import annotations
+
+import platform
+import resource
+import sys
+import time
+from pathlib import Path
+
+import click
+import numba
+import numpy
+import scipy
+from _command_line import BadInput
+from tqdm import tqdm
+
+from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.ensemble import available_cores
+from impact_env.parameters import ParameterError
+from impact_env.sweep import IntegrationError
+from optimisation.comparison import DEFAULT_FORCES, Comparison, compare
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
+
+QUICK_FORCES, QUICK_MEMBERS = 10, 2
+INTERRUPTED = 130  # the shell's exit code after Ctrl-C
+BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} sweeps [{elapsed}, {remaining} left]"
+
+
+def write(out: Path, comparison: Comparison, conditions: dict[str, object]) -> list[Path]:
+    from optimisation.report.comparison_figure import save_figure  # matplotlib is slow to import
+
+    files = [out / name for name in ("runs.csv", "curves.csv", "summary.json", "comparison.png")]
+    write_csv(files[0], RUN_COLUMNS, run_rows(comparison))
+    write_csv(files[1], CURVE_COLUMNS, curve_rows(comparison))
+    write_json(files[2], conditions | summary(comparison))
+    with replacing(files[3]) as temporary:
+        save_figure(temporary, comparison)
+    return files
+
+
+def run(forces: int, members: int, seed: int, threads: int | None) -> Comparison:
+    with tqdm(total=0, desc="comparing", bar_format=BAR, disable=None, dynamic_ncols=True) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        return compare(forces=forces, members=members, seed=seed, threads=threads, progress=show)
+
+
+def conditions(started: float, threads: int | None) -> dict[str, object]:
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    versions = {"python": platform.python_version(), "numpy": numpy.__version__, "scipy": scipy.__version__, "numba": numba.__version__}
+    return {"versions": versions, "threads": threads or available_cores(), "wall_s": round(time.perf_counter() - started, 2), "memory_bytes": memory}
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given.")
+@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point, with different initial phases.  [default: {DEFAULT_MEMBERS}]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases.")
+@click.option("--forces", type=click.IntRange(min=2), help=f"Number of forces for each resonance.  [default: {DEFAULT_FORCES}]")
+@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("results/compare_absorbers"), show_default=True, help="Folder for figure and tables."
+)
+def main(quick: bool, members: int | None, seed: int, forces: int | None, threads: int | None, out: Path) -> None:
+    """Compare absorbers of one mass on the paper's beam: response level over the force near the first and the second resonance.
+
+    Writes comparison.png, curves.csv (medians and bands), runs.csv (every run) and summary.json, and prints a table. Ctrl-C ends the
+    run early and leaves what is finished.
+    """
+    started = time.perf_counter()
+    members = members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
+    forces = forces or (QUICK_FORCES if quick else DEFAULT_FORCES)
+    try:
+        require_writable("--out", out)
+        comparison = run(forces, members, seed, threads)
+        files = write(out, comparison, conditions(started, threads))
+    except ParameterError as error:
+        raise BadInput(str(error)) from error
+    except IntegrationError as error:
+        raise click.ClickException(str(error)) from error
+    except KeyboardInterrupt:  # the second one, or one while files are written
+        click.echo("Broken off.", err=True)
+        sys.exit(INTERRUPTED)
+    click.echo(text_table(comparison))
+    click.echo("\nwritten: " + ", ".join(str(file) for file in files))
+    if not comparison.complete:
+        click.echo("Stopped early: the files hold the runs that were finished.", err=True)
+        sys.exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()
