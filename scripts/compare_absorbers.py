@@ -41,7 +41,7 @@ def write(out: Path, comparison: Comparison, conditions: dict[str, object]) -> l
 
 
 def run(forces: int, members: int, seed: int, threads: int | None) -> Comparison:
-    with tqdm(total=0, desc="comparing", bar_format=BAR, disable=None, dynamic_ncols=True) as bar:
+    with tqdm(total=0, desc="comparing", bar_format=BAR, disable=None) as bar:
 
         def show(done: int, total: int) -> None:
             bar.total = total

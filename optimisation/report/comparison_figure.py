@@ -40,26 +40,28 @@ LOOKS = {
 
 def save_figure(path: Path, comparison: Comparison) -> None:
     """Draw the comparison; the ending of ``path`` chooses the format."""
-    figure = Figure(figsize=(10, 6.2), layout="constrained")
+    figure = Figure(figsize=(10, 6.4), layout="constrained")
     panels = figure.subplots(1, len(comparison.resonances), squeeze=False, sharey=True)[0]
     top = 0.0
     for panel, part in zip(panels, comparison.resonances, strict=True):
         _draw(panel, part)
-        top = max(top, float(np.nanmax(1e3 * part.curves[NONE].median, initial=0)))
+        top = max(top, float(np.nanmax(MM * part.curves[NONE].median, initial=0)))
     panels[0].set_ylim(MM * SHOWN * RigidWalls.gap, 1.3 * top if top > 0 else None)
     panels[0].set_ylabel("resonant response level of the tip in mm (RMS)", fontsize=11)
     handles, labels = panels[0].get_legend_handles_labels()
-    legend = figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=10, frameon=False, title=_caption(comparison))
-    legend.get_title().set(fontsize=9, color="0.35")
+    legend = figure.legend(
+        handles, labels, loc="outside lower center", ncols=3, fontsize=10, frameon=False, title=_caption(comparison), alignment="center"
+    )
+    legend.get_title().set(fontsize=9, color="0.35", ha="center")
     title = f"Response of the beam's tip at resonance, with absorbers of {100 * DEFAULT_MASS_RATIO:g} % of the beam's mass"
     figure.suptitle(title, fontsize=13)
     figure.savefig(path, dpi=DPI, format=path.suffix[1:])
 
 
 def _caption(comparison: Comparison) -> str:
-    runs = "one run" if comparison.members == 1 else f"{comparison.members} runs with different phases of the force"
-    partial = "" if comparison.complete else " (stopped early)"
-    return f"level: windowed RMS around the maximum, the larger of sweep up and down; lines: median, bands: 5 to 95 % of {runs}{partial}"
+    runs = "one run" if comparison.members == 1 else f"{comparison.members} runs with different initial phases of the force"
+    band = f"lines: median, bands: 5 to 95 % of {runs}{'' if comparison.complete else ' (stopped early)'}"
+    return f"level: RMS around the largest displacement, the larger of a sweep up and a sweep down\n{band}"
 
 
 def _draw(panel: Axes, part: ResonanceComparison) -> None:
@@ -85,7 +87,7 @@ def _draw_limit(panel: Axes, part: ResonanceComparison) -> None:
     """Shade what no device of this mass and gap can reach."""
     forces = np.geomspace(part.forces[0], part.forces[-1], 200)
     limit = np.maximum(MM * part.limit_at(forces), 1e-9)
-    label = f"out of reach with a stroke of ±{MM * RigidWalls.gap:g} mm"
+    label = f"out of reach within a cavity of ±{MM * RigidWalls.gap:g} mm"
     panel.fill_between(forces, 1e-9, limit, facecolor="0.93", edgecolor="0.72", hatch="////", lw=0.8, zorder=0.4, label=label)
 
 

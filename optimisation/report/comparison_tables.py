@@ -169,7 +169,7 @@ def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
     rows = [["concept", "best force, N", "level there, %", f"level at {at}, mm", f"level at {at}, %"]]
     rows += [_row(comparison, part, concept) for concept in comparison.concepts]
     if part.best is not None:
-        rows.append([f"limit of a stroke of {1e3 * RigidWalls.gap:g} mm", "", "", f"{1e3 * part.limit[part.best]:.3f}", ""])
+        rows.append([f"limit within a cavity of ±{1e3 * RigidWalls.gap:g} mm", "", "", f"{1e3 * part.limit[part.best]:.3f}", ""])
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     title = f"Resonance {part.resonance} ({part.omega / (2 * np.pi):.1f} Hz), {finished} of {comparison.members} members"
