@@ -19,7 +19,7 @@ from impact_env.regimes import fastest, free_regime, joined_regime, padded_size,
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
-WINDOW_PERIODS = 1.0  # wanted length of a window of the chirp, in pseudo periods
+WINDOW_PERIODS = 3.2  # wanted length of a window of the chirp, in pseudo periods
 
 
 def is_linear(scene: Scene) -> bool:

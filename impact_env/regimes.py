@@ -19,7 +19,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from impact_env.kernels.segments import Regime
-from impact_env.kernels.slots import LOW, MIDDLE, TAYLOR_REACH, TAYLOR_TERMS, Slots
+from impact_env.kernels.slots import HEAD_SLOTS, MIDDLE, TAYLOR_REACH, TAYLOR_TERMS, Slots
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError, require
 
@@ -153,8 +153,8 @@ def _coupled_modes(model: ModalModel, mass: float, stiffness: float | None, damp
 
 
 def padded_size(slots: int) -> int:
-    """Return the number of slots after padding: whole vectors of four behind the first block."""
-    return LOW + 4 * max(1, -(-(slots - LOW) // 4))
+    """Return the number of slots after padding to whole vectors of four."""
+    return 4 * -(-slots // 4)
 
 
 def table_reach(fastest: float, wanted: float) -> float:
@@ -190,13 +190,13 @@ def _regime(modes: Modes, guard: Complex, tip: Complex, size: int, reach: float)
     powers = np.arange(TAYLOR_TERMS)[:, None]
     taylor = s**powers / np.array([float(scipy.special.factorial(p)) for p in range(TAYLOR_TERMS)])[:, None]
     taylor[1:, used:] = 0
-    slowest = [np.min(-s.real[start:stop], initial=np.inf) for start, stop in ((LOW, min(MIDDLE, used)), (MIDDLE, used))]
+    slowest = [np.min(-s.real[start:stop], initial=np.inf) for start, stop in ((HEAD_SLOTS, min(MIDDLE, used)), (MIDDLE, used))]
     slowest = [rate if np.isfinite(rate) else 0.0 for rate in slowest]
     relative = pad(modes.relative)
     rest = np.where(np.arange(size) < used, -relative / s, 0)
     pairs = [s, s**2, pad(modes.drive), relative, rest, pad(guard), pad(tip), *taylor[1:]]
-    rows = np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed])
-    scale = np.array([base, finest, np.max(speed), *slowest])
+    rows = np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed, np.arange(size) < HEAD_SLOTS])
+    scale = np.array([np.log2(base), finest, 1 / finest, np.max(speed), *slowest])
     slots = Slots(rows, np.ascontiguousarray([table.real, table.imag]), scale)
     out, into = pad(modes.out, 1), pad(modes.into).T
     maps = [np.ascontiguousarray([part.real, part.imag]) for part in (out, into)]

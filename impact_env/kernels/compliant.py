@@ -27,7 +27,7 @@ from impact_env.kernels.observers import (
     push_impact,
     push_phase,
 )
-from impact_env.kernels.search import HIT_HIGH, NOTHING, REVERSAL, bound_signal, new_signal, search
+from impact_env.kernels.search import HIT_HIGH, NOTHING, REVERSAL, new_signal, search
 from impact_env.kernels.segments import add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
 from impact_env.kernels.slots import GUARD, REST, add, advance, weigh
 
@@ -102,7 +102,6 @@ def run_to_event(regime, forced, window, contact, gap, limit, reach, losses, now
     else:
         p[0], p[1], p[2] = rest, 0.0, 0.0
         now[Q], now[V] = 0.0, 0.0
-    bound_signal(slots.rows, forced.bound, signal)
     low, high = guard_bounds(gap, reach, now)
     tau, length, side = now[TAU], window.half - now[TAU], int(now[SIDE])
     if limit is None:

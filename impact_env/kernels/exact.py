@@ -31,16 +31,21 @@ from impact_env.kernels.observers import (
     STEPS,
     STUCK_INSIDE,
     STUCK_TIME,
+    TOO_MANY_EVENTS,
     push_impact,
     push_phase,
 )
-from impact_env.kernels.search import EPSILON, HIT_HIGH, NOTHING, REVERSAL, at_offset, bound_signal, new_signal, search, signal_b2
+from impact_env.kernels.search import EPSILON, HIT_HIGH, NOISE, NOTHING, REVERSAL, at_offset, new_signal, search, signal_scale
 from impact_env.kernels.segments import add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
-from impact_env.kernels.slots import GUARD, RELATIVE, REST, add, advance, weigh
+from impact_env.kernels.slots import FASTEST, GUARD, RELATIVE, REST, add, advance, weigh
 
 FREE, JOINED = 0, 1
-STALLED = 100_000  # events without progress in time
-SLOWEST_DECAY = 1e-3  # 1 - e counts as at least this where a chatter is completed
+STALLED = 10_000  # events without progress in time
+MOST_EVENTS = 500_000  # in one window
+JOINT_SLACK = 1e-9  # of the joint force's scale: above the rounding of the change of basis
+SLOW = 1e-6  # relative velocities above this many gaps times the largest |s| cannot belong to bounces that small
+SLOWEST_DECAY = 0.1  # 1 - e counts as at least this where a chatter is completed
+ROUNDING = 16.0 * NOISE  # of a signal: above what the search takes for zero distance
 
 
 class Contact(NamedTuple):
@@ -124,9 +129,13 @@ def try_join(joined, forced, window, contact, limit, now, state, work, centre): 
     for j in range(work.u.shape[1]):
         f += work.u[0, j]
     low, high = joint_bounds(limit, now[SIDE])
+    scale = forced.bound[0]
+    for j in range(work.u.shape[1]):
+        scale += abs(work.u[0, j]) + abs(work.u[1, j])
+    slack = JOINT_SLACK * scale  # at its bound the joint force decides in the joined regime, by its rate
     now[V] = v_tip
     now[OFFSET] = now[Q] - q_tip
-    if low <= f <= high:
+    if low - slack <= f <= high + slack:
         now[REGIME] = JOINED
         now[SINCE] = centre + now[TAU]
         return True
@@ -142,7 +151,6 @@ def fly(free, forced, window, contact, walls, limit, losses, now, work, signal, 
     p = signal.polynomial
     now[A] = now[FORCE] / contact.mass
     p[0], p[1], p[2] = now[Q] - free.tip_rest * now[FORCE], now[V], now[A]
-    bound_signal(slots.rows, forced.bound, signal)
     tau, length = now[TAU], window.half - now[TAU]
     gap = 0.0
     if walls is not None:
@@ -233,10 +241,10 @@ def impact(free, forced, window, contact, walls, limit, now, work, signal, side,
 @jit
 def chatter_is_complete(free, forced, window, walls, now, work, signal, side, after):  # type: ignore[no-untyped-def]
     """Return whether all bounces to come, of heights summed to v^2/(2 a (1 - e)), stay below the rounding of the position."""
-    height = EPSILON * (walls.gap + abs(now[Q])) * max(1.0 - walls.restitution, SLOWEST_DECAY)
-    if after * after > 2.0 * signal_b2(signal) * height + 1e-300:
+    if abs(after) > SLOW * walls.gap * free.slots.scale[FASTEST]:
         return False
     weigh(free.slots.rows, GUARD, work.z, signal.u)
+    height = ROUNDING * signal_scale(signal, forced.bound) * max(1.0 - walls.restitution, SLOWEST_DECAY)
     _, _, a = at_offset(free.slots, forced.signals, window.omega, signal, now[TAU], 0.0)
     return side * a >= 0.0 and after * after <= 2.0 * abs(a) * height + 1e-300
 
@@ -247,7 +255,6 @@ def hold(joined, forced, window, limit, losses, now, work, signal, state, clock,
     slots, omega = joined.slots, window.omega
     weigh(slots.rows, GUARD, work.z, signal.u)
     signal.polynomial[:] = 0.0
-    bound_signal(slots.rows, forced.bound, signal)
     low, high = joint_bounds(limit, now[SIDE])
     tau, length = now[TAU], window.half - now[TAU]
     found = search(slots, forced, omega, signal, tau, length, low, high, 0, None, False)
@@ -332,7 +339,7 @@ def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clo
                 add_forced(free_forced.slots, window.omega, now[TAU], -1.0, work.z)
             else:
                 add_forced(joined_forced.slots, window.omega, now[TAU], -1.0, work.z)
-            last, stalled = now[TAU], 0
+            last, stalled, events_here = now[TAU], 0, 0
             while now[TAU] < window.half:
                 if now[REGIME] == FREE:
                     found = fly(
@@ -364,6 +371,9 @@ def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clo
                 stalled = stalled + 1 if now[TAU] == last else 0
                 if stalled > STALLED:
                     return NO_PROGRESS
+                events_here += 1
+                if events_here > MOST_EVENTS:
+                    return TOO_MANY_EVENTS
                 last = now[TAU]
             if now[REGIME] == FREE:
                 add_forced(free_forced.slots, window.omega, window.half, 1.0, work.z)

@@ -1,8 +1,8 @@
 """The response to the chirp within one window, exact up to a bounded Taylor remainder.
 
-Around a window's centre the force is Re(F exp(i phi + i Omega tau) exp(i alpha tau^2/2)). The last factor is expanded to alpha^3; its
-remainder is below (alpha tau^2/2)^4/24, and the windows are cut so that this is below CHIRP_REMAINDER. The particular solution of a slot is
-then A(tau) exp(i Omega tau) + B(tau) exp(-i Omega tau) with polynomials A, B of degree 6, found by back-substitution.
+Around a window's centre the force is Re(F exp(i phi + i Omega tau) exp(i alpha tau^2/2)). The last factor is expanded to alpha^4; its
+remainder is below (alpha tau^2/2)^5/120, and the windows are cut so that this is below CHIRP_REMAINDER. The particular solution of a slot is
+then A(tau) exp(i Omega tau) + B(tau) exp(-i Omega tau) with polynomials A, B of degree 8, found by back-substitution.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from impact_env.kernels.jit import jit, jit_sum
 from impact_env.kernels.slots import DRIVE, GUARD, TIP, S, cos_sin
 
-TERMS = 7  # coefficients of the polynomials: alpha^3 tau^6
+TERMS = 9  # coefficients of the polynomials: alpha^4 tau^8
 CHIRP_REMAINDER = 1e-17
-NEAR_RESONANCE = 2e-3  # of |i Omega - s| times half the window: then the polynomial is built upwards
+NEAR_RESONANCE = 0.05  # of |i Omega - s| times half the window: then the polynomial is built upwards
 DERIVATIVES = 5
 TIP_SIGNAL = DERIVATIVES  # row of Forced.signals
 
@@ -58,7 +58,7 @@ def chirp_terms(window):  # type: ignore[no-untyped-def]
     terms = np.zeros((2, TERMS))
     c_r, c_i = 0.5 * window.force_r, 0.5 * window.force_i
     terms[0, 0], terms[1, 0] = c_r, c_i
-    for m in range(1, 4):
+    for m in range(1, 5):
         factor = 0.5 * window.alpha / m
         c_r, c_i = -c_i * factor, c_r * factor
         terms[0, 2 * m], terms[1, 2 * m] = c_r, c_i
@@ -66,7 +66,7 @@ def chirp_terms(window):  # type: ignore[no-untyped-def]
 
 
 @jit_sum
-def back_substitute(rows, omega, sign, terms, last, at, out):  # type: ignore[no-untyped-def]
+def back_substitute(rows, omega, sign, terms, at, out):  # type: ignore[no-untyped-def]
     """Solve P' + (i sign Omega - s) P = drive * terms for polynomials P, slot by slot, into out[at], out[at + 1].
 
     ``sign`` -1 takes the conjugate terms.
@@ -79,8 +79,8 @@ def back_substitute(rows, omega, sign, terms, last, at, out):  # type: ignore[no
         l_i = -l_i * scale
         n_r = 0.0
         n_i = 0.0
-        for m in range(last + 1):
-            n = last - m
+        for m in range(TERMS):
+            n = TERMS - 1 - m
             t_r = terms[0, n]
             t_i = sign * terms[1, n]
             x_r = rows[DRIVE, j] * t_r - rows[DRIVE + 1, j] * t_i - (n + 1) * n_r
@@ -142,11 +142,8 @@ def solve_forced(rows, window, absorber_mass, forced):  # type: ignore[no-untype
     mass times the tip acceleration, whose direct share of the force only the displacement's derivatives contain.
     """
     terms, signals = chirp_terms(window), forced.signals
-    last = 0 if window.alpha == 0.0 else TERMS - 1
-    if last == 0:
-        forced.slots[:] = 0.0
-    back_substitute(rows, window.omega, 1.0, terms, last, 0, forced.slots)
-    back_substitute(rows, window.omega, -1.0, terms, last, 2, forced.slots)
+    back_substitute(rows, window.omega, 1.0, terms, 0, forced.slots)
+    back_substitute(rows, window.omega, -1.0, terms, 2, forced.slots)
     _at_resonance(rows, window, 1.0, terms, 0, forced.slots)
     _at_resonance(rows, window, -1.0, terms, 2, forced.slots)
     for n in range(TERMS):
@@ -165,7 +162,7 @@ def solve_forced(rows, window, absorber_mass, forced):  # type: ignore[no-untype
             _derive(window.omega, signals, m - 1, m)
         bound, power = 0.0, 1.0
         for n in range(TERMS):
-            bound += np.sqrt(signals[m, 0, n] ** 2 + signals[m, 1, n] ** 2) * power
+            bound += (abs(signals[m, 0, n]) + abs(signals[m, 1, n])) * power
             power *= window.half
         forced.bound[m] = bound
 
@@ -206,9 +203,21 @@ def add_forced(slots, omega, tau, factor, z):  # type: ignore[no-untyped-def]
     s *= factor
     f, t = slots, tau
     for j in range(z.shape[1]):
-        a_r = f[0, 0, j] + t * (f[0, 1, j] + t * (f[0, 2, j] + t * (f[0, 3, j] + t * (f[0, 4, j] + t * (f[0, 5, j] + t * f[0, 6, j])))))
-        a_i = f[1, 0, j] + t * (f[1, 1, j] + t * (f[1, 2, j] + t * (f[1, 3, j] + t * (f[1, 4, j] + t * (f[1, 5, j] + t * f[1, 6, j])))))
-        b_r = f[2, 0, j] + t * (f[2, 1, j] + t * (f[2, 2, j] + t * (f[2, 3, j] + t * (f[2, 4, j] + t * (f[2, 5, j] + t * f[2, 6, j])))))
-        b_i = f[3, 0, j] + t * (f[3, 1, j] + t * (f[3, 2, j] + t * (f[3, 3, j] + t * (f[3, 4, j] + t * (f[3, 5, j] + t * f[3, 6, j])))))
+        a_r = f[0, 0, j] + t * (
+            f[0, 1, j]
+            + t * (f[0, 2, j] + t * (f[0, 3, j] + t * (f[0, 4, j] + t * (f[0, 5, j] + t * (f[0, 6, j] + t * (f[0, 7, j] + t * f[0, 8, j]))))))
+        )
+        a_i = f[1, 0, j] + t * (
+            f[1, 1, j]
+            + t * (f[1, 2, j] + t * (f[1, 3, j] + t * (f[1, 4, j] + t * (f[1, 5, j] + t * (f[1, 6, j] + t * (f[1, 7, j] + t * f[1, 8, j]))))))
+        )
+        b_r = f[2, 0, j] + t * (
+            f[2, 1, j]
+            + t * (f[2, 2, j] + t * (f[2, 3, j] + t * (f[2, 4, j] + t * (f[2, 5, j] + t * (f[2, 6, j] + t * (f[2, 7, j] + t * f[2, 8, j]))))))
+        )
+        b_i = f[3, 0, j] + t * (
+            f[3, 1, j]
+            + t * (f[3, 2, j] + t * (f[3, 3, j] + t * (f[3, 4, j] + t * (f[3, 5, j] + t * (f[3, 6, j] + t * (f[3, 7, j] + t * f[3, 8, j]))))))
+        )
         z[0, j] += (a_r + b_r) * c - (a_i - b_i) * s
         z[1, j] += (a_i + b_i) * c + (a_r - b_r) * s

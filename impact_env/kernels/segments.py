@@ -57,7 +57,7 @@ def window_count(schedule, k):  # type: ignore[no-untyped-def]
     alpha = abs(schedule.omegas[k + 1] - schedule.omegas[k]) / duration
     longest = schedule.reach
     if alpha > 0.0:
-        longest = min(longest, 2.0 * np.sqrt(2.0 * (24.0 * CHIRP_REMAINDER) ** 0.25 / alpha))
+        longest = min(longest, 2.0 * np.sqrt(2.0 * (120.0 * CHIRP_REMAINDER) ** 0.2 / alpha))
     return max(1, int(np.ceil(duration / longest * (1.0 - 1e-12))))
 
 
