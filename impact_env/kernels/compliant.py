@@ -1,7 +1,7 @@
 """Event-driven exact integration of compliant contact (paper, appendix): a spring k_n at either wall, a spring k_t in series with a Coulomb slider.
 
-Between events the scene is linear: absorber and tip apart, or joined by the springs that act. Events are the contact of a wall and its end, the
-slider's slip (its spring at the limit) and its stick (the relative velocity turns). All of them are guards on the relative displacement r and its rate.
+Between events the scene is linear: absorber and tip apart, or joined by the springs that act. Events are the contact of a wall and its end,
+the slider's slip (its spring at the limit) and its stick (the relative velocity turns): all guards on the relative displacement and its rate.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ class Springs(NamedTuple):
     friction: float
 
 
-# rows of a lane's `now`: time from the window's centre; absorber displacement, velocity, acceleration (used in the free regime); constant relative force;
-# wall touched (-1, 0, 1); slider sticks (0, 1); sign of sliding; slider's position; signal starts on the low or high guard (-1, 0, 1);
-# start of the contact, relative velocity and absorber velocity there; start of the stick; relative velocity starts at zero
+# rows of a lane's `now`: time from the window's centre; absorber displacement, velocity, acceleration (used in the free regime); constant
+# relative force; wall touched (-1, 0, 1); slider sticks (0, 1); sign of sliding; slider's position; signal starts on the low or high guard
+# (-1, 0, 1); start of the contact, relative velocity and absorber velocity there; start of the stick; relative velocity starts at zero
 TAU, Q, V, A, FORCE, WALL, STICK, SIGN, ANCHOR, SIDE, CONTACT_TIME, CONTACT_RATE, CONTACT_V, STICK_TIME, AT_REST = range(15)
 
 
@@ -220,6 +220,18 @@ def add_slider_loss(limit, reach, r0, r1, now, energy):  # type: ignore[no-untyp
 
 
 @jit
+def add_slider_energy(springs, limit, reach, now, state, contact, energy):  # type: ignore[no-untyped-def]
+    """Add what the slider's spring holds: at the limit while it slides."""
+    if energy is None or limit is None:
+        return
+    stretch = reach
+    if now[STICK] != 0.0:
+        r, _ = relative_motion(contact, state)
+        stretch = r - now[ANCHOR]
+    energy.totals[FRICTION_LOSS] += 0.5 * springs.friction * stretch * stretch
+
+
+@jit
 def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, losses, schedule, state, clock, counters, level, events, series, energy):  # type: ignore[no-untyped-def]
     """Integrate one lane; ``state`` (2 N_m + 2,) is the start and becomes the end. Return a status code.
 
@@ -272,8 +284,6 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
     end = schedule.times[-1]
     if now[STICK] != 0.0:
         push_phase(events, now[STICK_TIME], end, STUCK_INSIDE)
-        if energy is not None:
-            r, _ = relative_motion(contact, state)
-            energy.totals[FRICTION_LOSS] += 0.5 * springs.friction * (r - now[ANCHOR]) ** 2
+    add_slider_energy(springs, limit, reach, now, state, contact, energy)
     last_sample(state, contact.tip_shape, end, clock, level, series)
     return DONE

@@ -1,13 +1,14 @@
 """The next event of a regime: where a guard signal y leaves (low, high), or where its rate changes sign. No event is missed.
 
-Proof. Let y = y_k + r_k, where y_k keeps the forced part, the polynomial and the slots of the first k blocks, and r_k the slots of the other
-blocks. A slot's amplitude never grows, so from the current time on |r_k| <= H0, |r_k'| <= H1, |y_k''| <= B2 and |y_k'''| <= B3, with the sums that
-`Bounds` holds. With d the distance of y_k to a wall less H0, g its closing speed and a its closing acceleration (all exact), y keeps off
-the wall for s >= 0 as long as d - g s - b s^2/2 > 0, where b bounds the closing acceleration over the step: b = B2, or
-b = a + B3 S for steps up to S. The smallest positive root of that parabola, cut to S in the second case, is therefore a safe step. For the rate the same holds
-one derivative higher. The search advances by the smallest, over the guards, of the largest safe step over k, so it never passes an event. With k
-the last block H0 = 0, and near a wall the safe step is Newton's step less a term of second order: the search closes in on the event quadratically,
-from the safe side. It stops when the step is below the resolution of time, or the distance below the rounding of y.
+Proof. Let y = y_k + r_k, where y_k keeps the forced part, the polynomial and the slots of the first k blocks, and r_k the slots of the
+other blocks. A slot's amplitude never grows, so from the current time on |r_k| <= H0, |r_k'| <= H1, |y_k''| <= B2 and |y_k'''| <= B3, with
+sums over the slots' amplitudes. With d the distance of y_k to a wall less H0, g its closing speed and a its closing acceleration (all exact),
+y keeps off the wall for s >= 0 as long as d - g s - b s^2/2 > 0, where b bounds the closing acceleration over the step: b = B2, or b = a + B3 S
+for steps up to S. The smallest positive root of that parabola, cut to S, is therefore a safe step. For the rate the same holds one
+derivative higher. The search advances by the smallest, over the guards, of the safe steps for a k that leaves little out, so it never passes
+an event. Where the signal is monotone over twice the way to a guard (`root_ahead`), the event there is the next one and simple, and Newton's
+method ends on it. Else the safe step with k the last block (H0 = 0) is Newton's step less a term of second order, and closes in from the
+safe side. It stops when the step is below the resolution of time, or the distance below the rounding of y.
 
 Leaving a wall. At a start on a wall (or at rate zero) y - wall is known to be zero while its computed value is rounding noise. There
 the signal less its start is developed in a Taylor series, divided by its known factor; the remainder is of relative size (|s| t)^3/60 with
@@ -340,11 +341,9 @@ def search(slots, forced, omega, signal, tau, length, low, high, side, direction
                         clear = True
                     else:
                         if x == 0.0:
-                            h0, h1, h2, high2, high3, g0, g1, g2, g3, g4, high0, high1 = sum_and_bound_on_grid(
-                                rows, table, u, d1, d2, d3, middle, size
-                            )
+                            h0, h1, h2, high2, high3, _, _, _, _, _, high0, high1 = sum_and_bound_on_grid(rows, table, u, d1, d2, d3, middle, size)
                         else:
-                            h0, h1, h2, high2, high3, g0, g1, g2, g3, g4, high0, high1 = sum_and_bound(rows, table, u, d1, d2, d3, x, middle, size)
+                            h0, h1, h2, high2, high3, _, _, _, _, _, high0, high1 = sum_and_bound(rows, table, u, d1, d2, d3, x, middle, size)
                         y, v, a, b2, b3 = y + h0, v + h1, a + h2, b2 + high2, b3 + high3
                         rest0, rest1 = 0.0, 0.0
         if count == 1:
