@@ -14,9 +14,10 @@ import click
 from _command_line import BadInput, check_target
 from _sweep_report import Result, contract, describe_absorber, describe_run, summary
 from _sweep_scene import FRICTION_DAMPER_LIMIT, PARTS, Options, make_method, make_scene, make_schedule, refuse_contradictions
+from _timing import Timed
 from tqdm import tqdm
 
-from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, FrequencySchedule, constant_frequency
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, FrequencySchedule
 from impact_env.ensemble import Lane, member_phases, run_lanes
 from impact_env.methods import PAPER_STEPS, Method, check_supported
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, TunedAbsorber, count
@@ -33,11 +34,10 @@ T = TypeVar("T")
 
 def integration_time(scene: Scene, drive: Drive, method: Method) -> float:
     """Return the time in s of an integration that observes nothing, without compilation: the median of three, or one if it is long."""
-    bare, schedule = Record(level=False), drive.schedule
-    simulate(scene, Drive(drive.amplitude, constant_frequency(schedule.reference, 1.0, 1.0), drive.phase), method, record=bare)
-    times = [simulate(scene, drive, method, record=bare).wall_time]
+    timed = Timed(scene, drive, method)
+    times = [timed.run().wall_time]
     while times[0] < SHORT and len(times) < 3:
-        times.append(simulate(scene, drive, method, record=bare).wall_time)
+        times.append(timed.run().wall_time)
     return statistics.median(times)
 
 

@@ -33,11 +33,10 @@ BITS, FINEST, PER_FINEST, FASTEST, FADE_MIDDLE, FADE_HIGH = range(6)
 class Slots(NamedTuple):
     """One regime: J slots sorted by |s_j| and padded with empty ones. Few arrays, because each costs time at every call.
 
-    ``rows`` (ROWS, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces; REST
-    -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s|; HEAD 1 for the
-    first HEAD_SLOTS slots, else 0.
-    ``table`` (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (6,): log2 of the base, h3 (s), 1/h3, largest |s|, smallest decay rate of the middle and of the
-    high block (1/s).
+    ``rows`` (ROWS, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces;
+    REST -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s|;
+    HEAD 1 for the first HEAD_SLOTS slots, else 0. ``table`` (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (6,): log2 of the base,
+    h3 (s), 1/h3, largest |s|, smallest decay rate of the middle and of the high block (1/s).
     """
 
     rows: NDArray[np.float64]
