@@ -162,18 +162,34 @@ def relative_motion(contact, state):  # type: ignore[no-untyped-def]
 
 
 @jit
-def touch(found, now, time, absorber_velocity, counters, events, mass):  # type: ignore[no-untyped-def]
-    """A wall's contact begins or ends."""
-    if now[WALL] == 0.0:
-        now[WALL] = 1.0 if found.kind == HIT_HIGH else -1.0
-        now[SIDE] = -now[WALL]
-        now[CONTACT_TIME], now[CONTACT_RATE], now[CONTACT_V] = time, found.rate, absorber_velocity
-        counters.values[IMPACTS] += 1.0
-        return
+def start_contact(side, time, rate, absorber_velocity, now, counters):  # type: ignore[no-untyped-def]
+    """A wall is touched."""
+    now[WALL] = side
+    now[CONTACT_TIME], now[CONTACT_RATE], now[CONTACT_V] = time, rate, absorber_velocity
+    counters.values[IMPACTS] += 1.0
+
+
+@jit
+def list_contact(time, absorber_velocity, now, events, mass):  # type: ignore[no-untyped-def]
+    """List the contact that lasts up to ``time``."""
     push_impact(events, now[CONTACT_TIME], now[CONTACT_RATE], mass * (absorber_velocity - now[CONTACT_V]), 0.0)
     push_phase(events, now[CONTACT_TIME], time, HELD_UPPER if now[WALL] > 0.0 else HELD_LOWER)
+
+
+@jit
+def touch(found, gap, now, time, absorber_velocity, counters, events, mass):  # type: ignore[no-untyped-def]
+    """A wall's contact begins or ends; without clearance the end at one wall is the begin at the other."""
+    if now[WALL] == 0.0:
+        side = 1.0 if found.kind == HIT_HIGH else -1.0
+        now[SIDE] = -side
+        start_contact(side, time, found.rate, absorber_velocity, now, counters)
+        return
+    list_contact(time, absorber_velocity, now, events, mass)
     now[SIDE] = now[WALL]
-    now[WALL] = 0.0
+    if gap == 0.0:
+        start_contact(-now[WALL], time, found.rate, absorber_velocity, now, counters)
+    else:
+        now[WALL] = 0.0
 
 
 @jit
@@ -194,17 +210,19 @@ def switch(found, gap, reach, now, state, contact, time, counters, events):  # t
             now[AT_REST] = 1.0 if sign * v <= 0.0 else 0.0
             push_phase(events, now[STICK_TIME], time, STUCK_INSIDE)
             return
-    touch(found, now, time, state[2 * half - 1], counters, events, contact.mass)
+    if gap is not None:
+        touch(found, gap, now, time, state[2 * half - 1], counters, events, contact.mass)
 
 
 @jit
-def begin(springs, gap, limit, now, state, contact, time):  # type: ignore[no-untyped-def]
+def begin(springs, gap, limit, now, state, contact, time, counters):  # type: ignore[no-untyped-def]
     """Set the first regime: the slider starts without force, a wall that is already overlapped is in contact."""
     r, v = relative_motion(contact, state)
     if gap is not None:
-        if abs(r) > gap:
-            now[WALL] = 1.0 if r > 0.0 else -1.0
-            now[CONTACT_TIME], now[CONTACT_RATE], now[CONTACT_V] = time, v, state[-1]
+        if abs(r) > gap or gap == 0.0:
+            start_contact(1.0 if r >= 0.0 else -1.0, time, v, state[-1], now, counters)
+            if r == 0.0:
+                now[SIDE] = -1.0
     if limit is not None:
         now[STICK], now[ANCHOR], now[STICK_TIME] = 1.0, r, time
     constant_force(springs, gap, limit, now)
@@ -246,7 +264,7 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
     reach = 0.0
     if limit is not None:
         reach = limit / springs.friction
-    begin(springs, gap, limit, now, state, contact, 0.0)
+    begin(springs, gap, limit, now, state, contact, 0.0, counters)
     for k in range(schedule.times.shape[0] - 1):
         count = window_count(schedule, k)
         for w in range(count):
@@ -284,6 +302,8 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
     end = schedule.times[-1]
     if now[STICK] != 0.0:
         push_phase(events, now[STICK_TIME], end, STUCK_INSIDE)
+    if now[WALL] != 0.0:
+        list_contact(end, state[-1], now, events, contact.mass)
     add_slider_energy(springs, limit, reach, now, state, contact, energy)
     last_sample(state, contact.tip_shape, end, clock, level, series)
     return DONE

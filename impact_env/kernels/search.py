@@ -123,7 +123,7 @@ def guards_step(low, high, direction, y, v, a, rest0, rest1, b2, b3, reach):  # 
         if not behind + closing * step - 0.5 * b2 * step * step > 0.0:
             step = min(step, safe_step(behind, -closing, -bend, b2, b3, reach))
     if direction is not None:
-        step = min(step, parabola(direction * v - rest1, -direction * a, b3))
+        step = min(step, parabola(max(direction * v - rest1, 0.0), -direction * a, b3))
     return step
 
 
@@ -140,11 +140,11 @@ def is_clear(low, high, direction, y, v, rest0, rest1):  # type: ignore[no-untyp
 
 @jit
 def micro_flight(v, a, j, s, reach):  # type: ignore[no-untyped-def]
-    """Return the first root in (0, reach] of v + a t/2 + j t^2/6 + s t^3/24, or -1 if it stays positive."""
+    """Return the first root in (0, reach] of v + a t/2 + j t^2/6 + s t^3/24, or -1 if it does not turn negative."""
     previous = 0.0
     for k in range(1, 5):
         t = reach * k / 4
-        if v + t * (a / 2 + t * (j / 6 + t * s / 24)) <= 0.0:
+        if v + t * (a / 2 + t * (j / 6 + t * s / 24)) < 0.0:
             left, right = previous, t
             for _ in range(200):
                 mid = 0.5 * (left + right)
@@ -348,6 +348,8 @@ def search(slots, forced, omega, signal, tau, length, low, high, side, direction
                         rest0, rest1 = 0.0, 0.0
         if count == 1:
             noise = NOISE * signal_scale(signal, forced.bound)
+            if noise == 0.0 and v == 0.0 and a == 0.0:  # a signal that is zero for ever: an absorber at rest on a wall at rest
+                break
             if side != 0 or zero_rate:
                 if not leaves_quickly(slots, side, direction, v, a, b2, b3):
                     offset, kind = start_on_guard(slots, forced, omega, signal, tau, side, direction, zero_rate, v, a)

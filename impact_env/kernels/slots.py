@@ -50,7 +50,7 @@ def digits(scale, delta):  # type: ignore[no-untyped-def]
     n = np.int64(delta * scale[PER_FINEST] + 0.5)
     bits = np.int64(scale[BITS])
     mask = (np.int64(1) << bits) - 1
-    n = min(n, (np.int64(1) << (3 * bits)) - 1)
+    n = max(min(n, (np.int64(1) << (3 * bits)) - 1), 0)  # also where delta is not a number: the rest then says so
     return n >> (2 * bits), (n >> bits) & mask, n & mask, delta - n * scale[FINEST]
 
 
