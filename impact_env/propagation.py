@@ -15,7 +15,7 @@ from impact_env.kernels.linear import linear_lane
 from impact_env.kernels.observers import Counters, Energy, Events, Level, Series
 from impact_env.kernels.segments import Losses, Regime, Schedule
 from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction, RigidWalls, SlidingAbsorber, StuckAbsorber, TunedAbsorber
-from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime, table_reach
+from impact_env.regimes import fastest, free_regime, joined_regime, modal_damping, padded_size, sprung_regime, table_reach
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ def run_exact(
     breaks = drive.schedule
     tip_shape = np.array(model.tip_shape)
     damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
-    losses = Losses(np.array(model.force_shape), tip_shape, 2 * model.damping_ratio * model.omega, damper)
+    losses = Losses(np.array(model.force_shape), tip_shape, 2 * modal_damping(model) * model.omega, damper)
     clock = np.array([0.0, sample_dt, 0.0])
 
     def schedule(reach: float) -> Schedule:

@@ -23,7 +23,7 @@ from impact_env.kernels.slots import HEAD_SLOTS, MIDDLE, TAYLOR_REACH, TAYLOR_TE
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError, require
 
-CRITICAL = 1e-10  # a damping ratio this close to 1 is moved to 1 + CRITICAL: two equal eigenvalues have no modal form
+CRITICAL = 1e-8  # a damping ratio this close to 1 is moved to 1 + CRITICAL: two equal eigenvalues have no modal form
 UNCOUPLED = 1e-9  # of the largest tip shape: a mode with a node at the absorber
 MAX_BASE = 256
 
@@ -43,7 +43,8 @@ class Modes:
     relative: Complex
 
 
-def _damping(model: ModalModel) -> Real:
+def modal_damping(model: ModalModel) -> Real:
+    """Return the damping ratios (N_m,) that the regimes use: those of the model, but none closer to 1 than CRITICAL."""
     ratio = np.array(model.damping_ratio)
     return np.where(np.abs(ratio - 1) < CRITICAL, 1 + CRITICAL, ratio)
 
@@ -52,7 +53,7 @@ def _own_modes(model: ModalModel, which: Index) -> Modes:
     """Return the free beam's modes ``which`` as slots: one for an oscillating mode, two for an overdamped one."""
     n = model.modes
     values, modes, weights = [], [], []
-    ratios = _damping(model)
+    ratios = modal_damping(model)
     for i in which:
         omega, ratio = model.omega[i], ratios[i]
         if ratio < 1:
@@ -80,7 +81,7 @@ def _own_modes(model: ModalModel, which: Index) -> Modes:
 
 def _start_values(model: ModalModel, which: Index, mass: float, stiffness: float | None, damper: float) -> Complex:
     """Return approximate eigenvalues of a coupled regime with imaginary part not below 0."""
-    omega, ratio, tip = model.omega[which], _damping(model)[which], model.tip_shape[which]
+    omega, ratio, tip = model.omega[which], modal_damping(model)[which], model.tip_shape[which]
     if stiffness is None:
         m, c, k = np.eye(len(omega)) + mass * np.outer(tip, tip), np.diag(2 * ratio * omega), np.diag(omega**2)
     else:
@@ -99,7 +100,7 @@ def _start_values(model: ModalModel, which: Index, mass: float, stiffness: float
 
 def _polish(values: Complex, model: ModalModel, which: Index, mass: float, stiffness: float | None, damper: float) -> Complex:
     """Improve eigenvalues by Newton's method on the secular equation."""
-    omega, ratio, tip = model.omega[which], _damping(model)[which], model.tip_shape[which]
+    omega, ratio, tip = model.omega[which], modal_damping(model)[which], model.tip_shape[which]
     s = values.copy()
     for _ in range(8):
         d = s[:, None] ** 2 + 2 * ratio * omega * s[:, None] + omega**2
@@ -120,7 +121,7 @@ def _coupled_modes(model: ModalModel, mass: float, stiffness: float | None, damp
     coupled = np.abs(model.tip_shape) > UNCOUPLED * np.max(np.abs(model.tip_shape))
     which = np.flatnonzero(coupled)
     s = _polish(_start_values(model, which, mass, stiffness, damper), model, which, mass, stiffness, damper)
-    ratio = _damping(model)
+    ratio = modal_damping(model)
     d = s[:, None] ** 2 + 2 * ratio * model.omega * s[:, None] + model.omega**2
     v = np.where(coupled, model.tip_shape, 0) / np.where(coupled, d, 1)  # modal displacements of the eigenvectors, (J, N_m)
     tip = v @ model.tip_shape

@@ -37,13 +37,12 @@ from impact_env.kernels.observers import (
 )
 from impact_env.kernels.search import EPSILON, HIT_HIGH, NOISE, NOTHING, REVERSAL, at_offset, new_signal, search, signal_scale
 from impact_env.kernels.segments import add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
-from impact_env.kernels.slots import FASTEST, GUARD, RELATIVE, REST, add, advance, weigh
+from impact_env.kernels.slots import GUARD, RELATIVE, REST, SPEED, add, advance, weigh
 
 FREE, JOINED = 0, 1
 STALLED = 10_000  # events without progress in time
 MOST_EVENTS = 500_000  # in one window
 JOINT_SLACK = 1e-9  # of the joint force's scale: above the rounding of the change of basis
-SLOW = 1e-6  # relative velocities above this many gaps times the largest |s| cannot belong to bounces that small
 SLOWEST_DECAY = 0.1  # 1 - e counts as at least this where a chatter is completed
 ROUNDING = 16.0 * NOISE  # of a signal: above what the search takes for zero distance
 
@@ -57,8 +56,9 @@ class Contact(NamedTuple):
 
 
 # rows of a lane's `now`: regime, time from the window's centre, absorber displacement, velocity, acceleration, constant relative
-# force, sign of the relative velocity, wall touched (-1, 0, 1), relative velocity is zero (0, 1), joined offset absorber - tip, start of phase
-REGIME, TAU, Q, V, A, FORCE, SIGN, SIDE, AT_REST, OFFSET, SINCE = range(11)
+# force, sign of the relative velocity, wall touched (-1, 0, 1), relative velocity is zero (0, 1), joined offset absorber - tip, start of phase,
+# largest relative acceleration by a unit impulse
+REGIME, TAU, Q, V, A, FORCE, SIGN, SIDE, AT_REST, OFFSET, SINCE, KICK = range(12)
 
 
 @jit
@@ -220,7 +220,8 @@ def impact(free, forced, window, contact, walls, limit, now, work, signal, side,
     now[V] += impulse / contact.mass
     now[SIDE] = side
     counters.values[IMPACTS] += 1.0
-    complete = chatter_is_complete(free, forced, window, walls, now, work, signal, side, after)
+    largest = abs(found.bend) + abs(impulse) * now[KICK] + 2.0 * abs(now[FORCE]) * contact.compliance
+    complete = chatter_is_complete(free, forced, window, walls, now, work, signal, side, after, largest)
     if complete:
         rest = -after / contact.compliance
         add(free.slots.rows, RELATIVE, rest, work.z)
@@ -239,12 +240,25 @@ def impact(free, forced, window, contact, walls, limit, now, work, signal, side,
 
 
 @jit
-def chatter_is_complete(free, forced, window, walls, now, work, signal, side, after):  # type: ignore[no-untyped-def]
-    """Return whether all bounces to come, of heights summed to v^2/(2 a (1 - e)), stay below the rounding of the position."""
-    if abs(after) > SLOW * walls.gap * free.slots.scale[FASTEST]:
+def largest_kick(rows):  # type: ignore[no-untyped-def]
+    """Return a bound of the relative acceleration that a unit impulse between beam and absorber leaves."""
+    kick = 0.0
+    for j in range(rows.shape[1]):
+        gain = np.hypot(rows[GUARD, j], rows[GUARD + 1, j]) * np.hypot(rows[RELATIVE, j], rows[RELATIVE + 1, j])
+        kick += gain * rows[SPEED, j] ** 2
+    return kick
+
+
+@jit
+def chatter_is_complete(free, forced, window, walls, now, work, signal, side, after, largest):  # type: ignore[no-untyped-def]
+    """Return whether all bounces to come, of heights summed to v^2/(2 a (1 - e)), stay below the rounding of the position.
+
+    ``largest`` bounds the relative acceleration after the impact.
+    """
+    height = ROUNDING * signal_scale(signal, forced.bound) * max(1.0 - walls.restitution, SLOWEST_DECAY)
+    if after * after > 2.0 * largest * height + 1e-300:
         return False
     weigh(free.slots.rows, GUARD, work.z, signal.u)
-    height = ROUNDING * signal_scale(signal, forced.bound) * max(1.0 - walls.restitution, SLOWEST_DECAY)
     _, _, a = at_offset(free.slots, forced.signals, window.omega, signal, now[TAU], 0.0)
     return side * a >= 0.0 and after * after <= 2.0 * abs(a) * height + 1e-300
 
@@ -317,9 +331,10 @@ def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clo
     ``walls`` None: no cavity; ``limit`` None: no friction; ``level``, ``events``, ``series``, ``energy`` None: not observed.
     """
     size = free.slots.rows.shape[1]
-    work, signal, now = new_work(size), new_signal(size), np.zeros(11)
+    work, signal, now = new_work(size), new_signal(size), np.zeros(12)
     free_forced, joined_forced = new_forced(size), new_forced(size)
     scratch = np.zeros_like(state)
+    now[KICK] = largest_kick(free.slots.rows)
     started = False
     for k in range(schedule.times.shape[0] - 1):
         count = window_count(schedule, k)
