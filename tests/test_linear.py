@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.integrate
+from core import OMEGA, PERIOD, Array, drive_of, first_order, linear_truth, run, scene_of, still
+
+from impact_env import Drive, FrequencySchedule, InitialState, Scene, StuckAbsorber, TunedAbsorber
+from impact_env.parameters import Absorber
+from impact_env.response import Response
+
+LINEAR = [None, StuckAbsorber(0.5), TunedAbsorber(), TunedAbsorber(damping=0.0), TunedAbsorber(0.1, 1e6, 300.0)]
+
+
+def modal_states(response: Response) -> Array:
+    history = response.history
+    assert history is not None
+    return np.concatenate([history.modal_displacement, history.modal_velocity], axis=1)
+
+
+def error(scene: Scene, drive: Drive, initial: InitialState | None = None, samples: int = 32) -> float:
+    """Largest deviation from the truth, each modal displacement and velocity relative to its largest value; or the energy's, if that is larger."""
+    response = run(scene, drive, initial=initial, samples=samples)
+    assert response.history is not None
+    assert response.energy is not None
+    truth = linear_truth(scene, drive, response.history.time, initial)
+    deviation = np.max(np.abs(modal_states(response) - truth) / np.max(np.abs(truth), axis=0))
+    return float(max(deviation, response.energy.relative_error))
+
+
+@pytest.mark.parametrize("absorber", LINEAR)
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 6.2669, 100.0])
+def test_steady_state_at_a_constant_frequency(absorber: Absorber | None, ratio: float) -> None:
+    scene = scene_of(absorber, damping_ratio=0.2)
+    matrix, force = first_order(scene)
+    n, omega = 3, ratio * OMEGA
+    steady = np.linalg.solve(1j * omega * np.eye(2 * n + 2) - matrix, force)
+    start = InitialState(steady[:n].real, steady[n + 1 : -1].real, steady[n].real, steady[-1].real)
+    response = run(scene, drive_of(1.0, ratio, periods=4), initial=start)
+    assert response.history is not None
+    expected = np.real(steady[:n] * np.exp(1j * omega * response.history.time)[:, None])
+    np.testing.assert_allclose(response.history.modal_displacement, expected, rtol=0, atol=2e-12 * (1 + ratio) * np.max(np.abs(steady[:n])))
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.01, 0.9999, 1.5, 40.0, (0.0, 1.2, 0.5)])
+def test_free_response(damping: float | tuple[float, ...]) -> None:
+    scene = scene_of(damping_ratio=damping)
+    omega, ratio, q0, u0 = scene.model.omega, scene.model.damping_ratio, np.array([1e-3, -2e-4, 5e-5]), np.array([0.1, 0.3, -0.2])
+    response = run(scene, still(3 * PERIOD), initial=InitialState(q0, u0))
+    assert response.history is not None
+    root = np.sqrt(ratio**2 - 1 + 0j)
+    fast, slow = omega * (-ratio - root), -omega / (ratio + root)
+    t = response.history.time[:, None]
+    expected = np.real(((u0 - fast * q0) * np.exp(slow * t) - (u0 - slow * q0) * np.exp(fast * t)) / (slow - fast))
+    np.testing.assert_allclose(response.history.modal_displacement, expected, rtol=0, atol=1e-11 * np.max(np.abs(expected)))
+
+
+def test_critically_damped_free_response() -> None:
+    scene = scene_of(damping_ratio=1.0)
+    omega, start = scene.model.omega, np.array([1e-3, -2e-4, 5e-5])
+    response = run(scene, still(3 * PERIOD), initial=InitialState(start))
+    assert response.history is not None
+    t = response.history.time[:, None]
+    np.testing.assert_allclose(response.history.modal_displacement, start * (1 + omega * t) * np.exp(-omega * t), rtol=0, atol=1e-8 * start[0])
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.0])
+def test_undamped_resonance_grows_without_bound(phase: float) -> None:
+    scene = scene_of(damping_ratio=0.0, modes=1)
+    omega, shape = scene.model.omega[0], scene.model.force_shape[0]
+    response = run(scene, drive_of(2.0, 1.0, periods=200, reference=omega, phase=phase))
+    assert response.history is not None
+    t = response.history.time
+    grown = 2.0 * shape / (2 * omega) * (t * np.sin(omega * t + phase) - np.sin(phase) * np.sin(omega * t) / omega)
+    np.testing.assert_allclose(response.history.modal_displacement[:, 0], grown, rtol=0, atol=1e-12 * np.max(np.abs(grown)))
+
+
+SWEEPS = [(0.0,), (1.0,), (300.0,), (0.98, 1.02), (1.02, 0.98), (0.0, 20.0), (20.0, 0.0), (1.0, 1.0, 3.0, 0.0, 7.0, 6.9)]
+
+
+@pytest.mark.parametrize("absorber", LINEAR)
+@pytest.mark.parametrize("ratios", SWEEPS)
+def test_sweeps(absorber: Absorber | None, ratios: tuple[float, ...]) -> None:
+    start = InitialState(np.array([1e-5, -2e-6, 5e-6]), np.array([1e-3, 3e-3, -2e-3]))
+    assert error(scene_of(absorber), drive_of(1.0, *ratios, phase=0.3), start) < 2e-12
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-6, 1e-3, 0.3, 1.0, 1 + 1e-9, 2.0, 30.0, (0.0, 1.0, 3.0)])
+@pytest.mark.parametrize("absorber", [None, StuckAbsorber(), TunedAbsorber()])
+@pytest.mark.parametrize("ratios", [(0.9, 1.1), (1.0,), (0.0,), (0.0, 8.0)])
+def test_damping_from_none_to_overdamped(damping: float | tuple[float, ...], absorber: Absorber | None, ratios: tuple[float, ...]) -> None:
+    # two equal eigenvalues are moved apart by a relative 1e-8
+    critical = np.any(np.abs(np.atleast_1d(damping) - 1) < 1e-8)
+    assert error(scene_of(absorber, damping_ratio=damping), drive_of(1.0, *ratios)) < (3e-8 if critical else 2e-12)
+
+
+@pytest.mark.parametrize("absorber", [None, StuckAbsorber(), TunedAbsorber()])
+def test_all_modes(absorber: Absorber | None) -> None:
+    assert error(scene_of(absorber, modes=60), drive_of(1.0, 0.5, 2.0, periods=0.125), samples=1024) < 5e-11
+
+
+@pytest.mark.parametrize("absorber", [StuckAbsorber(), TunedAbsorber()])
+def test_fast_chirp_against_an_adaptive_integrator(absorber: Absorber) -> None:
+    scene, drive = scene_of(absorber), drive_of(1.0, 0.2, 6.0, periods=2)
+    matrix, force = first_order(scene)
+    response = run(scene, drive)
+    assert response.history is not None
+    solution = scipy.integrate.solve_ivp(
+        lambda t, x: matrix @ x + force * np.cos(drive.schedule.phase_at(t)),
+        (0, 2 * PERIOD),
+        np.zeros(8),
+        "DOP853",
+        rtol=1e-12,
+        atol=1e-18,
+    )
+    assert np.max(np.abs(response.end_state[:3] - solution.y[:3, -1])) < 1e-9 * np.max(np.abs(solution.y[:3]))
+
+
+def test_a_break_in_a_straight_schedule_changes_nothing() -> None:
+    scene = scene_of(TunedAbsorber())
+    times = np.linspace(0, 10 * PERIOD, 2)
+    parts = np.sort(np.append(times, [1e-5, 2.2 * PERIOD, 2.3 * PERIOD]))
+    one, many = (run(scene, Drive(1.0, FrequencySchedule(t, np.interp(t, times, [0.9 * OMEGA, 1.1 * OMEGA]), OMEGA))) for t in (times, parts))
+    np.testing.assert_allclose(many.end_state, one.end_state, rtol=0, atol=1e-12 * np.max(np.abs(one.end_state)))
+
+
+def test_tuned_absorber_between_limits_of_its_spring() -> None:
+    """A very stiff spring is a stuck mass; the beam does not feel a very soft one."""
+    drive = drive_of(1.0, 0.9, 1.1, periods=3)
+    stuck, stiff = (run(scene_of(a), drive).end_state for a in (StuckAbsorber(), TunedAbsorber(stiffness=1e9, damping=0.0)))
+    alone, soft = (run(scene_of(a), drive).end_state for a in (None, TunedAbsorber(stiffness=1e-6, damping=0.0)))
+    np.testing.assert_allclose(stiff[:3], stuck[:3], rtol=0, atol=1e-3 * np.max(np.abs(stuck[:3])))
+    np.testing.assert_allclose(soft[:3], alone[:3], rtol=0, atol=1e-8 * np.max(np.abs(alone[:3])))
+
+
+def test_stuck_absorber_moves_with_the_tip() -> None:
+    response = run(scene_of(StuckAbsorber()), drive_of(1.0, 0.9, 1.1))
+    assert response.history is not None
+    np.testing.assert_allclose(response.history.absorber_displacement, response.history.tip_displacement, rtol=0, atol=1e-18)
+    np.testing.assert_allclose(response.history.absorber_velocity, response.history.tip_velocity, rtol=0, atol=1e-15)
+
+
+def test_force_of_zero_leaves_rest_at_rest() -> None:
+    for absorber in LINEAR:
+        np.testing.assert_array_equal(run(scene_of(absorber), drive_of(0.0, 1.0)).end_state, 0.0)

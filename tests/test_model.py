@@ -1,0 +1,160 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import scipy.optimize
+
+from impact_env import (
+    Beam,
+    FrequencySchedule,
+    InitialState,
+    Scene,
+    StuckAbsorber,
+    beam_scene,
+    constant_frequency,
+    friction_damper,
+    impact_absorber,
+    linear_sweep,
+    modal_model,
+)
+from impact_env.beam import deflection_row, matrices
+
+INF = math.inf
+
+
+def cantilever_root(mode: int) -> float:
+    """Root of cos x cosh x = -1, divided by cosh so that it stays of order one."""
+    return float(scipy.optimize.brentq(lambda x: np.cos(x) + 1 / np.cosh(x), (mode - 1) * np.pi + 1e-9, mode * np.pi, xtol=1e-15, rtol=1e-15))
+
+
+def cantilever_omega(beam: Beam, mode: int) -> float:
+    return cantilever_root(mode) ** 2 * np.sqrt(beam.bending_stiffness / beam.mass_per_length) / beam.length**2
+
+
+def cantilever_shape(beam: Beam, mode: int, position: float) -> float:
+    """Mass-normalised shape, positive at the tip."""
+    x = cantilever_root(mode)
+    sigma = (np.cosh(x) + np.cos(x)) / (np.sinh(x) + np.sin(x))
+
+    def shape(s: float) -> float:
+        return float(np.cosh(s) - np.cos(s) - sigma * (np.sinh(s) - np.sin(s)))
+
+    return shape(x * position) / np.sqrt(beam.mass) * np.sign(shape(x))
+
+
+@pytest.mark.parametrize("beam", [Beam(modes=5), Beam(length=2.3, bending_stiffness=17.0, mass_per_length=0.4, modes=5, elements=40)])
+def test_frequencies_are_the_cantilevers(beam: Beam) -> None:
+    expected = [cantilever_omega(beam, mode) for mode in range(1, 6)]
+    np.testing.assert_allclose(modal_model(beam).omega, expected, rtol=5e-5)
+
+
+def test_numbers_of_the_paper() -> None:
+    model = modal_model(Beam())
+    assert model.omega[0] == pytest.approx(252.3097245382703, rel=1e-10)
+    np.testing.assert_allclose(model.omega[[1, 2, 9]] / model.omega[0], [6.26690, 17.54754, 253.50], rtol=1e-5)
+    np.testing.assert_allclose(model.tip_shape[:3], 2 / np.sqrt(0.56375), rtol=1e-5)
+    assert model.beam_mass == 0.56375
+    assert Beam().static_tip_stiffness == pytest.approx(8709.12)
+    assert model.pseudo_period(2) == pytest.approx(2 * np.pi / model.omega[1])
+
+
+def test_receptance_at_the_peak_is_the_papers() -> None:
+    model = modal_model(Beam())
+    grid = np.linspace(0.99, 1.01, 20001)[:, None] * model.omega[0]
+    shapes = model.force_shape * model.tip_shape
+    peak = np.max(np.abs(np.sum(shapes / (model.omega**2 - grid**2 + 2j * model.damping_ratio * model.omega * grid), axis=1)))
+    assert peak == pytest.approx(1.28115e-3, rel=1e-5)
+
+
+def test_frequencies_converge_with_the_fourth_power_of_the_elements() -> None:
+    errors = [modal_model(Beam(elements=n, modes=3)).omega[2] / cantilever_omega(Beam(), 3) - 1 for n in (4, 8, 16)]
+    assert all(3.5 < order < 4.5 for order in np.diff(-np.log2(errors)))
+
+
+@pytest.mark.parametrize("elements", [1, 2, 100, 300])
+def test_any_number_of_elements(elements: int) -> None:
+    model = modal_model(Beam(elements=elements, modes=1))
+    assert model.omega[0] == pytest.approx(cantilever_omega(Beam(), 1), rel=5e-3 if elements == 1 else 6e-4 if elements == 2 else 1e-6)
+
+
+def test_all_modes_are_normalised_and_ordered() -> None:
+    beam = Beam(modes=60)
+    mass, stiffness = matrices(beam)
+    model = modal_model(beam)
+    assert np.all(np.diff(model.omega) > 0)
+    assert np.all(model.tip_shape > 0)
+    # completeness: sum of phi phi^T is the inverse mass matrix, sum of phi phi^T / omega^2 the inverse stiffness matrix
+    tip, force = deflection_row(beam, 1.0), deflection_row(beam, 0.4)
+    assert model.tip_shape @ model.tip_shape == pytest.approx(tip @ np.linalg.solve(mass, tip), rel=1e-9)
+    assert model.force_shape @ model.tip_shape == pytest.approx(force @ np.linalg.solve(mass, tip), rel=1e-6, abs=1e-6)
+    assert np.sum((model.tip_shape / model.omega) ** 2) == pytest.approx(1 / beam.static_tip_stiffness, rel=1e-9)
+    assert tip @ np.linalg.solve(stiffness, tip) == pytest.approx(1 / beam.static_tip_stiffness, rel=1e-9)
+
+
+def test_a_truncation_is_the_start_of_the_whole() -> None:
+    few, all_modes = modal_model(Beam(modes=7)), modal_model(Beam(modes=60))
+    for name in ("omega", "force_shape", "tip_shape"):
+        np.testing.assert_array_equal(getattr(few, name), getattr(all_modes, name)[:7])
+
+
+@pytest.mark.parametrize("position", [0.01, 0.333, 0.4, 0.5, 0.777, 1.0])
+def test_shapes_at_any_position(position: float) -> None:
+    force = modal_model(Beam(modes=4, force_position=position)).force_shape
+    absorber = modal_model(Beam(modes=4, absorber_position=position)).tip_shape
+    expected = [cantilever_shape(Beam(), mode, position) for mode in range(1, 5)]
+    np.testing.assert_allclose(force, expected, atol=2e-4)
+    np.testing.assert_array_equal(force, absorber)
+
+
+def test_force_at_the_twelfth_node() -> None:
+    beam = Beam()
+    row = deflection_row(beam, 0.4)
+    expected = np.zeros(60)
+    expected[2 * 11] = 1.0
+    np.testing.assert_allclose(row, expected, atol=1e-12)
+
+
+def test_overrides() -> None:
+    plain = modal_model(Beam(modes=3))
+    changed = modal_model(Beam(modes=3, modal_frequency_ratio={2: 2.5, 3: 0.5}, damping_ratio=(0.0, 0.1, 2.0)))
+    np.testing.assert_allclose(changed.omega / plain.omega[0], [1, 2.5, 0.5], rtol=1e-14)
+    np.testing.assert_array_equal(changed.damping_ratio, [0.0, 0.1, 2.0])
+    np.testing.assert_array_equal(changed.tip_shape, plain.tip_shape)
+
+
+def test_models_are_read_only() -> None:
+    model = modal_model(Beam())
+    with pytest.raises(ValueError, match="read-only"):
+        model.omega[0] = 1.0
+
+
+def test_a_cavity_without_clearance_is_a_stuck_absorber_and_an_infinite_one_is_none() -> None:
+    model = modal_model(Beam(modes=1))
+    assert Scene(model, impact_absorber(0.0, mass_ratio=0.3)).absorber == StuckAbsorber(0.3)
+    assert Scene(model, impact_absorber(INF)).absorber is None
+    assert Scene(model, impact_absorber(INF, friction_limit=0.2)).absorber == friction_damper(0.2)
+    assert Scene(model).absorber_mass is None
+    assert Scene(model, StuckAbsorber(0.5)).absorber_mass == pytest.approx(0.281875)
+
+
+def test_initial_states() -> None:
+    scene = beam_scene(Beam(modes=2), impact_absorber())
+    q = np.array([1e-3, 2e-3])
+    tip = scene.model.tip_shape @ q
+    np.testing.assert_allclose(InitialState(q, absorber_velocity=0.3).vector(scene), [1e-3, 2e-3, tip, 0, 0, 0.3])
+    np.testing.assert_allclose(InitialState(q, q, tip - 1e-3, 0.3).vector(scene), [1e-3, 2e-3, tip - 1e-3, 1e-3, 2e-3, 0.3])
+    stuck = beam_scene(Beam(modes=2), StuckAbsorber())
+    assert InitialState(modal_velocity=q, absorber_velocity=9.0).vector(stuck)[-1] == pytest.approx(tip)
+
+
+def test_schedules() -> None:
+    sweep = linear_sweep(100.0)
+    np.testing.assert_allclose(sweep.omegas, [90, 106])
+    assert sweep.periods == pytest.approx(1600)
+    assert linear_sweep(100.0, 1.06, 0.9, 2.0).periods == pytest.approx(800)
+    assert constant_frequency(100.0, 1.5, 7).phase_at(7 * 2 * np.pi / 100) == pytest.approx(1.5 * 7 * 2 * np.pi)
+    broken = FrequencySchedule(np.array([0.0, 1.0, 3.0]), np.array([2.0, 4.0, 0.0]), 1.0)
+    np.testing.assert_allclose(broken.phase_at(np.array([0.0, 0.5, 1.0, 2.0, 3.0])), [0, 1.25, 3, 6, 7])
+    np.testing.assert_allclose(broken.omega_at(np.array([0.5, 2.0])), [3, 2])

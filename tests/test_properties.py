@@ -1,0 +1,205 @@
+"""What must hold for every scene, start and drive, whatever the chaos."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from core import drive_of, relative_displacement, run, scene_of
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    CoulombFriction,
+    Drive,
+    ElasticCoulombFriction,
+    InitialState,
+    Response,
+    RigidWalls,
+    Scene,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    beam_scene,
+)
+from impact_env.energy import stored_energy
+from impact_env.parameters import Absorber
+
+few = settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+
+
+def powers(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high).map(lambda x: float(10**x))
+
+
+masses = powers(-6, 1)
+dampings = st.one_of(st.sampled_from([0.0, 1.0]), powers(-4, 0.3))
+gaps = st.one_of(powers(-6, 0), st.just(1e-3))
+restitutions = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0, 1))
+limits = powers(-6, 4)
+rigid_frictions = st.none() | st.builds(CoulombFriction, limits)
+rigid = st.builds(SlidingAbsorber, masses, st.builds(RigidWalls, gaps, restitutions), rigid_frictions)
+dampers = st.builds(SlidingAbsorber, masses, st.none(), st.builds(CoulombFriction, limits))
+stiffnesses = powers(2, 9)
+sliders = st.builds(ElasticCoulombFriction, limits, stiffnesses)
+compliant = st.builds(SlidingAbsorber, masses, st.builds(CompliantWalls, stiffnesses, gaps), st.none() | sliders)
+elastic = st.builds(SlidingAbsorber, masses, st.none(), sliders)
+linear = st.one_of(st.none(), st.builds(StuckAbsorber, masses), st.builds(TunedAbsorber, masses, stiffnesses, st.one_of(st.just(0.0), powers(-3, 3))))
+absorbers = st.one_of(rigid, rigid, dampers, compliant, elastic, linear)
+forces = st.one_of(st.just(0.0), powers(-3, 3))
+drives = st.builds(
+    lambda force, ratios, periods, phase: drive_of(force, *ratios, periods=periods, phase=phase),
+    forces,
+    st.lists(st.one_of(st.just(1.0), st.floats(0, 3)), min_size=1, max_size=3),
+    st.floats(0.2, 3),
+    st.floats(0, 6.3),
+)
+
+
+@st.composite
+def scenes(draw: st.DrawFn, kinds: st.SearchStrategy[Absorber | None] = absorbers, most: int = 20) -> Scene:
+    modes = draw(st.integers(1, most))
+    return beam_scene(Beam(modes=modes, elements=draw(st.integers(10, 30)), damping_ratio=draw(dampings)), draw(kinds))
+
+
+@st.composite
+def starts(draw: st.DrawFn, scene: Scene) -> InitialState:
+    """Rest, or a start anywhere in the cavity with beam and absorber in motion."""
+    if draw(st.booleans()):
+        return InitialState()
+    n, sliding = scene.model.modes, scene.absorber
+    unit = st.floats(-1, 1)
+    q = 1e-4 * np.array(draw(st.lists(unit, min_size=n, max_size=n))) / (1 + np.arange(n)) ** 3
+    u = 1e-2 * np.array(draw(st.lists(unit, min_size=n, max_size=n))) / (1 + np.arange(n)) ** 2
+    gap = sliding.walls.gap if isinstance(sliding, SlidingAbsorber) and sliding.walls is not None else 1e-3
+    share = draw(st.one_of(st.sampled_from([0.0, 1.0, -1.0]), unit))
+    return InitialState(q, u, float(scene.model.tip_shape @ q) + share * gap, 0.1 * draw(unit))
+
+
+def check(response: Response, error: float = 1e-9) -> None:
+    assert response.energy is not None
+    assert response.impacts is not None
+    assert response.phases is not None
+    energy = response.energy
+    # what passes through the run: without damping and friction the work can cancel almost to nothing
+    scale = max(abs(energy.work), float(np.sum(energy.modal_loss)), energy.stored_at_start, energy.stored_at_end, float(np.sum(energy.impact_loss)))
+    if response.history is not None:
+        scale = max(scale, abs(response.drive.amplitude) * float(np.max(np.abs(response.history.tip_displacement))))
+    assert abs(energy.balance_error) <= error * scale + 1e-25
+    for loss in (*energy.modal_loss, energy.friction_loss, energy.impact_loss, energy.absorber_damping):
+        assert loss >= -1e-15 * scale
+    assert np.all(np.isfinite(response.end_state))
+    assert len(response.impacts.time) == response.impact_count
+    assert np.all(np.diff(response.impacts.time) >= 0)
+    assert np.all(response.phases.end >= response.phases.start)
+    walls = getattr(response.scene.absorber, "walls", None)
+    if isinstance(walls, RigidWalls):
+        assert response.history is not None
+        # two equal eigenvalues have no modal form: near critical damping four digits of the rounding are lost
+        critical = np.any(np.abs(response.scene.model.damping_ratio - 1) < 1e-6)
+        places = response.history.absorber_displacement, response.history.tip_displacement
+        noise = (1e-11 if critical else 1e-13) * (walls.gap + sum(np.max(np.abs(place)) for place in places))
+        assert np.max(np.abs(relative_displacement(response))) <= walls.gap + noise
+        assert np.all(response.impacts.energy_lost >= 0)
+        assert np.sum(response.impacts.energy_lost) == pytest.approx(energy.impact_loss, rel=1e-12, abs=1e-30)
+    if response.impact_count > 0 and response.drive.amplitude == 0 and energy.stored_at_start == 0:
+        raise AssertionError("impacts out of nothing")
+
+
+@few
+@given(st.data(), scenes(), drives)
+def test_energy_and_walls(data: st.DataObject, scene: Scene, drive: Drive) -> None:
+    check(run(scene, drive, initial=data.draw(starts(scene))))
+
+
+def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:
+    walls, friction = (
+        None if part is None else dataclasses.replace(part, **{name: getattr(part, name) * factor})  # type: ignore[type-var]
+        for part, name in ((absorber.walls, "gap"), (absorber.friction, "limit"))
+    )
+    return dataclasses.replace(absorber, walls=walls, friction=friction)
+
+
+def assert_same_beginning(one: Response, other: Response, factor: float) -> None:
+    """The first three impacts, and the motion up to the third, agree but for the factor."""
+    assert one.impacts is not None
+    assert other.impacts is not None
+    assert one.history is not None
+    assert other.history is not None
+    known = min(3, one.impact_count, other.impact_count)
+    end = one.drive.schedule.times[-1]
+    np.testing.assert_allclose(other.impacts.time[:known], one.impacts.time[:known], rtol=0, atol=1e-6 * end)
+    until = one.impacts.time[known - 1] if one.impact_count > 2 else end
+    rows = one.history.time < until - 1e-5 * end
+    tip = one.history.tip_displacement[rows]
+    largest = np.max(np.abs(tip), initial=0.0)
+    np.testing.assert_allclose(other.history.tip_displacement[rows], factor * tip, rtol=0, atol=1e-6 * abs(factor) * largest)
+
+
+@few
+@given(scenes(st.one_of(rigid, dampers, compliant, elastic), 10), drives, powers(-3, 3))
+def test_scaling_law(scene: Scene, drive: Drive, factor: float) -> None:
+    assert isinstance(scene.absorber, SlidingAbsorber)
+    larger = Scene(scene.model, scaled(scene.absorber, factor))
+    assert_same_beginning(run(scene, drive), run(larger, dataclasses.replace(drive, amplitude=factor * drive.amplitude)), factor)
+
+
+@few
+@given(scenes(most=10), drives)
+def test_mirror_symmetry(scene: Scene, drive: Drive) -> None:
+    one, other = run(scene, drive), run(scene, dataclasses.replace(drive, amplitude=-drive.amplitude))
+    np.testing.assert_array_equal(one.end_state, -other.end_state)
+    assert one.impact_count == other.impact_count
+
+
+def test_doubling_everything_is_exact() -> None:
+    """A factor of two changes no rounding: not even thousands of impacts may differ."""
+    for absorber in (SlidingAbsorber(walls=RigidWalls(1e-3, 0.8)), SlidingAbsorber(walls=RigidWalls(1e-3, 0.8), friction=CoulombFriction(0.1))):
+        one, two = (run(scene_of(scaled(absorber, f)), drive_of(5.0 * f, 0.98, 1.02, periods=60)) for f in (1, 2))
+        assert one.impact_count > 100
+        np.testing.assert_array_equal(two.end_state, 2 * one.end_state)
+
+
+conservative = st.one_of(
+    st.none(),
+    st.builds(SlidingAbsorber, masses, st.builds(RigidWalls, gaps)),
+    st.builds(TunedAbsorber, masses, stiffnesses, st.just(0.0)),
+    st.builds(SlidingAbsorber, masses, st.builds(CompliantWalls, stiffnesses, gaps)),
+)
+
+
+@few
+@given(st.data(), st.integers(1, 10), conservative, st.floats(0.2, 20))
+def test_conserved_energy(data: st.DataObject, modes: int, absorber: Absorber | None, periods: float) -> None:
+    scene = beam_scene(Beam(modes=modes, damping_ratio=0.0), absorber)
+    initial = data.draw(starts(scene))
+    response = run(scene, drive_of(0.0, 1.0, periods=periods), initial=initial)
+    start = stored_energy(scene, initial.vector(scene))
+    assert stored_energy(scene, response.end_state) == pytest.approx(start, rel=1e-9, abs=1e-300)
+
+
+@few
+@given(scenes(st.one_of(rigid, dampers), 5), drives)
+def test_impulses_balance_the_absorbers_momentum(scene: Scene, drive: Drive) -> None:
+    """Without friction, only walls change the absorber's velocity: in impacts, and while they hold it."""
+    response = run(scene, drive)
+    assert response.impacts is not None
+    assert scene.absorber_mass is not None
+    sliding = scene.absorber
+    assert isinstance(sliding, SlidingAbsorber)
+    if sliding.friction is None and response.stuck_time == 0:
+        momentum = scene.absorber_mass * response.end_state[-1]
+        assert momentum == pytest.approx(np.sum(response.impacts.impulse), rel=1e-9, abs=1e-10 * np.sum(np.abs(response.impacts.impulse)))
+    assert np.all(response.impacts.impulse * response.impacts.relative_velocity <= 0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_run_repeats_bit_for_bit(seed: int) -> None:
+    absorber = SlidingAbsorber(walls=RigidWalls(1e-3, 0.8), friction=CoulombFriction(0.1))
+    drive = drive_of(5.0, 0.98, 1.0, periods=30, phase=float(seed))
+    one, two = (run(scene_of(absorber), drive) for _ in range(2))
+    np.testing.assert_array_equal(one.end_state, two.end_state)
+    np.testing.assert_array_equal(one.impacts.time, two.impacts.time)  # type: ignore[union-attr]
