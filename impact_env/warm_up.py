@@ -1,7 +1,7 @@
 """Compile the kernels into their cache before they are needed: ``python -m impact_env.warm_up``.
 
-numba compiles a kernel once for each combination of absent and present parts. These are the combinations that the main job and a sweep of a
-rigid scene meet; any other is compiled, and cached, when it is first used. One process, one after the other: two that fill one cache at the same
+numba compiles a kernel once for each combination of absent and present parts. These are the combinations that the main job meets; any
+other is compiled, and cached, when it is first used. One process, one after the other: two that fill one cache at the same
 time can spoil each other's entries.
 """
 
@@ -29,8 +29,6 @@ ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
 }
 RECORDS = {
     "level": Record(),
-    "level, events, energy": Record(events=True, energy=True),
-    "nothing": Record(level=False),
 }
 
 
