@@ -9,7 +9,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.beam import deflection_row, matrices
-from impact_env.parameters import Beam, require
+from impact_env.parameters import Beam, positive, require
 
 
 def _frozen(name: str, values: ArrayLike) -> NDArray[np.float64]:
@@ -35,6 +35,7 @@ class ModalModel:
     def __post_init__(self) -> None:
         for name in ("omega", "damping_ratio", "force_shape", "tip_shape"):
             object.__setattr__(self, name, _frozen(name, getattr(self, name)))
+        object.__setattr__(self, "beam_mass", positive("beam_mass", self.beam_mass))
         lengths = {len(getattr(self, name)) for name in ("omega", "damping_ratio", "force_shape", "tip_shape")}
         require(len(lengths) == 1, "modal model", lengths, "arrays of one length")
         require(bool(np.all(self.omega > 0)), "omega", self.omega, "frequencies above 0 rad/s")

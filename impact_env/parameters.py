@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 
@@ -80,8 +80,8 @@ class Beam:
             object.__setattr__(self, name, fraction(name, getattr(self, name)))
         count("elements", self.elements, 1)
         count("modes", self.modes, 1, 2 * self.elements)
-        if isinstance(self.damping_ratio, int | float):
-            non_negative("damping_ratio", self.damping_ratio)
+        if not isinstance(self.damping_ratio, Iterable):
+            object.__setattr__(self, "damping_ratio", non_negative("damping_ratio", self.damping_ratio))
         else:
             ratios = tuple(non_negative("damping_ratio", d) for d in self.damping_ratio)
             require(len(ratios) == self.modes, "damping_ratio", ratios, f"one number, or one for each of the {self.modes} modes")
