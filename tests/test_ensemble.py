@@ -71,7 +71,7 @@ def test_phases_follow_from_the_seed() -> None:
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_interrupt_keeps_what_is_finished(threads: int) -> None:
-    lanes, told = some_lanes(), []
+    lanes, told = some_lanes() * 40, []  # so many that other threads cannot finish them before the interrupt arrives
 
     def stop(done: int, total: int) -> None:
         told.append((done, total))
