@@ -145,7 +145,7 @@ def try_join(joined, forced, window, contact, limit, now, state, work, centre): 
 
 @jit
 def fly(free, forced, window, contact, walls, limit, losses, now, work, signal, state, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
-    """Advance the free regime to its next event or to the window's end; return (event, excess over the wall, relative velocity)."""
+    """Advance the free regime to its next event or to the window's end; return what the search found."""
     slots, omega = free.slots, window.omega
     weigh(slots.rows, GUARD, work.z, signal.u)
     p = signal.polynomial

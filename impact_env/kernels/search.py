@@ -394,6 +394,8 @@ def search(slots, forced, omega, signal, tau, length, low, high, side, direction
         offset += step
         if step > 2.0 * finest:
             offset = np.floor(offset / finest) * finest
+    if count >= MAX_EVALUATIONS:  # not a number, so that the run ends in an error: an event could be missed
+        return Event(NOTHING, np.nan, np.nan, np.nan, np.nan, count)
     return Event(NOTHING, length, 0.0, 0.0, 0.0, count)
 
 
