@@ -23,11 +23,15 @@ HEADER = ("tuning", "k, N/m", "c, N s/m", "omega_a/omega_r", "damping ratio", "p
 
 
 def certificates(table: TuningTable) -> dict[str, float]:
-    from optimisation.tuned.certificate import certify  # needs cvxpy, which is slow to import
+    from optimisation.convex import NotOptimalError  # needs cvxpy, which is slow to import
+    from optimisation.tuned.certificate import certify
 
     bounds = {}
     for tuning in tqdm(table.tunings, desc="proving", bar_format=BAR, disable=None, leave=False):
-        bounds[tuning.key] = certify(table.model, tuning.absorber, table.resonance, table.low, table.high).bound
+        try:
+            bounds[tuning.key] = certify(table.model, tuning.absorber, table.resonance, table.low, table.high).bound
+        except NotOptimalError as error:
+            raise click.ClickException(f"{tuning.label}: {error} (--quick leaves the proofs out)") from error
     return bounds
 
 
@@ -86,8 +90,6 @@ def main(resonance: int, mass_ratio: float, position: float, modes: int, damping
         files = write(out, table, bounds)
     except ParameterError as error:
         raise BadInput(str(error)) from error
-    except RuntimeError as error:  # a programme without an optimum
-        raise click.ClickException(str(error)) from error
     except KeyboardInterrupt:
         click.echo("Broken off.", err=True)
         sys.exit(INTERRUPTED)
