@@ -13,14 +13,15 @@ from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, perfo
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE
 from impact_env.ensemble import Progress
 from impact_env.modes import ModalModel
-from impact_env.parameters import RigidWalls, SlidingAbsorber, impact_absorber, positive, require
+from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SlidingAbsorber, impact_absorber, positive, require
 from impact_env.scene import Scene
 from optimisation.bounds import design_gap, near_range, resonance_limit, share_reached
 
 Array = NDArray[np.float64]
 
+RESTITUTION, FRICTION = 0.7, 0.1  # of the paper's best absorber with a gap of 1 mm; friction in N
 SPAN = 2.5  # gaps reach from the rule's over this to the rule's times this
-MARGIN = 0.03  # by which a sweep begins below the range of the rule, as the paper's does
+BELOW = 0.97  # of the lower end of the rule's range: where a sweep begins for a mass heavier than the paper's
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ class GapCheck:
 
 def sweep_limits(model: ModalModel, mass: float, resonance: int = 1) -> tuple[float, float]:
     """Return the limits of the sweep over omega_r: the paper's, begun lower for a mass in kg that lowers the resonance further."""
-    return min(PAPER_LIMITS[0], near_range(model, mass, resonance)[0] - MARGIN), PAPER_LIMITS[1]
+    return min(PAPER_LIMITS[0], BELOW * near_range(model, mass, resonance)[0]), PAPER_LIMITS[1]
 
 
 def gap_factors(number: int) -> Array:
@@ -103,6 +104,17 @@ def gap_factors(number: int) -> Array:
     require(number >= 3 and number % 2 == 1, "gaps", number, "an odd number, 3 or more (the rule's gap is the middle one)")
     half = np.geomspace(1, SPAN, number // 2 + 1)
     return np.concatenate([1 / half[:0:-1], half])
+
+
+def scaled_absorber(
+    model: ModalModel, force: float, resonance: int = 1, mass_ratio: float = DEFAULT_MASS_RATIO, restitution: float = RESTITUTION
+) -> SlidingAbsorber:
+    """Return an impact absorber with the rule's gap for a force in N, and the paper's friction (0.1 N) in proportion to gap and mass.
+
+    That is what the scaling law asks for: friction over mass times gap decides whether the absorber slides.
+    """
+    gap = design_gap(model, positive("mass_ratio", mass_ratio) * model.beam_mass, force, resonance)
+    return impact_absorber(gap, restitution, FRICTION * gap / RigidWalls.gap * mass_ratio / DEFAULT_MASS_RATIO, mass_ratio)
 
 
 def check_gap(
@@ -120,12 +132,12 @@ def check_gap(
 ) -> GapCheck:
     """Simulate sweeps up and down at one force (N) for gaps around the rule's.
 
-    ``absorber`` gives mass, restitution and friction (default: e = 0.7 and 0.1 N, as in the paper's comparison); its gap is replaced. ``factors``
-    of the rule's gap must contain 1. Interruption and the other arguments as in `performance_curves`. Raises ParameterError for
+    ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its gap is replaced. ``factors`` of the rule's gap must
+    contain 1. Interruption and the other arguments as in `performance_curves`. Raises ParameterError for
     numbers out of range, and for an absorber without rigid walls.
     """
     force = positive("force", force)
-    absorber = impact_absorber(restitution=0.7, friction_limit=0.1) if absorber is None else absorber
+    absorber = scaled_absorber(model, force, resonance) if absorber is None else absorber
     walls = absorber.walls
     if not isinstance(walls, RigidWalls):
         require(False, "absorber", absorber, "one with rigid walls, since the rule is about their gap")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -13,15 +14,14 @@ from tqdm import tqdm
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, SlidingAbsorber, impact_absorber, non_negative, positive
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, CoulombFriction, ParameterError, SlidingAbsorber, non_negative
 from impact_env.sweep import IntegrationError
 from optimisation.bounds import design_gap
 from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.gap_check import GapCheck, check_gap, gap_factors
+from optimisation.gap_check import FRICTION, RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber
 
 QUICK_GAPS, QUICK_MEMBERS = 5, 2
 DEFAULT_GAPS = 11
-FRICTION = 0.1  # N, of the paper's best absorber
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} sweeps [{elapsed}, {remaining} left]"
 HEADER = ("gap, mm", "of the rule's", "level, mm", "5 to 95 %, mm", "of no absorber, %", "limit, mm", "share of the possible, %")
@@ -77,8 +77,12 @@ def text(check: GapCheck) -> str:
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
 @click.option("--position", type=float, default=Beam.absorber_position, show_default=True, help="Place of absorber and response, over the length.")
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
-@click.option("--restitution", type=float, default=0.7, show_default=True, help="Coefficient of restitution in the simulation, 0 to 1.")
-@click.option("--friction-limit", type=float, default=FRICTION, show_default=True, help="Friction limit in N in the simulation; 0: no friction.")
+@click.option("--restitution", type=float, default=RESTITUTION, show_default=True, help="Coefficient of restitution in the simulation, 0 to 1.")
+@click.option(
+    "--friction-limit",
+    type=float,
+    help=f"Friction limit in N in the simulation; 0: no friction.  [default: {FRICTION} N for 1 mm, with gap and mass]",
+)
 @click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_GAPS} gaps, {QUICK_MEMBERS} members, unless given.")
 @click.option("--gaps", type=click.IntRange(min=3), help=f"Number of gaps, odd, the rule's in the middle.  [default: {DEFAULT_GAPS}]")
 @click.option("--members", type=click.IntRange(min=1), help=f"Runs for each gap, with different initial phases.  [default: {DEFAULT_MEMBERS}]")
@@ -92,7 +96,7 @@ def main(
     position: float,
     modes: int,
     restitution: float,
-    friction_limit: float,
+    friction_limit: float | None,
     quick: bool,
     gaps: int | None,
     members: int | None,
@@ -108,10 +112,13 @@ def main(
     gaps, members = gaps or (QUICK_GAPS if quick else DEFAULT_GAPS), members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
     try:
         model = modal_model(Beam(modes=modes, absorber_position=position))
-        rule = design_gap(model, positive("mass_ratio", mass_ratio) * model.beam_mass, force, resonance)
-        absorber = impact_absorber(rule, restitution, non_negative("friction_limit", friction_limit) or None, mass_ratio)
+        absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution)
+        if friction_limit is not None:
+            friction = CoulombFriction(friction_limit) if non_negative("friction_limit", friction_limit) > 0 else None
+            absorber = replace(absorber, friction=friction)
         gap_factors(gaps)
         require_writable("--out", out)
+        rule = design_gap(model, mass_ratio * model.beam_mass, force, resonance)
         click.echo(f"Design rule: a clearance of {1e3 * rule:.4g} mm to either wall for {force:g} N near resonance {resonance}.")
         check = simulated(model, force, resonance, absorber, gaps, members, seed, threads)
         files = write(out, check)

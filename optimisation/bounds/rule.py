@@ -8,19 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.modes import ModalModel
-from impact_env.parameters import StuckAbsorber, positive, require
+from impact_env.parameters import DEFAULT_MASS_RATIO, StuckAbsorber, positive, require
 from optimisation.bounds.stroke import GRID, line_amplitude, line_terms, smallest
 from optimisation.response import frequency_range, natural_frequencies
 
 Real = NDArray[np.float64]
 
-NEAR = (0.93, 1.06)  # of the resonance frequency, where `design_force` asks for the limit to be zero
-_BELOW_STUCK = 0.967  # of the resonance with the mass stuck: where the range begins for a heavy mass, as 0.93 does for the paper's
+NEAR = (0.93, 1.06)  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
+_LEAST = 0.5  # of the resonance with the mass stuck: where the range begins at the lowest
 
 
 def near_range(model: ModalModel, mass: float, resonance: int = 1) -> tuple[float, float]:
-    """Return the default (low, high) of `design_force` in units of omega_r: `NEAR`, lower where a heavy mass ``mass`` (kg) lowers the resonance."""
-    return min(NEAR[0], _BELOW_STUCK * _stuck_ratio(model, mass, resonance)), NEAR[1]
+    """Return the default (low, high) of `design_force` in units of omega_r: `NEAR` for the paper's mass ratio, for a mass in kg.
+
+    All that an absorber does to a resonance happens within a few times the shift of the frequency by the stuck mass, so the lower end is as far
+    below 1 as that shift is larger or smaller than with the paper's mass ratio. At higher resonances and masses from a tenth of the
+    beam's an antiresonance comes into the range, and the rule then asks for too wide a gap.
+    """
+    usual, shift = (1 - _stuck_ratio(model, m, resonance) for m in (DEFAULT_MASS_RATIO * model.beam_mass, mass))
+    if usual <= 0:  # a node at the absorber
+        return NEAR
+    return max(_LEAST * (1 - shift), 1 - (1 - NEAR[0]) * shift / usual), NEAR[1]
 
 
 def _stuck_ratio(model: ModalModel, mass: float, resonance: int) -> float:
@@ -35,7 +43,7 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
     ``mass`` m_a in kg, ``gap`` g0 in m. The paper's best operating points of the first two modes, found by simulation, lie close to f*.
     For the paper's beam |kappa|/|G_f| grows with the frequency, so the minimum sits at the lower end of the range, and f* depends on
     where "near the resonance" begins: 1 % of frequency moves it by 2 % at the first mode and by 5 to 6 % at the second. The default
-    begins 7 % below the resonance, lower for a heavy mass (`near_range`). Raises ParameterError for numbers out of range, and for a
+    begins 7 % below the resonance for the paper's mass ratio, see `near_range`. Raises ParameterError for numbers out of range, and for a
     range without the resonance of the beam with the mass stuck to it, around which the limit is largest.
     """
     omega_r, default = model.resonance_omega(resonance), near_range(model, mass, resonance)
