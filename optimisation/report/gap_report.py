@@ -97,6 +97,6 @@ def save_figure(path: Path, check: GapCheck) -> None:
     axes.grid(True, color="0.88", lw=0.7)
     axes.set_axisbelow(True)
     axes.legend(loc="upper center", ncols=1, fontsize=9.5, framealpha=0.95)
-    absorber = f"absorber of {100 * check.absorber.mass_ratio:g} % of the beam's mass; without absorber {without:.3g} mm{stopped}"
-    axes.set_title(f"Gap for {check.force:g} N near resonance {check.resonance}, {absorber}", fontsize=11)
+    absorber = f"absorber of {100 * check.absorber.mass_ratio:g} % of the beam's mass; without absorber: {without:.3g} mm"
+    axes.set_title(f"Gap for {check.force:g} N near resonance {check.resonance}{stopped}\n{absorber}", fontsize=11)
     figure.savefig(path, dpi=DPI, format=path.suffix[1:])
