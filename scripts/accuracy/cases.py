@@ -18,7 +18,7 @@ from impact_env.sweep import simulate
 
 MODES = (1, 3, 10, 30)
 START = 0.95  # of the first resonance
-RUN_IN = 40.0  # pseudo periods from rest until a case starts
+RUN_IN, APART = 40.0, 6.3  # pseudo periods from rest until the first case of a scene starts, and between two of them
 STATIC = Beam().static_tip_stiffness
 BARE = Record(level=False)
 
@@ -95,14 +95,14 @@ def method_name(method: Method, scene: Scene) -> str:
     return type(method).__name__ if isinstance(method, Moreau) else "Runge-Kutta"
 
 
-@lru_cache(maxsize=64)
-def case(kind: Kind, modes: int) -> Case:
-    """Run a scene in with the exact method, and start where its absorber moves freely."""
+@lru_cache(maxsize=256)
+def case(kind: Kind, modes: int, number: int = 0) -> Case:
+    """Run a scene in with the exact method, and start where its absorber moves freely; each ``number`` starts later than the one before."""
     scene = beam_scene(Beam(modes=modes), kind.absorber())
     reference = scene.model.resonance_omega(1)
     period = 2 * np.pi / reference
     for k in range(40):
-        periods = RUN_IN + 0.137 * k
+        periods = RUN_IN + APART * number + 0.137 * k
         schedule = linear_sweep(reference, START, START + periods * PAPER_RATE / 1e4)
         state = simulate(scene, Drive(kind.force, schedule), record=BARE).end_state
         initial = InitialState(state[:modes], state[modes + 1 : 2 * modes + 1], float(state[modes]), float(state[-1]))

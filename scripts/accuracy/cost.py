@@ -49,7 +49,9 @@ def rows(settings: Settings) -> Iterator[list[Row]]:
     for name, method in OVER_MODES:
         for modes in settings.cost_modes:
             it = case(kind_named(name), modes)
-            label = f"{method_name(method, it.scene)}, {method.steps_per_period} steps" if isinstance(method, Moreau) else method_name(method, it.scene)
+            label = (
+                f"{method_name(method, it.scene)}, {method.steps_per_period} steps" if isinstance(method, Moreau) else method_name(method, it.scene)
+            )
             yield [_row(MODES, modes, name, modes, label, own_time(it, method, 1.0, settings))]
     for lanes in settings.cost_lanes:
         yield [_row(LANES, lanes, LANE_KIND, LANE_MODES, "Exact", _lanes_time(lanes, 1, settings))]

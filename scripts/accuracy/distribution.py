@@ -33,7 +33,9 @@ def count(settings: Settings) -> int:
     return len(_kinds(settings)) * len(settings.modes)
 
 
-def _levels(scene: Scene, kind: Kind, method: Method, phases: np.ndarray, settings: Settings, budget: float | None) -> Iterator[tuple[int, float, float]]:
+def _levels(
+    scene: Scene, kind: Kind, method: Method, phases: np.ndarray, settings: Settings, budget: float | None
+) -> Iterator[tuple[int, float, float]]:
     """Yield member, level in m and run time in s, until the budget (s) is used up."""
     schedule = linear_sweep(scene.model.resonance_omega(1), *settings.sweep)
     began = time.perf_counter()

@@ -120,14 +120,17 @@ class Mechanics:
 
 
 def follow(scene: Scene, drive: Drive, initial: InitialState, make: Callable[[Mechanics, Automaton], Integrator], energy: bool = False) -> PeerRun:
-    """Run a scene with a peer over the whole drive, with an account of its energy if wanted. Raises PeerFailedError if an event was missed or the peer gives up."""
+    """Run a scene with a peer over the whole drive, with an account of its energy if wanted.
+
+    Raises PeerFailedError if an event was missed or the peer gives up.
+    """
     mechanics, automaton = Mechanics(scene, drive, energy), Automaton(scene)
     n, end = mechanics.modes, float(drive.schedule.times[1])
     x = np.concatenate([initial.vector(scene), np.zeros(2 if energy else 0)])
     integrate, start = make(mechanics, automaton), x.copy()
     y, gamma = mechanics.relative(x)
-    regime, t, times, events = automaton.regime(automaton.start(y, gamma, mechanics.joint_force(0.0, x))), 0.0, [], 0
-    wall_time = 0.0
+    regime = automaton.regime(automaton.start(y, gamma, mechanics.joint_force(0.0, x)))
+    t, times, events, wall_time = 0.0, [], 0, 0.0
     while t < end:
         began = time.perf_counter()
         t, x, hit = integrate(regime, t, end, x)
@@ -139,16 +142,21 @@ def follow(scene: Scene, drive: Drive, initial: InitialState, make: Callable[[Me
         if events > MAX_EVENTS:
             raise PeerFailedError(f"more than {MAX_EVENTS} events")
         guard = regime.guards[hit]
-        if guard.event == WALL:
-            mechanics.kick(x, automaton.restitution or 0.0)
         if guard.event in (WALL, CONTACT):
             times.append(t)
-        name, stop = automaton.after(guard, mechanics.relative(x)[1], mechanics.joint_force(t, x), REST_SPEED)
-        if stop:
-            mechanics.kick(x, 0.0)
-            x[2 * n + 1] += {"slide +": NUDGE, "slide -": -NUDGE}.get(name, 0.0)
-        regime = automaton.regime(name)
+        regime = _jump(mechanics, automaton, guard, t, x)
     return PeerRun(np.array(times), x[: 2 * n + 2].copy(), _balance(mechanics, start, x) if energy else None, wall_time)
+
+
+def _jump(mechanics: Mechanics, automaton: Automaton, guard: Guard, t: float, x: Array) -> Regime:
+    """Change the state in place as the end of a guard demands, and return the regime that follows."""
+    if guard.event == WALL:
+        mechanics.kick(x, automaton.restitution or 0.0)
+    name, stop = automaton.after(guard, mechanics.relative(x)[1], mechanics.joint_force(t, x), REST_SPEED)
+    if stop:
+        mechanics.kick(x, 0.0)
+        x[2 * mechanics.modes + 1] += {"slide +": NUDGE, "slide -": -NUDGE}.get(name, 0.0)
+    return automaton.regime(name)
 
 
 def _balance(mechanics: Mechanics, start: Array, end: Array) -> float:
@@ -169,7 +177,7 @@ def _check(mechanics: Mechanics, regime: Regime, t: float, x: Array) -> None:
 def scipy_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integrator]:
     """Return SciPy's DOP853 with terminal events; the absolute tolerance is relative to the gap's order of magnitude."""
 
-    def make(mechanics: Mechanics, automaton: Automaton) -> Integrator:
+    def make(mechanics: Mechanics, automaton: Automaton) -> Integrator:  # noqa: ARG001 - as all peers
         first = 0.05 / float(np.max(mechanics.model.omega))
 
         def integrate(regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]:

@@ -1,7 +1,7 @@
 """How fast errors grow: the largest Lyapunov exponent of each scene from twin trajectories, and the twins' impact times one by one.
 
-Two runs of the exact method differ by a small amount. After each stretch their distance is noted and scaled back (G. Benettin, L. Galgani, A. Giorgilli,
-J.-M. Strelcyn, Meccanica 15, 1980). The mean logarithm of the growth is the exponent.
+Two runs of the exact method differ by a small amount. After each stretch their distance is noted and scaled back (G. Benettin, L. Galgani,
+A. Giorgilli, J.-M. Strelcyn, Meccanica 15, 1980). The mean logarithm of the growth is the exponent.
 """
 
 from __future__ import annotations
@@ -29,8 +29,10 @@ KINDS = (
     "compliant walls, soft",
     "compliant walls, stiff",
 )
-STRETCH = 0.5  # pseudo periods
+STRETCH = 0.5  # pseudo periods at most; less where impacts are many, since the distance has to stay small
+STRETCH_IMPACTS = 3.0
 DISTANCE = 1e-8  # of the state's norm
+LEAST_PERIODS = 10.0  # pseudo periods in all
 SETTLING = 4  # stretches until the difference points where it grows most
 TWIN_DISTANCE = 1e-15
 FOLLOWED = 40  # impacts
@@ -55,6 +57,9 @@ class _Continued:
         model, mass = self.scene.model, self.scene.absorber_mass or 0.0
         n = it.modes
         self.weights = np.concatenate([model.omega**2, [mass * model.omega[0] ** 2], np.ones(n), [mass]])
+        self.stretch = STRETCH
+        trial = 10
+        self.stretch = min(STRETCH, STRETCH_IMPACTS * STRETCH * trial / max(1, self.run(it.initial.vector(it.scene), 0, trial)[1]))
 
     def norm(self, state: Array) -> float:
         return float(np.sqrt(np.sum(self.weights * state**2)))
@@ -70,11 +75,11 @@ class _Continued:
 
     def drive(self, stretch: int, periods: float) -> Drive:
         ratio = self.it.omega / self.reference
-        phase = self.it.phase + self.it.omega * stretch * STRETCH * self.it.period
+        phase = self.it.phase + self.it.omega * stretch * self.stretch * self.it.period
         return Drive(self.it.kind.force, constant_frequency(self.reference, ratio, periods), float(np.mod(phase, 2 * np.pi)))
 
-    def run(self, state: Array, stretch: int) -> tuple[Array, int]:
-        response = simulate(self.scene, self.drive(stretch, STRETCH), Exact(), initial=self.initial(state), record=BARE)
+    def run(self, state: Array, stretch: int, stretches: int = 1) -> tuple[Array, int]:
+        response = simulate(self.scene, self.drive(stretch, stretches * self.stretch), Exact(), initial=self.initial(state), record=BARE)
         return response.end_state, response.impact_count
 
     def impact_times(self, state: Array, stretch: int, periods: float) -> Array:
@@ -96,8 +101,9 @@ def _grow(run: _Continued, settings: Settings, generator: np.random.Generator) -
     state, growth, impacts, states = start, [], 0, []
     size = DISTANCE * run.norm(state)
     difference = size * _direction(run, generator)
-    every = max(1, settings.stretches // settings.twins)
-    for k in range(SETTLING + settings.stretches):
+    stretches = int(np.clip(LEAST_PERIODS / run.stretch, settings.stretches, 5 * settings.stretches))
+    every = -(-stretches // settings.twins)
+    for k in range(SETTLING + stretches):
         twin, _ = run.run(state + difference, k)
         state, hits = run.run(state, k)
         grown = run.norm(twin - state)
@@ -113,7 +119,7 @@ def _grow(run: _Continued, settings: Settings, generator: np.random.Generator) -
 
 
 def _twins(run: _Continued, states: list[tuple[Array, int]], per_period: float, generator: np.random.Generator) -> Array:
-    """Return the difference of the k-th impact's time in two runs that differ by rounding, in pseudo periods; (pairs, FOLLOWED), NaN where none is."""
+    """Return (pairs, FOLLOWED): how far the k-th impacts of two runs that differ by rounding lie apart, in pseudo periods; NaN where none is."""
     periods = float(np.clip(1.3 * FOLLOWED / max(per_period, 1e-9), 1.0, MOST_PERIODS))
     off = np.full((len(states), FOLLOWED), np.nan)
     for row, (state, stretch) in zip(off, states, strict=True):
@@ -134,10 +140,12 @@ def rows(settings: Settings) -> Iterator[list[Row]]:
             yield _rows(run, name, growth, impacts, states, generator)
 
 
-def _rows(run: _Continued, name: str, growth: list[float], impacts: int, states: list[tuple[Array, int]], generator: np.random.Generator) -> list[Row]:
+def _rows(
+    run: _Continued, name: str, growth: list[float], impacts: int, states: list[tuple[Array, int]], generator: np.random.Generator
+) -> list[Row]:
     means = [np.mean(generator.choice(growth, len(growth))) for _ in range(1000)]
-    low, high = np.quantile(means, [0.025, 0.975]) / STRETCH
-    exponent, per_period = float(np.mean(growth)) / STRETCH, impacts / (STRETCH * len(growth))
+    low, high = np.quantile(means, [0.025, 0.975]) / run.stretch
+    exponent, per_period = float(np.mean(growth)) / run.stretch, impacts / (run.stretch * len(growth))
     shared = {"scene": name, "modes": run.it.modes}
     row: Row = {
         **shared,

@@ -173,7 +173,9 @@ def reference(
 ) -> Trajectory:
     """Follow a trajectory to the drive's end, to a time ``until`` (s) or to a number of impacts, whichever is first.
 
-    ``rate`` (rad/s^2) takes the place of the slope between the schedule's two frequencies, whose rounding it carries otherwise. Raises ValueError for elastic friction, friction beside compliant walls and bent schedules, RuntimeError if events pile up without end.
+    ``rate`` (rad/s^2) takes the place of the slope between the schedule's two frequencies, whose rounding it carries otherwise.
+
+    Raises ValueError for elastic friction, friction beside compliant walls and bent schedules, RuntimeError if events pile up without end.
     """
     run = _Run(scene, drive, initial, rate)
     end = run.end if until is None else min(run.end, Fraction(until))

@@ -1,8 +1,8 @@
 """Steps of linear regimes as Taylor series in numbers of 32 digits, the guards' series, and their first root within a step.
 
-Numbers are unevaluated sums of two doubles, (high, low) with |low| at most half a unit of high's last place. The error-free sum is Knuth's, the
-error-free product Dekker's with Veltkamp's splitting (T. J. Dekker, A floating-point technique for extending the available precision, Numer. Math. 18,
-1971). They need IEEE arithmetic as written: no reordering, no contraction.
+Numbers are unevaluated sums of two doubles, (high, low) with |low| at most half a unit of high's last place. The error-free sum is Knuth's,
+the error-free product Dekker's with Veltkamp's splitting (T. J. Dekker, A floating-point technique for extending the available precision,
+Numer. Math. 18, 1971). They need IEEE arithmetic as written: no reordering, no contraction.
 
 With q'' = -2 D omega q' - omega^2 q + force_shape f(t) - tip_shape lambda and m_a q_a'' = lambda the coefficients follow order by order. The force
 A cos(theta), theta' = Omega + alpha t, has the coefficients that follow from c' = -theta' s, s' = theta' c.
@@ -81,6 +81,62 @@ def compiled(function):  # type: ignore[no-untyped-def]
     return numba.njit(cache=True, error_model="numpy", fastmath=False)(function)
 
 
+@exact
+def _phase_order(series, constants, inverse, omega, k, one, other, sign):  # type: ignore[no-untyped-def]
+    """Set order k + 1 of the cosine or the sine, column ``one``, from the ``other``."""
+    x = multiply(omega[0], omega[1], series[k, other, 0], series[k, other, 1])
+    if k > 0:
+        y = multiply(constants[ALPHA, 0], constants[ALPHA, 1], series[k - 1, other, 0], series[k - 1, other, 1])
+        x = add(x[0], x[1], y[0], y[1])
+    x = multiply(x[0], x[1], inverse[k, 0], inverse[k, 1])
+    series[k + 1, one, 0], series[k + 1, one, 1] = sign * x[0], sign * x[1]
+
+
+@exact
+def _tip(series, beam, k):  # type: ignore[no-untyped-def]
+    """Return order k of the tip's displacement."""
+    total = (0.0, 0.0)
+    for i in range(beam.shape[1]):
+        x = multiply(beam[TIP, i, 0], beam[TIP, i, 1], series[k, i, 0], series[k, i, 1])
+        total = add(total[0], total[1], x[0], x[1])
+    return total
+
+
+@exact
+def _unforced(series, beam, push, k, rest):  # type: ignore[no-untyped-def]
+    """Fill ``rest`` (N_m, 2) with order k of the modes' accelerations without contact, and return the tip's."""
+    total = (0.0, 0.0)
+    for i in range(beam.shape[1]):
+        x = multiply(beam[RATE, i, 0], beam[RATE, i, 1], series[k + 1, i, 0], series[k + 1, i, 1])
+        x = multiply(x[0], x[1], -(k + 1.0), 0.0)
+        y = multiply(beam[SQUARE, i, 0], beam[SQUARE, i, 1], series[k, i, 0], series[k, i, 1])
+        x = add(x[0], x[1], -y[0], -y[1])
+        y = multiply(beam[FORCE, i, 0], beam[FORCE, i, 1], push[0], push[1])
+        x = add(x[0], x[1], y[0], y[1])
+        rest[i, 0], rest[i, 1] = x
+        y = multiply(beam[TIP, i, 0], beam[TIP, i, 1], x[0], x[1])
+        total = add(total[0], total[1], y[0], y[1])
+    return total
+
+
+@exact
+def _law(series, beam, constants, k):  # type: ignore[no-untyped-def]
+    """Return order k of a force that depends on the relative motion."""
+    n = beam.shape[1]
+    x = (series[k, n + RELATIVE, 0], series[k, n + RELATIVE, 1])
+    force = (0.0, 0.0)
+    if k == 0:
+        x = add(x[0], x[1], -constants[REST, 0], -constants[REST, 1])
+        force = (constants[CONSTANT, 0], constants[CONSTANT, 1])
+    x = multiply(constants[STIFFNESS, 0], constants[STIFFNESS, 1], x[0], x[1])
+    force = add(force[0], force[1], -x[0], -x[1])
+    tip = _tip(series, beam, k + 1)
+    gamma = add(series[k + 1, n + ABSORBER, 0], series[k + 1, n + ABSORBER, 1], -tip[0], -tip[1])
+    gamma = multiply(gamma[0], gamma[1], k + 1.0, 0.0)
+    x = multiply(constants[DAMPING, 0], constants[DAMPING, 1], gamma[0], gamma[1])
+    return add(force[0], force[1], -x[0], -x[1])
+
+
 @compiled
 def taylor_series(series, beam, constants, inverse, omega, joined):  # type: ignore[no-untyped-def]
     """Fill ``series`` (ORDER + 1, N_m + EXTRA, 2) from its displacements at orders 0 and 1 and the cosine and sine at order 0."""
@@ -88,61 +144,28 @@ def taylor_series(series, beam, constants, inverse, omega, joined):  # type: ign
     ab, co, si, re, la = n + ABSORBER, n + COSINE, n + SINE, n + RELATIVE, n + LAMBDA
     rest = np.empty((n, 2))
     for k in range(ORDER + 1):
-        if k < ORDER:
-            # the force's phase: one order ahead
-            for one, other, sign in ((co, si, -1.0), (si, co, 1.0)):
-                x = multiply(omega[0], omega[1], series[k, other, 0], series[k, other, 1])
-                if k > 0:
-                    y = multiply(constants[ALPHA, 0], constants[ALPHA, 1], series[k - 1, other, 0], series[k - 1, other, 1])
-                    x = add(x[0], x[1], y[0], y[1])
-                x = multiply(x[0], x[1], inverse[k, 0], inverse[k, 1])
-                series[k + 1, one, 0], series[k + 1, one, 1] = sign * x[0], sign * x[1]
-        r = (series[k, ab, 0], series[k, ab, 1])
-        for i in range(n):
-            x = multiply(beam[TIP, i, 0], beam[TIP, i, 1], series[k, i, 0], series[k, i, 1])
-            r = add(r[0], r[1], -x[0], -x[1])
-        series[k, re, 0], series[k, re, 1] = r
-        if k > ORDER - 1:
+        tip = _tip(series, beam, k)
+        series[k, re, 0], series[k, re, 1] = add(series[k, ab, 0], series[k, ab, 1], -tip[0], -tip[1])
+        if k == ORDER:
             break
-        f = multiply(constants[AMPLITUDE, 0], constants[AMPLITUDE, 1], series[k, co, 0], series[k, co, 1])
-        total = (0.0, 0.0)
-        next_tip = (0.0, 0.0)
-        for i in range(n):
-            x = multiply(beam[RATE, i, 0], beam[RATE, i, 1], series[k + 1, i, 0], series[k + 1, i, 1])
-            x = multiply(x[0], x[1], -(k + 1.0), 0.0)
-            y = multiply(beam[SQUARE, i, 0], beam[SQUARE, i, 1], series[k, i, 0], series[k, i, 1])
-            x = add(x[0], x[1], -y[0], -y[1])
-            y = multiply(beam[FORCE, i, 0], beam[FORCE, i, 1], f[0], f[1])
-            x = add(x[0], x[1], y[0], y[1])
-            rest[i, 0], rest[i, 1] = x
-            if joined:
-                y = multiply(beam[TIP, i, 0], beam[TIP, i, 1], x[0], x[1])
-                total = add(total[0], total[1], y[0], y[1])
-            y = multiply(beam[TIP, i, 0], beam[TIP, i, 1], series[k + 1, i, 0], series[k + 1, i, 1])
-            next_tip = add(next_tip[0], next_tip[1], y[0], y[1])
+        _phase_order(series, constants, inverse, omega, k, co, si, -1.0)
+        _phase_order(series, constants, inverse, omega, k, si, co, 1.0)
+        push = multiply(constants[AMPLITUDE, 0], constants[AMPLITUDE, 1], series[k, co, 0], series[k, co, 1])
+        free = _unforced(series, beam, push, k, rest)
         if joined:
-            force = multiply(constants[JOINT_MASS, 0], constants[JOINT_MASS, 1], total[0], total[1])
+            force = multiply(constants[JOINT_MASS, 0], constants[JOINT_MASS, 1], free[0], free[1])
         else:
-            x = (r[0], r[1])
-            force = (0.0, 0.0)
-            if k == 0:
-                x = add(x[0], x[1], -constants[REST, 0], -constants[REST, 1])
-                force = (constants[CONSTANT, 0], constants[CONSTANT, 1])
-            x = multiply(constants[STIFFNESS, 0], constants[STIFFNESS, 1], x[0], x[1])
-            force = add(force[0], force[1], -x[0], -x[1])
-            gamma = add(series[k + 1, ab, 0], series[k + 1, ab, 1], -next_tip[0], -next_tip[1])
-            gamma = multiply(gamma[0], gamma[1], k + 1.0, 0.0)
-            x = multiply(constants[DAMPING, 0], constants[DAMPING, 1], gamma[0], gamma[1])
-            force = add(force[0], force[1], -x[0], -x[1])
+            force = _law(series, beam, constants, k)
         series[k, la, 0], series[k, la, 1] = force
-        if k < ORDER - 1:
-            scale = multiply(inverse[k, 0], inverse[k, 1], inverse[k + 1, 0], inverse[k + 1, 1])
-            for i in range(n):
-                x = multiply(beam[TIP, i, 0], beam[TIP, i, 1], force[0], force[1])
-                x = add(rest[i, 0], rest[i, 1], -x[0], -x[1])
-                series[k + 2, i, 0], series[k + 2, i, 1] = multiply(x[0], x[1], scale[0], scale[1])
-            x = multiply(constants[INVERSE_MASS, 0], constants[INVERSE_MASS, 1], force[0], force[1])
-            series[k + 2, ab, 0], series[k + 2, ab, 1] = multiply(x[0], x[1], scale[0], scale[1])
+        if k == ORDER - 1:
+            continue
+        scale = multiply(inverse[k, 0], inverse[k, 1], inverse[k + 1, 0], inverse[k + 1, 1])
+        for i in range(n):
+            x = multiply(beam[TIP, i, 0], beam[TIP, i, 1], force[0], force[1])
+            x = add(rest[i, 0], rest[i, 1], -x[0], -x[1])
+            series[k + 2, i, 0], series[k + 2, i, 1] = multiply(x[0], x[1], scale[0], scale[1])
+        x = multiply(constants[INVERSE_MASS, 0], constants[INVERSE_MASS, 1], force[0], force[1])
+        series[k + 2, ab, 0], series[k + 2, ab, 1] = multiply(x[0], x[1], scale[0], scale[1])
 
 
 @compiled

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,9 @@ from accuracy.cases import BARE, KINDS, Case, Kind, case, kind_named, method_nam
 from accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
 from accuracy.reference import Trajectory, reference
 from accuracy.study import Row, Settings, median_time
+from impact_env.drive import Drive
 from impact_env.methods import Exact, Method
+from impact_env.propagation import is_linear
 from impact_env.response import Record
 from impact_env.sweep import IntegrationError, simulate
 
@@ -36,6 +39,10 @@ class Truth:
     impact_time: Array
 
 
+Start = tuple[Case, Truth]
+Maker = Callable[[float], Any]  # makes a peer's integrator from a tolerance; what it compiles belongs to one scene and drive
+
+
 def truth_of(it: Case) -> Truth:
     """Compute the reference up to the middle of the widest gap between late impacts, where no method is just at one."""
     drive = it.drive(MOST_PERIODS)
@@ -56,7 +63,10 @@ def _times(trajectory: Trajectory) -> Array:
 
 
 def state_error(it: Case, state: Array, true: Array) -> float:
-    """Return the distance of two states in the norm of energy, relative to the true state's; the absorber's place counts as on a spring of omega_1."""
+    """Return the distance of two states in the norm of energy, relative to the true state's.
+
+    The absorber's place counts as if on a spring that gives it the first resonance.
+    """
     n, model = it.modes, it.scene.model
     mass = it.scene.absorber_mass or 0.0
     weights = np.concatenate([model.omega**2, [mass * model.omega[0] ** 2], np.ones(n), [mass]])
@@ -69,42 +79,47 @@ def _impact_error(it: Case, times: Array, truth: Truth, k: int) -> float | None:
     return float(abs(times[k - 1] - truth.impact_time[k - 1]) / it.period)
 
 
-def _row(it: Case, name: str, setting: float | None, truth: Truth) -> Row:
-    return {
+ERRORS = ("state_error", "first_impact_error_periods", "fifth_impact_error_periods", "balance_error")
+
+
+def _errors(it: Case, truth: Truth, state: Array, times: Array, balance: float | None) -> tuple[float | None, ...]:
+    """Return what the names in ERRORS say."""
+    return state_error(it, state, truth.end_state), _impact_error(it, times, truth, 1), _impact_error(it, times, truth, IMPACTS), balance
+
+
+def _row(start: Start, name: str, setting: float | None, found: list[tuple[float | None, ...]], us: float | None, note: str = "") -> Row:
+    """Return a row: medians over the starts."""
+    it, truth = start
+    row: Row = {
         "scene": it.kind.name,
         "modes": it.modes,
         "method": name,
         "setting": setting,
         "compared_periods": truth.periods,
         "impacts": len(truth.impact_time),
-        "us_per_period": None,
-        "state_error": None,
-        "first_impact_error_periods": None,
-        "fifth_impact_error_periods": None,
-        "balance_error": None,
-        "note": "",
+        "starts": len(found),
+        "us_per_period": us,
     }
+    for k, error in enumerate(ERRORS):
+        known = [values[k] for values in found if values[k] is not None]
+        row[error] = float(np.median(known)) if known else None  # type: ignore[arg-type]
+    return {**row, "note": note}
 
 
-def _fill(row: Row, it: Case, truth: Truth, state: Array, times: Array, balance: float | None) -> None:
-    row["state_error"] = state_error(it, state, truth.end_state)
-    row["first_impact_error_periods"] = _impact_error(it, times, truth, 1)
-    row["fifth_impact_error_periods"] = _impact_error(it, times, truth, IMPACTS)
-    row["balance_error"] = balance
-
-
-def own_row(it: Case, truth: Truth, method: Method, settings: Settings) -> Row:
+def own_row(starts: list[Start], method: Method, settings: Settings) -> Row:
     """Measure one of the package's methods."""
-    row = _row(it, method_name(method, it.scene), None if isinstance(method, Exact) else method.steps_per_period, truth)
+    it, truth = starts[0]
+    found, us, note = [], None, ""
     try:
-        response = simulate(it.scene, it.drive(truth.periods), method, initial=it.initial, record=WATCHED)
-        assert response.impacts is not None
-        assert response.energy is not None
-        _fill(row, it, truth, response.end_state, response.impacts.time, response.energy.relative_error)
-        row["us_per_period"] = own_time(it, method, truth.periods, settings)
+        for each, true in starts:
+            response = simulate(each.scene, each.drive(true.periods), method, initial=each.initial, record=WATCHED)
+            assert response.impacts is not None
+            assert response.energy is not None
+            found.append(_errors(each, true, response.end_state, response.impacts.time, response.energy.relative_error))
+        us = own_time(it, method, truth.periods, settings)
     except IntegrationError as error:
-        row["note"] = str(error)
-    return row
+        note = str(error)
+    return _row(starts[0], method_name(method, it.scene), None if isinstance(method, Exact) else method.steps_per_period, found, us, note)
 
 
 def own_time(it: Case, method: Method, shortest: float, settings: Settings) -> float:
@@ -119,37 +134,42 @@ def own_time(it: Case, method: Method, shortest: float, settings: Settings) -> f
     return 1e6 * median_time(lambda: run(periods), settings.repeats, settings.patience)
 
 
-def peer_row(it: Case, truth: Truth, name: str, tolerance: float, make: Any, with_energy: Any, settings: Settings) -> Row:
-    """Measure a peer: ``make`` and ``with_energy`` make its integrator without and with an account of energy."""
-    row = _row(it, name, tolerance, truth)
-    drive = it.drive(truth.periods)
+def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, settings: Settings) -> Row:
+    """Measure a peer. Slow ones are run from fewer starts."""
+    found, us, note = [], None, ""
+    began = time.perf_counter()
     try:
-        run: PeerRun = follow(it.scene, drive, it.initial, make)
-        balance = follow(it.scene, drive, it.initial, with_energy, energy=True).balance
-        _fill(row, it, truth, run.end_state, run.impact_time, balance)
-
-        def again() -> float:
-            return follow(it.scene, drive, it.initial, make).wall_time
-
-        slow = run.wall_time > settings.patience
-        seconds = run.wall_time if slow else median_time(again, settings.repeats, settings.patience)
-        row["us_per_period"] = 1e6 * seconds / truth.periods
+        for it, truth in starts:
+            drive = it.drive(truth.periods)
+            balance = follow(it.scene, drive, it.initial, make(tolerance), energy=True).balance
+            maker = make(tolerance)
+            run: PeerRun = follow(it.scene, drive, it.initial, maker)
+            found.append(_errors(it, truth, run.end_state, run.impact_time, balance))
+            if us is None:
+                us = 1e6 * _peer_time(it, drive, maker, run.wall_time, settings) / truth.periods
+            if time.perf_counter() - began > settings.patience:
+                break
     except PeerFailedError as error:
-        row["note"] = str(error)
-    return row
+        note = str(error)
+    return _row(starts[0], name, tolerance, found, us, note)
 
 
-def peers(settings: Settings) -> list[tuple[str, float, Any, Any]]:
-    """Return name, tolerance and makers of each peer; heyoka where it is installed."""
+def _peer_time(it: Case, drive: Drive, maker: Any, first: float, settings: Settings) -> float:
+    if first > settings.patience:
+        return first
+    return median_time(lambda: follow(it.scene, drive, it.initial, maker).wall_time, settings.repeats, settings.patience)
+
+
+def peers(settings: Settings) -> list[tuple[str, float, Maker]]:
+    """Return name, tolerance and maker of each peer; heyoka where it is installed."""
     if not settings.peers:
         return []
-    found: list[tuple[str, float, Any, Any]] = [("SciPy", t, scipy_integrator(t), scipy_integrator(t)) for t in settings.scipy_tolerances]
+    found: list[tuple[str, float, Maker]] = [("SciPy", tolerance, scipy_integrator) for tolerance in settings.scipy_tolerances]
     try:
         from accuracy.heyoka_peer import heyoka_integrator
     except ModuleNotFoundError:
         return found
-    # one that is compiled belongs to one scene: made anew for each
-    return found + [("heyoka", t, heyoka_integrator, heyoka_integrator) for t in settings.heyoka_tolerances]
+    return found + [("heyoka", tolerance, heyoka_integrator) for tolerance in settings.heyoka_tolerances]
 
 
 def wanted_kinds(settings: Settings) -> list[Kind]:
@@ -164,12 +184,15 @@ def rows(settings: Settings) -> Iterator[list[Row]]:
     """Yield the rows of one scene and number of modes after the other."""
     for kind in wanted_kinds(settings):
         for modes in settings.modes:
-            it = case(kind, modes)
-            truth = truth_of(it)
-            found = [own_row(it, truth, method, settings) for method in it.methods(settings.steps)]
-            for name, tolerance, make, with_energy in peers(settings):
-                makers = (make(tolerance), with_energy(tolerance)) if name == "heyoka" else (make, with_energy)
-                found.append(peer_row(it, truth, name, tolerance, *makers, settings))
+            starts = _starts(kind, modes, settings)
+            found = [own_row(starts, method, settings) for method in starts[0][0].methods(settings.steps)]
+            found += [peer_row(starts, name, tolerance, make, settings) for name, tolerance, make in peers(settings)]
             yield found
 
 
+def _starts(kind: Kind, modes: int, settings: Settings) -> list[Start]:
+    """Return a scene's starts with their references; one suffices where there are no events to be met by chance."""
+    cases = [case(kind, modes)]
+    if not is_linear(cases[0].scene):
+        cases += [case(kind, modes, number) for number in range(1, settings.starts)]
+    return [(it, truth_of(it)) for it in cases]
