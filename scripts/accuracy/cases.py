@@ -21,6 +21,7 @@ START = 0.95  # of the first resonance
 RUN_IN, APART = 40.0, 6.3  # pseudo periods from rest until the first case of a scene starts, and between two of them
 STATIC = Beam().static_tip_stiffness
 BARE = Record(level=False)
+WATCHED = Record(level=False, events=True, series=True, energy=True)  # one set of observers, so that each kernel is compiled once
 
 
 @dataclass(frozen=True)

@@ -121,9 +121,11 @@ class Automaton:
         """
         if guard.event == WALL:
             limit = 0.0 if self.limit is None else self.limit
-            if abs(gamma) < rest_speed and guard.side * joint_force < limit:
+            if abs(gamma) >= rest_speed:
+                return self.moving(gamma), False
+            if guard.side * joint_force < limit:
                 return ("held +" if guard.side > 0 else "held -"), True
-            return self.moving(gamma), False
+            return self.moving(-guard.side), True
         if guard.event == REVERSAL:
             return self._reversed(joint_force), True
         if guard.event in (RELEASE_UP, RELEASE_DOWN):
@@ -134,21 +136,22 @@ class Automaton:
         return "free", False
 
     @staticmethod
-    def roots_at_start(guard: Guard, left: Regime, entered: Regime) -> tuple[int, ...]:
+    def roots_at_start(guard: Guard, left: Regime, entered: Regime, stopped: bool) -> tuple[int, ...]:
         """Return the order of the root that each guard of the regime ``entered`` has at its start, 0 where it has none.
 
-        Relative displacement and velocity are continuous unless an impact turns the velocity. At a release the relative acceleration is zero too.
+        The relative displacement is continuous, and the relative velocity is zero where it was ``stopped``. At a release the relative acceleration is
+        zero too.
         """
-        released = guard.event in (RELEASE_UP, RELEASE_DOWN)
         held_side = {"held +": 1, "held -": -1}.get(left.name, 0)
+        at_wall = guard.side if guard.event in (WALL, CONTACT, PARTING) else held_side
+        still = 0
+        if stopped:
+            still = 2 if guard.event in (RELEASE_UP, RELEASE_DOWN) else 1
 
         def order(new: Guard) -> int:
             if new.event == REVERSAL:
-                return 2 if released else int(guard.event == REVERSAL)
-            if new.event in (WALL, CONTACT) and released:
-                return 3 if new.side == held_side else 0
-            if new.event in (WALL, CONTACT, PARTING):
-                return int(guard.event in (WALL, CONTACT, PARTING) and new.side == guard.side)
-            return 0
+                return still
+            on_it = new.event in (WALL, CONTACT, PARTING) and new.side == at_wall
+            return 1 + still if on_it else 0
 
         return tuple(order(new) for new in entered.guards)

@@ -130,6 +130,8 @@ def follow(scene: Scene, drive: Drive, initial: InitialState, make: Callable[[Me
     integrate, start = make(mechanics, automaton), x.copy()
     y, gamma = mechanics.relative(x)
     regime = automaton.regime(automaton.start(y, gamma, mechanics.joint_force(0.0, x)))
+    if gamma == 0:
+        _nudge(mechanics, regime, x)
     t, times, events, wall_time = 0.0, [], 0, 0.0
     while t < end:
         began = time.perf_counter()
@@ -153,10 +155,15 @@ def _jump(mechanics: Mechanics, automaton: Automaton, guard: Guard, t: float, x:
     if guard.event == WALL:
         mechanics.kick(x, automaton.restitution or 0.0)
     name, stop = automaton.after(guard, mechanics.relative(x)[1], mechanics.joint_force(t, x), REST_SPEED)
+    regime = automaton.regime(name)
     if stop:
         mechanics.kick(x, 0.0)
-        x[2 * mechanics.modes + 1] += {"slide +": NUDGE, "slide -": -NUDGE}.get(name, 0.0)
-    return automaton.regime(name)
+        _nudge(mechanics, regime, x)
+    return regime
+
+
+def _nudge(mechanics: Mechanics, regime: Regime, x: Array) -> None:
+    x[2 * mechanics.modes + 1] += {"slide +": NUDGE, "slide -": -NUDGE}.get(regime.name, 0.0)
 
 
 def _balance(mechanics: Mechanics, start: Array, end: Array) -> float:

@@ -11,11 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from accuracy.cases import BARE, Case, case, kind_named
+from accuracy.cases import BARE, WATCHED, Case, case, kind_named
 from accuracy.study import Row, Settings
 from impact_env.drive import Drive, constant_frequency
 from impact_env.methods import Exact
-from impact_env.response import Record
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
 
@@ -37,7 +36,6 @@ SETTLING = 4  # stretches until the difference points where it grows most
 TWIN_DISTANCE = 1e-15
 FOLLOWED = 40  # impacts
 MOST_PERIODS = 80.0
-EVENTS = Record(level=False, events=True)
 
 
 def _kinds(settings: Settings) -> list[str]:
@@ -83,7 +81,7 @@ class _Continued:
         return response.end_state, response.impact_count
 
     def impact_times(self, state: Array, stretch: int, periods: float) -> Array:
-        response = simulate(self.scene, self.drive(stretch, periods), Exact(), initial=self.initial(state), record=EVENTS)
+        response = simulate(self.scene, self.drive(stretch, periods), Exact(), initial=self.initial(state), record=WATCHED)
         assert response.impacts is not None
         return response.impacts.time[:FOLLOWED]
 

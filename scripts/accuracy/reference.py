@@ -26,16 +26,22 @@ DIGITS = 40
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Impact times (s) as exact fractions and relative velocities before (m/s), contacts of compliant walls included; end state (2 N_m + 2,).
+    """Impact times (s) as exact fractions and relative velocities before (m/s), contacts of compliant walls included.
 
-    ``events`` counts impacts, reversals and releases.
+    ``end``: modal displacements, absorber displacement, modal velocities, absorber velocity at ``end_time``, with all their digits. ``events`` counts
+    impacts, reversals and releases.
     """
 
     impact_time: tuple[Fraction, ...]
     relative_velocity: tuple[float, ...]
     end_time: Fraction
-    end_state: Array
+    end: tuple[Fraction, ...]
     events: int
+
+    @property
+    def end_state(self) -> Array:
+        """The end as numbers of 16 digits, (2 N_m + 2,)."""
+        return np.array([float(value) for value in self.end])
 
 
 def _pairs(values: list[Fraction]) -> Array:
@@ -145,7 +151,7 @@ class _Run:
         if stop:
             self.stop()
         left, self.regime = self.regime, self.automaton.regime(name)
-        self.roots = np.array(self.automaton.roots_at_start(guard, left, self.regime), dtype=np.int64)
+        self.roots = np.array(self.automaton.roots_at_start(guard, left, self.regime, stop), dtype=np.int64)
 
     def stop(self) -> None:
         """Make the relative velocity zero. It is zero but for rounding, unless a bounce is cut off."""
@@ -193,5 +199,5 @@ def reference(
             times.append(run.time)
             speeds.append(float(run.relative()[1]))
         run.jump(guard)
-    n = run.modes
-    return Trajectory(tuple(times), tuple(speeds), run.time, np.concatenate([run.place[: n + 1, 0], run.rate[: n + 1, 0]]), events)
+    last = tuple(fraction(*row) for row in np.concatenate([run.place[: run.modes + 1], run.rate[: run.modes + 1]]))
+    return Trajectory(tuple(times), tuple(speeds), run.time, last, events)

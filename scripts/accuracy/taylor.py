@@ -152,10 +152,7 @@ def taylor_series(series, beam, constants, inverse, omega, joined):  # type: ign
         _phase_order(series, constants, inverse, omega, k, si, co, 1.0)
         push = multiply(constants[AMPLITUDE, 0], constants[AMPLITUDE, 1], series[k, co, 0], series[k, co, 1])
         free = _unforced(series, beam, push, k, rest)
-        if joined:
-            force = multiply(constants[JOINT_MASS, 0], constants[JOINT_MASS, 1], free[0], free[1])
-        else:
-            force = _law(series, beam, constants, k)
+        force = multiply(constants[JOINT_MASS, 0], constants[JOINT_MASS, 1], free[0], free[1]) if joined else _law(series, beam, constants, k)
         series[k, la, 0], series[k, la, 1] = force
         if k == ORDER - 1:
             continue

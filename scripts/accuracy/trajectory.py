@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accuracy.cases import BARE, KINDS, Case, Kind, case, kind_named, method_name
+from accuracy.cases import BARE, KINDS, WATCHED, Case, Kind, case, kind_named, method_name
 from accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
 from accuracy.reference import Trajectory, reference
 from accuracy.study import Row, Settings, median_time
 from impact_env.drive import Drive
 from impact_env.methods import Exact, Method
 from impact_env.propagation import is_linear
-from impact_env.response import Record
 from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
@@ -27,7 +26,6 @@ LATEST = 9
 MOST_PERIODS = 6.0
 WITHOUT_IMPACTS = 2.3  # pseudo periods
 LONGEST = 100.0  # pseudo periods of a timed run
-WATCHED = Record(level=False, events=True, energy=True)
 
 
 @dataclass(frozen=True, eq=False)
