@@ -1,4 +1,8 @@
-"""heyoka as a peer: one Taylor integrator for each regime, with directional terminal events."""
+"""heyoka as a peer: one Taylor integrator for each regime, with directional terminal events.
+
+A guard that is zero at the start of a step hides its next zero from heyoka, within the same step, without a word. So each regime that starts on
+a guard is entered by a very short step without events, after which all guards must be positive.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,7 @@ from accuracy.contact_automaton import Automaton, Regime
 from accuracy.event_driven import Integrator, Mechanics, PeerFailedError
 
 Array = NDArray[np.float64]
+LEAD = 1e-3  # of 1/omega of the highest mode: the step without events
 SMALL = 12  # modes up to which the whole step is unrolled; above it, that takes minutes to compile
 
 
@@ -48,35 +53,46 @@ class HeyokaRegimes:
     """The compiled integrators of one scene and drive; calling it makes an `Integrator`. Compilation is not part of a run's time."""
 
     tolerance: float
-    compiled: dict[str, Any] = field(default_factory=dict)
+    compiled: dict[str, tuple[Any, Any]] = field(default_factory=dict)  # with events, and without
 
     def __call__(self, mechanics: Mechanics, automaton: Automaton) -> Integrator:
-        names = _reachable(automaton)
-        for name in names:
+        for name in _reachable(automaton):
             if name not in self.compiled:
                 self.compiled[name] = self._compile(mechanics, automaton.regime(name))
+        lead = LEAD / float(np.max(mechanics.model.omega))
 
         def integrate(regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]:
-            integrator = self.compiled[regime.name]
-            integrator.time = start
-            integrator.state[:] = state
+            watching, blind = self.compiled[regime.name]
+            if regime.guards and start > 0 and start + lead < stop:
+                blind.time = start
+                blind.state[:] = state
+                blind.propagate_until(start + lead)
+                start, state = start + lead, blind.state
+                if any(mechanics.guard(regime, guard, start, np.array(state)) <= 0 for guard in regime.guards):
+                    raise PeerFailedError(f"a return to a guard within {LEAD:g} of the fastest mode's time")
+            watching.time = start
+            watching.state[:] = state
             if regime.guards:
-                integrator.reset_cooldowns()
-            outcome = integrator.propagate_until(stop)[0]
+                watching.reset_cooldowns()
+            outcome = watching.propagate_until(stop)[0]
             if outcome == heyoka.taylor_outcome.time_limit:
-                return stop, np.array(integrator.state), -1
+                return stop, np.array(watching.state), -1
             hit = -int(outcome.value if hasattr(outcome, "value") else outcome) - 1
             if not 0 <= hit < len(regime.guards):
                 raise PeerFailedError(f"heyoka stopped with {outcome}")
-            return float(integrator.time), np.array(integrator.state), hit
+            return float(watching.time), np.array(watching.state), hit
 
         return integrate
 
-    def _compile(self, mechanics: Mechanics, regime: Regime) -> Any:
+    def _compile(self, mechanics: Mechanics, regime: Regime) -> tuple[Any, Any]:
         system, guards = _system(mechanics, regime)
         events = [heyoka.t_event(guard, direction=heyoka.event_direction.negative) for guard in guards]
-        start = [0.0] * len(system)
-        return heyoka.taylor_adaptive(system, start, tol=self.tolerance, t_events=events, compact_mode=mechanics.modes > SMALL)
+
+        def compiled(t_events: list[Any]) -> Any:
+            options = {"tol": self.tolerance, "compact_mode": mechanics.modes > SMALL}
+            return heyoka.taylor_adaptive(system, [0.0] * len(system), t_events=t_events, **options)
+
+        return compiled(events), compiled([])
 
 
 def _reachable(automaton: Automaton) -> list[str]:
