@@ -34,7 +34,7 @@ class Settings:
     starts: int = 5  # places in the motion over whose errors the median is taken
     repeats: int = 5
     timed_seconds: float = 0.05  # wanted length of a timed run
-    patience: float = 3.0  # no further repeat of a run once its repeats have taken this many seconds
+    patience: float = 2.0  # no further repeat of a run once its repeats have taken this many seconds
     sweep: tuple[float, float] = (0.92, 1.0)  # of the ensembles, times the first resonance
     sweep_steps: tuple[int, ...] = (20, 80, 320)
     truth_members: int = 64
