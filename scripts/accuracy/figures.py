@@ -35,6 +35,7 @@ def grid(all_rows: list[Row], value: str, scenes: list[str], title: str) -> Figu
     """Draw a panel for each scene and number of modes: a value against the time of a pseudo period."""
     modes = unique(row["modes"] for row in all_rows)
     scenes = [scene for scene in scenes if any(row["scene"] == scene for row in all_rows)]
+    all_rows = [row for row in all_rows if row["scene"] in scenes]
     figure = Figure(figsize=(2.6 + 2.9 * len(modes), 1.6 + 2.35 * len(scenes)), layout="constrained")
     panels = figure.subplots(len(scenes), len(modes), squeeze=False, sharex=True, sharey=True)
     for line, scene in zip(panels, scenes, strict=True):

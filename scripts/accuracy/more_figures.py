@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from accuracy.cost import LANES, LENGTH, MODES, THREADS
 from accuracy.jumps import shares
@@ -91,9 +91,9 @@ def cost_figures(all_rows: list[Row]) -> dict[str, Figure]:
         panel.set_title(title, fontsize=10)
         panel.grid(True, which="both", color="0.92", lw=0.6)
         if over in (THREADS, MODES) and rows:
-            _plain(panel, unique(row["value"] for row in rows))
+            _plain(panel, [value for value in unique(row["value"] for row in rows) if over == THREADS or value in (1, 2, 3, 5, 10, 20, 30, 60)])
         _room(panel, rows)
-    figure.legend(*panels.flat[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
+    figure.legend(*panels.flat[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, title="first panel", fontsize=9)
     return {"cost": figure}
 
 
@@ -103,6 +103,6 @@ def _room(panel: Axes, rows: list[Row]) -> None:
     if values and max(values) < 10 * min(values):
         middle = float(np.sqrt(min(values) * max(values)))
         panel.set_ylim(middle / 4, middle * 4)
+        panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         panel.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        panel.yaxis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        panel.tick_params(axis="y", which="minor", labelsize=7)
+        panel.yaxis.set_minor_locator(NullLocator())
