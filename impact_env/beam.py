@@ -30,8 +30,8 @@ def matrices(beam: Beam) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def strain_energy(beam: Beam, shapes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return half of v^T K v in J, (S,), for shapes v (2 N_e, S) in the freedoms of `matrices`, with almost all digits.
 
-    The element's stiffness is 12 a a^T + b b^T with a = (1, 1/2, -1, 1/2) and b = (0, 1, 0, -1). Squares of such differences have nothing to cancel, where
-    in K v the large entries of a fine mesh cancel almost entirely.
+    The element's stiffness is 12 a a^T + b b^T with a = (1, 1/2, -1, 1/2) and b = (0, 1, 0, -1). Squares of such differences have nothing
+    to cancel, where in K v the large entries of a fine mesh cancel almost entirely.
     """
     nodes = np.concatenate([np.zeros((2, shapes.shape[1])), shapes])
     deflection, rotation = nodes[0::2], nodes[1::2]

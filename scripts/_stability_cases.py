@@ -117,7 +117,9 @@ def _damping() -> Iterator[Case]:
             yield _case("damping ratio", f"{ratio:.10g}, {name}", KINDS[name], beam={"damping_ratio": ratio}, force=50 * max(ratio, 0.1), quick=quick)
     # short runs: an unstable step has not blown up yet, so its numbers look like numbers
     for ratio, periods in ((3.5, 1.0), (4.5, 0.5), (6.0, 0.3)):
-        yield _case("damping ratio", f"{ratio:g}, a run of {periods:g} periods", lambda: None, force=50, periods=periods, beam={"damping_ratio": ratio})
+        yield _case(
+            "damping ratio", f"{ratio:g}, a run of {periods:g} periods", lambda: None, force=50, periods=periods, beam={"damping_ratio": ratio}
+        )
     yield _case("damping ratio", "0 to 5 over the modes, impact", impact, beam={"damping_ratio": (0.0, 0.9, 5.0)}, force=20)
 
 
@@ -156,11 +158,13 @@ def _friction() -> Iterator[Case]:
         make = lambda limit=limit: friction_damper(limit)  # noqa: E731
         yield _case("friction limit", f"{limit:g} N, damper", make, modes=10, quick=limit in (1e-6, 1e6))
     # a start at speed with a limit far above what the beam ever needs: sliding ends at once
-    fast = lambda scene: InitialState(absorber_velocity=1.0)  # noqa: E731
+    fast = lambda _: InitialState(absorber_velocity=1.0)  # noqa: E731
     for limit in (5e3, 2e4, 1e5):
         make = lambda limit=limit: impact_absorber(restitution=0.7, friction_limit=limit)  # noqa: E731
         yield _case("friction limit", f"{limit:g} N, absorber starts at 1 m/s", make, modes=10, start=fast)
-        yield _case("friction limit", f"{limit:g} N, a tiny absorber", lambda limit=limit: impact_absorber(GAP, 0.7, limit, 1e-5), modes=10, start=fast)
+        yield _case(
+            "friction limit", f"{limit:g} N, a tiny absorber", lambda limit=limit: impact_absorber(GAP, 0.7, limit, 1e-5), modes=10, start=fast
+        )
         yield _case(
             "friction limit", f"{limit:g} N, force {limit:g} N", make, modes=10, drive=lambda s, limit=limit: Drive(limit, _constant(s)), impacts=2
         )
@@ -189,7 +193,7 @@ def _masses() -> Iterator[Case]:
 
 def _drives() -> Iterator[Case]:
     for name, make in (("impact", impact), ("impact and friction", rubbing), ("tuned", TunedAbsorber), ("compliant", soft)):
-        yield _case("force", f"0 N, {name}", make, force=0.0)
+        yield _case("force", f"0 N, {name}", make, force=0.0, quick=name == "impact")
         yield _case("force", f"1e-12 N, {name}", make, force=1e-12)
         yield _case("force", f"1e4 N, {name}", make, force=1e4, periods=3, impacts=2)
         yield _case("frequency", f"0, {name}", make, ratio=0.0, force=15.0, quick=name == "impact")
@@ -229,15 +233,15 @@ def _grazing() -> Iterator[Case]:
 def _starts() -> Iterator[Case]:
     for side in (-1.0, 1.0):
         for velocity in (0.0, 0.05, -0.05):
-            start = lambda scene, side=side, velocity=velocity: InitialState(absorber_displacement=side * GAP, absorber_velocity=velocity)  # noqa: E731
+            start = lambda _, side=side, velocity=velocity: InitialState(absorber_displacement=side * GAP, absorber_velocity=velocity)  # noqa: E731
             for name, make in (("impact", impact), ("impact and friction", rubbing)):
                 label = f"on the {'upper' if side > 0 else 'lower'} wall, {velocity:+g} m/s, {name}"
                 yield _case("start", label, make, start=start, quick=name == "impact" and side > 0)
-    outside = lambda scene: InitialState(absorber_displacement=1.1 * GAP)  # noqa: E731
+    outside = lambda _: InitialState(absorber_displacement=1.1 * GAP)  # noqa: E731
     yield _case("start", "outside the cavity", impact, start=outside, must_refuse=True, quick=True)
     yield _case("start", "outside the cavity, friction", rubbing, start=outside, must_refuse=True)
     yield _case("start", "outside the cavity, compliant", soft, start=outside)
-    nothing = lambda scene: InitialState(absorber_displacement=np.nan)  # noqa: E731
+    nothing = lambda _: InitialState(absorber_displacement=np.nan)  # noqa: E731
     yield _case("start", "not a number", impact, start=nothing, must_refuse=True)
 
 

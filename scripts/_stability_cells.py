@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import sys
-import time
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -37,25 +36,26 @@ LEAST_SAMPLES = 33
 FINER = {MOREAU: 16, "runge-kutta": 4}
 FINER_FAST = 4  # the same for scenes with a highest mode above this many first ones
 FAST = 5e3
-MAKE = {EXACT: lambda factor: Exact(), MOREAU: lambda factor: Moreau(20 * factor), "runge-kutta": lambda factor: RungeKutta(20 * factor, 20 * factor)}
+MAKE = {EXACT: lambda _: Exact(), MOREAU: lambda factor: Moreau(20 * factor), "runge-kutta": lambda factor: RungeKutta(20 * factor, 20 * factor)}
 
 GOOD, WEAK, REFUSED, FAILED = "good", "fewer digits", "refused", "FAILED"
 # what an exact method may lose to rounding, and from where on its numbers are called wrong
 GOOD_BALANCE, WRONG_BALANCE = 1e-9, 1e-6
 GOOD_DEVIATION, WRONG_DEVIATION = 1e-9, 1e-5
-DEEPEST = 1e-12  # of the gap and the motion: penetration of the exact method
+DEEP, WRONG_DEPTH = 1e-12, 1e-9  # penetration
+FAR = 0.3  # a stepping method must come closer than this with the finer step
 CLOSE = 1e-2  # a stepping method this near to the reference need not come nearer with a finer step
 GAIN = {MOREAU: 0.5, "runge-kutta": 0.5}  # what a finer step must make of the deviation
 
 
 @dataclass
 class Cell:
-    """What came of a case with a method. Energies relative to the largest term of their balance; lengths in m; None where there is no such thing.
+    """What came of a case with a method. Energies relative to the largest term of their balance; None where there is no such thing.
 
-    ``balance``: as the package reports it. ``identity``: what is left of the balance when the part that the scheme's step accounts for exactly is taken
-    out (Moreau). ``drift``: change of the balance per pseudo period over the run's second half. ``penetration``: deepest, relative to the gap.
-    ``deviation``: largest distance from the reference, relative to its largest displacement, over ``followed`` pseudo periods; ``finer``: with a
-    finer step. ``wall_s`` is the time of one run.
+    ``balance``: as the package reports it. ``identity``: what is left of the balance when the part that the scheme's step accounts for exactly is
+    taken out (Moreau). ``drift``: change of the balance per pseudo period over the run's second half. ``penetration``: deepest, relative to gap
+    and motion. ``deviation``: largest distance from the reference, relative to its largest displacement, over ``followed`` pseudo periods;
+    ``finer``: with a finer step. ``wall_s`` is the time of one run, ``memory_mb`` the most that the process has used.
     """
 
     group: str
@@ -84,7 +84,7 @@ def measure(case: Case, method: str) -> Cell:
         _fill(cell, case, scene, drive, initial, response)
     except (ParameterError, IntegrationError) as error:
         cell.verdict, cell.reason = REFUSED, f"{type(error).__name__}: {error}"
-    except Exception as error:  # noqa: BLE001 - whatever else a user would see is the finding
+    except Exception as error:
         cell.verdict, cell.reason = FAILED, f"not a clear refusal: {type(error).__name__}: {error}"
     else:
         cell.verdict, cell.reason = _judge(cell, case)
@@ -98,7 +98,9 @@ def _samples(drive: Drive) -> int:
 
 
 def _run(scene: Scene, drive: Drive, initial: InitialState, method: Method, samples: int) -> Response:
-    return simulate(scene, drive, method, initial=initial, record=Record(level=False, events=True, series=True, energy=True, samples_per_period=samples))
+    return simulate(
+        scene, drive, method, initial=initial, record=Record(level=False, events=True, series=True, energy=True, samples_per_period=samples)
+    )
 
 
 def _cut(drive: Drive, end: float) -> Drive:
@@ -116,7 +118,7 @@ def _fill(cell: Cell, case: Case, scene: Scene, drive: Drive, initial: InitialSt
     if isinstance(response.method, Moreau):
         cell.identity = _left_over(scene, initial, response)
     half = _run(scene, _cut(drive, 0.5 * float(drive.schedule.times[-1])), initial, response.method, _samples(drive))
-    cell.drift = _drift(scene, initial, response, half, case.conserved)
+    cell.drift = _drift(scene, response, half, case.conserved)
     cell.penetration = _penetration(scene, response)
     expected = _truth(case)
     if len(expected.time) > 1:
@@ -151,14 +153,15 @@ def _deviation(expected: Truth, response: Response) -> float:
 
 
 def _penetration(scene: Scene, response: Response) -> float | None:
-    """Return how far the absorber is beyond a wall at the samples, of the gap; None without rigid walls."""
+    """Return how far the absorber is beyond a wall at the samples, of gap and motion; None without rigid walls."""
     walls = scene.absorber.walls if isinstance(scene.absorber, SlidingAbsorber) else None
     if not isinstance(walls, RigidWalls):
         return None
     history = response.history
     assert history is not None
     relative = history.absorber_displacement - history.tip_displacement
-    return max(0.0, float(np.max(np.abs(relative))) / walls.gap - 1)
+    depth = max(0.0, float(np.max(np.abs(relative))) - walls.gap)
+    return depth / (walls.gap + float(np.max(np.abs(history.absorber_displacement))))
 
 
 def _left_over(scene: Scene, initial: InitialState, response: Response) -> float:
@@ -189,7 +192,7 @@ def _scale(response: Response) -> float:
     return max(abs(account.work), account.stored_at_start, account.stored_at_end, *map(abs, losses))
 
 
-def _drift(scene: Scene, initial: InitialState, response: Response, half: Response, conserved: bool) -> float:
+def _drift(scene: Scene, response: Response, half: Response, conserved: bool) -> float:
     """Return the change of the balance over the second half, per pseudo period; for a conserved case that of the stored energy itself."""
     assert response.energy is not None
     assert half.energy is not None
@@ -219,7 +222,7 @@ def _judge_exact(cell: Cell) -> tuple[str, str]:
     deviation, depth = cell.deviation or 0.0, cell.penetration or 0.0
     found = {f"balance {cell.balance:.1e}": (cell.balance, GOOD_BALANCE, WRONG_BALANCE)}
     found[f"{deviation:.1e} from the reference"] = (deviation, GOOD_DEVIATION, WRONG_DEVIATION)
-    found[f"penetration {depth:.1e} of the gap"] = (depth, 1e-9, 1e-6)
+    found[f"penetration {depth:.1e} of gap and motion"] = (depth, DEEP, WRONG_DEPTH)
     for verdict, at in ((FAILED, 2), (WEAK, 1)):
         reasons = [text for text, limits in found.items() if limits[0] > limits[at]]
         if reasons:
@@ -230,6 +233,8 @@ def _judge_exact(cell: Cell) -> tuple[str, str]:
 def _judge_steps(cell: Cell) -> tuple[str, str]:
     if cell.deviation is None or cell.finer is None:
         return GOOD, ""
+    if cell.finer > FAR:
+        return FAILED, f"{cell.finer:.1e} from the reference even with a finer step"
     if cell.finer > max(GAIN[cell.method] * cell.deviation, CLOSE):
         return FAILED, f"{cell.deviation:.1e} from the reference, {cell.finer:.1e} with a finer step: it does not converge"
     if cell.identity is not None and cell.identity > WRONG_BALANCE:

@@ -28,10 +28,10 @@ _M = ((156, 22, 54, -13), (22, 4, 13, -3), (54, 13, 156, -22), (-13, -3, -22, 4)
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Relative errors of computed frequencies against the same finite elements in many digits (``rounding``) and against the beam (``elements_error``).
+    """Relative errors of computed frequencies, by mode counted from 1.
 
-    Modes are counted from 1; ``highest`` is the rounding error of the last one, None where it was not computed. ``tip`` is the relative error of the first
-    mode's tip amplitude against 2/sqrt(mass). ``error`` tells why there are no numbers.
+    ``rounding``: against the same finite elements in many digits; ``discretisation``: of these against the beam; ``highest``: rounding of the last
+    mode, None where it was not computed; ``tip``: of the first mode's tip amplitude against 2/sqrt(mass). ``error`` tells why there are no numbers.
     """
 
     elements: int

@@ -9,7 +9,19 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from impact_env import Beam, CompliantWalls, Drive, FrequencySchedule, InitialState, Moreau, RungeKutta, Scene, SlidingAbsorber, TunedAbsorber, beam_scene
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    Drive,
+    FrequencySchedule,
+    InitialState,
+    Moreau,
+    RungeKutta,
+    Scene,
+    SlidingAbsorber,
+    TunedAbsorber,
+    beam_scene,
+)
 from impact_env.kernels.observers import DONE, Counters, Energy, Events, Series
 from impact_env.stepping import run_moreau, run_runge_kutta
 
@@ -113,8 +125,8 @@ def _matrices(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64], N
 def moreau_theory(scene: Scene) -> float:
     """Return the step in s at which the scheme's one-step map leaves the unit circle.
 
-    A mode with x = omega dt and damping ratio D has z^2 - (2 - 2 D x - x^2) z + (1 - 2 D x) = 0, which passes z = -1 at x = 2 (sqrt(D^2 + 1) - D). Modes that a
-    spring and a damper couple: the spectral radius of the whole map.
+    A mode with x = omega dt and damping ratio D has z^2 - (2 - 2 D x - x^2) z + (1 - 2 D x) = 0, which passes z = -1 at
+    x = 2 (sqrt(D^2 + 1) - D). Modes that a spring and a damper couple: the spectral radius of the whole map.
     """
     model = scene.model
     if scene.absorber is None:

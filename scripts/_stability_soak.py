@@ -7,7 +7,20 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from impact_env import Beam, CompliantWalls, Drive, Exact, Moreau, Record, RungeKutta, SlidingAbsorber, beam_scene, constant_frequency, impact_absorber, simulate
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    Drive,
+    Exact,
+    Moreau,
+    Record,
+    RungeKutta,
+    SlidingAbsorber,
+    beam_scene,
+    constant_frequency,
+    impact_absorber,
+    simulate,
+)
 from impact_env.methods import Method
 from impact_env.parameters import Absorber
 

@@ -193,7 +193,7 @@ class Rules:
             return self.rest(x, 0.0, side)
         sign = int(np.sign(rate))
         if side and rate * side > 0:  # on the wall and into it: an impact at once
-            self.strike(x, side)
+            self.strike(x)
             sign = int(np.sign(float(self.system.rate_row @ x)))
         return Contact(sliding=sign if self.limit else None, fresh="wall" if side else "")
 
@@ -204,7 +204,7 @@ class Rules:
             return Contact(side=side, joined=True)
         return Contact(sliding=(-1 if force > high else 1) if self.limit else None, fresh="wall turn" if side else "turn")
 
-    def strike(self, x: Array, side: int) -> None:
+    def strike(self, x: Array) -> None:
         """Apply Newton's impact law in place."""
         assert self.walls is not None
         system, rate = self.system, float(self.system.rate_row @ x)
@@ -355,7 +355,7 @@ class Walk:
         relative = float(rules.system.relative_row @ self.x)
         if name in ("upper", "lower"):
             self.impacts.append(self.time)
-            rules.strike(self.x, 1 if name == "upper" else -1)
+            rules.strike(self.x)
             after = int(np.sign(float(rules.system.rate_row @ self.x)))
             self.contact = Contact(sliding=after if rules.limit else None, fresh="wall")
         elif name in ("high", "low"):

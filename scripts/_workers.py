@@ -64,7 +64,7 @@ def _serve(connection: Connection) -> None:
             return
         try:
             connection.send((task.function(*task.arguments), ""))
-        except Exception as error:  # noqa: BLE001 - told to the parent
+        except Exception as error:
             connection.send((None, f"{type(error).__name__}: {error}"))
 
 
@@ -144,7 +144,8 @@ class Pool:
         worker.first = task.kind not in worker.kinds
         worker.kinds.add(task.kind)
         worker.task, worker.since = task, time.perf_counter()
-        worker.connection.send(task)
+        with suppress(OSError):  # a process that has died is noticed when its answer is due
+            worker.connection.send(task)
 
     def _collect(self) -> Iterator[Outcome]:
         """Yield what has come in, and end tasks that take too long."""
