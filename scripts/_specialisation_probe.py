@@ -15,6 +15,7 @@ IMPORT_S = time.perf_counter() - BEGAN
 IMPORTED = sorted({name.partition(".")[0] for name in sys.modules if not name.startswith("_")} - set(sys.stdlib_module_names))
 
 import json  # noqa: E402
+import operator  # noqa: E402
 import resource  # noqa: E402
 import statistics  # noqa: E402
 import tracemalloc  # noqa: E402
@@ -36,8 +37,8 @@ def _lane() -> Any:
     return used
 
 
-def functions() -> list[dict[str, Any]]:
-    """Return the functions that a lane calls after numba has pruned what is absent: name, statements, arithmetic operations, calls."""
+def functions(lane: Any) -> list[dict[str, Any]]:
+    """Return the functions that a compiled kernel calls after numba has pruned what is absent: name, statements, arithmetic operations, calls."""
     from numba.core import ir, types
 
     seen: dict[tuple[str, Any], dict[str, Any]] = {}
@@ -54,21 +55,19 @@ def functions() -> list[dict[str, Any]]:
                 value = statement.value if isinstance(statement, ir.Assign) else None
                 if not isinstance(value, ir.Expr):
                     continue
-                entry["arithmetic"] += value.op in ("binop", "inplace_binop", "unary")
+                entry["arithmetic"] += value.op in ("binop", "inplace_binop", "unary") and value.fn not in (operator.is_, operator.is_not)
                 if value.op == "call":
                     entry["calls"] += 1
                     called = notes.typemap[value.func.name]
                     if isinstance(called, types.Dispatcher):
                         walk(called.dispatcher, notes.calltypes[value].args)
 
-    lane = _lane()
     walk(lane, lane.signatures[0])
     return list(seen.values())
 
 
-def instructions() -> int:
-    """Return the number of machine instructions of a lane with all that it calls."""
-    lane = _lane()
+def instructions(lane: Any) -> int:
+    """Return the number of machine instructions of a compiled kernel with all that it calls."""
     text = lane.overloads[lane.signatures[0]].library.get_asm_str()
     return sum(line.startswith("\t") and not line.lstrip().startswith((".", "#")) for line in text.splitlines())
 
@@ -94,7 +93,7 @@ def main(absorber: str, method: str, record: str, what: str, periods: float, rep
     simulate(scene, drive, METHODS[method], record=RECORDS[record])
     values: dict[str, Any] = {"import_s": IMPORT_S, "first_s": time.perf_counter() - began, "imported": IMPORTED}
     if what == "inspect":
-        return values | {"functions": functions(), "instructions": instructions()}
+        return values | {"functions": functions(_lane()), "instructions": instructions(_lane())}
     drive = variant.drive(periods)
     responses = [simulate(scene, drive, METHODS[method], record=RECORDS[record]) for _ in range(repeats)]
     values["ns_per_period"] = 1e9 * statistics.median(response.wall_time for response in responses) / periods
