@@ -7,11 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from impact_env.drive import Drive
-from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction, RigidWalls, SlidingAbsorber, TunedAbsorber, count, require
+from impact_env.parameters import (
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    count,
+    require,
+)
 from impact_env.scene import Scene
 
 LEAST_STEPS = 4  # per period of the highest mode, and of the force
-# absorber mass times sum tip_shape^2: how many times less a tip moves that is joined to the absorber, and so how many digits its motion loses
+# stuck mass times sum tip_shape^2: how many times less the tip moves than without it, and so how many digits its motion loses
 MOST_HEAVINESS = 1e7
 ROUNDING = 1e-9  # a step this close to its limit counts as at it
 SURE_REACH = 2.5  # |s| h up to which the classical Runge-Kutta method is stable for every damping
@@ -110,11 +120,12 @@ def check_supported(scene: Scene, method: Method) -> None:
 
 
 def check_mass(scene: Scene) -> None:
-    """Raise ParameterError if the absorber is so heavy that a tip which moves with it hardly moves: its motion would be lost in rounding."""
-    if scene.absorber is None or scene.absorber_mass is None:
+    """Raise ParameterError if a stuck absorber is so heavy that the tip hardly moves: its motion would be lost in rounding, whatever the method."""
+    if not isinstance(scene.absorber, StuckAbsorber) or scene.absorber_mass is None:
         return
     heaviness = scene.absorber_mass * float(np.sum(scene.model.tip_shape**2))
-    allowed = f"at most {MOST_HEAVINESS / heaviness * scene.absorber.mass_ratio:.1e} on this beam: a tip that hardly moves is lost in rounding"
+    most = scene.absorber.mass_ratio * MOST_HEAVINESS / max(heaviness, MOST_HEAVINESS)
+    allowed = f"at most {most:.1e} on this beam: a tip that hardly moves is lost in rounding"
     require(heaviness <= MOST_HEAVINESS, "mass_ratio", scene.absorber.mass_ratio, allowed)
 
 

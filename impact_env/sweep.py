@@ -83,7 +83,7 @@ def simulate(
 ) -> Response:
     """Integrate a scene under a drive from an initial state (default: rest) and return what ``record`` asks for (default: the level).
 
-    Raises ParameterError if the method cannot do the scene, its step is too long, the absorber is too heavy or the start is impossible,
+    Raises ParameterError if the method cannot do the scene, its step is too long, a stuck absorber is too heavy or the start is impossible,
     IntegrationError if the run breaks down.
     """
     method = Exact() if method is None else method

@@ -184,10 +184,9 @@ def _masses() -> Iterator[Case]:
         ):
             yield _case("absorber mass", f"{ratio:g}, {name}", lambda make=make, ratio=ratio: make(ratio), force=20, quick=name == "impact")
     for ratio in (1e3, 1e5, 1e8, 1e10, 1e14):
-        # above 1e6 the tip's motion is lost in rounding, whatever the method
-        lost = ratio >= 1e8
-        yield _case("absorber mass", f"{ratio:g}, stuck", lambda ratio=ratio: StuckAbsorber(ratio), must_refuse=lost)
-        yield _case("absorber mass", f"{ratio:g}, friction", lambda ratio=ratio: friction_damper(10.0, ratio), must_refuse=lost)
+        # above 1e6 the motion of a tip that carries the mass is lost in rounding; sliding along it is another matter: the mass is the ground then
+        yield _case("absorber mass", f"{ratio:g}, stuck", lambda ratio=ratio: StuckAbsorber(ratio), must_refuse=ratio >= 1e8)
+        yield _case("absorber mass", f"{ratio:g}, friction", lambda ratio=ratio: friction_damper(0.05, ratio))
     yield _case("absorber mass", "1e-14, friction", lambda: friction_damper(1e-14, 1e-14))
 
 

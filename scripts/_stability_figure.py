@@ -99,7 +99,8 @@ def _stiffness(ax: Axes, results: Results) -> None:
         xscale="log", yscale="log", xlabel="contact stiffness, in $3EI/l^3$", ylabel="largest distance from the reference, relative", ylim=(1e-16, 10)
     )
     ax.set_title("contact stiffness", fontsize=11)
-    ax.legend(fontsize=8, loc="upper left")
+    if ax.lines:
+        ax.legend(fontsize=8, loc="upper left")
     ax.grid(color="0.92")
 
 
@@ -112,7 +113,8 @@ def _eigen(ax: Axes, results: Results) -> None:
                 ax.plot(*zip(*points, strict=True), style, color=colour, ms=4, lw=1.2, label=f"mode {mode}, {what}")
     ax.set(xscale="log", yscale="log", xlabel="number of elements", ylabel="relative error of the frequency", ylim=(5e-17, 50))
     ax.set_title("eigenproblem", fontsize=11)
-    ax.legend(fontsize=8, ncols=2, loc="upper right")
+    if ax.lines:
+        ax.legend(fontsize=8, ncols=2, loc="upper right")
     ax.grid(color="0.92")
 
 
@@ -126,5 +128,6 @@ def _soak(ax: Axes, results: Results) -> None:
     ax.set_yticks(10.0 ** np.arange(-16, 1, 2))
     other.set(ylabel="memory beyond the shortest run's, MB (grey)", ylim=(-5, 105))
     ax.set_title("very long runs", fontsize=11)
-    ax.legend(fontsize=8, loc="upper left")
+    if ax.lines:
+        ax.legend(fontsize=8, loc="upper left")
     ax.grid(color="0.92")

@@ -42,12 +42,13 @@ class SoakCase:
     ratio: float
     absorber: Callable[[], Absorber]
     method: Method
+    longest: int = 1_000_000  # pseudo periods; less where a period takes long
 
 
 CASES = (
     SoakCase("3 modes, e = 0.8, exact", 3, 2.0, 0.98, lambda: impact_absorber(restitution=0.8), Exact()),
-    SoakCase("1 mode, e = 0.7, friction, exact", 1, 2.0, 0.98, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Exact()),
-    SoakCase("1 mode, compliant walls, exact", 1, 2.0, 0.98, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), Exact()),
+    SoakCase("1 mode, e = 0.7, friction, exact", 1, 2.0, 0.98, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Exact(), 100_000),
+    SoakCase("1 mode, compliant walls, exact", 1, 2.0, 0.98, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), Exact(), 100_000),
     SoakCase("1 mode, e = 0.7, friction, Moreau", 1, 2.0, 0.98, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Moreau()),
     SoakCase("1 mode, compliant walls, Runge-Kutta", 1, 2.0, 0.98, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), RungeKutta()),
 )
@@ -75,8 +76,8 @@ def memory_mb() -> float:
 def soak(case: SoakCase, lengths: tuple[int, ...]) -> Soak:
     """Run a case over each length, the shortest first."""
     scene = beam_scene(Beam(modes=case.modes), case.absorber())
-    result = Soak(case.name, list(lengths), [], [], [], [])
-    for length in lengths:
+    result = Soak(case.name, [length for length in lengths if length <= case.longest], [], [], [], [])
+    for length in result.lengths:
         schedule = constant_frequency(scene.model.resonance_omega(1), case.ratio, float(length))
         response = simulate(scene, Drive(case.force, schedule), case.method, record=RECORD)
         assert response.energy is not None

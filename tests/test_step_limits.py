@@ -94,7 +94,8 @@ def test_simulate_refuses_in_a_short_run_what_would_blow_up_in_a_long_one() -> N
 
 def test_an_absorber_that_holds_the_tip_still_is_refused() -> None:
     model = beam_scene(Beam(modes=3)).model
-    for absorber in (StuckAbsorber(8e5), friction_damper(1.0, 8e5), TunedAbsorber(8e5)):
+    # a mass that the tip slides along is another matter: to it, a mass without end is the ground
+    for absorber in (StuckAbsorber(8e5), friction_damper(1.0, 1e9), TunedAbsorber(1e9)):
         check_mass(beam_scene(Beam(modes=3), absorber))
     drive = Drive(1.0, constant_frequency(float(model.omega[0]), 1.0, 1.0))
     for method in (Exact(), Moreau(), RungeKutta()):
