@@ -36,6 +36,8 @@ def _summary(measured: Measured) -> str:
     lines = [f"{len(found) - len(broken)} of {len(found)} claims hold. {conditions_line(measured.conditions)}"]
     lines += ["**Stopped early or a quick look: not all of the report.**"] if not measured.complete or measured.conditions.get("quick") else []
     without = unreal(measured)
+    if not measured.pairs:
+        return "\n".join(lines)
     saving = f"Left out without a saving of {100 * (REAL - 1):.0f} % or more: {', '.join(without)}." if without else "Every part left out saves time."
     return "\n".join([*lines, saving])
 
@@ -151,7 +153,7 @@ def _draw_code(ax: Axes, entries: list[dict[str, Any]]) -> None:
 def _draw_pairs(ax: Axes, pairs: list[dict[str, Any]]) -> None:
     y = np.arange(len(pairs))[::-1]
     for pair, at in zip(pairs, y, strict=True):
-        method = next((name for name in COLOURS if pair["without"].startswith(tuple(COLOURS)) or f", {name}" in pair["without"]), "exact")
+        method = next(name for name in COLOURS if f", {name}" in pair["without"])
         ends = pair["without_ns"] / 1e3, pair["switched_off_ns"] / 1e3
         ax.plot(ends, (at, at), color="0.7", lw=2, zorder=1)
         ax.plot(ends[0], at, "o", color=COLOURS[method], ms=7)
