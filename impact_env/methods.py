@@ -23,6 +23,7 @@ from impact_env.scene import Scene
 LEAST_STEPS = 4  # per period of the highest mode, and of the force
 # stuck mass times sum tip_shape^2: how many times less the tip moves than without it, and so how many digits its motion loses
 MOST_HEAVINESS = 1e7
+MOST_FORCE_FREQUENCY = 3e3  # of the first mode's: above it the exact method's resolution of time is too coarse for reversals of friction
 ROUNDING = 1e-9  # a step this close to its limit counts as at it
 SURE_REACH = 2.5  # |s| h up to which the classical Runge-Kutta method is stable for every damping
 PAPER_STEPS = 20  # per period of the highest mode (paper, section 2.3), and per contact (paper, appendix A)
@@ -130,21 +131,27 @@ def check_mass(scene: Scene) -> None:
 
 
 def check_step(scene: Scene, drive: Drive, method: Method) -> None:
-    """Raise ParameterError if a stepping method's step is too long for a scene and a drive, so that its numbers would be wrong in silence.
+    """Raise ParameterError if a method does not resolve a scene or a drive in time, so that its numbers would be wrong in silence.
 
     A step that resolves the highest mode's period may still be too long for strong damping: the fast one of an overdamped mode's two rates
     grows with the damping ratio, and both schemes are explicit. It may also be too long for a force above all modes.
     """
+    highest = float(np.max(drive.schedule.omegas)) if drive.amplitude != 0 else 0.0
     if isinstance(method, Exact):
+        rubs = isinstance(scene.absorber, SlidingAbsorber) and isinstance(scene.absorber.friction, CoulombFriction)
+        limit = MOST_FORCE_FREQUENCY * float(np.min(scene.model.omega))
+        allowed = (
+            f"at most {limit:.3g} rad/s with rigid friction, {MOST_FORCE_FREQUENCY:g} times the first mode's, which sets what times it tells apart"
+        )
+        require(not rubs or highest <= limit, "force frequency", highest, allowed)
         return
     dt, steps = method.step(scene), method.steps_per_period
     growth = _moreau_growth(scene, dt) if isinstance(method, Moreau) else _runge_kutta_growth(scene, dt)
     why = "for this scene's damping, as an explicit step is unstable above its limit"
     require(growth <= 1, "steps_per_period", steps, f"about {_power_of_two(growth) * steps} or more {why}")
-    coarseness = float(np.max(drive.schedule.omegas)) * dt * LEAST_STEPS / (2 * np.pi)
-    ok = coarseness <= 1 or drive.amplitude == 0
+    coarseness = highest * dt * LEAST_STEPS / (2 * np.pi)
     allowed = f"{int(np.ceil(steps * coarseness))} or more for this force, so that each of its periods has {LEAST_STEPS} steps"
-    require(ok, "steps_per_period", steps, allowed)
+    require(coarseness <= 1, "steps_per_period", steps, allowed)
 
 
 def _power_of_two(ratio: float) -> int:

@@ -197,6 +197,7 @@ def _drives() -> Iterator[Case]:
         yield _case("force", f"1e4 N, {name}", make, force=1e4, periods=3, impacts=2)
         yield _case("frequency", f"0, {name}", make, ratio=0.0, force=15.0, quick=name == "impact")
         yield _case("frequency", f"100 times the first, {name}", make, ratio=100.0, force=1e4)
+        yield _case("frequency", f"2e3 times the first, {name}", make, ratio=2e3, force=1e6, periods=0.02)
         yield _case("frequency", f"1e5 times the first, {name}", make, ratio=1e5, force=1e9, periods=0.02, quick=name == "impact")
         yield _case("frequency", f"0 to 30 times the first in two periods, {name}", make, drive=_sweep, quick=name == "impact")
         yield _case("frequency", f"at the first exactly, no damping, {name}", make, ratio=1.0, beam={"damping_ratio": 0.0})

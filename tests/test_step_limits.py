@@ -73,6 +73,15 @@ def test_a_force_between_the_steps_is_refused(method: type[Moreau] | type[RungeK
     checked(0.01, Exact(), 1e9)
 
 
+def test_friction_under_a_force_far_above_all_modes_is_refused() -> None:
+    scene = beam_scene(Beam(modes=3), friction_damper())
+    omega = float(scene.model.omega[0])
+    check_step(scene, Drive(1.0, constant_frequency(omega, 2.99e3, 1.0)), Exact())
+    check_step(scene, Drive(0.0, constant_frequency(omega, 1e5, 1.0)), Exact())
+    with pytest.raises(ParameterError, match=r"force frequency = .* rigid friction"):
+        simulate(scene, Drive(1.0, constant_frequency(omega, 3.01e3, 0.001)))
+
+
 def test_moreau_with_a_tuned_absorber() -> None:
     for steps in (4, 20):
         scene = beam_scene(Beam(modes=5, damping_ratio=0.01), TunedAbsorber())
