@@ -2,7 +2,7 @@
 
 Around a window's centre the force is Re(F exp(i phi + i Omega tau) exp(i alpha tau^2/2)). The last factor is expanded to alpha^4; its
 remainder is below (alpha tau^2/2)^5/120, and the windows are cut so that this is below CHIRP_REMAINDER. The particular solution of a slot is
-then A(tau) exp(i Omega tau) + B(tau) exp(-i Omega tau) with polynomials A, B of degree 8, found by back-substitution.
+then A(tau) exp(i Omega tau) + B(tau) exp(-i Omega tau) with polynomials A, B of degree 8 (TERMS coefficients, alpha^4 tau^8), found by back-substitution.
 """
 
 from __future__ import annotations
@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit, jit_room, jit_sum
 from impact_env.kernels.slots import DRIVE, GUARD, TIP, S, cos_sin
-from impact_env.kernels.vector import POINTS
+from impact_env.kernels.vector import POINTS, SCAN_TERMS, TERMS
 
-TERMS = 9  # coefficients of the polynomials: alpha^4 tau^8
 CHIRP_REMAINDER = 1e-17
 NEAR_RESONANCE = 0.05  # of |i Omega - s| times half the window: then the polynomial is built upwards
 DERIVATIVES = 6
 SCANNED = 3  # derivatives of the guard signal that the event search scans
-SCAN_TERMS = 6  # coefficients it keeps of them
 BEYOND = 1.25  # of half a window: up to there bounds hold
 TIP_SIGNAL = DERIVATIVES  # row of Forced.signals
 

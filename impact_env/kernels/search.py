@@ -28,8 +28,8 @@ from impact_env.kernels.careful import careful_search
 from impact_env.kernels.forced import DERIVATIVES, cos_sin, guard_values
 from impact_env.kernels.jit import jit, jit_inline, jit_sum_inline
 from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL, Event, refine, time_resolution
-from impact_env.kernels.slots import FASTEST, SPEED, digits, turned
-from impact_env.kernels.vector import POINTS, ROW, block_sums_2, block_sums_3, turn_2, turn_3
+from impact_env.kernels.slots import FASTEST, SPEED, cos_sin, digits, turned
+from impact_env.kernels.vector import BEND, COS, FORCED, POINTS, RATE, ROW, SIN, VALUE, raise_orders, scan_both, scan_reversal, scan_walls, turn_2, turn_3
 
 SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
 SLOPE_ERROR = 1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
@@ -38,21 +38,20 @@ SHARP = 1e-4  # of the way across a step: E where an event is accepted
 LOOK_AHEAD = 4.0  # LEVEL_RATIO: steps of a level in one of the next
 MOST_SCANS = 20_000_000
 
-# entries of Signal.block: rows of 1 + POINTS numbers of the value, the rate and the bend, then of their forced parts; POINTS numbers each of the
-# carrier and of the margins to walls and to a reversal; the level to begin with
-VALUE, RATE, BEND, FORCED, COS, SIN, WALLS, REVERSALS, LEVEL = 0, ROW, 2 * ROW, 3 * ROW, 6 * ROW, 6 * ROW + 8, 7 * ROW, 7 * ROW + 8, 8 * ROW
-
-
 @jit_sum_inline
 def begin_at(rows, table, scale, u, w, offset):  # type: ignore[no-untyped-def]
     """Set the moving amplitudes at an offset."""
     size = u.shape[1]
-    d1, d2, d3, x = digits(scale, offset)
-    for j in range(size):
-        u_r, u_i = turned(rows, table, u, d1, d2, d3, x, j)
-        w[j], w[size + j] = u_r, u_i
-        w[2 * size + j], w[3 * size + j] = rows[0, j] * u_r - rows[1, j] * u_i, rows[0, j] * u_i + rows[1, j] * u_r
-        w[4 * size + j], w[5 * size + j] = rows[2, j] * u_r - rows[3, j] * u_i, rows[2, j] * u_i + rows[3, j] * u_r
+    if offset > 0.0:
+        d1, d2, d3, x = digits(scale, offset)
+        for j in range(size):
+            w[j], w[size + j] = turned(rows, table, u, d1, d2, d3, x, j)
+    else:
+        for j in range(size):
+            w[j] = u[0, j]
+        for j in range(size):
+            w[size + j] = u[1, j]
+    raise_orders(rows, w, size)
 
 
 @jit_inline
@@ -80,60 +79,6 @@ def errors_of(factors, steps, w, p, bound, level):  # type: ignore[no-untyped-de
     return e0, e1
 
 
-@jit_sum_inline
-def add_forced_block(signals, carrier, level, c, s, x, h, offset, p, b, orders):  # type: ignore[no-untyped-def]
-    """Write the forced parts at the block's times and add all forced parts to its rows.
-
-    ``c``, ``s``: the force's carrier at the block's start, ``x`` (s) from the window's centre.
-    """
-    for k in range(POINTS):
-        b[COS + k] = c * carrier[level, 0, k] - s * carrier[level, 1, k]
-        b[SIN + k] = s * carrier[level, 0, k] + c * carrier[level, 1, k]
-    for q in range(orders):
-        r0, r1, r2, r3, r4, r5 = signals[q, 0, 0], signals[q, 0, 1], signals[q, 0, 2], signals[q, 0, 3], signals[q, 0, 4], signals[q, 0, 5]
-        i0, i1, i2, i3, i4, i5 = signals[q, 1, 0], signals[q, 1, 1], signals[q, 1, 2], signals[q, 1, 3], signals[q, 1, 4], signals[q, 1, 5]
-        p0, p1, p2 = p[0], p[1], 0.5 * p[2]
-        if q == 1:
-            p0, p1, p2 = p[1], p[2], 0.0
-        if q == 2:
-            p0, p1, p2 = p[2], 0.0, 0.0
-        row = ROW * q
-        for k in range(POINTS):
-            t = h * (k + 1.0)
-            y = x + t
-            z = offset + t
-            real = r0 + y * (r1 + y * (r2 + y * (r3 + y * (r4 + y * r5))))
-            imaginary = i0 + y * (i1 + y * (i2 + y * (i3 + y * (i4 + y * i5))))
-            f = real * b[COS + k] - imaginary * b[SIN + k] + p0 + z * (p1 + z * p2)
-            b[FORCED + row + 1 + k] = f
-            b[row + 1 + k] += f
-        b[row] += b[FORCED + row]
-
-
-@jit_sum_inline
-def wall_margins(b, h, low, high, error):  # type: ignore[no-untyped-def]
-    """Write by how much each step of the block is clear of the walls."""
-    for k in range(POINTS):
-        y0 = b[VALUE + k]
-        y1 = b[VALUE + 1 + k]
-        y2 = y0 + h / 3.0 * b[RATE + k]
-        y3 = y1 - h / 3.0 * b[RATE + 1 + k]
-        top = max(max(y0, y1), max(y2, y3))
-        bottom = min(min(y0, y1), min(y2, y3))
-        b[WALLS + k] = min(high - top, bottom - low) - error
-
-
-@jit_sum_inline
-def reversal_margins(b, h, direction, error):  # type: ignore[no-untyped-def]
-    """Write by how much each step of the block is clear of a reversal."""
-    for k in range(POINTS):
-        v0 = direction * b[RATE + k]
-        v1 = direction * b[RATE + 1 + k]
-        v2 = v0 + h / 3.0 * direction * b[BEND + k]
-        v3 = v1 - h / 3.0 * direction * b[BEND + 1 + k]
-        b[REVERSALS + k] = min(min(v0, v1), min(v2, v3)) - error
-
-
 @jit_inline
 def start_margin(d1, slope0, slope1, h, error):  # type: ignore[no-untyped-def]
     """Return the margin of a first step that starts on a guard, from the distance at its end and the growth of the distance at both ends."""
@@ -141,33 +86,28 @@ def start_margin(d1, slope0, slope1, h, error):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def leave_guard(b, h, low, high, side, direction, zero_rate, e0, e1):  # type: ignore[no-untyped-def]
-    """Mend the margins of a block whose first value, or rate, is known to lie on its guard."""
-    if low is not None:
-        y0, y1 = b[VALUE], b[VALUE + 1]
-        y2, y3 = y0 + h / 3.0 * b[RATE], y1 - h / 3.0 * b[RATE + 1]
-        if side > 0:
-            leaving = start_margin(high - y1, -b[RATE], -b[RATE + 1], h, e0)
-            b[WALLS] = min(leaving, min(min(y0, y1), min(y2, y3)) - low - e0)
-        elif side < 0:
-            leaving = start_margin(y1 - low, b[RATE], b[RATE + 1], h, e0)
-            b[WALLS] = min(leaving, high - max(max(y0, y1), max(y2, y3)) - e0)
-    if direction is not None:
-        if zero_rate:
-            b[REVERSALS] = start_margin(direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], h, e1)
+def leaves_wall(b, h, low, high, side, e0):  # type: ignore[no-untyped-def]
+    """Return whether a block's first step, which starts on the wall ``side``, is clear of both walls."""
+    y0, y1 = b[VALUE], b[VALUE + 1]
+    y2, y3 = y0 + h / 3.0 * b[RATE], y1 - h / 3.0 * b[RATE + 1]
+    if side > 0:
+        return min(start_margin(high - y1, -b[RATE], -b[RATE + 1], h, e0), min(min(y0, y1), min(y2, y3)) - low - e0) > 0.0
+    return min(start_margin(y1 - low, b[RATE], b[RATE + 1], h, e0), high - max(max(y0, y1), max(y2, y3)) - e0) > 0.0
 
 
 @jit_inline
-def first_unclear(b, low, direction):  # type: ignore[no-untyped-def]
-    """Return the first step of the block that is not clear, or POINTS."""
-    for k in range(POINTS):
-        if low is not None:
-            if not b[WALLS + k] > 0.0:
-                return k
-        if direction is not None:
-            if not b[REVERSALS + k] > 0.0:
-                return k
-    return POINTS
+def leaves_rest(b, h, direction, e1):  # type: ignore[no-untyped-def]
+    """Return whether a block's first step, which starts with rate zero, is clear of a reversal."""
+    return start_margin(direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], h, e1) > 0.0
+
+
+@jit_inline
+def first_bit(mask):  # type: ignore[no-untyped-def]
+    """Return the place of the lowest bit that is set, or POINTS."""
+    k = 0
+    while k < POINTS and (mask >> k) & 1 == 0:
+        k += 1
+    return k
 
 
 @jit_inline
@@ -186,13 +126,12 @@ def sharp_root(d0, d1, d2, d3, error, slope_error):  # type: ignore[no-untyped-d
 
 
 @jit_inline
-def event_in_step(b, k, h, low, high, direction, e0, e1, slope_error):  # type: ignore[no-untyped-def]
+def event_in_step(b, k, h, low, high, direction, near_wall, near_rest, e0, e1, slope_error):  # type: ignore[no-untyped-def]
     """Return (kind, share of the step) of the only event in step k, or NOTHING where that is not certain."""
     if direction is not None:
-        if not b[REVERSALS + k] > 0.0:
-            if low is not None:
-                if not b[WALLS + k] > 0.0:
-                    return NOTHING, 0.0
+        if near_rest:
+            if near_wall:
+                return NOTHING, 0.0
             v0, v3 = direction * b[RATE + k], direction * b[RATE + 1 + k]
             x = sharp_root(v0, v0 + h / 3.0 * direction * b[BEND + k], v3 - h / 3.0 * direction * b[BEND + 1 + k], v3, e1, slope_error)
             return (REVERSAL, x) if x >= 0.0 else (NOTHING, 0.0)
@@ -238,12 +177,12 @@ def search(slots, forced, omega, signal, tau, length, low, high, side, direction
     that it has at the start. ``side`` -1 or 1: the signal starts on the low or the high wall; ``zero_rate``: its rate starts at zero.
     """
     rows, table, scale, steps, waves, turns, errors = slots.rows, slots.table, slots.scale, slots.steps, slots.waves, slots.turns, slots.errors
-    u, p, w, b = signal.u, signal.polynomial, signal.moving, signal.block
+    u, p, w, b, memory = signal.u, signal.polynomial, signal.moving, signal.block, signal.memory
     signals, bound, carrier = forced.signals, forced.bound, forced.carrier
     size, top = u.shape[1], steps.shape[0] - 1
     while top > 0 and steps[top, 0] > 0.25 * (tau + length):  # bounds hold up to a quarter of half a window beyond it
         top -= 1
-    level = min(int(b[LEVEL]), top)
+    level = min(int(memory[0]), top)
     c, s, offset, count, begin, up, careful, e0, e1 = 0.0, 0.0, 0.0, 0, True, False, 1.0, 0.0, 0.0
     while offset < length and count < MOST_SCANS:
         count += 1
@@ -260,26 +199,40 @@ def search(slots, forced, omega, signal, tau, length, low, high, side, direction
                 level -= 1
                 e0, e1 = errors_of(errors, steps, w, p, bound, level)
         h, summed, first = steps[level, 0], int(steps[level, 1]), level * size * 2 * POINTS
+        x = tau + offset
+        at = 2 * POINTS * level
         if direction is None:
-            block_sums_2(waves, first, w, size, summed, b)
-            add_forced_block(signals, carrier, level, c, s, tau + offset, h, offset, p, b, 2)
-        else:
-            block_sums_3(waves, first, w, size, summed, b)
-            add_forced_block(signals, carrier, level, c, s, tau + offset, h, offset, p, b, 3)
-            reversal_margins(b, h, direction, e1)
-        if low is not None:
-            wall_margins(b, h, low, high, e0)
+            if low is not None:
+                walls, reversals = scan_walls(
+                    waves, first, w, size, summed, signals, carrier, at, c, s, x, h, offset, p, b, low, high, 0.0, e0, e1
+                )  # fmt: skip
+        if direction is not None:
+            if low is None:
+                walls, reversals = scan_reversal(
+                    waves, first, w, size, summed, signals, carrier, at, c, s, x, h, offset, p, b, 0.0, 0.0, direction, e0, e1
+                )  # fmt: skip
+            if low is not None:
+                walls, reversals = scan_both(
+                    waves, first, w, size, summed, signals, carrier, at, c, s, x, h, offset, p, b, low, high, direction, e0, e1
+                )  # fmt: skip
         if offset == 0.0:
-            leave_guard(b, h, low, high, side, direction, zero_rate, e0, e1)
-        k = first_unclear(b, low, direction)
+            if low is not None:
+                if side != 0:
+                    walls = (walls & -2) | (0 if leaves_wall(b, h, low, high, side, e0) else 1)
+            if direction is not None:
+                if zero_rate:
+                    reversals = (reversals & -2) | (0 if leaves_rest(b, h, direction, e1) else 1)
+        k = first_bit(walls | reversals)
         clear = k == POINTS
         up = clear and level < top
         if offset == 0.0:
-            b[LEVEL] = level + 1 if clear else (level if k > 0 else max(level - 1, 0))
+            memory[0] = level + 1 if clear else (level if k > 0 else max(level - 1, 0))
         if offset + k * h >= length:
             break
         if not clear:
-            kind, x = event_in_step(b, k, h, low, high, direction, e0, e1, SLOPE_ERROR + h * scale[FASTEST] / 3.0)
+            near_wall, near_rest = (walls >> k) & 1 != 0, (reversals >> k) & 1 != 0
+            slope_error = SLOPE_ERROR + h * scale[FASTEST] / 3.0
+            kind, x = event_in_step(b, k, h, low, high, direction, near_wall, near_rest, e0, e1, slope_error)
             if kind != NOTHING:
                 wall = 0.0
                 if low is not None:

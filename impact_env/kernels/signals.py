@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from impact_env.kernels.forced import guard_values
 from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_sum
 from impact_env.kernels.slots import SPEED, digits, sum_block
+from impact_env.kernels.vector import BLOCK
 
 # events
 NOTHING, HIT_LOW, HIT_HIGH, REVERSAL = 0, 1, 2, 3
@@ -22,16 +23,15 @@ class Signal(NamedTuple):
     """A guard signal from a reference time on, and room for its search.
 
     Slots' amplitudes ``u`` (2, J); a polynomial p0 + p1 t + p2 t^2/2 (3,); the amplitudes of value, rate and bend where the search is,
-    ``moving`` (6 J,) = (3, 2, J); ``block`` (BLOCK,), see search.py.
+    ``moving`` (6 J,) = (3, 2, J); ``block`` (BLOCK,) of vector.py; ``memory`` (1,): the level to
+    begin with.
     """
 
     u: NDArray[np.float64]
     polynomial: NDArray[np.float64]
     moving: NDArray[np.float64]
     block: NDArray[np.float64]
-
-
-BLOCK = 136
+    memory: NDArray[np.float64]
 
 
 class Event(NamedTuple):
@@ -48,7 +48,7 @@ class Event(NamedTuple):
 @jit_room
 def new_signal(size):  # type: ignore[no-untyped-def]
     """Return room for a signal of ``size`` slots."""
-    return Signal(np.zeros((2, size)), np.zeros(3), np.zeros(6 * size), np.zeros(BLOCK))
+    return Signal(np.zeros((2, size)), np.zeros(3), np.zeros(6 * size), np.zeros(BLOCK), np.zeros(1))
 
 
 @jit_sum
