@@ -179,7 +179,7 @@ def _regime(modes: Modes, guard: Complex, tip: Complex, size: int, reach: float)
     relative = pad(modes.relative)
     rest = np.where(np.arange(size) < used, -relative / s, 0)
     pairs = [s, s**2, pad(modes.drive), relative, rest, pad(guard), pad(tip), *taylor[1:]]
-    rows = np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed])
+    rows = np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed, speed**2])
     scale = np.array([np.log2(base), finest, 1 / finest, np.max(speed)])
     slots = Slots(rows, np.ascontiguousarray([table.real, table.imag]), scale, *ladder(s, used, reach))
     out, into = pad(modes.out, 1), pad(modes.into).T

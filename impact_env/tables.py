@@ -11,7 +11,7 @@ from impact_env.kernels.vector import POINTS
 
 MAX_BASE = 256
 COARSEST = 16.0  # largest step of the event search: a share of the tables' reach
-FINEST_PHASE = 0.35  # |s| h of the fastest slot at the finest level, at most
+FINEST_PHASE = 0.08  # |s| h of the fastest slot at the finest level, at most
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]

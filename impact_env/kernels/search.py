@@ -26,32 +26,25 @@ import numpy as np
 
 from impact_env.kernels.careful import careful_search
 from impact_env.kernels.forced import DERIVATIVES, cos_sin, guard_values
-from impact_env.kernels.jit import jit, jit_inline, jit_sum_inline
+from impact_env.kernels.jit import jit, jit_inline, jit_sum
 from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL, Event, refine, time_resolution
-from impact_env.kernels.slots import FASTEST, SPEED, cos_sin, digits, turned
-from impact_env.kernels.vector import BEND, COS, FORCED, POINTS, RATE, ROW, SIN, VALUE, raise_orders, scan_both, scan_reversal, scan_walls, turn_2, turn_3
+from impact_env.kernels.slots import FASTEST, SPEED_SQUARE, cos_sin, digits, turned
+from impact_env.kernels.vector import BEND, COS, FORCED, POINTS, RATE, ROW, SIN, VALUE, begin_orders, scan_both, scan_reversal, scan_walls, turn_2, turn_3, weighted_sizes
 
 SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
 SLOPE_ERROR = 1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
 START_ERROR = 64.0 / 27.0
-SHARP = 1e-4  # of the way across a step: E where an event is accepted
+SHARP = 1e-3  # of the way across a step: E where an event is accepted
 LOOK_AHEAD = 4.0  # LEVEL_RATIO: steps of a level in one of the next
 MOST_SCANS = 20_000_000
 
-@jit_sum_inline
-def begin_at(rows, table, scale, u, w, offset):  # type: ignore[no-untyped-def]
-    """Set the moving amplitudes at an offset."""
+@jit_sum
+def move_to(rows, table, scale, u, offset, moved):  # type: ignore[no-untyped-def]
+    """Write the amplitudes u at an offset to ``moved`` (2 J,)."""
+    d1, d2, d3, x = digits(scale, offset)
     size = u.shape[1]
-    if offset > 0.0:
-        d1, d2, d3, x = digits(scale, offset)
-        for j in range(size):
-            w[j], w[size + j] = turned(rows, table, u, d1, d2, d3, x, j)
-    else:
-        for j in range(size):
-            w[j] = u[0, j]
-        for j in range(size):
-            w[size + j] = u[1, j]
-    raise_orders(rows, w, size)
+    for j in range(size):
+        moved[j], moved[size + j] = turned(rows, table, u, d1, d2, d3, x, j)
 
 
 @jit_inline
@@ -63,15 +56,11 @@ def begin_forced(signals, omega, p, tau, offset, b):  # type: ignore[no-untyped-
     b[FORCED + 2 * ROW] = f2 + p[2]
 
 
-@jit_sum_inline
-def errors_of(factors, steps, w, p, bound, level):  # type: ignore[no-untyped-def]
+@jit_inline
+def errors_of(errors, steps, w, p, bound, level):  # type: ignore[no-untyped-def]
     """Return E of the signal and of its rate at a level."""
-    size = factors.shape[1]
-    e0 = 0.0
-    e1 = 0.0
-    for j in range(size):
-        e0 += factors[level, j] * (abs(w[j]) + abs(w[size + j]))
-        e1 += factors[level, j] * (abs(w[2 * size + j]) + abs(w[3 * size + j]))
+    size = errors.shape[1]
+    e0, e1 = weighted_sizes(errors, level * size, w, size)
     h = steps[level, 0]
     share = h * h * h * h / 384.0
     e0 += share * bound[4] + bound[DERIVATIVES] + SCAN_NOISE * (bound[0] + abs(p[0]))
@@ -159,16 +148,6 @@ def is_far(b, h, low, high, direction, e0, e1):  # type: ignore[no-untyped-def]
     return far
 
 
-@jit_sum_inline
-def third_bound(rows, w, bound):  # type: ignore[no-untyped-def]
-    """Return a bound of the signal's third derivative from the moving amplitudes' time on."""
-    size = rows.shape[1]
-    b3 = bound[3]
-    for j in range(size):
-        b3 += (abs(w[2 * size + j]) + abs(w[3 * size + j])) * rows[SPEED, j] * rows[SPEED, j]
-    return b3
-
-
 @jit
 def search(slots, forced, omega, signal, tau, length, low, high, side, direction, zero_rate):  # type: ignore[no-untyped-def]
     """Return the first Event within ``length`` (s) from tau; its offset is ``length`` if there is none.
@@ -187,7 +166,11 @@ def search(slots, forced, omega, signal, tau, length, low, high, side, direction
     while offset < length and count < MOST_SCANS:
         count += 1
         if begin:
-            begin_at(rows, table, scale, u, w, offset)
+            if offset > 0.0:
+                move_to(rows, table, scale, u, offset, w)
+                begin_orders(rows, w, w, size)
+            else:
+                begin_orders(rows, u, w, size)
             begin_forced(signals, omega, p, tau, offset, b)
             c, s = cos_sin(omega * (tau + offset))
             begin = False
@@ -237,7 +220,8 @@ def search(slots, forced, omega, signal, tau, length, low, high, side, direction
                 wall = 0.0
                 if low is not None:
                     wall = high if kind == HIT_HIGH else low
-                b3, resolution = third_bound(rows, w, bound), time_resolution(rows, length)
+                _, b3 = weighted_sizes(rows, SPEED_SQUARE * size, w, size)
+                b3, resolution = b3 + bound[3], time_resolution(rows, length)
                 found = refine(rows, table, scale, signals, omega, u, p, tau, offset + (k + x) * h, kind, wall, b3, resolution)
                 if found.offset >= length:
                     break

@@ -14,9 +14,9 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 POINTS = 8  # times in a block
-LANES = 4  # slots in a vector of `turn` and `raise_orders`: their number is padded to a multiple of it
+LANES = 4  # slots in a vector where slots are not summed one by one: their number is padded to a multiple of it
 TERMS = 9  # coefficients of the forced part's polynomials (forced.py)
-SCAN_TERMS = 6  # those that a block keeps
+SCAN_TERMS = 7  # those that a block keeps
 
 # entries of a block: 1 + POINTS numbers of the value, the rate and the bend, then of their forced parts, in rows; then the carrier of the force
 ROW = 16
@@ -52,6 +52,17 @@ class _Number:
     def largest(self, other: _Number) -> _Number:
         """Return the larger one, element by element."""
         return _Number(self.builder, self.builder.select(self.builder.fcmp_ordered(">", self.value, other.value), self.value, other.value))
+
+    def size(self) -> _Number:
+        """Return the absolute value, element by element."""
+        kind = ir.VectorType(_INDEX, self.value.type.count)
+        without_sign = ir.Constant(kind, [2**63 - 1] * kind.count)
+        return _Number(self.builder, self.builder.bitcast(self.builder.and_(self.builder.bitcast(self.value, kind), without_sign), self.value.type))
+
+    def total(self) -> _Number:
+        """Return the sum of the elements."""
+        parts = [_Number(self.builder, self.builder.extract_element(self.value, ir.Constant(ir.IntType(32), k))) for k in range(self.value.type.count)]
+        return sum(parts[1:], parts[0])
 
     def not_positive(self) -> Any:
         """Return an integer whose bit k says that element k is not above zero (or not a number)."""
@@ -228,23 +239,46 @@ def _turn(orders: int) -> Any:
 
 
 @intrinsic
-def raise_orders(typing_context, rows, w, size):  # type: ignore[no-untyped-def]
-    """Write w[1] = s w[0] and w[2] = s^2 w[0]; ``rows``: flat, its first four rows of ``size`` numbers hold s and s^2, real and imaginary."""
+def begin_orders(typing_context, rows, u, w, size):  # type: ignore[no-untyped-def]
+    """Write w[0] = u, w[1] = s u and w[2] = s^2 u; ``rows``: flat, its first four rows of ``size`` numbers hold s and s^2, real and imaginary."""
 
     def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
         code = _Code(context, builder, signature.args, values)
-        rows, w, size = code.arguments
+        rows, u, w, size = code.arguments
         with cgutils.for_range_slice(builder, code.index(0), size, code.index(LANES), inc=True) as (j, _):
-            w_r, w_i = code.vector(w, j, LANES), code.vector(w, code.plus(j, size), LANES)
+            other = code.plus(j, size)
+            u_r, u_i = code.vector(u, j, LANES), code.vector(u, other, LANES)
+            code.store(u_r, w, j, LANES)
+            code.store(u_i, w, other, LANES)
             for q in (1, 2):
                 index = code.plus(code.times(size, 2 * q - 2), j)
                 s_r, s_i = code.vector(rows, index, LANES), code.vector(rows, code.plus(index, size), LANES)
                 index = code.plus(code.times(size, 2 * q), j)
-                code.store(w_r * s_r - w_i * s_i, w, index, LANES)
-                code.store(w_r * s_i + w_i * s_r, w, code.plus(index, size), LANES)
+                code.store(u_r * s_r - u_i * s_i, w, index, LANES)
+                code.store(u_r * s_i + u_i * s_r, w, code.plus(index, size), LANES)
         return context.get_dummy_value()
 
-    return types.void(rows, w, types.int64), build
+    return types.void(rows, u, w, types.int64), build
+
+
+@intrinsic
+def weighted_sizes(typing_context, weights, start, w, size):  # type: ignore[no-untyped-def]
+    """Return sum_j weight[j] (|Re w[q, j]| + |Im w[q, j]|) for q = 0 and 1; ``weights``: flat, from ``start`` on."""
+
+    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        code = _Code(context, builder, signature.args, values)
+        weights, start, w, size = code.arguments
+        sums = [cgutils.alloca_once_value(builder, code.constant([0.0] * LANES).value) for _ in range(2)]
+        with cgutils.for_range_slice(builder, code.index(0), size, code.index(LANES), inc=True) as (j, _):
+            weight = code.vector(weights, code.plus(start, j), LANES)
+            for q in range(2):
+                index = code.plus(code.times(size, 2 * q), j)
+                both = code.vector(w, index, LANES).size() + code.vector(w, code.plus(index, size), LANES).size()
+                builder.store((_Number(builder, builder.load(sums[q])) + weight * both).value, sums[q])
+        totals = [_Number(builder, builder.load(s)).total().value for s in sums]
+        return context.make_tuple(builder, signature.return_type, totals)
+
+    return types.UniTuple(types.float64, 2)(weights, types.int64, w, types.int64), build
 
 
 scan_walls, scan_reversal, scan_both = _scan(2, True, False), _scan(3, False, True), _scan(3, True, True)
