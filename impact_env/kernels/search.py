@@ -107,7 +107,7 @@ def sharp_root(d0, d1, d2, d3, error, slope_error):  # type: ignore[no-untyped-d
         return -1.0
     x = d0 / (d0 - d3)
     c1, c2, c3 = 3.0 * (d1 - d0), 3.0 * (d2 - 2.0 * d1 + d0), d3 - d0 + 3.0 * (d1 - d2)
-    for _ in range(4):
+    for _ in range(2):
         f = d0 + x * (c1 + x * (c2 + x * c3))
         x -= f / (c1 + x * (2.0 * c2 + 3.0 * x * c3))
         x = min(max(x, 0.0), 1.0)
