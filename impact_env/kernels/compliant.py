@@ -268,8 +268,9 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
 
 @jit
 def run_windows(
-    regimes, forced, solved, contact, springs, gap, limit, losses, schedule, now, work, signal, state, scratch, clock, counters, level, events, series, energy
-):  # type: ignore[no-untyped-def]
+    regimes, forced, solved, contact, springs, gap, limit, losses, schedule,
+    now, work, signal, state, scratch, clock, counters, level, events, series, energy,
+):  # type: ignore[no-untyped-def]  # fmt: skip
     """Integrate one lane in its room; arguments as in `compliant_lane`."""
     reach = 0.0
     if limit is not None:
