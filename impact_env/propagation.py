@@ -15,8 +15,9 @@ from impact_env.kernels.linear import linear_lane
 from impact_env.kernels.observers import Counters, Energy, Events, Level, Series
 from impact_env.kernels.segments import Losses, Regime, Schedule
 from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction, RigidWalls, SlidingAbsorber, StuckAbsorber, TunedAbsorber
-from impact_env.regimes import fastest, free_regime, joined_regime, modal_damping, padded_size, sprung_regime, table_reach
+from impact_env.regimes import fastest, free_regime, joined_regime, modal_damping, padded_size, sprung_regime
 from impact_env.scene import Scene
+from impact_env.tables import table_reach
 
 Array = NDArray[np.float64]
 WINDOW_PERIODS = 3.2  # wanted length of a window of the chirp, in pseudo periods

@@ -19,13 +19,13 @@ import scipy.special
 from numpy.typing import NDArray
 
 from impact_env.kernels.segments import Regime
-from impact_env.kernels.slots import HEAD_SLOTS, MIDDLE, TAYLOR_REACH, TAYLOR_TERMS, Slots
+from impact_env.kernels.slots import TAYLOR_TERMS, Slots
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError, require
+from impact_env.tables import ladder, propagators
 
 CRITICAL = 1e-8  # a damping ratio this close to 1 is moved to 1 + CRITICAL: two equal eigenvalues have no modal form
 UNCOUPLED = 1e-9  # of the largest tip shape: a mode with a node at the absorber
-MAX_BASE = 256
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -158,20 +158,6 @@ def padded_size(slots: int) -> int:
     return 4 * -(-slots // 4)
 
 
-def table_reach(fastest: float, wanted: float) -> float:
-    """Return the time offset in s that the tables cover: ``wanted``, or less if the fastest slot (1/s) turns too quickly for them."""
-    return min(wanted, TAYLOR_REACH * MAX_BASE**3 / fastest)
-
-
-def _tables(values: Complex, reach: float) -> tuple[int, float, Complex]:
-    base = 4
-    while base**3 * TAYLOR_REACH < reach * np.max(np.abs(values)) * (1 - 1e-12):
-        base *= 2
-    finest = reach / base**3
-    steps = finest * np.array([base**2, base, 1])
-    return base, finest, np.exp(values * steps[:, None, None] * np.arange(base)[:, None])
-
-
 def _regime(modes: Modes, guard: Complex, tip: Complex, size: int, reach: float) -> Regime:
     """Sort, pad and tabulate a regime's modes."""
     order = np.argsort(np.abs(modes.values), kind="stable")
@@ -186,19 +172,16 @@ def _regime(modes: Modes, guard: Complex, tip: Complex, size: int, reach: float)
     s = np.minimum(s.real, 0) + 1j * s.imag  # rounding must not make an undamped slot grow
     speed = np.abs(s)
     s[used:] = -1
-    base, finest, table = _tables(s[:used], reach)
-    table = np.pad(table, [(0, 0), (0, 0), (0, size - used)], constant_values=1)
+    base, finest, table = propagators(s, used, reach)
     powers = np.arange(TAYLOR_TERMS)[:, None]
     taylor = s**powers / np.array([float(scipy.special.factorial(p)) for p in range(TAYLOR_TERMS)])[:, None]
     taylor[1:, used:] = 0
-    slowest = [np.min(-s.real[start:stop], initial=np.inf) for start, stop in ((HEAD_SLOTS, min(MIDDLE, used)), (MIDDLE, used))]
-    slowest = [rate if np.isfinite(rate) else 0.0 for rate in slowest]
     relative = pad(modes.relative)
     rest = np.where(np.arange(size) < used, -relative / s, 0)
     pairs = [s, s**2, pad(modes.drive), relative, rest, pad(guard), pad(tip), *taylor[1:]]
-    rows = np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed, np.arange(size) < HEAD_SLOTS])
-    scale = np.array([np.log2(base), finest, 1 / finest, np.max(speed), *slowest])
-    slots = Slots(rows, np.ascontiguousarray([table.real, table.imag]), scale)
+    rows = np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed, speed**2])
+    scale = np.array([np.log2(base), finest, 1 / finest, np.max(speed)])
+    slots = Slots(rows, np.ascontiguousarray([table.real, table.imag]), scale, *ladder(s, used, reach))
     out, into = pad(modes.out, 1), pad(modes.into).T
     maps = [np.ascontiguousarray([part.real, part.imag]) for part in (out, into)]
     return Regime(slots, maps[0], maps[1], float(np.real(pad(tip) @ rest)))

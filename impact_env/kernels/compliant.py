@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_env.kernels.forced import add_forced, new_forced, solve_forced
-from impact_env.kernels.jit import jit
+from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.observers import (
     DONE,
     EVALUATIONS,
@@ -27,9 +27,10 @@ from impact_env.kernels.observers import (
     push_impact,
     push_phase,
 )
-from impact_env.kernels.search import HIT_HIGH, NOTHING, REVERSAL, new_signal, search
+from impact_env.kernels.search import search
 from impact_env.kernels.segments import add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
-from impact_env.kernels.slots import GUARD, REST, add, advance, weigh
+from impact_env.kernels.signals import HIT_HIGH, NOTHING, REVERSAL, new_signal
+from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
 
 STALLED = 100_000
 
@@ -131,7 +132,7 @@ def run_to_event(regime, forced, window, contact, gap, limit, reach, losses, now
 def read_state(regime, forced, omega, now, work, state):  # type: ignore[no-untyped-def]
     """Write the state in the current regime at the current time."""
     w = work.rows[0]
-    w[:] = work.z
+    copy(work.z, w)
     add_forced(forced.slots, omega, now[TAU], 1.0, w)
     add(regime.slots.rows, REST, now[FORCE], w)
     to_state(regime.out, w, state)
@@ -249,7 +250,7 @@ def add_slider_energy(springs, limit, reach, now, state, contact, energy):  # ty
     energy.totals[FRICTION_LOSS] += 0.5 * springs.friction * stretch * stretch
 
 
-@jit
+@jit_room
 def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, losses, schedule, state, clock, counters, level, events, series, energy):  # type: ignore[no-untyped-def]
     """Integrate one lane; ``state`` (2 N_m + 2,) is the start and becomes the end. Return a status code.
 
@@ -257,10 +258,20 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
     what the slider's spring holds at the end.
     """
     size = free.slots.rows.shape[1]
-    regimes = (free, wall, friction, both)
-    forced = (new_forced(size), new_forced(size), new_forced(size), new_forced(size))
-    work, signal, now, scratch = new_work(size), new_signal(size), np.zeros(15), np.zeros_like(state)
-    solved = np.zeros(4)
+    forced = (new_forced(free.slots), new_forced(wall.slots), new_forced(friction.slots), new_forced(both.slots))
+    work, signal, now, scratch, solved = new_work(size), new_signal(size), np.zeros(15), np.zeros_like(state), np.zeros(4)
+    return run_windows(
+        (free, wall, friction, both), forced, solved, contact, springs, gap, limit, losses, schedule,
+        now, work, signal, state, scratch, clock, counters, level, events, series, energy,
+    )  # fmt: skip
+
+
+@jit
+def run_windows(
+    regimes, forced, solved, contact, springs, gap, limit, losses, schedule,
+    now, work, signal, state, scratch, clock, counters, level, events, series, energy,
+):  # type: ignore[no-untyped-def]  # fmt: skip
+    """Integrate one lane in its room; arguments as in `compliant_lane`."""
     reach = 0.0
     if limit is not None:
         reach = limit / springs.friction
@@ -272,7 +283,7 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
             now[TAU] = -window.half
             solved[:] = 0.0
             number, last, stalled = regime_number(now), now[TAU], 0
-            solve_forced(regimes[number].slots.rows, window, None, forced[number])
+            solve_forced(regimes[number].slots, window, None, forced[number])
             solved[number] = 1.0
             write_state(regimes[number], forced[number], window.omega, now, work, state)
             while now[TAU] < window.half:
@@ -289,7 +300,7 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
                     constant_force(springs, gap, limit, now)
                     number = regime_number(now)
                     if solved[number] == 0.0:
-                        solve_forced(regimes[number].slots.rows, window, None, forced[number])
+                        solve_forced(regimes[number].slots, window, None, forced[number])
                         solved[number] = 1.0
                     write_state(regimes[number], forced[number], window.omega, now, work, state)
                 counters.values[STEPS] += 1.0

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.forced import add_forced, new_forced, signal_value, solve_forced
-from impact_env.kernels.jit import jit
+from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.observers import (
     DONE,
     EVALUATIONS,
@@ -35,9 +35,10 @@ from impact_env.kernels.observers import (
     push_impact,
     push_phase,
 )
-from impact_env.kernels.search import EPSILON, HIT_HIGH, NOISE, NOTHING, REVERSAL, at_offset, new_signal, search, signal_scale
+from impact_env.kernels.search import search
 from impact_env.kernels.segments import add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
-from impact_env.kernels.slots import GUARD, RELATIVE, REST, SPEED, add, advance, weigh
+from impact_env.kernels.signals import EPSILON, HIT_HIGH, NOISE, NOTHING, REVERSAL, at_offset, new_signal, signal_scale
+from impact_env.kernels.slots import GUARD, RELATIVE, REST, SPEED, add, advance, copy, weigh
 
 FREE, JOINED = 0, 1
 STALLED = 10_000  # events without progress in time
@@ -84,7 +85,7 @@ def joint_bounds(limit, side):  # type: ignore[no-untyped-def]
 @jit
 def totals(regime, forced, omega, now, z, w):  # type: ignore[no-untyped-def]
     """Write the whole slots (free, forced and rest part) at the current time to w."""
-    w[:] = z
+    copy(z, w)
     add_forced(forced.slots, omega, now[TAU], 1.0, w)
     add(regime.slots.rows, REST, now[FORCE], w)
 
@@ -324,16 +325,27 @@ def begin(free, free_forced, joined, joined_forced, window, contact, walls, limi
     enter(free, free_forced, window.omega, now, state, work.z)
 
 
-@jit
+@jit_room
 def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clock, counters, level, events, series, energy):  # type: ignore[no-untyped-def]
     """Integrate one lane; ``state`` (2 N_m + 2,) is the start and becomes the end. Return a status code.
 
     ``walls`` None: no cavity; ``limit`` None: no friction; ``level``, ``events``, ``series``, ``energy`` None: not observed.
     """
     size = free.slots.rows.shape[1]
-    work, signal, now = new_work(size), new_signal(size), np.zeros(12)
-    free_forced, joined_forced = new_forced(size), new_forced(size)
-    scratch = np.zeros_like(state)
+    work, signal, now, scratch = new_work(size), new_signal(size), np.zeros(12), np.zeros_like(state)
+    free_forced, joined_forced = new_forced(free.slots), new_forced(joined.slots)
+    return run_windows(
+        free, free_forced, joined, joined_forced, contact, walls, limit, losses, schedule,
+        now, work, signal, state, scratch, clock, counters, level, events, series, energy,
+    )  # fmt: skip
+
+
+@jit
+def run_windows(
+    free, free_forced, joined, joined_forced, contact, walls, limit, losses, schedule,
+    now, work, signal, state, scratch, clock, counters, level, events, series, energy,
+):  # type: ignore[no-untyped-def]  # fmt: skip
+    """Integrate one lane in its room; arguments as in `exact_lane`."""
     now[KICK] = largest_kick(free.slots.rows)
     started = False
     for k in range(schedule.times.shape[0] - 1):
@@ -344,9 +356,9 @@ def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clo
             in_free = now[REGIME] == FREE
             solved_free, solved_joined = in_free or not started, not in_free or not started
             if solved_free:
-                solve_forced(free.slots.rows, window, None, free_forced)
+                solve_forced(free.slots, window, None, free_forced)
             if solved_joined:
-                solve_forced(joined.slots.rows, window, contact.mass, joined_forced)
+                solve_forced(joined.slots, window, contact.mass, joined_forced)
             if not started:
                 begin(free, free_forced, joined, joined_forced, window, contact, walls, limit, now, state, work)
                 started = True
@@ -368,7 +380,7 @@ def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clo
                         join = impact(free, free_forced, window, contact, walls, limit, now, work, signal, side, found, counters, events, energy)
                     if join:
                         if not solved_joined:
-                            solve_forced(joined.slots.rows, window, contact.mass, joined_forced)
+                            solve_forced(joined.slots, window, contact.mass, joined_forced)
                             solved_joined = True
                         free_state(free, free_forced, window.omega, now, work, state)
                         if not try_join(joined, joined_forced, window, contact, limit, now, state, work, window.centre):
@@ -379,7 +391,7 @@ def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clo
                     event = hold(joined, joined_forced, window, limit, losses, now, work, signal, scratch, clock, counters, level, series, energy)
                     if event != NOTHING:
                         if not solved_free:
-                            solve_forced(free.slots.rows, window, None, free_forced)
+                            solve_forced(free.slots, window, None, free_forced)
                             solved_free = True
                         release(free, free_forced, joined, joined_forced, window, limit, now, work, state, event, events)
                 counters.values[STEPS] += 1.0

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_env.kernels.jit import jit
+from impact_env.kernels.jit import jit, jit_room
 
 # rows of the table of oscillators. A constant distance between rows spares a run-time check for overlap; it is no power of two, so that
 # rows do not share cache lines' low address bits. Q, U: state. QQ to UU: its map over a step. QF1 to UF4: excitation at start, middle and
@@ -44,7 +44,7 @@ def textbook_step(w2, c, h, q, u, w1, wm2, wm3, w4):  # type: ignore[no-untyped-
     return q, u, q2, u2, q3, u3, q4, u4, q + h / 6.0 * (u + 2.0 * u2 + 2.0 * u3 + u4), u + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
-@jit
+@jit_room
 def _unit_response(w2, c, h, one):  # type: ignore[no-untyped-def]
     """Return `textbook_step` for the unit vector ``one`` of (q, u, w1, w2, w3, w4)."""
     e = np.zeros(6)
@@ -52,7 +52,7 @@ def _unit_response(w2, c, h, one):  # type: ignore[no-untyped-def]
     return np.array(textbook_step(w2, c, h, e[0], e[1], e[2], e[3], e[4], e[5]))
 
 
-@jit
+@jit_room
 def _add_oscillator(table, mix, stride, j, w2, c, push, tip, see_q, see_u, see_push, h):  # type: ignore[no-untyped-def]
     """Fill column ``j`` and add its share to the mix; (see_q, see_u) weigh its state in the observation, see_push the excitation."""
     responses = np.empty((6, 10))
@@ -79,7 +79,7 @@ def _add_oscillator(table, mix, stride, j, w2, c, push, tip, see_q, see_u, see_p
             mix[stage, 3 + earlier] -= tip * seen[2 + earlier]
 
 
-@jit
+@jit_room
 def new_table(omega, damping_ratio, force_shape, tip_shape, amplitude, m_a, added_mass, spring, state, h, wide):  # type: ignore[no-untyped-def]
     """Return (table, mix) of a scene. The observation is the relative displacement; with a spring, its force; with an added mass, the
     tip's acceleration without that mass.

@@ -2,7 +2,8 @@
 
 Around a window's centre the force is Re(F exp(i phi + i Omega tau) exp(i alpha tau^2/2)). The last factor is expanded to alpha^4; its
 remainder is below (alpha tau^2/2)^5/120, and the windows are cut so that this is below CHIRP_REMAINDER. The particular solution of a slot is
-then A(tau) exp(i Omega tau) + B(tau) exp(-i Omega tau) with polynomials A, B of degree 8, found by back-substitution.
+then A(tau) exp(i Omega tau) + B(tau) exp(-i Omega tau) with polynomials A, B of degree 8 (TERMS coefficients, alpha^4 tau^8), found by
+back-substitution.
 """
 
 from __future__ import annotations
@@ -12,13 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.jit import jit, jit_sum
+from impact_env.kernels.jit import jit, jit_room, jit_sum
 from impact_env.kernels.slots import DRIVE, GUARD, TIP, S, cos_sin
+from impact_env.kernels.vector import POINTS, SCAN_TERMS, TERMS
 
-TERMS = 9  # coefficients of the polynomials: alpha^4 tau^8
 CHIRP_REMAINDER = 1e-17
 NEAR_RESONANCE = 0.05  # of |i Omega - s| times half the window: then the polynomial is built upwards
-DERIVATIVES = 5
+DERIVATIVES = 6
+SCANNED = 3  # derivatives of the guard signal that the event search scans
+BEYOND = 1.25  # of half a window: up to there bounds hold
 TIP_SIGNAL = DERIVATIVES  # row of Forced.signals
 
 
@@ -26,13 +29,17 @@ class Forced(NamedTuple):
     """One regime's forced part in one window.
 
     ``slots`` (4, TERMS, J) holds A and B, real and imaginary in turn. ``signals`` (DERIVATIVES + 1, 2, TERMS): polynomials, as factors of
-    exp(i Omega tau), of the guard signal and its derivatives, and last of the tip displacement. ``bound`` (DERIVATIVES,): the largest size of the
-    guard signal's derivatives within the window.
+    exp(i Omega tau), of the guard signal and its derivatives, and last of the tip displacement. ``bound`` (DERIVATIVES + SCANNED,): the largest
+    size, up to BEYOND half windows from the centre, of the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of the first
+    of them. ``carrier`` (L, 2, POINTS): exp(i Omega k h_L), k = 1 ... POINTS, for the levels of `slots.Slots`.
+    ``terms`` (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier.
     """
 
     slots: NDArray[np.float64]
     signals: NDArray[np.float64]
     bound: NDArray[np.float64]
+    carrier: NDArray[np.float64]
+    terms: NDArray[np.float64]
 
 
 class Window(NamedTuple):
@@ -46,23 +53,23 @@ class Window(NamedTuple):
     force_i: float
 
 
-@jit
-def new_forced(size):  # type: ignore[no-untyped-def]
-    """Return empty room for the forced part of a regime of ``size`` slots."""
-    return Forced(np.zeros((4, TERMS, size)), np.zeros((DERIVATIVES + 1, 2, TERMS)), np.zeros(DERIVATIVES))
+@jit_room
+def new_forced(slots):  # type: ignore[no-untyped-def]
+    """Return empty room for the forced part of a regime."""
+    size, levels = slots.rows.shape[1], slots.steps.shape[0]
+    signals, bound, carrier = np.zeros((DERIVATIVES + 1, 2, TERMS)), np.zeros(DERIVATIVES + SCANNED), np.zeros((levels, 2, POINTS))
+    return Forced(np.zeros((4, TERMS, size)), signals, bound, carrier, np.zeros((2, TERMS)))
 
 
 @jit
-def chirp_terms(window):  # type: ignore[no-untyped-def]
-    """Return (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier."""
-    terms = np.zeros((2, TERMS))
+def fill_terms(window, terms):  # type: ignore[no-untyped-def]
+    """Write the terms of `Forced`: only even ones are not zero."""
     c_r, c_i = 0.5 * window.force_r, 0.5 * window.force_i
     terms[0, 0], terms[1, 0] = c_r, c_i
     for m in range(1, 5):
         factor = 0.5 * window.alpha / m
         c_r, c_i = -c_i * factor, c_r * factor
         terms[0, 2 * m], terms[1, 2 * m] = c_r, c_i
-    return terms
 
 
 @jit_sum
@@ -113,14 +120,16 @@ def _at_resonance(rows, window, sign, terms, at, out):  # type: ignore[no-untype
 
 
 @jit_sum
-def combine(rows, row, slots, n):  # type: ignore[no-untyped-def]
-    """Return coefficient n of the signal with the weights w in ``row``: sum of w A + conj(w B)."""
-    q_r = 0.0
-    q_i = 0.0
-    for j in range(rows.shape[1]):
-        q_r += rows[row, j] * (slots[0, n, j] + slots[2, n, j]) - rows[row + 1, j] * (slots[1, n, j] + slots[3, n, j])
-        q_i += rows[row, j] * (slots[1, n, j] - slots[3, n, j]) + rows[row + 1, j] * (slots[0, n, j] - slots[2, n, j])
-    return q_r, q_i
+def _combine_all(rows, row, slots, signals, at):  # type: ignore[no-untyped-def]
+    """Write the coefficients of the signal with the weights w in ``row`` to signals[at]: sum of w A + conj(w B)."""
+    for n in range(TERMS):
+        q_r = 0.0
+        q_i = 0.0
+        for j in range(rows.shape[1]):
+            q_r += rows[row, j] * (slots[0, n, j] + slots[2, n, j]) - rows[row + 1, j] * (slots[1, n, j] + slots[3, n, j])
+            q_i += rows[row, j] * (slots[1, n, j] - slots[3, n, j]) + rows[row + 1, j] * (slots[0, n, j] - slots[2, n, j])
+        signals[at, 0, n] = q_r
+        signals[at, 1, n] = q_i
 
 
 @jit
@@ -135,36 +144,63 @@ def _derive(omega, signals, start, at):  # type: ignore[no-untyped-def]
 
 
 @jit
-def solve_forced(rows, window, absorber_mass, forced):  # type: ignore[no-untyped-def]
+def _fill_bounds(signals, reach, bound):  # type: ignore[no-untyped-def]
+    for m in range(DERIVATIVES):
+        whole, rest, power = 0.0, 0.0, 1.0
+        for n in range(TERMS):
+            size = (abs(signals[m, 0, n]) + abs(signals[m, 1, n])) * power
+            whole += size
+            if n >= SCAN_TERMS:
+                rest += size
+            power *= reach
+        bound[m] = whole
+        if m < SCANNED:
+            bound[DERIVATIVES + m] = rest
+
+
+@jit
+def _fill_carrier(steps, omega, carrier):  # type: ignore[no-untyped-def]
+    for level in range(steps.shape[0]):
+        c, s = cos_sin(omega * steps[level, 0])
+        x, y = 1.0, 0.0
+        for k in range(POINTS):
+            x, y = x * c - y * s, x * s + y * c
+            carrier[level, 0, k], carrier[level, 1, k] = x, y
+
+
+@jit
+def solve_response(slots, window, forced):  # type: ignore[no-untyped-def]
+    """Fill the slots' and the tip's forced part for a window: all that a regime without guards needs."""
+    rows, terms = slots.rows, forced.terms
+    fill_terms(window, terms)
+    back_substitute(rows, window.omega, 1.0, terms, 0, forced.slots)
+    back_substitute(rows, window.omega, -1.0, terms, 2, forced.slots)
+    _at_resonance(rows, window, 1.0, terms, 0, forced.slots)
+    _at_resonance(rows, window, -1.0, terms, 2, forced.slots)
+    _combine_all(rows, TIP, forced.slots, forced.signals, TIP_SIGNAL)
+
+
+@jit
+def solve_forced(slots, window, absorber_mass, forced):  # type: ignore[no-untyped-def]
     """Fill a regime's forced part for a window.
 
     ``absorber_mass`` None: the guard signal is a displacement with the weights in row GUARD. A number (kg): it is the joint force, this
     mass times the tip acceleration, whose direct share of the force only the displacement's derivatives contain.
     """
-    terms, signals = chirp_terms(window), forced.signals
-    back_substitute(rows, window.omega, 1.0, terms, 0, forced.slots)
-    back_substitute(rows, window.omega, -1.0, terms, 2, forced.slots)
-    _at_resonance(rows, window, 1.0, terms, 0, forced.slots)
-    _at_resonance(rows, window, -1.0, terms, 2, forced.slots)
-    for n in range(TERMS):
-        signals[TIP_SIGNAL, 0, n], signals[TIP_SIGNAL, 1, n] = combine(rows, TIP, forced.slots, n)
+    solve_response(slots, window, forced)
+    signals = forced.signals
     if absorber_mass is None:
-        for n in range(TERMS):
-            signals[0, 0, n], signals[0, 1, n] = combine(rows, GUARD, forced.slots, n)
+        _combine_all(slots.rows, GUARD, forced.slots, signals, 0)
     else:
         _derive(window.omega, signals, TIP_SIGNAL, 1)
         _derive(window.omega, signals, 1, 0)
         for n in range(TERMS):
             signals[0, 0, n] *= absorber_mass
             signals[0, 1, n] *= absorber_mass
-    for m in range(DERIVATIVES):
-        if m > 0:
-            _derive(window.omega, signals, m - 1, m)
-        bound, power = 0.0, 1.0
-        for n in range(TERMS):
-            bound += (abs(signals[m, 0, n]) + abs(signals[m, 1, n])) * power
-            power *= window.half
-        forced.bound[m] = bound
+    for m in range(1, DERIVATIVES):
+        _derive(window.omega, signals, m - 1, m)
+    _fill_bounds(signals, BEYOND * window.half, forced.bound)
+    _fill_carrier(slots.steps, window.omega, forced.carrier)
 
 
 @jit_sum

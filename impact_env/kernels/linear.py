@@ -7,25 +7,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.forced import add_forced, new_forced, solve_forced
-from impact_env.kernels.jit import jit
+from impact_env.kernels.forced import add_forced, new_forced, solve_response
+from impact_env.kernels.jit import jit_room
 from impact_env.kernels.observers import DONE, NOT_FINITE, STEPS
 from impact_env.kernels.segments import add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
 from impact_env.kernels.slots import advance
 
 
-@jit
+@jit_room
 def linear_lane(regime, tip_shape, losses, schedule, state, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
     """Propagate one lane; ``state`` (2 N_m + 2,) is the start and becomes the end. Return a status code."""
     slots = regime.slots
-    work, forced = new_work(slots.rows.shape[1]), new_forced(slots.rows.shape[1])
+    work, forced = new_work(slots.rows.shape[1]), new_forced(slots)
     still, scratch = np.zeros(3), np.zeros_like(state)
     to_slots(regime.into, state, work.z)
     for k in range(schedule.times.shape[0] - 1):
         count = window_count(schedule, k)
         for w in range(count):
             window = window_of(schedule, k, w, count)
-            solve_forced(slots.rows, window, None, forced)
+            solve_response(slots, window, forced)
             add_forced(forced.slots, window.omega, -window.half, -1.0, work.z)
             sample_tip(slots, forced.signals, window, work.z, work.u, 0.0, -window.half, window.half, clock, level)
             sample_state(regime, forced, window, work.z, 0.0, still, -window.half, window.half, clock, work.rows[0], series)

@@ -13,7 +13,7 @@ import numpy as np
 from impact_env.kernels.chirp import RESET, phasor, stretch_at, turns_left
 from impact_env.kernels.contact_law import solve_contact
 from impact_env.kernels.grid import FREE, close_phase, rows_wanted, step_of_row
-from impact_env.kernels.jit import jit, jit_sum
+from impact_env.kernels.jit import jit, jit_room, jit_sum
 from impact_env.kernels.observers import (
     ABSORBER_DAMPING,
     DONE,
@@ -33,7 +33,7 @@ STRIDE = 64
 _Q, _U, _KEEP, _PULL, _PUSH, _TIP, _Q_BEFORE, _U_BEFORE, _ROWS = range(9)
 
 
-@jit
+@jit_room
 def _new_table(omega, damping_ratio, force_shape, tip_shape, amplitude, state, dt, wide):  # type: ignore[no-untyped-def]
     stride = STRIDE
     if wide is not None:
@@ -172,7 +172,7 @@ def _spring_percussion(spring, distance, gamma, dt):  # type: ignore[no-untyped-
     return (spring.stiffness * distance + spring.damping * gamma) * dt
 
 
-@jit
+@jit_room
 def moreau_lane(  # type: ignore[no-untyped-def]
     omega, damping_ratio, force_shape, tip_shape, m_a, walls, friction_limit, spring, times, omegas, phases, amplitude, phase,
     state, dt, sample_dt, counters, level, events, series, energy, wide,

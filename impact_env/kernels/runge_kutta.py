@@ -46,7 +46,7 @@ from impact_env.kernels.feedback import (
     textbook_step,
 )
 from impact_env.kernels.grid import close_phase, rows_wanted, step_of_row
-from impact_env.kernels.jit import jit, jit_sum
+from impact_env.kernels.jit import jit, jit_room, jit_sum
 from impact_env.kernels.observers import (
     ABSORBER_DAMPING,
     DONE,
@@ -94,7 +94,7 @@ def _swing(table, lanes, wide, forces, at, push, watched):  # type: ignore[no-un
     return y1, y2, y3, y4
 
 
-@jit
+@jit_room
 def _observe(table, lanes, wide):  # type: ignore[no-untyped-def]
     """Return the four observations of the first step as far as they follow from the state."""
     stride = STRIDE
@@ -123,7 +123,7 @@ def _stages(y, mix, forces, at, rest, stops, slider, spring, added_mass, joined_
     return (y1, y2, y3, y4), (p1, p2, p3, p4)
 
 
-@jit
+@jit_room
 def _account(energy, table, wide, omega, damping_ratio, force_shape, amplitude, m_a, spring, slider, rest, forces, at, y, p, h):  # type: ignore[no-untyped-def]
     """Add a step's work and losses: the powers in the four stages with the weights of the method."""
     stride = STRIDE
@@ -241,7 +241,7 @@ def _store(target, table, n, wide, part, m_a, added_mass, offset):  # type: igno
         target[n], target[2 * n + 1] = tip_q + offset, tip_u
 
 
-@jit
+@jit_room
 def runge_kutta_lane(  # type: ignore[no-untyped-def]
     omega, damping_ratio, force_shape, tip_shape, m_a, added_mass, stops, slider, spring, times, omegas, phases, amplitude, phase,
     state, dt, sample_dt, counters, level, events, series, energy, wide,

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.forced import CHIRP_REMAINDER, TIP_SIGNAL, Window, add_forced, signal_value
-from impact_env.kernels.jit import jit, jit_sum
+from impact_env.kernels.jit import jit, jit_room, jit_sum
 from impact_env.kernels.observers import ABSORBER_DAMPING, WORK, push_level
-from impact_env.kernels.slots import REST, SPEED, TIP, Slots, add, advance, value, weigh
+from impact_env.kernels.slots import REST, SPEED, TIP, Slots, add, advance, copy, value, weigh
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def sample_tip(slots, signals, window, z, u, tip_rest, tau, end, clock, level): 
 def state_at(regime, forced, omega, z, constant, tau, offset, w, state):  # type: ignore[no-untyped-def]
     """Write the state at tau + offset from the free part z at tau; ``constant`` is the constant relative force, w is scratch."""
     slots = regime.slots
-    w[:] = z
+    copy(z, w)
     advance(slots.rows, slots.table, slots.scale, offset, w)
     add_forced(forced.slots, omega, tau + offset, 1.0, w)
     add(slots.rows, REST, constant, w)
@@ -150,7 +150,8 @@ def last_sample(state, tip_shape, end, clock, level, series):  # type: ignore[no
     if series is not None:
         n = int(clock[2])
         if n < series.states.shape[0] and abs(n * interval - end) < 1e-6 * interval:
-            series.states[n] = state
+            for i in range(state.shape[0]):
+                series.states[n, i] = state[i]
     if level is not None:
         if abs(clock[0] * interval - end) < 1e-6 * interval:
             q = 0.0
@@ -186,7 +187,7 @@ def add_energy(regime, forced, window, losses, z, constant, absorber, tau, end, 
         return
     modes = losses.rate.shape[0]
     slots, p = regime.slots, scratch[0]
-    p[:] = z
+    copy(z, p)
     force_size = np.sqrt(window.force_r**2 + window.force_i**2)
     phase = np.arctan2(window.force_i, window.force_r)
     x = tau
@@ -221,7 +222,7 @@ class Work(NamedTuple):
     rows: Array
 
 
-@jit
+@jit_room
 def new_work(size):  # type: ignore[no-untyped-def]
     """Return scratch for regimes of ``size`` slots."""
     return Work(np.zeros((2, size)), np.zeros((2, size)), np.zeros((2, 2, size)))

@@ -20,28 +20,32 @@ from impact_env.kernels.jit import jit_inline, jit_sum, jit_sum_inline
 
 TAYLOR_TERMS = 7  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
 TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
-MIDDLE = 12  # end of the first block; its first slot, the slowest, is bounded apart as well
 
 # rows of Slots.rows: real part, then imaginary part
-S, SQUARE, DRIVE, RELATIVE, REST, GUARD, TIP, TAYLOR, SPEED, HEAD = 0, 2, 4, 6, 8, 10, 12, 14, 26, 27
-ROWS = 28
-HEAD_SLOTS = 4  # the slow slots: one vector
+S, SQUARE, DRIVE, RELATIVE, REST, GUARD, TIP, TAYLOR, SPEED, SPEED_SQUARE = 0, 2, 4, 6, 8, 10, 12, 14, 26, 27
 # entries of Slots.scale
-BITS, FINEST, PER_FINEST, FASTEST, FADE_MIDDLE, FADE_HIGH = range(6)
+BITS, FINEST, PER_FINEST, FASTEST = range(4)
 
 
 class Slots(NamedTuple):
     """One regime: J slots sorted by |s_j| and padded with empty ones. Few arrays, because each costs time at every call.
 
-    ``rows`` (ROWS, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces;
-    REST -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s|;
-    HEAD 1 for the first HEAD_SLOTS slots, else 0. ``table`` (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (6,): log2 of the base,
-    h3 (s), 1/h3, largest |s|, smallest decay rate of the middle and of the high block (1/s).
+    ``rows`` (28, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces;
+    REST -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s| and
+    SPEED_SQUARE.
+    ``table`` (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3, largest |s|.
+
+    For the event search, at levels L of time steps h_L (search.py): ``steps`` (L, 2) h_L in s and the number of slots to sum; ``waves``
+    (L, J, 2, POINTS) and ``turns`` (L, POINTS, 2, J): exp(k s h_L), k = 1 ... POINTS, in two orders; ``errors`` (L, J) as in tables.py.
     """
 
     rows: NDArray[np.float64]
     table: NDArray[np.float64]
     scale: NDArray[np.float64]
+    steps: NDArray[np.float64]
+    waves: NDArray[np.float64]
+    turns: NDArray[np.float64]
+    errors: NDArray[np.float64]
 
 
 @jit_inline
@@ -81,12 +85,12 @@ def advance(rows, table, scale, delta, z):  # type: ignore[no-untyped-def]
 
 
 @jit_sum
-def sum_block(rows, table, u, d1, d2, d3, x, start, stop):  # type: ignore[no-untyped-def]
-    """Return value, first and second derivative of sum Re(u_j exp(s_j t)) over slots [start, stop)."""
+def sum_block(rows, table, u, d1, d2, d3, x):  # type: ignore[no-untyped-def]
+    """Return value, first and second derivative of sum Re(u_j exp(s_j t))."""
     y0 = 0.0
     y1 = 0.0
     y2 = 0.0
-    for j in range(start, stop):
+    for j in range(u.shape[1]):
         v_r, v_i = turned(rows, table, u, d1, d2, d3, x, j)
         y0 += v_r
         y1 += rows[0, j] * v_r - rows[1, j] * v_i
@@ -95,106 +99,34 @@ def sum_block(rows, table, u, d1, d2, d3, x, start, stop):  # type: ignore[no-un
 
 
 @jit_sum
-def sum_and_bound(rows, table, u, d1, d2, d3, x, start, stop):  # type: ignore[no-untyped-def]
-    """Return value, first and second derivative of sum Re(u_j exp(s_j t)) over slots [start, stop), with bounds that hold for ever after.
+def sum_and_bound(rows, table, u, d1, d2, d3, x):  # type: ignore[no-untyped-def]
+    """Return value, first and second derivative of sum Re(u_j exp(s_j t)), and bounds of the second and third that hold for ever after.
 
-    The rest of the tuple: bounds of the second and third derivative; then the same five numbers of the first HEAD_SLOTS slots alone; then bounds
-    of the value and the first derivative of the other slots. A bound is the sum of |u_j exp(s_j t)| |s_j|^m.
+    A bound is the sum of |u_j exp(s_j t)| |s_j|^m.
     """
     y0 = 0.0
     y1 = 0.0
     y2 = 0.0
     b2 = 0.0
     b3 = 0.0
-    h0 = 0.0
-    h1 = 0.0
-    h2 = 0.0
-    g2 = 0.0
-    g3 = 0.0
-    r0 = 0.0
-    r1 = 0.0
-    for j in range(start, stop):
+    for j in range(u.shape[1]):
         v_r, v_i = turned(rows, table, u, d1, d2, d3, x, j)
-        v1 = rows[0, j] * v_r - rows[1, j] * v_i
-        v2 = rows[2, j] * v_r - rows[3, j] * v_i
         y0 += v_r
-        y1 += v1
-        y2 += v2
-        a0 = np.sqrt(v_r * v_r + v_i * v_i)
+        y1 += rows[0, j] * v_r - rows[1, j] * v_i
+        y2 += rows[2, j] * v_r - rows[3, j] * v_i
         c = rows[SPEED, j]
-        a1 = a0 * c
-        a2 = a1 * c
-        a3 = a2 * c
+        a2 = np.sqrt(v_r * v_r + v_i * v_i) * c * c
         b2 += a2
-        b3 += a3
-        head = rows[HEAD, j]
-        rest = 1.0 - head
-        h0 += head * v_r
-        h1 += head * v1
-        h2 += head * v2
-        g2 += head * a2
-        g3 += head * a3
-        r0 += rest * a0
-        r1 += rest * a1
-    return y0, y1, y2, b2, b3, h0, h1, h2, g2, g3, r0, r1
+        b3 += a2 * c
+    return y0, y1, y2, b2, b3
 
 
 @jit_sum
-def sum_and_bound_on_grid(rows, table, u, d1, d2, d3, start, stop):  # type: ignore[no-untyped-def]
-    """Return what `sum_and_bound` does at an offset that is a multiple of h3, for less work."""
-    y0 = 0.0
-    y1 = 0.0
-    y2 = 0.0
-    b2 = 0.0
-    b3 = 0.0
-    h0 = 0.0
-    h1 = 0.0
-    h2 = 0.0
-    g2 = 0.0
-    g3 = 0.0
-    r0 = 0.0
-    r1 = 0.0
-    for j in range(start, stop):
-        a_r = u[0, j] * table[0, 0, d1, j] - u[1, j] * table[1, 0, d1, j]
-        a_i = u[0, j] * table[1, 0, d1, j] + u[1, j] * table[0, 0, d1, j]
-        b_r = table[0, 1, d2, j] * table[0, 2, d3, j] - table[1, 1, d2, j] * table[1, 2, d3, j]
-        b_i = table[0, 1, d2, j] * table[1, 2, d3, j] + table[1, 1, d2, j] * table[0, 2, d3, j]
-        v_r = a_r * b_r - a_i * b_i
-        v_i = a_r * b_i + a_i * b_r
-        v1 = rows[0, j] * v_r - rows[1, j] * v_i
-        v2 = rows[2, j] * v_r - rows[3, j] * v_i
-        y0 += v_r
-        y1 += v1
-        y2 += v2
-        a0 = np.sqrt(v_r * v_r + v_i * v_i)
-        c = rows[SPEED, j]
-        a1 = a0 * c
-        a2 = a1 * c
-        a3 = a2 * c
-        b2 += a2
-        b3 += a3
-        head = rows[HEAD, j]
-        rest = 1.0 - head
-        h0 += head * v_r
-        h1 += head * v1
-        h2 += head * v2
-        g2 += head * a2
-        g3 += head * a3
-        r0 += rest * a0
-        r1 += rest * a1
-    return y0, y1, y2, b2, b3, h0, h1, h2, g2, g3, r0, r1
-
-
-@jit_inline
-def slowest_on_grid(rows, table, u, d1, d2, d3):  # type: ignore[no-untyped-def]
-    """Return what `sum_block` does for the slowest slot alone, at an offset that is a multiple of h3."""
-    a_r = u[0, 0] * table[0, 0, d1, 0] - u[1, 0] * table[1, 0, d1, 0]
-    a_i = u[0, 0] * table[1, 0, d1, 0] + u[1, 0] * table[0, 0, d1, 0]
-    b_r = table[0, 1, d2, 0] * table[0, 2, d3, 0] - table[1, 1, d2, 0] * table[1, 2, d3, 0]
-    b_i = table[0, 1, d2, 0] * table[1, 2, d3, 0] + table[1, 1, d2, 0] * table[0, 2, d3, 0]
-    v_r = a_r * b_r - a_i * b_i
-    v_i = a_r * b_i + a_i * b_r
-    return v_r, rows[0, 0] * v_r - rows[1, 0] * v_i, rows[2, 0] * v_r - rows[3, 0] * v_i
+def copy(z, w):  # type: ignore[no-untyped-def]
+    """Write z to w, both (2, J)."""
+    for j in range(z.shape[1]):
+        w[0, j] = z[0, j]
+        w[1, j] = z[1, j]
 
 
 @jit_sum

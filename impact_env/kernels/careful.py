@@ -1,0 +1,246 @@
+"""The careful search: safe steps that no event can hide in, for the few places where the scan (search.py) cannot tell.
+
+Proof. A slot's amplitude never grows, so from the current time on |y''| <= B2 and |y'''| <= B3, with sums over the slots' amplitudes. With d the
+distance to a wall, g its closing speed and a its closing acceleration (all exact), y keeps off the wall for s >= 0 as long as
+d - g s - b s^2/2 > 0, where b bounds the closing acceleration over the step: b = B2, or b = a + B3 S for steps up to S. The smallest positive
+root of that parabola, cut to S, is therefore a safe step. For the rate the same holds one derivative higher. The search advances by the
+smallest, over the guards, of the safe steps, so it never passes an event. Where the signal is monotone over twice the way to a guard
+(`root_ahead`), the event there is the next one and simple, and Newton's method ends on it. Else the safe step is Newton's step less a
+term of second order, and closes in from the safe side. It stops when the step is below the resolution of time, or the distance below the
+rounding of y.
+
+Leaving a wall. At a start on a wall (or at rate zero) y - wall is known to be zero while its computed value is rounding noise. There
+the signal less its start is developed in a Taylor series, divided by its known factor; the remainder is of relative size (|s| t)^3/60 with
+|s| t <= MICRO_REACH. Returns within that reach (the last flights of a chatter) are found in this series. The one weak spot: after a slow start
+at rate zero the wall ahead is not watched within that reach, so an impact there is taken at its end, late by at most MICRO_REACH/|s|.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impact_env.kernels.forced import guard_values, signal_value
+from impact_env.kernels.jit import jit, jit_inline
+from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOISE, NOTHING, REVERSAL, Event, at_offset, refine, signal_scale, time_resolution
+from impact_env.kernels.slots import FASTEST, digits, high_derivatives, sum_and_bound
+
+MICRO_REACH = 0.01
+MAX_EVALUATIONS = 2_000_000
+GROWTH = 4.0  # of a safe step against the one before
+
+
+@jit_inline
+def parabola(d, g, b):  # type: ignore[no-untyped-def]
+    """Return the smallest s > 0 with d - g s - b s^2/2 = 0 for d > 0, b >= 0; a huge number if there is none."""
+    root = np.sqrt(g * g + 2.0 * b * d)
+    if g >= 0.0:
+        return 2.0 * d / (g + root + 1e-300)
+    return (root - g) / (b + 1e-300)
+
+
+@jit_inline
+def safe_step(d, g, a, b2, b3, reach):  # type: ignore[no-untyped-def]
+    """Return a step within which the wall at distance d > 0 cannot be reached; g closing speed, a closing acceleration.
+
+    ``reach``: a guess of the step; no result is longer.
+    """
+    b = min(a + b3 * reach, b2)
+    step = min(parabola(d, g, max(b, 0.0)), reach)
+    if step < 0.4 * reach:  # the bound over the reach was too careful
+        b = min(a + 2.0 * b3 * step, b2)
+        step = max(step, min(parabola(d, g, max(b, 0.0)), 2.0 * step))
+    return step
+
+
+@jit_inline
+def guards_step(low, high, direction, y, v, a, b2, b3, reach):  # type: ignore[no-untyped-def]
+    """Return the safe step for all guards."""
+    step = reach
+    if low is not None:
+        to_high, to_low = high - y, y - low
+        if v >= 0.0:
+            ahead, behind, closing, bend = to_high, to_low, v, a
+        else:
+            ahead, behind, closing, bend = to_low, to_high, -v, -a
+        if ahead < np.inf:
+            step = safe_step(ahead, closing, bend, b2, b3, reach)
+        # the wall behind needs a root only if the step could take the signal back to it
+        if not behind + closing * step - 0.5 * b2 * step * step > 0.0:
+            step = min(step, safe_step(behind, -closing, -bend, b2, b3, reach))
+    if direction is not None:
+        step = min(step, parabola(direction * v, -direction * a, b3))
+    return step
+
+
+@jit
+def micro_flight(v, a, j, s, reach):  # type: ignore[no-untyped-def]
+    """Return the first root in (0, reach] of v + a t/2 + j t^2/6 + s t^3/24, or -1 if it does not turn negative."""
+    previous = 0.0
+    for k in range(1, 5):
+        t = reach * k / 4
+        if v + t * (a / 2 + t * (j / 6 + t * s / 24)) < 0.0:
+            left, right = previous, t
+            for _ in range(200):
+                mid = 0.5 * (left + right)
+                if mid <= left or mid >= right:
+                    break
+                if v + mid * (a / 2 + mid * (j / 6 + mid * s / 24)) > 0.0:
+                    left = mid
+                else:
+                    right = mid
+            return right
+        previous = t
+    return -1.0
+
+
+@jit_inline
+def exactly_on_guard(low, high, side, noise, y, v):  # type: ignore[no-untyped-def]
+    """Return signal and rate without the rounding of the guard on which they start; a wall that is not left keeps a distance of ``noise``."""
+    if low is None:
+        return y, 0.0
+    if side == 0:
+        return max(min(y, high - noise), low + noise), 0.0
+    return (high, v) if side > 0 else (low, v)
+
+
+@jit_inline
+def leaves_quickly(slots, side, direction, v, a, b2, b3):  # type: ignore[no-untyped-def]
+    """Return whether a start on a guard leaves it so quickly that the safe step from distance zero is beyond the rounding."""
+    reach = MICRO_REACH / slots.scale[FASTEST]
+    if side != 0:
+        return -side * v > b2 * reach
+    if direction is not None:
+        return direction * a > b3 * reach
+    return False
+
+
+@jit
+def start_on_guard(slots, forced, omega, signal, tau, side, direction, zero_rate, v, a):  # type: ignore[no-untyped-def]
+    """Return (offset, event): the offset from which the search may trust computed distances, or an event before it.
+
+    ``side`` -1 or 1: the signal starts on the low or the high wall; ``zero_rate``: its rate starts at zero. ``v``, ``a``: rate and second
+    derivative at the start.
+    """
+    reach = MICRO_REACH / slots.scale[FASTEST]
+    j, s = high_derivatives(slots.rows, signal.u)
+    j += signal_value(forced.signals, 3, omega, tau)
+    s += signal_value(forced.signals, 4, omega, tau)
+    if side != 0:
+        t = micro_flight(-side * v, -side * a, -side * j, -side * s, reach)
+        if t >= 0.0:
+            return t, HIT_HIGH if side > 0 else HIT_LOW
+    if direction is not None:
+        if zero_rate:
+            t = micro_flight(direction * a, direction * j, direction * s, 0.0, reach)
+            if t >= 0.0:
+                return t, REVERSAL
+    return reach, NOTHING
+
+
+@jit_inline
+def root_ahead(low, high, direction, y, v, a, b2, b3):  # type: ignore[no-untyped-def]
+    """Return (kind, step) of the event ahead if it is certain to be the next one and simple, else NOTHING.
+
+    A wall: the closing speed stays positive over twice the step. A reversal: the rate's slope keeps its sign over twice the step, and the wall
+    ahead is further than the way made in it.
+    """
+    if direction is not None:
+        w, slope = direction * v, -direction * a
+        if slope > 0.0:
+            step = w / slope
+            if slope > 2.0 * b3 * step:
+                if low is None:
+                    return REVERSAL, step
+                ahead = high - y if v > 0.0 else y - low
+                if ahead > 2.0 * w * step:
+                    return REVERSAL, step
+    if low is not None:
+        if v > 0.0:
+            d, g, c, kind = high - y, v, a, HIT_HIGH
+        else:
+            d, g, c, kind = y - low, -v, -a, HIT_LOW
+        if d < np.inf and g * g > 4.0 * b2 * d:
+            step = 2.0 * d / (g + np.sqrt(max(g * g + 2.0 * c * d, 0.0)))
+            if 2.0 * b2 * step < g:
+                return kind, step
+    return NOTHING, 0.0
+
+
+@jit
+def nearest_event(low, high, direction, y, v, a):  # type: ignore[no-untyped-def]
+    """Return which guard the search has come down to."""
+    to_high, to_low = np.inf, np.inf
+    if low is not None:
+        to_high, to_low = high - y, y - low
+    if direction is not None:
+        if direction * a < 0.0:
+            distance = to_high if v > 0.0 else to_low
+            if not distance < v * v / abs(a):
+                return REVERSAL
+    return HIT_HIGH if to_high < to_low else HIT_LOW
+
+
+@jit
+def careful_search(slots, forced, omega, signal, tau, start, stop, length, low, high, side, direction, zero_rate):  # type: ignore[no-untyped-def]
+    """Return the first Event from the offset ``start`` on; NOTHING, with the offset ``stop``, if there is none up to there.
+
+    Other arguments as in `search.search`. An event between ``stop`` and ``length`` may be returned.
+    """
+    signals, p = forced.signals, signal.polynomial
+    resolution = time_resolution(slots.rows, length)
+    noise, offset, count, reach = NOISE * signal_scale(signal, forced.bound), start, 0, stop - start
+    while offset < stop and count < MAX_EVALUATIONS:
+        count += 1
+        d1, d2, d3, x = digits(slots.scale, offset)
+        f0, f1, f2 = guard_values(signals, omega, tau + offset)
+        y, v, a, b2, b3 = sum_and_bound(slots.rows, slots.table, signal.u, d1, d2, d3, x)
+        y, v, a = y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]), v + f1 + p[1] + offset * p[2], a + f2 + p[2]
+        b2, b3 = b2 + forced.bound[2] + abs(p[2]), b3 + forced.bound[3]
+        on_guard = False
+        if offset == 0.0:
+            if noise == 0.0 and v == 0.0 and a == 0.0:  # a signal that is zero for ever: an absorber at rest on a wall at rest
+                return Event(NOTHING, length, 0.0, 0.0, 0.0, count)
+            if side != 0 or zero_rate:
+                if not leaves_quickly(slots, side, direction, v, a, b2, b3):
+                    offset, kind = start_on_guard(slots, forced, omega, signal, tau, side, direction, zero_rate, v, a)
+                    if kind != NOTHING and offset <= length:
+                        y, v, a = at_offset(slots, signals, omega, signal, tau, offset)
+                        return Event(kind, offset, y, v, a, 2)
+                    continue
+                on_guard = True
+                y, v = exactly_on_guard(low, high, side, noise, y, v)
+        if not on_guard:
+            if direction is not None:
+                if direction * v <= 0.0:
+                    return Event(REVERSAL, offset, y, v, a, count)
+            if low is not None:
+                if high - y <= noise:
+                    if v > 0.0:
+                        return Event(HIT_HIGH, offset, y, v, a, count)
+                    y = high - noise
+                if y - low <= noise:
+                    if v < 0.0:
+                        return Event(HIT_LOW, offset, y, v, a, count)
+                    y = low + noise
+            kind, step = root_ahead(low, high, direction, y, v, a, b2, b3)
+            if kind != NOTHING:
+                if offset + 2.0 * step < length:
+                    wall = 0.0
+                    if low is not None:
+                        wall = high if kind == HIT_HIGH else low
+                    found = refine(slots.rows, slots.table, slots.scale, signals, omega, signal.u, p, tau, offset + step, kind, wall, b3, resolution)
+                    return Event(kind, found.offset, found.value, found.rate, found.bend, count + found.evaluations)
+        step = guards_step(low, high, direction, y, v, a, b2, b3, reach)
+        if on_guard:
+            step *= 0.5  # the whole of it could end on the guard again
+        reach = GROWTH * step
+        if not step >= 0.0:  # not a number: the caller finds it in the state
+            return Event(NOTHING, np.nan, np.nan, np.nan, np.nan, count)
+        if offset + step >= stop:  # also where the length left is below the resolution of time
+            break
+        if step <= resolution:
+            return Event(nearest_event(low, high, direction, y, v, a), offset, y, v, a, count)
+        offset += step
+    if count >= MAX_EVALUATIONS:  # not a number, so that the run ends in an error: an event could be missed
+        return Event(NOTHING, np.nan, np.nan, np.nan, np.nan, count)
+    return Event(NOTHING, max(stop, offset), 0.0, 0.0, 0.0, count)
