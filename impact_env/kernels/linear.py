@@ -15,26 +15,37 @@ from impact_env.kernels.slots import advance
 
 
 @jit
+def linear_stretch(  # type: ignore[no-untyped-def]
+    regime, losses, schedule, k, work, forced, scratch, clock, counters, level, series, energy
+):  # fmt: skip
+    """Propagate over stretch ``k`` of the schedule and return a status code; ``work.z`` is carried from stretch to stretch."""
+    slots, still = regime.slots, np.zeros(3)
+    count = window_count(schedule, k)
+    for w in range(count):
+        window = window_of(schedule, k, w, count)
+        solve_forced(slots.rows, window, None, forced)
+        add_forced(forced.slots, window.omega, -window.half, -1.0, work.z)
+        sample_tip(slots, forced.signals, window, work.z, work.u, 0.0, -window.half, window.half, clock, level)
+        sample_state(regime, forced, window, work.z, 0.0, still, -window.half, window.half, clock, work.rows[0], series)
+        add_energy(regime, forced, window, losses, work.z, 0.0, still, -window.half, window.half, work.rows, scratch, energy)
+        advance(slots.rows, slots.table, slots.scale, 2.0 * window.half, work.z)
+        add_forced(forced.slots, window.omega, window.half, 1.0, work.z)
+        counters.values[STEPS] += 1.0
+        if not np.isfinite(work.z[0, 0]):
+            return NOT_FINITE
+    return DONE
+
+
+@jit
 def linear_lane(regime, tip_shape, losses, schedule, state, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
     """Propagate one lane; ``state`` (2 N_m + 2,) is the start and becomes the end. Return a status code."""
-    slots = regime.slots
-    work, forced = new_work(slots.rows.shape[1]), new_forced(slots.rows.shape[1])
-    still, scratch = np.zeros(3), np.zeros_like(state)
+    size = regime.slots.rows.shape[1]
+    work, forced, scratch = new_work(size), new_forced(size), np.zeros_like(state)
     to_slots(regime.into, state, work.z)
     for k in range(schedule.times.shape[0] - 1):
-        count = window_count(schedule, k)
-        for w in range(count):
-            window = window_of(schedule, k, w, count)
-            solve_forced(slots.rows, window, None, forced)
-            add_forced(forced.slots, window.omega, -window.half, -1.0, work.z)
-            sample_tip(slots, forced.signals, window, work.z, work.u, 0.0, -window.half, window.half, clock, level)
-            sample_state(regime, forced, window, work.z, 0.0, still, -window.half, window.half, clock, work.rows[0], series)
-            add_energy(regime, forced, window, losses, work.z, 0.0, still, -window.half, window.half, work.rows, scratch, energy)
-            advance(slots.rows, slots.table, slots.scale, 2.0 * window.half, work.z)
-            add_forced(forced.slots, window.omega, window.half, 1.0, work.z)
-            counters.values[STEPS] += 1.0
-            if not np.isfinite(work.z[0, 0]):
-                return NOT_FINITE
+        status = linear_stretch(regime, losses, schedule, k, work, forced, scratch, clock, counters, level, series, energy)
+        if status != DONE:
+            return status
     to_state(regime.out, work.z, state)
     last_sample(state, tip_shape, schedule.times[-1], clock, level, series)
     return DONE
