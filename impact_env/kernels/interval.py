@@ -154,3 +154,12 @@ def possible_gap(wanted, gap, distance, touching):  # type: ignore[no-untyped-de
     if touching:
         return gap
     return min(gap, max(wanted, distance * (1.0 + MARGIN)))
+
+
+@jit
+def spread(share, low, high):  # type: ignore[no-untyped-def]
+    """Return low (high/low)^share for an array of shares from 0 to 1; here, because a vectorised power may differ in its last digit."""
+    values = np.empty_like(share)
+    for i in range(share.shape[0]):
+        values[i] = low * (high / low) ** share[i]
+    return values
