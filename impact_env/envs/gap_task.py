@@ -45,6 +45,7 @@ class GapTask(Task):
     """Lanes with a cavity that is set under a force that changes."""
 
     features: Sequence[Feature] = (*STATE, Feature("half-clearance in use", False))
+    level_name = "RMS over the scene's half-clearance"
 
     def __init__(self, settings: Settings, control: GapControl, lanes: int) -> None:
         absorber = settings.scene.absorber
@@ -64,21 +65,19 @@ class GapTask(Task):
         """Draw the frequency, the schedule of the force, and the phase; the cavity starts as the scene has it."""
         low, high = span("frequency_ratio", self.control.frequency_ratio)
         self.ratio[lane] = low if low == high else generator.uniform(low, high)
-        done, interval = 0, self.settings.interval
+        done, interval = 0, self.interval
         shortest, longest = self.control.hold
         while done < self.steps:
             held = max(1, round(generator.uniform(shortest, longest) / interval))
             self._forces[lane, done : done + held] = self.draw_force(generator)
             done += held
-        amplitude = steady_amplitude(self.settings.scene.model, float(self.ratio[lane]) * self.settings.omega)
+        amplitude = steady_amplitude(self.settings.scene.model, float(self.ratio[lane]) * self.omega)
         exponent = self.control.fatigue_exponent
         for step in range(self.steps):
             largest = amplitude * float(self._forces[lane, step])
-            self._scale[lane, step] = (
-                (largest / self.settings.length) ** exponent * mean_power_of_cosine(exponent) if self.fatigue else largest / math.sqrt(2)
-            )
+            self._scale[lane, step] = (largest / self.length) ** exponent * mean_power_of_cosine(exponent) if self.fatigue else largest / math.sqrt(2)
         self.force[lane] = self._forces[lane, 0]
-        self.runs.orders[lane, columns.GAP] = self.settings.length
+        self.runs.orders[lane, columns.GAP] = self.length
         self.limited[lane] = False
         self.draw_phase(lane, generator)
 
@@ -88,25 +87,29 @@ class GapTask(Task):
         self._wanted = low + 0.5 * (actions[:, 0].astype(np.float64) + 1) * (high - low)
         self.runs.orders[:, columns.GAP] = self._wanted
         self.force = self._forces[self._rows, np.minimum(self.elapsed, self.steps - 1)]
-        return np.full(self.lanes, self.settings.interval), self.ratio.copy(), np.zeros(self.lanes, dtype=np.bool_)
+        return np.full(self.lanes, self.interval), self.ratio.copy(), np.zeros(self.lanes, dtype=np.bool_)
 
     def reward(self) -> Array:
         """Return minus the interval's share of the mean relative response."""
         self.limited = self.runs.orders[:, columns.GAP] > self._wanted
         scale = self._scale[self._rows, self.elapsed - 1] * self.steps
         if self.fatigue:
-            samples = self.settings.interval * self.settings.samples_per_period
+            samples = self.interval * self.settings.samples_per_period
             return -(self.runs.reports[:, columns.DAMAGE] / samples) / scale
         return -np.sqrt(self.runs.reports[:, columns.MEAN_SQUARE]) / scale
 
     def level(self) -> Array:
         """Return the RMS of the last interval in units of the scene's half-clearance."""
-        return np.sqrt(self.runs.reports[:, columns.MEAN_SQUARE]) / self.settings.length
+        return np.sqrt(self.runs.reports[:, columns.MEAN_SQUARE]) / self.length
+
+    def expected_amplitude(self) -> Array:
+        """Return twice the largest half-clearance for all lanes (L,) in m."""
+        return np.full(self.lanes, 2 * self.control.gap_limits[1])  # type: ignore[index]
 
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
         values = super().values()
-        values[:, 9] = self.runs.orders[:, columns.GAP] / self.settings.length
+        values[:, 9] = self.runs.orders[:, columns.GAP] / self.length
         return values
 
     def info(self) -> dict[str, NDArray[Any]]:

@@ -26,18 +26,17 @@ def passage(scene: Scene, resonance: int, start: float, stop: float, samples_per
     omega = scene.model.resonance_omega(resonance)
     runs = ControlledRuns(Scene(scene.model), 1, omega, CHUNK, samples_per_period=samples_per_period, exponent=exponent, unit=unit, threads=1)
     rate = math.copysign(PAPER_RATE / 1e4, stop - start)
-    periods, damage, time = (stop - start) / rate, 0.0, 0.0
+    periods, damage = (stop - start) / rate, 0.0
     runs.orders[:, columns.FORCE] = 1.0
-    while time < periods:
-        step = min(CHUNK, periods - time)
-        after = time + step
-        runs.orders[:, columns.DURATION] = step * 2 * np.pi / omega
+    chunks = math.ceil(periods / CHUNK - 1e-9)
+    for k in range(chunks):
+        time, after = k * CHUNK, min((k + 1) * CHUNK, periods)
+        runs.orders[:, columns.DURATION] = (after - time) * 2 * np.pi / omega
         runs.orders[:, columns.OMEGA_START] = (start + rate * time) * omega
         runs.orders[:, columns.OMEGA_STOP] = (start + rate * after) * omega
-        runs.orders[:, columns.FINAL] = after >= periods
+        runs.orders[:, columns.FINAL] = k == chunks - 1
         runs.advance()
         damage += float(runs.reports[0, columns.DAMAGE])
-        time = after
     return float(runs.reports[0, columns.LEVEL]), damage
 
 

@@ -48,7 +48,8 @@ def checked_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
     if isinstance(space, spaces.Box):
         require(bool(np.all(np.isfinite(values))), "action", actions, "finite numbers")
         return np.clip(values, space.low, space.high)
-    require(space.contains(values) or space.contains(values.astype(space.dtype)), "action", actions, f"in {space}")
+    whole = np.issubdtype(values.dtype, np.integer)
+    require(bool(whole and space.contains(values.astype(space.dtype))), "action", actions, f"in {space}")
     return values
 
 
@@ -67,7 +68,7 @@ def check_options(options: dict[str, Any] | None, allowed: Sequence[str] = ()) -
 class TaskEnv(gymnasium.Env[Observation, Any]):
     """A single environment around a task of one lane."""
 
-    metadata: dict[str, Any] = METADATA  # noqa: RUF012 - as gymnasium declares it
+    metadata: dict[str, Any] = METADATA
 
     def __init__(self, task: Task, action_space: spaces.Space[Any], render_mode: str | None) -> None:
         check_render_mode(render_mode)

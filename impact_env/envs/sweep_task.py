@@ -57,6 +57,7 @@ class SweepTask(Task):
     """Lanes that pass through a resonance."""
 
     features: Sequence[Feature] = (*STATE, Feature("way left", False))
+    level_name = "level relative to no absorber"
 
     def __init__(self, settings: Settings, passage_settings: Passage, lanes: int) -> None:
         self.passage = passage_settings
@@ -92,7 +93,7 @@ class SweepTask(Task):
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Go on at the chosen rate, but no further than the far end, and not back beyond the start."""
         change = self.rate(actions) * PER_PERIOD
-        interval = self.settings.interval
+        interval = self.interval
         low, high = self.passage.limits
         left = (self.far - self.ratio) * self.sign
         after = left - change * interval
@@ -116,6 +117,10 @@ class SweepTask(Task):
     def level(self) -> Array:
         """Return the level so far relative to that of the reference passage."""
         return self.runs.reports[:, columns.LEVEL] / self.level_scale
+
+    def expected_amplitude(self) -> Array:
+        """Return the amplitude of the reference passage (L,) in m."""
+        return 1.5 * self.level_scale
 
     def values(self) -> Array:
         """Return the scaled features (L, features)."""

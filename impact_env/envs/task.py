@@ -28,26 +28,28 @@ class Task(ABC):
     """Lanes of one task. ``reset`` starts episodes, ``step`` advances all lanes by one control interval; shapes are those of a vector environment."""
 
     features: Sequence[Feature]
+    level_name: str
 
     def __init__(self, settings: Settings, lanes: int, steps: int, exponent: float = 0.0) -> None:
         """``steps``: control intervals after which an episode is cut off; ``exponent`` of the damage, 0 for none."""
         self.settings, self.lanes, self.steps = settings, lanes, steps
+        self.omega, self.length, self.interval = settings.omega, settings.length, settings.interval
         self.runs = ControlledRuns(
             settings.scene,
             lanes,
-            settings.omega,
-            settings.interval,
+            self.omega,
+            self.interval,
             settings.integrator,
             samples_per_period=settings.samples_per_period,
             exponent=exponent,
-            unit=settings.length,
+            unit=self.length,
             threads=settings.threads,
         )
         self.force, self.ratio, self.time, self.score = (np.zeros(lanes) for _ in range(4))
         self.elapsed = np.zeros(lanes, dtype=np.int64)
         self.sensors = Sensors(self.features, lanes, settings.observation_noise, settings.observation_delay)
-        self._velocity_scale = 1 / (settings.omega * settings.length)
-        self._period = 2 * np.pi / settings.omega
+        self._velocity_scale = 1 / (self.omega * self.length)
+        self._period = 2 * np.pi / self.omega
 
     def reset(self, which: Mask, generators: Sequence[np.random.Generator]) -> NDArray[np.float32]:
         """Start episodes in the lanes of a mask; return observations (L, features), of which theirs are new."""
@@ -65,8 +67,8 @@ class Task(ABC):
         self.elapsed += 1
         truncated = (self.elapsed >= self.steps) & ~terminated
         orders[:, columns.DURATION] = duration * self._period
-        orders[:, columns.OMEGA_START] = self.ratio * self.settings.omega
-        orders[:, columns.OMEGA_STOP] = ratio * self.settings.omega
+        orders[:, columns.OMEGA_START] = self.ratio * self.omega
+        orders[:, columns.OMEGA_STOP] = ratio * self.omega
         orders[:, columns.FORCE] = self.force
         orders[:, columns.FINAL] = terminated | truncated
         self.runs.advance()
@@ -97,6 +99,10 @@ class Task(ABC):
     def level(self) -> Array:
         """Return the level (L,) as the observation has it."""
 
+    @abstractmethod
+    def expected_amplitude(self) -> Array:
+        """Return the tip's amplitude (L,) in m that a picture should have room for."""
+
     def draw_force(self, generator: np.random.Generator) -> float:
         """Return an episode's force in N."""
         low, high = self.settings.forces
@@ -108,13 +114,13 @@ class Task(ABC):
 
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
-        reports, length = self.runs.reports, self.settings.length
+        reports, length = self.runs.reports, self.length
         values = np.empty((self.lanes, len(self.features)))
         values[:, 0] = reports[:, columns.IN_PHASE] / length
         values[:, 1] = reports[:, columns.QUADRATURE] / length
         values[:, 2] = reports[:, columns.DISTANCE] / length
         values[:, 3] = reports[:, columns.RELATIVE_VELOCITY] * self._velocity_scale
-        values[:, 4] = reports[:, columns.IMPACT_COUNT] / (self.settings.interval * IMPACTS_SCALE)
+        values[:, 4] = reports[:, columns.IMPACT_COUNT] / (self.interval * IMPACTS_SCALE)
         values[:, 5] = reports[:, columns.ABSORBER_SHARE]
         values[:, 6] = (self.ratio - 1) / FREQUENCY_SCALE
         values[:, 7] = 1 - self.elapsed / self.steps
