@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import platform
 import statistics
 import subprocess
 import sys
@@ -21,6 +20,7 @@ import numba
 import numpy as np
 from _command_line import BadInput, check_target
 from _table import markdown
+from llvmlite.binding import get_host_cpu_name
 from tqdm import tqdm
 
 from impact_env.ensemble import available_cores
@@ -172,7 +172,7 @@ def main(quick: bool, target: Path | None) -> None:
         imported, made = first_step()
     except ParameterError as error:
         raise BadInput(str(error)) from error
-    machine = {"processor": numba.core.config.CPU_NAME or platform.processor(), "cores": available_cores(), "numba": numba.__version__}
+    machine = {"processor": get_host_cpu_name(), "cores": available_cores(), "numba": numba.__version__}
     if target is not None:
         results = {"machine": machine, "scene": SCENE, "make_and_first_step_s": made, "import_s": imported}
         write_json(target, results | {"speeds": [asdict(speed) for speed in speeds]})
