@@ -262,7 +262,7 @@ class Room(NamedTuple):
 
 
 @jit
-def new_room(free, state):  # type: ignore[no-untyped-def]
+def new_room(free, wall, friction, both, state):  # type: ignore[no-untyped-def]
     """Return room for lanes of one scene."""
     size = free.slots.rows.shape[1]
     forced = (new_forced(size), new_forced(size), new_forced(size), new_forced(size))
@@ -327,7 +327,7 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
     ``gap`` None: no walls; ``limit`` None: no friction. ``wall``, ``friction``, ``both``: the regimes with these springs. The friction loss contains
     what the slider's spring holds at the end.
     """
-    room = new_room(free, state)
+    room = new_room(free, wall, friction, both, state)
     now = room.now
     begin(springs, gap, limit, now, state, contact, 0.0, counters)
     for k in range(schedule.times.shape[0] - 1):

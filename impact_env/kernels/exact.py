@@ -336,7 +336,7 @@ class Room(NamedTuple):
 
 
 @jit
-def new_room(free, state):  # type: ignore[no-untyped-def]
+def new_room(free, joined, state):  # type: ignore[no-untyped-def]
     """Return room for lanes of one scene."""
     size = free.slots.rows.shape[1]
     now = np.zeros(12)
@@ -421,7 +421,7 @@ def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clo
 
     ``walls`` None: no cavity; ``limit`` None: no friction; ``level``, ``events``, ``series``, ``energy`` None: not observed.
     """
-    room = new_room(free, state)
+    room = new_room(free, joined, state)
     for k in range(schedule.times.shape[0] - 1):
         status = exact_stretch(
             free, joined, contact, walls, limit, losses, schedule, k, k > 0, room, state, clock, counters, level, events, series, energy
@@ -437,9 +437,10 @@ def current_state(free, joined, now, work, state):  # type: ignore[no-untyped-de
     """Write the state at the end of a stretch."""
     half = state.shape[0] // 2
     if now[REGIME] == FREE:
-        work.rows[0, :, :] = work.z
-        add(free.slots.rows, REST, now[FORCE], work.rows[0])
-        to_state(free.out, work.rows[0], state)
+        w = work.rows[0]
+        w[:] = work.z
+        add(free.slots.rows, REST, now[FORCE], w)
+        to_state(free.out, w, state)
         state[half - 1], state[2 * half - 1] = now[Q], now[V]
     else:
         to_state(joined.out, work.z, state)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels import compliant, exact
-from impact_env.kernels.forced import new_forced
 from impact_env.kernels.interval import (
     DISTANCE,
     DURATION,
@@ -24,11 +23,11 @@ from impact_env.kernels.interval import (
     with_gap,
 )
 from impact_env.kernels.jit import jit
-from impact_env.kernels.linear import linear_stretch
+from impact_env.kernels.linear import linear_stretch, new_room
 from impact_env.kernels.moreau import moreau_lane
 from impact_env.kernels.observers import Series, push_block
 from impact_env.kernels.runge_kutta import runge_kutta_lane
-from impact_env.kernels.segments import Schedule, new_work, samples_before, to_slots, to_state
+from impact_env.kernels.segments import Schedule, samples_before, to_slots, to_state
 
 
 @jit
@@ -46,7 +45,7 @@ def move_walls(restitution, order, now, gap, relative):  # type: ignore[no-untyp
 @jit
 def rigid_lanes(free, joined, contact, restitution, limit, losses, reach, watch, lanes, orders, reports, status, start, stop):  # type: ignore[no-untyped-def]
     """Advance lanes [start, stop) of a scene with rigid contact; ``restitution`` None: no walls, ``limit`` None: no friction."""
-    desk, room = new_desk(watch), exact.new_room(free, lanes.state[start])
+    desk, room = new_desk(watch), exact.new_room(free, joined, lanes.state[start])
     now, work, kick = room.now, room.work, room.now[exact.KICK]
     size = now.shape[0]
     for i in range(start, stop):
@@ -82,8 +81,8 @@ def rigid_lanes(free, joined, contact, restitution, limit, losses, reach, watch,
 @jit
 def linear_lanes(regime, losses, reach, watch, lanes, orders, reports, status, start, stop):  # type: ignore[no-untyped-def]
     """Advance lanes [start, stop) of a scene with one linear regime."""
-    size = regime.slots.rows.shape[1]
-    desk, work, forced, scratch = new_desk(watch), new_work(size), new_forced(size), np.zeros(lanes.state.shape[1])
+    desk, room = new_desk(watch), new_room(regime, lanes.state[start])
+    work = room.work
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         level = open_interval(desk, watch, lanes, i, order)
@@ -92,7 +91,7 @@ def linear_lanes(regime, losses, reach, watch, lanes, orders, reports, status, s
         else:
             work.z[:, :] = lanes.z[i]
         schedule = Schedule(desk.times, desk.omegas, desk.phases, order[FORCE], reach)
-        status[i] = linear_stretch(regime, losses, schedule, 0, work, forced, scratch, desk.clock, desk.counters, level, None, None)
+        status[i] = linear_stretch(regime, losses, schedule, 0, room, desk.clock, desk.counters, level, None, None)
         to_state(regime.out, work.z, state)
         report_relative(watch, state, report)
         close_interval(desk, watch, level, state, order, report)
@@ -113,7 +112,7 @@ def report_relative(watch, state, report):  # type: ignore[no-untyped-def]
 @jit
 def compliant_lanes(free, wall, friction, both, contact, springs, gap, limit, losses, reach, watch, lanes, orders, reports, status, start, stop):  # type: ignore[no-untyped-def]
     """Advance lanes [start, stop) of a scene with compliant contact; ``gap`` None: no walls, ``limit`` None: no friction."""
-    desk, room = new_desk(watch), compliant.new_room(free, lanes.state[start])
+    desk, room = new_desk(watch), compliant.new_room(free, wall, friction, both, lanes.state[start])
     now = room.now
     size = now.shape[0]
     for i in range(start, stop):
