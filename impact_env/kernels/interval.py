@@ -73,7 +73,7 @@ def new_desk(watch):  # type: ignore[no-untyped-def]
     return Desk(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(watch.samples), np.zeros(3), Counters(np.zeros(4)))
 
 
-@jit
+@jit_room
 def open_interval(desk, watch, lanes, i, order):  # type: ignore[no-untyped-def]
     """Lay out a lane's interval and return its level."""
     desk.times[1] = order[DURATION]

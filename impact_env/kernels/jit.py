@@ -40,7 +40,8 @@ def cache_folder() -> Path:
 numba.config.CACHE_DIR = str(cache_folder())
 
 
-# Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a function must not make an array.
+# Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a function must not make
+# or return an array.
 _PLAIN: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
 _njit: Any = numba.njit
 
@@ -51,7 +52,7 @@ def jit(function: _F) -> _F:
 
 
 def jit_room(function: _F) -> _F:
-    """Compile like `jit`, for a function that makes arrays or calls one that does: once a lane, never in a loop."""
+    """Compile like `jit`, for a function that makes or returns arrays or calls one that does: once a lane, never in a loop."""
     return _njit(**{**_PLAIN, "_nrt": True})(function)  # type: ignore[no-any-return]
 
 
