@@ -4,6 +4,7 @@ The names below are the public interface; everything is in SI units.
 """
 
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
+from impact_env.envs import register_environments
 from impact_env.methods import Exact, Moreau, RungeKutta
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import (
@@ -52,3 +53,5 @@ __all__ = [
     "modal_model",
     "simulate",
 ]
+
+register_environments()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from impact_env.drive import Drive
 from impact_env.kernels.compliant import Springs, compliant_lane
 from impact_env.kernels.contact_law import Walls
 from impact_env.kernels.exact import Contact, exact_lane
+from impact_env.kernels.interval import Lanes, Watch
+from impact_env.kernels.lanes import compliant_lanes, linear_lanes, rigid_lanes
 from impact_env.kernels.linear import linear_lane
 from impact_env.kernels.observers import Counters, Energy, Events, Level, Series
 from impact_env.kernels.segments import Losses, Regime, Schedule
@@ -76,6 +79,50 @@ def _compliant(scene: Scene, wanted: float) -> tuple[Regime, tuple[Regime, Regim
     return free_regime(model, size, reach), (first, second, third), reach
 
 
+def _losses(scene: Scene) -> Losses:
+    model, absorber = scene.model, scene.absorber
+    damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
+    return Losses(np.array(model.force_shape), np.array(model.tip_shape), 2 * modal_damping(model) * model.omega, damper)
+
+
+def _contact(scene: Scene) -> Contact:
+    mass, tip_shape = scene.absorber_mass, np.array(scene.model.tip_shape)
+    assert mass is not None
+    return Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape)
+
+
+def exact_lanes(
+    scene: Scene, pseudo_period: float, watch: Watch, lanes: Lanes, orders: Array, reports: Array, status: NDArray[np.int64]
+) -> Callable[[int, int], None]:
+    """Return a function that advances the lanes [start, stop) by the intervals in ``orders``; see `impact_env.kernels.interval`.
+
+    ``pseudo_period`` in s. The slots of ``lanes.z`` must be at least `slot_count`.
+    """
+    absorber, wanted, losses = scene.absorber, WINDOW_PERIODS * pseudo_period, _losses(scene)
+    rest = (watch, lanes, orders, reports, status)
+    if not isinstance(absorber, SlidingAbsorber):
+        regime, reach = _linear(scene, wanted)
+        return partial(linear_lanes, regime, losses, reach, *rest)
+    contact = _contact(scene)
+    if is_compliant(scene):
+        free, sprung, reach = _compliant(scene, wanted)
+        gap = absorber.walls.gap if absorber.walls is not None else None
+        limit = absorber.friction.limit if absorber.friction is not None else None
+        return partial(compliant_lanes, free, *sprung, contact, Springs(*_stiffnesses(absorber)), gap, limit, losses, reach, *rest)
+    free, joined, reach = _rigid(scene, wanted)
+    restitution = absorber.walls.restitution if isinstance(absorber.walls, RigidWalls) else None
+    limit = absorber.friction.limit if isinstance(absorber.friction, CoulombFriction) else None
+    return partial(rigid_lanes, free, joined, contact, restitution, limit, losses, reach, *rest)
+
+
+def slot_count(scene: Scene, pseudo_period: float) -> int:
+    """Return the number of slots (padded) of a scene's regimes."""
+    wanted = WINDOW_PERIODS * pseudo_period
+    if not isinstance(scene.absorber, SlidingAbsorber):
+        return _linear(scene, wanted)[0].slots.rows.shape[1]
+    return (_compliant(scene, wanted)[0] if is_compliant(scene) else _rigid(scene, wanted)[0]).slots.rows.shape[1]
+
+
 def run_exact(
     scene: Scene,
     drive: Drive,
@@ -92,12 +139,10 @@ def run_exact(
     Samples lie ``sample_dt`` (s) apart from time 0. Returns a status code of `impact_env.kernels.observers`. The slider of elastic friction
     starts without force.
     """
-    model, absorber, mass = scene.model, scene.absorber, scene.absorber_mass
+    absorber = scene.absorber
     wanted = WINDOW_PERIODS * drive.schedule.pseudo_period
     breaks = drive.schedule
-    tip_shape = np.array(model.tip_shape)
-    damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
-    losses = Losses(np.array(model.force_shape), tip_shape, 2 * modal_damping(model) * model.omega, damper)
+    losses = _losses(scene)
     clock = np.array([0.0, sample_dt, 0.0])
 
     def schedule(reach: float) -> Schedule:
@@ -106,9 +151,8 @@ def run_exact(
 
     if not isinstance(absorber, SlidingAbsorber):
         regime, reach = _linear(scene, wanted)
-        return int(linear_lane(regime, tip_shape, losses, schedule(reach), state, clock, counters, level, series, energy))
-    assert mass is not None
-    contact = Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape)
+        return int(linear_lane(regime, losses.tip_shape, losses, schedule(reach), state, clock, counters, level, series, energy))
+    contact = _contact(scene)
     observers = (clock, counters, level, events, series, energy)
     if is_compliant(scene):
         free, sprung, reach = _compliant(scene, wanted)

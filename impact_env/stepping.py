@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +12,8 @@ from impact_env.drive import Drive
 from impact_env.kernels import feedback, moreau
 from impact_env.kernels.contact_law import Spring, Walls
 from impact_env.kernels.feedback import Slider, Stops
+from impact_env.kernels.interval import Lanes, Watch
+from impact_env.kernels.lanes import moreau_lanes, runge_kutta_lanes
 from impact_env.kernels.moreau import moreau_lane
 from impact_env.kernels.observers import Counters, Energy, Events, Level, Series
 from impact_env.kernels.runge_kutta import runge_kutta_lane
@@ -21,6 +26,7 @@ from impact_env.parameters import (
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
+    require,
 )
 from impact_env.scene import Scene
 
@@ -52,6 +58,47 @@ def _wide(lanes: int, stride: int) -> int | None:
     return padded if padded > stride else None
 
 
+def _rigid_laws(scene: Scene) -> tuple[Walls | None, float | None]:
+    """Return walls and friction limit (N), absent ones None; a stuck absorber is one whose friction has no limit."""
+    absorber = scene.absorber
+    if not isinstance(absorber, SlidingAbsorber):
+        return None, np.inf if isinstance(absorber, StuckAbsorber) else None
+    walls = Walls(absorber.walls.gap, absorber.walls.restitution) if isinstance(absorber.walls, RigidWalls) else None
+    return walls, absorber.friction.limit if isinstance(absorber.friction, CoulombFriction) else None
+
+
+def _compliant_laws(scene: Scene) -> tuple[Stops | None, Slider | None]:
+    absorber = scene.absorber
+    if not isinstance(absorber, SlidingAbsorber):
+        return None, None
+    stops = Stops(absorber.walls.gap, absorber.walls.stiffness) if isinstance(absorber.walls, CompliantWalls) else None
+    return stops, Slider(absorber.friction.limit, absorber.friction.stiffness) if isinstance(absorber.friction, ElasticCoulombFriction) else None
+
+
+def _masses(scene: Scene) -> tuple[float | None, float | None]:
+    """Return (mass of an absorber that moves, mass added to the tip) in kg."""
+    stuck = isinstance(scene.absorber, StuckAbsorber)
+    return (None, scene.absorber_mass) if stuck else (scene.absorber_mass, None)
+
+
+def stepping_lanes(
+    scene: Scene, method: Moreau | RungeKutta, watch: Watch, lanes: Lanes, orders: Array, reports: Array, status: NDArray[np.int64]
+) -> Callable[[int, int], None]:
+    """Return a function that advances the lanes [start, stop) by the intervals in ``orders``; see `impact_env.kernels.interval`.
+
+    Raises ParameterError for scenes that the method cannot do, and for elastic friction, whose slider a step-by-step state does not hold.
+    """
+    check_supported(scene, method)
+    modes, spring, step, rest = _modes(scene), _spring(scene), method.step(scene), (watch, lanes, orders, reports, status)
+    if isinstance(method, Moreau):
+        walls, limit = _rigid_laws(scene)
+        restitution, wide = None if walls is None else walls.restitution, _wide(scene.model.modes, moreau.STRIDE)
+        return partial(moreau_lanes, modes, scene.absorber_mass, restitution, limit, spring, step, wide, *rest)
+    stops, slider = _compliant_laws(scene)
+    require(slider is None, "method", method, "Exact for elastic friction that is controlled in intervals")
+    return partial(runge_kutta_lanes, modes, *_masses(scene), stops, spring, step, _wide(scene.model.modes + 1, feedback.STRIDE), *rest)
+
+
 def run_moreau(
     scene: Scene,
     drive: Drive,
@@ -70,13 +117,7 @@ def run_moreau(
     compliant contact. A stuck absorber is one whose friction has no limit.
     """
     check_supported(scene, method)
-    absorber = scene.absorber
-    walls, limit = None, None
-    if isinstance(absorber, StuckAbsorber):
-        limit = np.inf
-    if isinstance(absorber, SlidingAbsorber):
-        walls = Walls(absorber.walls.gap, absorber.walls.restitution) if isinstance(absorber.walls, RigidWalls) else None
-        limit = absorber.friction.limit if isinstance(absorber.friction, CoulombFriction) else None
+    walls, limit = _rigid_laws(scene)
     wide = _wide(scene.model.modes, moreau.STRIDE)
     parts = (scene.absorber_mass, walls, limit, _spring(scene))
     return int(
@@ -102,13 +143,8 @@ def run_runge_kutta(
     rigid walls or rigid friction. The slider of elastic friction starts without force.
     """
     check_supported(scene, method)
-    absorber = scene.absorber
-    stops, slider = None, None
-    if isinstance(absorber, SlidingAbsorber):
-        stops = Stops(absorber.walls.gap, absorber.walls.stiffness) if isinstance(absorber.walls, CompliantWalls) else None
-        slider = Slider(absorber.friction.limit, absorber.friction.stiffness) if isinstance(absorber.friction, ElasticCoulombFriction) else None
-    stuck = isinstance(absorber, StuckAbsorber)
-    free_mass, added_mass = (None, scene.absorber_mass) if stuck else (scene.absorber_mass, None)
+    stops, slider = _compliant_laws(scene)
+    free_mass, added_mass = _masses(scene)
     wide = _wide(scene.model.modes + 1, feedback.STRIDE)
     parts = (free_mass, added_mass, stops, slider, _spring(scene))
     return int(

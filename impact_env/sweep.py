@@ -28,7 +28,7 @@ class IntegrationError(RuntimeError):
     """A run could not be finished; the message says why and what to change."""
 
 
-_REASONS = {
+REASONS = {
     observers.TOO_MANY_EVENTS: "more events than the integration allows",
     observers.NOT_FINITE: "the state is not finite: the step is above its stability limit, or a parameter is extreme",
     observers.NO_PROGRESS: "events pile up without progress in time",
@@ -56,7 +56,7 @@ def integrate(scene: Scene, drive: Drive, method: Method, state: Array, interval
     else:
         status = run_runge_kutta(scene, drive, method, *parts)
     if status != observers.DONE:
-        raise IntegrationError(f"{method} on {scene.absorber}: {_REASONS[status]}")
+        raise IntegrationError(f"{method} on {scene.absorber}: {REASONS[status]}")
 
 
 def _sample_count(drive: Drive, interval: float) -> int:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from impact_env.kernels.forced import add_forced, new_forced, solve_forced
+from impact_env.kernels.forced import Forced, add_forced, new_forced, solve_forced
 from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.observers import (
     DONE,
@@ -28,8 +29,8 @@ from impact_env.kernels.observers import (
     push_phase,
 )
 from impact_env.kernels.search import search
-from impact_env.kernels.segments import add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
-from impact_env.kernels.signals import HIT_HIGH, NOTHING, REVERSAL, new_signal
+from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
+from impact_env.kernels.signals import HIT_HIGH, NOTHING, REVERSAL, Signal, new_signal
 from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
 
 STALLED = 100_000
@@ -250,6 +251,76 @@ def add_slider_energy(springs, limit, reach, now, state, contact, energy):  # ty
     energy.totals[FRICTION_LOSS] += 0.5 * springs.friction * stretch * stretch
 
 
+class Room(NamedTuple):
+    """What a lane carries from stretch to stretch, ``now`` (15,), and scratch for it."""
+
+    now: NDArray[np.float64]
+    work: Work
+    signal: Signal
+    forced: tuple[Forced, Forced, Forced, Forced]
+    solved: NDArray[np.float64]
+    scratch: NDArray[np.float64]
+
+
+@jit_room
+def new_room(free, wall, friction, both, state):  # type: ignore[no-untyped-def]
+    """Return room for lanes of one scene."""
+    size = free.slots.rows.shape[1]
+    forced = (new_forced(free.slots), new_forced(wall.slots), new_forced(friction.slots), new_forced(both.slots))
+    return Room(np.zeros(15), new_work(size), new_signal(size), forced, np.zeros(4), np.zeros_like(state))
+
+
+@jit
+def slider_reach(springs, limit):  # type: ignore[no-untyped-def]
+    """Return the slider's limit over its stiffness (m), 0 without a slider."""
+    if limit is None:
+        return 0.0
+    return limit / springs.friction
+
+
+@jit
+def compliant_stretch(  # type: ignore[no-untyped-def]
+    free, wall, friction, both, contact, springs, gap, limit, losses, schedule, k, room, state, clock, counters, level, events, series, energy
+):  # fmt: skip
+    """Integrate over stretch ``k`` of the schedule and return a status code; ``state`` and ``room.now`` are carried from stretch to stretch."""
+    now, work, signal, forced, solved, scratch = room
+    regimes, reach = (free, wall, friction, both), slider_reach(springs, limit)
+    count = window_count(schedule, k)
+    for w in range(count):
+        window = window_of(schedule, k, w, count)
+        now[TAU] = -window.half
+        solved[:] = 0.0
+        number, last, stalled = regime_number(now), now[TAU], 0
+        solve_forced(regimes[number].slots, window, None, forced[number])
+        solved[number] = 1.0
+        write_state(regimes[number], forced[number], window.omega, now, work, state)
+        while now[TAU] < window.half:
+            r0, _ = relative_motion(contact, state)
+            regime, part = regimes[number], forced[number]
+            found = run_to_event(
+                regime, part, window, contact, gap, limit, reach, losses, now, work, signal, scratch, clock, counters, level, series, energy
+            )
+            read_state(regime, part, window.omega, now, work, state)
+            r1, _ = relative_motion(contact, state)
+            add_slider_loss(limit, reach, r0, r1, now, energy)
+            if found.kind != NOTHING:
+                switch(found, gap, reach, now, state, contact, window.centre + now[TAU], counters, events)
+                constant_force(springs, gap, limit, now)
+                number = regime_number(now)
+                if solved[number] == 0.0:
+                    solve_forced(regimes[number].slots, window, None, forced[number])
+                    solved[number] = 1.0
+                write_state(regimes[number], forced[number], window.omega, now, work, state)
+            counters.values[STEPS] += 1.0
+            stalled = stalled + 1 if now[TAU] == last else 0
+            if stalled > STALLED:
+                return NO_PROGRESS
+            last = now[TAU]
+        if not np.isfinite(state[0]):
+            return NOT_FINITE
+    return DONE
+
+
 @jit_room
 def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, losses, schedule, state, clock, counters, level, events, series, energy):  # type: ignore[no-untyped-def]
     """Integrate one lane; ``state`` (2 N_m + 2,) is the start and becomes the end. Return a status code.
@@ -257,63 +328,20 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
     ``gap`` None: no walls; ``limit`` None: no friction. ``wall``, ``friction``, ``both``: the regimes with these springs. The friction loss contains
     what the slider's spring holds at the end.
     """
-    size = free.slots.rows.shape[1]
-    forced = (new_forced(free.slots), new_forced(wall.slots), new_forced(friction.slots), new_forced(both.slots))
-    work, signal, now, scratch, solved = new_work(size), new_signal(size), np.zeros(15), np.zeros_like(state), np.zeros(4)
-    return run_windows(
-        (free, wall, friction, both), forced, solved, contact, springs, gap, limit, losses, schedule,
-        now, work, signal, state, scratch, clock, counters, level, events, series, energy,
-    )  # fmt: skip
-
-
-@jit
-def run_windows(
-    regimes, forced, solved, contact, springs, gap, limit, losses, schedule, now, work, signal, state, scratch, clock, counters, level, events, series, energy
-):  # type: ignore[no-untyped-def]
-    """Integrate one lane in its room; arguments as in `compliant_lane`."""
-    reach = 0.0
-    if limit is not None:
-        reach = limit / springs.friction
+    room = new_room(free, wall, friction, both, state)
+    now = room.now
     begin(springs, gap, limit, now, state, contact, 0.0, counters)
     for k in range(schedule.times.shape[0] - 1):
-        count = window_count(schedule, k)
-        for w in range(count):
-            window = window_of(schedule, k, w, count)
-            now[TAU] = -window.half
-            solved[:] = 0.0
-            number, last, stalled = regime_number(now), now[TAU], 0
-            solve_forced(regimes[number].slots, window, None, forced[number])
-            solved[number] = 1.0
-            write_state(regimes[number], forced[number], window.omega, now, work, state)
-            while now[TAU] < window.half:
-                r0, _ = relative_motion(contact, state)
-                regime, part = regimes[number], forced[number]
-                found = run_to_event(
-                    regime, part, window, contact, gap, limit, reach, losses, now, work, signal, scratch, clock, counters, level, series, energy
-                )
-                read_state(regime, part, window.omega, now, work, state)
-                r1, _ = relative_motion(contact, state)
-                add_slider_loss(limit, reach, r0, r1, now, energy)
-                if found.kind != NOTHING:
-                    switch(found, gap, reach, now, state, contact, window.centre + now[TAU], counters, events)
-                    constant_force(springs, gap, limit, now)
-                    number = regime_number(now)
-                    if solved[number] == 0.0:
-                        solve_forced(regimes[number].slots, window, None, forced[number])
-                        solved[number] = 1.0
-                    write_state(regimes[number], forced[number], window.omega, now, work, state)
-                counters.values[STEPS] += 1.0
-                stalled = stalled + 1 if now[TAU] == last else 0
-                if stalled > STALLED:
-                    return NO_PROGRESS
-                last = now[TAU]
-            if not np.isfinite(state[0]):
-                return NOT_FINITE
+        status = compliant_stretch(
+            free, wall, friction, both, contact, springs, gap, limit, losses, schedule, k, room, state, clock, counters, level, events, series, energy
+        )
+        if status != DONE:
+            return status
     end = schedule.times[-1]
     if now[STICK] != 0.0:
         push_phase(events, now[STICK_TIME], end, STUCK_INSIDE)
     if now[WALL] != 0.0:
         list_contact(end, state[-1], now, events, contact.mass)
-    add_slider_energy(springs, limit, reach, now, state, contact, energy)
+    add_slider_energy(springs, limit, slider_reach(springs, limit), now, state, contact, energy)
     last_sample(state, contact.tip_shape, end, clock, level, series)
     return DONE

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.forced import add_forced, new_forced, signal_value, solve_forced
+from impact_env.kernels.forced import Forced, add_forced, new_forced, signal_value, solve_forced
 from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.observers import (
     DONE,
@@ -36,8 +36,8 @@ from impact_env.kernels.observers import (
     push_phase,
 )
 from impact_env.kernels.search import search
-from impact_env.kernels.segments import add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
-from impact_env.kernels.signals import EPSILON, HIT_HIGH, NOISE, NOTHING, REVERSAL, at_offset, new_signal, signal_scale
+from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
+from impact_env.kernels.signals import EPSILON, HIT_HIGH, NOISE, NOTHING, REVERSAL, Signal, at_offset, new_signal, signal_scale
 from impact_env.kernels.slots import GUARD, RELATIVE, REST, SPEED, add, advance, copy, weigh
 
 FREE, JOINED = 0, 1
@@ -325,105 +325,135 @@ def begin(free, free_forced, joined, joined_forced, window, contact, walls, limi
     enter(free, free_forced, window.omega, now, state, work.z)
 
 
+class Room(NamedTuple):
+    """What a lane carries from stretch to stretch, ``now`` (12,) and ``work.z``, and scratch for it."""
+
+    now: NDArray[np.float64]
+    work: Work
+    signal: Signal
+    free_forced: Forced
+    joined_forced: Forced
+    scratch: NDArray[np.float64]
+
+
+@jit_room
+def new_room(free, joined, state):  # type: ignore[no-untyped-def]
+    """Return room for lanes of one scene."""
+    size = free.slots.rows.shape[1]
+    now = np.zeros(12)
+    now[KICK] = largest_kick(free.slots.rows)
+    return Room(now, new_work(size), new_signal(size), new_forced(free.slots), new_forced(joined.slots), np.zeros_like(state))
+
+
+@jit
+def exact_stretch(  # type: ignore[no-untyped-def]
+    free, joined, contact, walls, limit, losses, schedule, k, started, room, state, clock, counters, level, events, series, energy
+):  # fmt: skip
+    """Integrate over stretch ``k`` of the schedule and return a status code; what the next stretch needs stays in ``room``.
+
+    ``started`` False: the first stretch of a run, which begins with ``state``.
+    """
+    now, work, signal, free_forced, joined_forced, scratch = room
+    count = window_count(schedule, k)
+    for w in range(count):
+        window = window_of(schedule, k, w, count)
+        now[TAU] = -window.half
+        in_free = now[REGIME] == FREE
+        solved_free, solved_joined = in_free or not started, not in_free or not started
+        if solved_free:
+            solve_forced(free.slots, window, None, free_forced)
+        if solved_joined:
+            solve_forced(joined.slots, window, contact.mass, joined_forced)
+        if not started:
+            begin(free, free_forced, joined, joined_forced, window, contact, walls, limit, now, state, work)
+            started = True
+        elif in_free:
+            add_forced(free_forced.slots, window.omega, now[TAU], -1.0, work.z)
+        else:
+            add_forced(joined_forced.slots, window.omega, now[TAU], -1.0, work.z)
+        last, stalled, events_here = now[TAU], 0, 0
+        while now[TAU] < window.half:
+            if now[REGIME] == FREE:
+                found = fly(
+                    free, free_forced, window, contact, walls, limit, losses, now, work, signal, scratch, clock, counters, level, series, energy
+                )
+                join = False
+                if found.kind == REVERSAL:
+                    join = turn(free, contact, limit, now, work, found)
+                elif found.kind != NOTHING:
+                    side = 1.0 if found.kind == HIT_HIGH else -1.0
+                    join = impact(free, free_forced, window, contact, walls, limit, now, work, signal, side, found, counters, events, energy)
+                if join:
+                    if not solved_joined:
+                        solve_forced(joined.slots, window, contact.mass, joined_forced)
+                        solved_joined = True
+                    free_state(free, free_forced, window.omega, now, work, state)
+                    if not try_join(joined, joined_forced, window, contact, limit, now, state, work, window.centre):
+                        now[AT_REST] = 1.0
+                        friction_force(limit, now)
+                        enter(free, free_forced, window.omega, now, state, work.z)
+            else:
+                event = hold(joined, joined_forced, window, limit, losses, now, work, signal, scratch, clock, counters, level, series, energy)
+                if event != NOTHING:
+                    if not solved_free:
+                        solve_forced(free.slots, window, None, free_forced)
+                        solved_free = True
+                    release(free, free_forced, joined, joined_forced, window, limit, now, work, state, event, events)
+            counters.values[STEPS] += 1.0
+            stalled = stalled + 1 if now[TAU] == last else 0
+            if stalled > STALLED:
+                return NO_PROGRESS
+            events_here += 1
+            if events_here > MOST_EVENTS:
+                return TOO_MANY_EVENTS
+            last = now[TAU]
+        if now[REGIME] == FREE:
+            add_forced(free_forced.slots, window.omega, window.half, 1.0, work.z)
+        else:
+            add_forced(joined_forced.slots, window.omega, window.half, 1.0, work.z)
+        if not np.isfinite(work.z[0, 0] + now[Q]):
+            return NOT_FINITE
+    return DONE
+
+
 @jit_room
 def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clock, counters, level, events, series, energy):  # type: ignore[no-untyped-def]
     """Integrate one lane; ``state`` (2 N_m + 2,) is the start and becomes the end. Return a status code.
 
     ``walls`` None: no cavity; ``limit`` None: no friction; ``level``, ``events``, ``series``, ``energy`` None: not observed.
     """
-    size = free.slots.rows.shape[1]
-    work, signal, now, scratch = new_work(size), new_signal(size), np.zeros(12), np.zeros_like(state)
-    free_forced, joined_forced = new_forced(free.slots), new_forced(joined.slots)
-    return run_windows(
-        free, free_forced, joined, joined_forced, contact, walls, limit, losses, schedule,
-        now, work, signal, state, scratch, clock, counters, level, events, series, energy,
-    )  # fmt: skip
+    room = new_room(free, joined, state)
+    for k in range(schedule.times.shape[0] - 1):
+        status = exact_stretch(
+            free, joined, contact, walls, limit, losses, schedule, k, k > 0, room, state, clock, counters, level, events, series, energy
+        )
+        if status != DONE:
+            return status
+    finish(free, joined, room.now, room.work, state, schedule, clock, contact, level, events, series)
+    return DONE
 
 
 @jit
-def run_windows(
-    free, free_forced, joined, joined_forced, contact, walls, limit, losses, schedule,
-    now, work, signal, state, scratch, clock, counters, level, events, series, energy,
-):  # type: ignore[no-untyped-def]  # fmt: skip
-    """Integrate one lane in its room; arguments as in `exact_lane`."""
-    now[KICK] = largest_kick(free.slots.rows)
-    started = False
-    for k in range(schedule.times.shape[0] - 1):
-        count = window_count(schedule, k)
-        for w in range(count):
-            window = window_of(schedule, k, w, count)
-            now[TAU] = -window.half
-            in_free = now[REGIME] == FREE
-            solved_free, solved_joined = in_free or not started, not in_free or not started
-            if solved_free:
-                solve_forced(free.slots, window, None, free_forced)
-            if solved_joined:
-                solve_forced(joined.slots, window, contact.mass, joined_forced)
-            if not started:
-                begin(free, free_forced, joined, joined_forced, window, contact, walls, limit, now, state, work)
-                started = True
-            elif in_free:
-                add_forced(free_forced.slots, window.omega, now[TAU], -1.0, work.z)
-            else:
-                add_forced(joined_forced.slots, window.omega, now[TAU], -1.0, work.z)
-            last, stalled, events_here = now[TAU], 0, 0
-            while now[TAU] < window.half:
-                if now[REGIME] == FREE:
-                    found = fly(
-                        free, free_forced, window, contact, walls, limit, losses, now, work, signal, scratch, clock, counters, level, series, energy
-                    )
-                    join = False
-                    if found.kind == REVERSAL:
-                        join = turn(free, contact, limit, now, work, found)
-                    elif found.kind != NOTHING:
-                        side = 1.0 if found.kind == HIT_HIGH else -1.0
-                        join = impact(free, free_forced, window, contact, walls, limit, now, work, signal, side, found, counters, events, energy)
-                    if join:
-                        if not solved_joined:
-                            solve_forced(joined.slots, window, contact.mass, joined_forced)
-                            solved_joined = True
-                        free_state(free, free_forced, window.omega, now, work, state)
-                        if not try_join(joined, joined_forced, window, contact, limit, now, state, work, window.centre):
-                            now[AT_REST] = 1.0
-                            friction_force(limit, now)
-                            enter(free, free_forced, window.omega, now, state, work.z)
-                else:
-                    event = hold(joined, joined_forced, window, limit, losses, now, work, signal, scratch, clock, counters, level, series, energy)
-                    if event != NOTHING:
-                        if not solved_free:
-                            solve_forced(free.slots, window, None, free_forced)
-                            solved_free = True
-                        release(free, free_forced, joined, joined_forced, window, limit, now, work, state, event, events)
-                counters.values[STEPS] += 1.0
-                stalled = stalled + 1 if now[TAU] == last else 0
-                if stalled > STALLED:
-                    return NO_PROGRESS
-                events_here += 1
-                if events_here > MOST_EVENTS:
-                    return TOO_MANY_EVENTS
-                last = now[TAU]
-            if now[REGIME] == FREE:
-                add_forced(free_forced.slots, window.omega, window.half, 1.0, work.z)
-            else:
-                add_forced(joined_forced.slots, window.omega, window.half, 1.0, work.z)
-            if not np.isfinite(work.z[0, 0] + now[Q]):
-                return NOT_FINITE
-    finish(free, joined, now, work, state, schedule, clock, contact, level, events, series)
-    return DONE
+def current_state(free, joined, now, work, state):  # type: ignore[no-untyped-def]
+    """Write the state at the end of a stretch."""
+    half = state.shape[0] // 2
+    if now[REGIME] == FREE:
+        w = work.rows[0]
+        copy(work.z, w)
+        add(free.slots.rows, REST, now[FORCE], w)
+        to_state(free.out, w, state)
+        state[half - 1], state[2 * half - 1] = now[Q], now[V]
+    else:
+        to_state(joined.out, work.z, state)
+        state[half - 1] += now[OFFSET]
 
 
 @jit
 def finish(free, joined, now, work, state, schedule, clock, contact, level, events, series):  # type: ignore[no-untyped-def]
     """Write the end state, close an open phase, and take the sample that falls on the end."""
-    half = state.shape[0] // 2
     end = schedule.times[-1]
-    if now[REGIME] == FREE:
-        add(free.slots.rows, REST, now[FORCE], work.z)
-        to_state(free.out, work.z, state)
-        state[half - 1], state[2 * half - 1] = now[Q], now[V]
-    else:
-        to_state(joined.out, work.z, state)
-        state[half - 1] += now[OFFSET]
+    current_state(free, joined, now, work, state)
+    if now[REGIME] != FREE:
         kind = STUCK_INSIDE if now[SIDE] == 0.0 else (HELD_UPPER if now[SIDE] > 0.0 else HELD_LOWER)
         push_phase(events, now[SINCE], end, kind)
     last_sample(state, contact.tip_shape, end, clock, level, series)

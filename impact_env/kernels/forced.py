@@ -56,7 +56,13 @@ class Window(NamedTuple):
 def new_forced(slots):  # type: ignore[no-untyped-def]
     """Return empty room for the forced part of a regime."""
     size, levels = slots.rows.shape[1], slots.steps.shape[0]
-    return Forced(np.zeros((4, TERMS, size)), np.zeros((DERIVATIVES + 1, 2, TERMS)), np.zeros(DERIVATIVES + SCANNED), np.zeros((levels, 2, POINTS)), np.zeros((2, TERMS)))
+    return Forced(
+        np.zeros((4, TERMS, size)),
+        np.zeros((DERIVATIVES + 1, 2, TERMS)),
+        np.zeros(DERIVATIVES + SCANNED),
+        np.zeros((levels, 2, POINTS)),
+        np.zeros((2, TERMS)),
+    )
 
 
 @jit

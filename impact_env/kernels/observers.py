@@ -32,11 +32,13 @@ class Counters(NamedTuple):
 class Level(NamedTuple):
     """Streaming windowed RMS around the maximum (paper, Eqs. tmax and barqtip), in memory that does not grow with the run.
 
-    ``ring`` (W + 1,) holds the last running sums of q^2, W samples being half the window; ``state`` (10,) the rest.
+    ``ring`` (W + 1,) holds the last running sums of q^2, W samples being half the window; ``state`` (10,) the rest. ``block`` (any size) is where
+    samples are computed before they are pushed: sample n of a run goes to place n modulo its size, so the last ones can be read there.
     """
 
     ring: NDArray[np.float64]
     state: NDArray[np.float64]
+    block: NDArray[np.float64]
 
 
 class Events(NamedTuple):
@@ -66,35 +68,58 @@ class Energy(NamedTuple):
 # Level.state: next sample, running sum, largest |q|, its sample, running sums at the first and last sample of the window,
 # neighbours of the maximum, last |q|, flag: the right neighbour is due
 _NEXT, _SUM, _MAX, _AT, _SUM0, _SUM1, _LEFT, _RIGHT, _PREVIOUS, _DUE = range(10)
+BLOCK = 64
 
 
 def new_level(samples_per_period: int, half_window_periods: int = 10) -> Level:
     """Return an empty level observer for a window of +- ``half_window_periods`` pseudo periods."""
     state = np.zeros(10)
     state[_MAX] = -1.0
-    return Level(np.zeros(half_window_periods * samples_per_period + 1), state)
+    return Level(np.zeros(half_window_periods * samples_per_period + 1), state, np.zeros(BLOCK))
+
+
+@jit
+def clear_level(level):  # type: ignore[no-untyped-def]
+    """Forget all samples."""
+    level.state[:] = 0.0
+    level.state[_MAX] = -1.0
 
 
 @jit
 def push_level(level, q):  # type: ignore[no-untyped-def]
     """Take the next sample of the tip displacement (m)."""
-    ring, state = level
-    width = ring.shape[0] - 1
-    n = int(state[_NEXT])
-    square, size = q * q, abs(q)
-    total = state[_SUM] + square
-    ring[n % (width + 1)] = total
-    if state[_DUE] > 0.0:
-        state[_RIGHT] = size
-        state[_DUE] = 0.0
-    if size > state[_MAX]:
-        state[_MAX], state[_AT], state[_DUE] = size, n, 1.0
-        state[_LEFT], state[_RIGHT] = state[_PREVIOUS], size
-        # the slot that the next sample overwrites holds the sum at n - width: the first sample of the window
-        state[_SUM0] = ring[(n + 1) % (width + 1)] if n >= width else ring[0]
-    if n <= state[_AT] + width:
-        state[_SUM1] = total
-    state[_PREVIOUS], state[_SUM], state[_NEXT] = size, total, n + 1
+    level.block[0] = q
+    push_block(level, 0, 1)
+
+
+@jit
+def push_block(level, first, count):  # type: ignore[no-untyped-def]
+    """Take the next ``count`` samples of the tip displacement (m), which lie in the block from place ``first`` on."""
+    ring, state, block = level
+    size = ring.shape[0]
+    width = size - 1
+    n, at, due = int(state[_NEXT]), int(state[_AT]), state[_DUE] > 0.0
+    place = n % size
+    total, largest, previous = state[_SUM], state[_MAX], state[_PREVIOUS]
+    for k in range(first, first + count):
+        q = block[k]
+        total += q * q
+        q = abs(q)
+        ring[place] = total
+        place = place + 1 if place < width else 0  # now where the sum at n - width is: the first sample of the window
+        if due:
+            state[_RIGHT] = q
+            due = False
+        if q > largest:
+            largest, at, due = q, n, True
+            state[_LEFT], state[_RIGHT] = previous, q
+            state[_SUM0] = ring[place] if n >= width else ring[0]
+        if n <= at + width:
+            state[_SUM1] = total
+        previous = q
+        n += 1
+    state[_NEXT], state[_AT], state[_DUE] = n, at, 1.0 if due else 0.0
+    state[_SUM], state[_MAX], state[_PREVIOUS] = total, largest, previous
 
 
 @jit
@@ -103,7 +128,7 @@ def close_level(level):  # type: ignore[no-untyped-def]
 
     The window is cut where the run starts or ends. The RMS is the mean of the samples after the window's first.
     """
-    ring, state = level
+    ring, state, _ = level
     width = ring.shape[0] - 1
     if state[_NEXT] < 2.0:
         return abs(state[_MAX]), 0.0, abs(state[_MAX])

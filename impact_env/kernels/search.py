@@ -29,7 +29,23 @@ from impact_env.kernels.forced import DERIVATIVES, cos_sin, guard_values
 from impact_env.kernels.jit import jit, jit_inline, jit_sum
 from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL, Event, refine, time_resolution
 from impact_env.kernels.slots import FASTEST, SPEED_SQUARE, cos_sin, digits, turned
-from impact_env.kernels.vector import BEND, COS, FORCED, POINTS, RATE, ROW, SIN, VALUE, begin_orders, scan_both, scan_reversal, scan_walls, turn_2, turn_3, weighted_sizes
+from impact_env.kernels.vector import (
+    BEND,
+    COS,
+    FORCED,
+    POINTS,
+    RATE,
+    ROW,
+    SIN,
+    VALUE,
+    begin_orders,
+    scan_both,
+    scan_reversal,
+    scan_walls,
+    turn_2,
+    turn_3,
+    weighted_sizes,
+)
 
 SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
 SLOPE_ERROR = 1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
@@ -37,6 +53,7 @@ START_ERROR = 64.0 / 27.0
 SHARP = 1e-3  # of the way across a step: E where an event is accepted
 LOOK_AHEAD = 4.0  # LEVEL_RATIO: steps of a level in one of the next
 MOST_SCANS = 20_000_000
+
 
 @jit_sum
 def move_to(rows, table, scale, u, offset, moved):  # type: ignore[no-untyped-def]

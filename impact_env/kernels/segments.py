@@ -10,12 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.forced import CHIRP_REMAINDER, TIP_SIGNAL, Window, add_forced, signal_value
+from impact_env.kernels.forced import CHIRP_REMAINDER, Window, add_forced
 from impact_env.kernels.jit import jit, jit_room, jit_sum
-from impact_env.kernels.observers import ABSORBER_DAMPING, WORK, push_level
-from impact_env.kernels.slots import REST, SPEED, TIP, Slots, add, advance, copy, value, weigh
+from impact_env.kernels.observers import ABSORBER_DAMPING, WORK, push_block, push_level
+from impact_env.kernels.sampling import fill_samples
+from impact_env.kernels.slots import REST, SPEED, TIP, Slots, add, advance, copy, weigh
 
 Array = NDArray[np.float64]
+SAMPLE_ROUNDING = 1e-12  # of the sampling interval
 
 
 class Regime(NamedTuple):
@@ -93,20 +95,30 @@ def to_slots(into, state, z):  # type: ignore[no-untyped-def]
 
 
 @jit
+def samples_before(end, interval):  # type: ignore[no-untyped-def]
+    """Return how many of the times 0, interval, 2 interval, ... lie before ``end``; one that falls on the end within rounding does not."""
+    return max(np.ceil(end / interval - SAMPLE_ROUNDING), 0.0)
+
+
+@jit
 def sample_tip(slots, signals, window, z, u, tip_rest, tau, end, clock, level):  # type: ignore[no-untyped-def]
     """Push the tip displacement at the samples in [tau, end) to the level; z holds the free part at tau, u is scratch."""
     if level is None:
         return
     n, interval = clock[0], clock[1]
-    x = n * interval - window.centre
-    if x >= end:
+    if n * interval - window.centre >= end:
         return
-    rows, table, scale = slots.rows, slots.table, slots.scale
-    weigh(rows, TIP, z, u)
-    while x < end:
-        push_level(level, value(rows, table, scale, u, max(x - tau, 0.0)) + signal_value(signals, TIP_SIGNAL, window.omega, x) + tip_rest)
-        n += 1.0
+    stop = samples_before(end + window.centre, interval)
+    if stop <= n:
+        return
+    weigh(slots.rows, TIP, z, u)
+    while n < stop:
+        first = int(n) % level.block.shape[0]
+        count = min(int(stop - n), level.block.shape[0] - first)
         x = n * interval - window.centre
+        fill_samples(slots, signals, window.omega, u, tip_rest, max(x - tau, 0.0), x, interval, level.block, first, count)
+        push_block(level, first, count)
+        n += count
     clock[0] = n
 
 

@@ -61,7 +61,9 @@ class _Number:
 
     def total(self) -> _Number:
         """Return the sum of the elements."""
-        parts = [_Number(self.builder, self.builder.extract_element(self.value, ir.Constant(ir.IntType(32), k))) for k in range(self.value.type.count)]
+        parts = [
+            _Number(self.builder, self.builder.extract_element(self.value, ir.Constant(ir.IntType(32), k))) for k in range(self.value.type.count)
+        ]
         return sum(parts[1:], parts[0])
 
     def not_positive(self) -> Any:

@@ -1,0 +1,114 @@
+"""Runs under control: many lanes of one scene that advance by one control interval a call, and may be told something else before each.
+
+What a lane does is the run that `simulate` makes with the same schedule; see `impact_env.kernels.interval` for what is ordered and reported.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.ensemble import available_cores
+from impact_env.kernels.interval import DURATION, FRESH, GAP, GAP_IN_USE, NOW, ORDERS, REPORTS, Lanes, Watch
+from impact_env.kernels.observers import DONE
+from impact_env.level import HALF_WINDOW_PERIODS
+from impact_env.methods import Exact, Method, check_supported
+from impact_env.parameters import RigidWalls, SlidingAbsorber, count, positive
+from impact_env.propagation import exact_lanes, slot_count
+from impact_env.scene import Scene
+from impact_env.stepping import stepping_lanes
+from impact_env.sweep import REASONS, IntegrationError
+
+Array = NDArray[np.float64]
+FEWEST = 64  # lanes a thread must have to be worth its start
+
+
+class ControlledRuns:
+    """Lanes of one scene, each at its own time.
+
+    ``orders`` (L, ORDERS) is what the next `advance` does, ``reports`` (L, REPORTS) what the last one saw; columns are named in
+    `impact_env.kernels.interval`. ``reference`` is the circular frequency (rad/s) that defines the pseudo period, ``interval`` the longest
+    interval in pseudo periods, ``exponent`` that of the damage in the reports (0: not computed) with displacements in ``unit`` (m). The result is
+    the same for any number of ``threads`` (default: all cores).
+
+    Raises ParameterError if the method cannot do the scene in intervals.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        lanes: int,
+        reference: float,
+        interval: float,
+        method: Method | None = None,
+        *,
+        samples_per_period: int,
+        exponent: float = 0.0,
+        unit: float = 1.0,
+        threads: int | None = None,
+    ) -> None:
+        method = Exact() if method is None else method
+        check_supported(scene, method)
+        self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
+        self.threads = available_cores() if threads is None else count("threads", threads, 1)
+        period, modes = 2 * np.pi / positive("reference", reference), scene.model.modes
+        samples = round(interval * samples_per_period)
+        self.duration = samples * period / samples_per_period
+        self.orders, self.reports = np.zeros((lanes, ORDERS)), np.zeros((lanes, REPORTS))
+        self.status = np.zeros(lanes, dtype=np.int64)
+        slots = slot_count(scene, period) if isinstance(method, Exact) else 1
+        ring = HALF_WINDOW_PERIODS * samples_per_period + 1
+        self._memory = Lanes(
+            np.zeros((lanes, 2, slots)), np.zeros((lanes, NOW)), np.zeros((lanes, 2 * modes + 2)), np.zeros((lanes, ring)), np.zeros((lanes, 10))
+        )
+        mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
+        watch = Watch(period / samples_per_period, samples, float(exponent), unit, np.array(scene.model.omega), np.array(scene.model.tip_shape), mass)
+        parts = (watch, self._memory, self.orders, self.reports, self.status)
+        self._kernel = exact_lanes(scene, period, *parts) if isinstance(method, Exact) else stepping_lanes(scene, method, *parts)
+        self._pool: ThreadPoolExecutor | None = None
+        self._compiled = False
+        self.orders[:, DURATION] = self.duration
+        absorber = scene.absorber
+        if isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls):
+            self.orders[:, GAP] = absorber.walls.gap
+        self.restart(np.arange(lanes))
+
+    @property
+    def state(self) -> Array:
+        """State of each lane, (L, 2 N_m + 2): modal displacements, absorber displacement, modal velocities, absorber velocity."""
+        return self._memory.state
+
+    def restart(self, which: NDArray[Any]) -> None:
+        """Put lanes (indices or mask) at rest with the absorber in the middle of the cavity; their next interval is the first of a run."""
+        self._memory.state[which] = 0.0
+        self._memory.now[which, GAP_IN_USE] = self.orders[which, GAP]
+        self.reports[which] = 0.0
+        self.orders[which, FRESH] = 1.0
+
+    def advance(self) -> None:
+        """Advance all lanes by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
+        workers = min(self.threads, self.lanes // FEWEST) if self._compiled else 1
+        if workers <= 1:
+            self._kernel(0, self.lanes)
+        else:
+            # more parts than threads: lanes differ in their number of impacts
+            cuts = np.linspace(0, self.lanes, 4 * workers + 1).astype(int).tolist()
+            list(self._threads(workers).map(self._kernel, cuts[:-1], cuts[1:]))
+        self._compiled = True
+        if self.status.any():
+            lane = int(np.flatnonzero(self.status != DONE)[0])
+            raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
+
+    def _threads(self, workers: int) -> ThreadPoolExecutor:
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(workers)
+        return self._pool
+
+    def close(self) -> None:
+        """End the threads; they start again when they are needed."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None

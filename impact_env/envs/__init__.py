@@ -1,0 +1,10 @@
+"""Gymnasium environments: control tasks around the simulator. Physics only through `impact_env.controlled`.
+
+Importing this package does not import gymnasium; `register_environments` does, if it is installed.
+"""
+
+from __future__ import annotations
+
+from impact_env.envs.registration import ENVIRONMENTS, register_environments
+
+__all__ = ["ENVIRONMENTS", "register_environments"]

@@ -1,0 +1,213 @@
+"""Images of an episode: the bent beam with its cavity and absorber, and strips of level and frequency over time.
+
+Displacements are exaggerated, all by the same factor. A frame shows the end of a control interval, so that the motion is seen as under a stroboscope;
+the pale band is the amplitude over the interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from impact_env.envs.task import Task
+from impact_env.kernels import interval as columns
+from impact_env.modes import modal_model
+from impact_env.parameters import Beam, ParameterError, SlidingAbsorber
+
+Array = NDArray[np.float64]
+Point = tuple[float, float]
+WIDTH, HEIGHT, FINE = 640, 420, 2  # an image is drawn FINE times larger, and reduced: smooth edges
+POSITIONS = 24  # places at which the beam's deflection is computed
+LEFT, RIGHT, MIDDLE = 50.0, 520.0, 140.0  # of the beam, in pixels
+REACH = 95.0  # pixels that the largest expected displacement gets
+STRIPS = ((285.0, 335.0), (360.0, 410.0))  # top and bottom of the strips
+STRIP_LEFT, STRIP_RIGHT = 60.0, 620.0
+PAPER, INK, PALE, BLUE, RED, GREEN = "white", "#303030", "#d8e4f0", "#1f5fa8", "#c03028", "#2f7d4f"
+MASS = 9.0  # half the side of the absorber in pixels
+
+
+@lru_cache(maxsize=8)
+def _shapes(lengths: tuple[Any, ...]) -> Array:
+    beam = Beam(**dict(lengths[:-1]), modal_frequency_ratio=dict(lengths[-1]))
+    rows = [modal_model(replace(beam, force_position=x)).force_shape for x in np.linspace(0, 1, POSITIONS + 1)[1:]]
+    return np.concatenate([np.zeros((1, beam.modes)), rows])
+
+
+def mode_shapes(beam: Beam) -> Array:
+    """Return the modes' deflections at equidistant places from the clamped end to the tip, (POSITIONS + 1, N_m) in 1/sqrt(kg)."""
+    values = {name: getattr(beam, name) for name in beam.__dataclass_fields__ if name != "modal_frequency_ratio"}
+    return _shapes((*values.items(), tuple(beam.modal_frequency_ratio.items())))
+
+
+class Strip:
+    """A quantity over the time of the episode."""
+
+    def __init__(self, label: str, low: float, high: float, colour: str) -> None:
+        self.label, self.low, self.high, self.colour = label, low, high, colour
+        self.times: list[float] = []
+        self.values: list[float] = []
+
+    def push(self, time: float, value: float) -> None:
+        """Take the next value; a time that does not rise starts afresh."""
+        if self.times and time <= self.times[-1]:
+            self.times, self.values = [], []
+        self.times.append(time)
+        self.values.append(value)
+        self.low, self.high = min(self.low, value), max(self.high, value)
+
+
+class Picture:
+    """Drawing in pixels, FINE times larger."""
+
+    def __init__(self) -> None:
+        self.image = Image.new("RGB", (WIDTH * FINE, HEIGHT * FINE), PAPER)
+        self.pen = ImageDraw.Draw(self.image)
+
+    def line(self, points: Iterable[Point], colour: str, width: float) -> None:
+        """Draw a line through points."""
+        self.pen.line([(FINE * x, FINE * y) for x, y in points], fill=colour, width=round(FINE * width), joint="curve")
+
+    def polygon(self, points: Iterable[Point], colour: str) -> None:
+        """Fill a polygon."""
+        self.pen.polygon([(FINE * x, FINE * y) for x, y in points], fill=colour)
+
+    def box(self, left: float, top: float, right: float, bottom: float, fill: str | None, outline: str | None = None) -> None:
+        """Draw a rectangle."""
+        self.pen.rectangle((FINE * left, FINE * top, FINE * right, FINE * bottom), fill=fill, outline=outline, width=FINE)
+
+    def text(self, x: float, y: float, words: str, size: float = 12, anchor: str = "la") -> None:
+        """Write a line of text."""
+        self.pen.text((FINE * x, FINE * y), words, fill=INK, font=ImageFont.load_default(FINE * size), anchor=anchor)
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """Return the image, (HEIGHT, WIDTH, 3)."""
+        return np.asarray(self.image.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS), dtype=np.uint8).copy()
+
+
+class Screen:
+    """Images of a task's lanes, and a window for the first one."""
+
+    def __init__(self, task: Task, window: bool, fps: int) -> None:
+        self.task, self.fps = task, fps
+        settings = task.settings
+        self.beam = settings.beam_parameters
+        self.shapes = mode_shapes(self.beam)
+        self.sliding = settings.scene.absorber if isinstance(settings.scene.absorber, SlidingAbsorber) else None
+        self.strips: dict[int, tuple[Strip, Strip]] = {}
+        self._window = _Window() if window else None
+
+    def show(self, lane: int) -> NDArray[np.uint8] | None:
+        """Return a lane's image (height, width, 3), or show it in the window."""
+        info = self.task.info()
+        level, frequency = self.strips.setdefault(lane, self._new_strips())
+        level.push(float(info["time"][lane]), float(self.task.level()[lane]))
+        frequency.push(float(info["time"][lane]), float(info["frequency_ratio"][lane]))
+        pixels = self._draw(lane, info, level, frequency)
+        if self._window is None:
+            return pixels
+        self._window.show(pixels, self.fps)
+        return None
+
+    def _new_strips(self) -> tuple[Strip, Strip]:
+        return Strip(f"{self.task.level_name} (1)", 0.0, 1.0, RED), Strip("frequency ratio (1)", 0.98, 1.02, GREEN)
+
+    def _draw(self, lane: int, info: dict[str, Any], level: Strip, frequency: Strip) -> NDArray[np.uint8]:
+        picture = Picture()
+        self._draw_beam(picture, lane)
+        picture.text(10, 8, f"time {info['time'][lane]:.0f} pseudo periods", 13)
+        picture.text(WIDTH - 10, 8, f"force {info['force'][lane]:.2f} N,  score {info['score'][lane]:.3f}", 13, "ra")
+        for strip, (top, bottom) in zip((level, frequency), STRIPS, strict=True):
+            _draw_strip(picture, strip, top, bottom)
+        return picture.pixels()
+
+    def _draw_beam(self, picture: Picture, lane: int) -> None:
+        task, modes = self.task, self.shapes.shape[1]
+        scale = REACH / max(1.5 * task.length, float(task.expected_amplitude()[lane]))
+        state, report = task.runs.state[lane], task.runs.reports[lane]
+        x = np.linspace(LEFT, RIGHT, POSITIONS + 1)
+        y = MIDDLE - scale * (self.shapes @ state[:modes])
+        first = self.shapes[:, 0] / self.task.settings.scene.model.tip_shape[0]
+        band = scale * np.hypot(report[columns.IN_PHASE], report[columns.QUADRATURE]) * np.abs(first)
+        upper, lower = list(zip(x, MIDDLE - band, strict=True)), list(zip(x, MIDDLE + band, strict=True))
+        picture.polygon([*upper, *reversed(lower)], PALE)
+        picture.line([(LEFT, MIDDLE), (RIGHT, MIDDLE)], "#b0b0b0", 1)
+        picture.box(LEFT - 14, MIDDLE - 60, LEFT, MIDDLE + 60, "#909090")
+        place = LEFT + self.beam.force_position * (RIGHT - LEFT)
+        self._draw_force(picture, place, float(np.interp(place, x, y)), lane)
+        picture.line(zip(x, y, strict=True), BLUE, 5)
+        if task.settings.scene.absorber is not None:
+            place = LEFT + self.beam.absorber_position * (RIGHT - LEFT)
+            self._draw_absorber(picture, place, float(np.interp(place, x, y)), scale, lane)
+
+    def _draw_force(self, picture: Picture, x: float, y: float, lane: int) -> None:
+        size = 45 * np.cos(self.task.runs.orders[lane, columns.PHASE])
+        tip = y - size
+        picture.line([(x, y), (x, tip)], INK, 2)
+        if abs(size) > 8:
+            head = 6 * np.sign(size)
+            picture.polygon([(x - 4, tip + head), (x + 4, tip + head), (x, tip - 2 * np.sign(size))], INK)
+
+    def _draw_absorber(self, picture: Picture, x: float, y: float, scale: float, lane: int) -> None:
+        """Draw the absorber beside the tip and, where it has walls, the cavity around it: what is between both is the clearance to scale."""
+        half = 0.0 if self.sliding is None or self.sliding.walls is None else scale * self.task.runs.orders[lane, columns.GAP]
+        x += MASS + 16
+        picture.line([(x - MASS - 16, y), (x - MASS - 6, y)], BLUE, 5)
+        if half > 0:
+            top, bottom = y - half - MASS - 3, y + half + MASS + 3
+            picture.line([(x + MASS + 6, top), (x - MASS - 6, top), (x - MASS - 6, bottom), (x + MASS + 6, bottom)], BLUE, 4)
+        else:
+            picture.line([(x - MASS - 6, y - 20), (x - MASS - 6, y + 20)], BLUE, 4)
+        centre = y - scale * self.task.runs.reports[lane, columns.DISTANCE]
+        picture.box(x - MASS, centre - MASS, x + MASS, centre + MASS, RED, INK)
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._window is not None:
+            self._window.close()
+
+
+def _draw_strip(picture: Picture, strip: Strip, top: float, bottom: float) -> None:
+    picture.text(STRIP_LEFT, top - 17, strip.label)
+    picture.box(STRIP_LEFT, top, STRIP_RIGHT, bottom, None, "#a0a0a0")
+    span = strip.high - strip.low
+    for value, y in ((strip.high, top), (strip.low, bottom)):
+        picture.text(STRIP_LEFT - 6, y, f"{value:.2f}", 11, "rm")
+    last = max(strip.times[-1], 1e-9)
+    points = [
+        (STRIP_LEFT + (STRIP_RIGHT - STRIP_LEFT) * time / last, bottom - (bottom - top) * (value - strip.low) / span)
+        for time, value in zip(strip.times, strip.values, strict=True)
+    ]
+    if len(points) > 1:
+        picture.line(points, strip.colour, 2)
+
+
+class _Window:
+    """A window on the screen, with pygame."""
+
+    def __init__(self) -> None:
+        try:
+            import pygame
+        except ImportError as error:
+            raise ParameterError('render_mode = "human" is not allowed: it needs the package pygame-ce (pip install pygame-ce)') from error
+        self._pygame = pygame
+        pygame.display.init()
+        self._surface = pygame.display.set_mode((WIDTH, HEIGHT))
+        pygame.display.set_caption("impact absorber")
+        self._clock = pygame.time.Clock()
+
+    def show(self, pixels: NDArray[np.uint8], fps: int) -> None:
+        """Show an image, at most ``fps`` a second."""
+        self._pygame.event.pump()
+        self._surface.blit(self._pygame.surfarray.make_surface(np.swapaxes(pixels, 0, 1)), (0, 0))
+        self._pygame.display.flip()
+        self._clock.tick(fps)
+
+    def close(self) -> None:
+        """Close the window."""
+        self._pygame.display.quit()

@@ -1,0 +1,93 @@
+"""ImpactAbsorber/GapChoice-v0: the clearance of the cavity, chosen interval by interval."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from impact_env.envs.gap_task import GapControl, GapTask
+from impact_env.envs.settings import Settings
+from impact_env.envs.shells import TaskEnv, TaskVectorEnv, choice, lanes_of, split
+
+DEFAULTS: dict[str, Any] = {"force": (0.5, 6.0), "absorber_options": {"restitution": 0.7}}
+
+
+def _task(lanes: int, arguments: dict[str, Any]) -> GapTask:
+    settings, control = split({**DEFAULTS, **arguments}, Settings, GapControl)
+    return GapTask(Settings(**settings), GapControl(**control), lanes)
+
+
+class GapChoiceEnv(TaskEnv):
+    """Which clearance to give the cavity under a force that changes.
+
+    ## Description
+    A machine runs at one frequency near a resonance, and its force changes from time to time without notice. An impact absorber works best where its
+    clearance fits the force (paper, section 4), and the agent sets the clearance.
+
+    ## Action Space
+    A ``Box`` of one float32 number a in [-1, 1]: the half-clearance for the next control interval, from the low to the high one of ``gap_limits``.
+    Numbers outside are cut to [-1, 1]. The walls never close onto the absorber: a half-clearance below its distance from the middle is raised to
+    that distance, and a wall it rests on does not push it. Info's ``gap`` (m) says what was set, ``gap_limited`` whether it was raised.
+
+    ## Observation Space
+    A ``Box`` of 10 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm without walls).
+
+    | # | what | unit and scale |
+    | --- | --- | --- |
+    | 1 | amplitude of the tip in phase with the force, over the last interval | m / half-clearance |
+    | 2 | amplitude of the tip a quarter of a period behind the force | m / half-clearance |
+    | 3 | absorber less tip at the interval's end | m / half-clearance |
+    | 4 | its rate | m/s / (half-clearance times the resonance's circular frequency) |
+    | 5 | impacts in the last interval | per pseudo period / 2 |
+    | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
+    | 7 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
+    | 8 | share of the time budget that is left | 1 |
+    | 9 | RMS of the tip over the last interval | m / half-clearance |
+    | 10 | half-clearance in use | m / half-clearance of the scene |
+
+    ## Rewards
+    The sum of all rewards is the score: minus the mean over the intervals of the tip's RMS relative to the stationary RMS of a beam without absorber
+    under the same force at the same frequency. With ``objective="fatigue"`` it is the mean of the tip's displacement to the power
+    ``fatigue_exponent``, relative to the same of that stationary response.
+
+    ## Starting State
+    At rest, the absorber in the middle of the cavity, whose half-clearance is the scene's. The phase of the force, its schedule, and where a range is
+    given the frequency are drawn. The schedule is piecewise constant: forces from the range ``force``, each held for a time from the range ``hold``.
+
+    ## Episode End
+    Truncated when the time budget is spent.
+
+    ## Arguments
+    - ``gap_limits`` (default 0.1 mm to 2 mm): half-clearances in m; ``hold`` (default 100 to 300): range of pseudo periods for which a force lasts
+    - ``frequency_ratio`` (default 1) to the resonance, or a pair (low, high) from which each episode draws
+    - ``time_budget`` (default 1000) in pseudo periods, rounded up to whole intervals
+    - ``objective``: "rms" or "fatigue"; ``fatigue_exponent``
+    - ``absorber``: "impact" (default), "friction", "tuned", "stuck" or "none"; ``absorber_options``: its values in SI units, by name: ``mass_ratio``,
+      ``gap``, ``restitution``, ``friction_limit``, ``contact_stiffness``, ``friction_stiffness`` (both make contact compliant), ``stiffness``,
+      ``damping``
+    - ``modes`` of the beam; ``beam``: other values of `impact_env.Beam`, by name
+    - ``resonance`` (default 1): the one that is meant, counted from 1; its period is the pseudo period
+    - ``force``: amplitude in N, or a pair (low, high) from which the schedule draws (default 0.5 to 6)
+    - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``
+    - ``interval`` (default 5): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
+    - ``observation_noise`` (default 0): standard deviation of what is added to each scaled feature that is measured (1 to 6 and 9);
+      ``observation_delay`` (default 0): their delay in intervals
+    - ``raw_state`` (default False): put the state into info: modal displacements, absorber displacement, modal velocities, absorber velocity
+    - ``threads`` (default: all cores): of the vector environment; the numbers do not depend on it
+    - ``render_mode``: None, "rgb_array" or "human"
+
+    The absorber must be an impact absorber with rigid walls. Bad values raise `impact_env.ParameterError`, a step before a reset or after the end
+    `gymnasium.error.ResetNeeded`.
+
+    ## Version History
+    - v0: first version
+    """
+
+    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
+        super().__init__(_task(1, arguments), choice(), render_mode)
+
+
+class GapChoiceVectorEnv(TaskVectorEnv):
+    """Native vector of `GapChoiceEnv`: all lanes in one call of the simulator, autoreset in the same step, lane i as the single one with seed + i."""
+
+    def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
+        super().__init__(_task(lanes_of(num_envs), arguments), choice(), render_mode)

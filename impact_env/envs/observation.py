@@ -1,0 +1,67 @@
+"""What an agent sees: named, scaled features, with noise and delay where a sensor would have them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+LIMIT = 100.0  # of a scaled feature; what lies outside is cut off
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One number of an observation; ``measured`` ones come from sensors and get noise and delay, the others are known to the machine's control."""
+
+    name: str
+    measured: bool
+
+
+TIP_IN_PHASE = Feature("tip amplitude in phase with the force", True)
+TIP_QUADRATURE = Feature("tip amplitude a quarter behind the force", True)
+DISTANCE = Feature("absorber's place in the cavity", True)
+VELOCITY = Feature("absorber's velocity in the cavity", True)
+IMPACTS = Feature("impacts per pseudo period", True)
+SHARE = Feature("absorber's share of the energy", True)
+FREQUENCY = Feature("frequency", False)
+TIME_LEFT = Feature("time left", False)
+LEVEL = Feature("level", True)
+STATE = (TIP_IN_PHASE, TIP_QUADRATURE, DISTANCE, VELOCITY, IMPACTS, SHARE, FREQUENCY, TIME_LEFT, LEVEL)
+
+
+class Sensors:
+    """Noise and delay of the measured features of a number of lanes.
+
+    ``noise`` is the standard deviation of what is added to each scaled, measured feature; ``delay`` a number of intervals, before which the first
+    observation of an episode is seen again.
+    """
+
+    def __init__(self, features: Sequence[Feature], lanes: int, noise: float, delay: int) -> None:
+        self.measured = np.array([feature.measured for feature in features])
+        self.noise, self.delay = noise, delay
+        self._past = np.zeros((delay + 1, lanes, len(features)))
+        self._at = 0
+
+    def see(self, values: Array, generators: Sequence[np.random.Generator], fresh: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
+        """Return the observations (L, features) of scaled values (L, features): of all lanes, or of those that are ``fresh``, at their start."""
+        seen = values.copy()
+        which = range(len(values)) if fresh is None else np.flatnonzero(fresh).tolist()
+        if self.noise > 0:
+            number = int(self.measured.sum())
+            for lane in which:
+                seen[lane, self.measured] += self.noise * generators[lane].standard_normal(number)
+        if self.delay > 0:
+            seen = self._delayed(seen, fresh)
+        return np.clip(seen, -LIMIT, LIMIT).astype(np.float32)
+
+    def _delayed(self, seen: Array, fresh: NDArray[np.bool_] | None) -> Array:
+        size = len(self._past)
+        if fresh is None:
+            self._at = (self._at + 1) % size
+            self._past[self._at] = seen
+        else:
+            self._past[:, fresh] = seen[fresh]
+        return np.where(self.measured, self._past[(self._at + 1) % size], seen)

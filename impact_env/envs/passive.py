@@ -1,0 +1,62 @@
+"""ImpactAbsorber/Passive-v0: a passage through resonance at one rate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gymnasium.spaces import Discrete
+
+from impact_env.drive import PAPER_RATE
+from impact_env.envs.settings import Settings
+from impact_env.envs.shells import TaskEnv, TaskVectorEnv, lanes_of, split
+from impact_env.envs.sweep_task import PassiveTask, passive_passage
+
+DEFAULTS: dict[str, Any] = {"time_price": 0.0, "rate": PAPER_RATE}
+
+
+def _task(lanes: int, arguments: dict[str, Any]) -> PassiveTask:
+    passage = ("rate", "direction", "limits", "time_price", "objective", "fatigue_exponent")
+    given = {**DEFAULTS, **arguments}
+    (settings,) = split({name: value for name, value in given.items() if name not in passage}, Settings)
+    return PassiveTask(Settings(**settings), passive_passage(**{name: given[name] for name in passage if name in given}), lanes)
+
+
+class PassiveEnv(TaskEnv):
+    """A passage through resonance without a choice.
+
+    ## Description
+    A passage through resonance at one rate: for benchmarks, for recordings, and as the yardstick of agents.
+
+    ## Action Space
+    ``Discrete(1)``: 0, go on.
+
+    ## Observation Space
+    That of `SweepRateEnv`.
+
+    ## Rewards
+    Those of `SweepRateEnv`; ``time_price`` is 0 unless given.
+
+    ## Starting State
+    That of `SweepRateEnv`.
+
+    ## Episode End
+    Terminated when the far frequency is reached.
+
+    ## Arguments
+    - ``rate`` (default 1) in % per 100 pseudo periods
+    - ``direction``, ``limits``, ``time_price``, ``objective``, ``fatigue_exponent`` and all arguments of scene, force, method, interval and
+      observation: as in `SweepRateEnv`; the defaults of the scene are 3 modes and an impact absorber without friction
+
+    ## Version History
+    - v0: first version
+    """
+
+    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
+        super().__init__(_task(1, arguments), Discrete(1), render_mode)
+
+
+class PassiveVectorEnv(TaskVectorEnv):
+    """Native vector of `PassiveEnv`: all lanes in one call of the simulator, autoreset in the same step, lane i as the single one with seed + i."""
+
+    def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
+        super().__init__(_task(lanes_of(num_envs), arguments), Discrete(1), render_mode)

@@ -1,0 +1,51 @@
+"""What a beam without absorber does, for one newton: the yardstick of all scores. Linear, so levels are proportional to the force."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from impact_env.controlled import ControlledRuns
+from impact_env.drive import PAPER_RATE
+from impact_env.kernels import interval as columns
+from impact_env.modes import ModalModel
+from impact_env.scene import Scene
+
+CHUNK = 20.0  # pseudo periods
+
+
+@lru_cache(maxsize=64)
+def passage(scene: Scene, resonance: int, start: float, stop: float, samples_per_period: int, exponent: float, unit: float) -> tuple[float, float]:
+    """Return (response level in m, damage) of a beam without absorber in a sweep at the paper's rate under 1 N.
+
+    The sweep goes from ``start`` to ``stop`` (ratios of the resonance); the damage is the sum of |q_tip/unit|^exponent over its samples, 0 for an
+    exponent of 0.
+    """
+    omega = scene.model.resonance_omega(resonance)
+    runs = ControlledRuns(Scene(scene.model), 1, omega, CHUNK, samples_per_period=samples_per_period, exponent=exponent, unit=unit, threads=1)
+    rate = math.copysign(PAPER_RATE / 1e4, stop - start)
+    periods, damage = (stop - start) / rate, 0.0
+    runs.orders[:, columns.FORCE] = 1.0
+    chunks = math.ceil(periods / CHUNK - 1e-9)
+    for k in range(chunks):
+        time, after = k * CHUNK, min((k + 1) * CHUNK, periods)
+        runs.orders[:, columns.DURATION] = (after - time) * 2 * np.pi / omega
+        runs.orders[:, columns.OMEGA_START] = (start + rate * time) * omega
+        runs.orders[:, columns.OMEGA_STOP] = (start + rate * after) * omega
+        runs.orders[:, columns.FINAL] = k == chunks - 1
+        runs.advance()
+        damage += float(runs.reports[0, columns.DAMAGE])
+    return float(runs.reports[0, columns.LEVEL]), damage
+
+
+def steady_amplitude(model: ModalModel, omega: float) -> float:
+    """Return the tip's amplitude in m per newton of a beam without absorber at a constant circular frequency (rad/s)."""
+    terms = model.force_shape * model.tip_shape / (model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega)
+    return float(abs(np.sum(terms)))
+
+
+def mean_power_of_cosine(exponent: float) -> float:
+    """Return the mean of |cos|^exponent over a period."""
+    return math.gamma((exponent + 1) / 2) / (math.sqrt(math.pi) * math.gamma(exponent / 2 + 1))

@@ -1,0 +1,23 @@
+"""Names of the environments, and their entry in gymnasium's registry."""
+
+from __future__ import annotations
+
+ENVIRONMENTS = {
+    "ImpactAbsorber/SweepRate-v0": "impact_env.envs.sweep_rate:SweepRate",
+    "ImpactAbsorber/GapChoice-v0": "impact_env.envs.gap_choice:GapChoice",
+    "ImpactAbsorber/Passive-v0": "impact_env.envs.passive:Passive",
+}
+
+
+def register_environments() -> None:
+    """Register the environments if gymnasium is installed; what is registered already stays as it is.
+
+    Only names are given, so nothing else is imported before an environment is made. There is no TimeLimit: the tasks end by themselves.
+    """
+    try:
+        from gymnasium.envs.registration import register, registry
+    except ImportError:
+        return
+    for name, entry in ENVIRONMENTS.items():
+        if name not in registry:
+            register(id=name, entry_point=f"{entry}Env", vector_entry_point=f"{entry}VectorEnv")

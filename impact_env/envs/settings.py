@@ -1,0 +1,202 @@
+"""Arguments of the environments that choose scene, force, method and observation: plain values, so that a spec can be written as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
+from impact_env.parameters import (
+    Absorber,
+    Beam,
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    ParameterError,
+    RigidWalls,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    count,
+    finite,
+    friction_damper,
+    non_negative,
+    positive,
+    require,
+)
+from impact_env.response import DEFAULT_SAMPLES
+from impact_env.scene import Scene, beam_scene
+
+Range = tuple[float, float]
+ABSORBERS = {
+    "impact": {"mass_ratio", "gap", "restitution", "friction_limit", "contact_stiffness", "friction_stiffness"},
+    "friction": {"mass_ratio", "friction_limit", "friction_stiffness"},
+    "tuned": {"mass_ratio", "stiffness", "damping"},
+    "stuck": {"mass_ratio"},
+    "none": set(),
+}
+METHODS = ("exact", "moreau", "runge-kutta")
+OBJECTIVES = ("level", "fatigue")
+
+
+def known(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[str, Any]:
+    """Return a mapping as a dict if all its keys are among ``allowed``."""
+    require(isinstance(value, Mapping), name, value, "a mapping of names to values")
+    strange = sorted(set(value) - allowed)
+    require(not strange, name, value, f"only the keys {', '.join(sorted(allowed))}" if allowed else "no keys")
+    return dict(value)
+
+
+def one_of(name: str, value: Any, allowed: Sequence[str]) -> str:
+    """Return ``value`` if it is one of the words ``allowed``."""
+    require(isinstance(value, str) and value in allowed, name, value, f"one of {', '.join(allowed)}")
+    return str(value)
+
+
+def span(name: str, value: Any) -> Range:
+    """Return (low, high) for a finite number, or for a pair of them with low not above high."""
+    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+        require(len(value) == 2, name, value, "a number, or a pair (low, high)")
+        low, high = (finite(name, float(x) if isinstance(x, np.floating) else x) for x in value)
+        require(low <= high, name, value, "a pair (low, high) with low not above high")
+        return low, high
+    return (finite(name, value),) * 2
+
+
+def make_absorber(kind: str, options: Mapping[str, Any]) -> Absorber | None:
+    """Return an absorber from plain values; those left out keep the defaults of `impact_env.parameters`."""
+    one_of("absorber", kind, tuple(ABSORBERS))
+    given = {name: value for name, value in known("absorber_options", options, ABSORBERS[kind]).items() if value is not None}
+    mass = {name: given[name] for name in ("mass_ratio",) if name in given}
+    if kind == "none":
+        return None
+    if kind == "stuck":
+        return StuckAbsorber(**mass)
+    if kind == "tuned":
+        return TunedAbsorber(**given)
+    gap = {name: given[name] for name in ("gap",) if name in given}
+    hard, limit = given.get("contact_stiffness"), given.get("friction_limit")
+    walls: RigidWalls | CompliantWalls | None = None
+    if kind == "impact" and hard is not None:
+        require("restitution" not in given, "restitution", given.get("restitution"), "left out with contact_stiffness: compliant walls lose nothing")
+        walls = CompliantWalls(hard, **gap)
+    elif kind == "impact":
+        walls = RigidWalls(**gap, **{name: given[name] for name in ("restitution",) if name in given})
+    else:
+        limit = friction_damper().friction.limit if limit is None else limit  # type: ignore[union-attr]
+    soft = given.get("friction_stiffness", hard)
+    friction = None if limit is None else CoulombFriction(limit) if soft is None else ElasticCoulombFriction(limit, soft)
+    return SlidingAbsorber(**mass, walls=walls, friction=friction)
+
+
+def make_method(name: str, steps_per_period: int | None) -> Method:
+    """Return an integration method by its name."""
+    one_of("method", name, METHODS)
+    if name == "exact":
+        require(steps_per_period is None, "steps_per_period", steps_per_period, "left out with method exact: it has no steps")
+        return Exact()
+    steps = {} if steps_per_period is None else {"steps_per_period": steps_per_period}
+    return Moreau(**steps) if name == "moreau" else RungeKutta(**steps)
+
+
+@lru_cache(maxsize=64)
+def _scene(absorber: str, options: str, beam: str) -> Scene:
+    return beam_scene(_beam(beam), make_absorber(absorber, json.loads(options)))
+
+
+def _beam(text: str) -> Beam:
+    values = known("beam", json.loads(text), {f.name for f in fields(Beam)})
+    if isinstance(values.get("damping_ratio"), list):
+        values["damping_ratio"] = tuple(values["damping_ratio"])
+    if "modal_frequency_ratio" in values:
+        values["modal_frequency_ratio"] = {int(mode): ratio for mode, ratio in values["modal_frequency_ratio"].items()}
+    return Beam(**values)
+
+
+def as_json(name: str, value: Any) -> str:
+    """Return plain values as JSON text; the same text for the same values."""
+    try:
+        return json.dumps(value, sort_keys=True, default=_plain)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"{name} = {value!r} is not allowed: plain values that can be written as JSON ({error})") from error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is not a plain value")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Arguments that all environments share; each environment's docstring describes them."""
+
+    absorber: str = "impact"
+    absorber_options: Mapping[str, Any] = field(default_factory=dict)
+    modes: int = 3
+    beam: Mapping[str, Any] = field(default_factory=dict)
+    resonance: int = 1
+    force: float | Range = 1.5
+    method: str = "exact"
+    steps_per_period: int | None = None
+    interval: float = 5.0
+    samples_per_period: int = DEFAULT_SAMPLES
+    observation_noise: float = 0.0
+    observation_delay: int = 0
+    raw_state: bool = False
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        require("modes" not in self.beam, "beam", self.beam, "no key modes: that is an argument of its own")
+        check_supported(self.scene, self.integrator)
+        self.scene.model.resonance_omega(self.resonance)
+        require(self.forces[0] > 0, "force", self.force, "a force in N above 0, or a pair (low, high) to draw from")
+        count("samples_per_period", self.samples_per_period, 8)
+        positive("interval", self.interval)
+        samples = self.interval * self.samples_per_period
+        whole = abs(samples - round(samples)) < 1e-9 and round(samples) >= 4
+        require(whole, "interval", self.interval, f"a multiple of 1/{self.samples_per_period} pseudo periods (one sample), four samples or more")
+        non_negative("observation_noise", self.observation_noise)
+        count("observation_delay", self.observation_delay, 0)
+        require(isinstance(self.raw_state, bool), "raw_state", self.raw_state, "True or False")
+
+    @property
+    def scene(self) -> Scene:
+        """The scene; the same object for the same values."""
+        beam = {**known("beam", self.beam, {f.name for f in fields(Beam)}), "modes": self.modes}
+        return _scene(self.absorber, as_json("absorber_options", self.absorber_options), as_json("beam", beam))
+
+    @property
+    def beam_parameters(self) -> Beam:
+        """The beam."""
+        return _beam(as_json("beam", {**self.beam, "modes": self.modes}))
+
+    @property
+    def integrator(self) -> Method:
+        """The integration method."""
+        return make_method(self.method, self.steps_per_period)
+
+    @property
+    def forces(self) -> Range:
+        """Smallest and largest force in N."""
+        return span("force", self.force)
+
+    @property
+    def omega(self) -> float:
+        """Circular frequency of the resonance in rad/s."""
+        return self.scene.model.resonance_omega(self.resonance)
+
+    @property
+    def length(self) -> float:
+        """The unit of displacement in observations in m: the cavity's half-clearance, or the paper's where there is none."""
+        absorber = self.scene.absorber
+        walls = absorber.walls if isinstance(absorber, SlidingAbsorber) else None
+        return RigidWalls.gap if walls is None or walls.gap == 0 else walls.gap
+
+
+COMMON = tuple(f.name for f in fields(Settings))

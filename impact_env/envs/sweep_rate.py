@@ -1,0 +1,95 @@
+"""ImpactAbsorber/SweepRate-v0: the rate of a passage through resonance, chosen interval by interval."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from impact_env.envs.settings import Settings
+from impact_env.envs.shells import TaskEnv, TaskVectorEnv, choice, lanes_of, split
+from impact_env.envs.sweep_task import Passage, SweepTask
+
+DEFAULTS: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}
+
+
+def _task(lanes: int, arguments: dict[str, Any]) -> SweepTask:
+    """Return the task; the defaults are the paper's example of a jump during a sweep (section 3.1), where the rate decides."""
+    settings, passage = split({**DEFAULTS, **arguments}, Settings, Passage)
+    return SweepTask(Settings(**settings), Passage(**passage), lanes)
+
+
+class SweepRateEnv(TaskEnv):
+    """How quickly to run through a resonance.
+
+    ## Description
+    A machine runs through a resonance of the beam, and the agent decides how quickly. Passing slowly catches the high response branch, passing very
+    slowly or very quickly may avoid it, and time has a price (paper, sections 3.3 and 4).
+
+    ## Action Space
+    A ``Box`` of one float32 number a in [-1, 1]: the sweep rate for the next control interval is ``slow * (fast/slow)**((a + 1)/2)`` in % of the
+    resonance frequency per 100 pseudo periods. With ``backward_rate`` above 0 the map is ``slow * (fast/slow)**a`` for a >= 0, and for a < 0
+    the frequency goes back at the rate ``backward_rate * |a|``, no further than to the start. Numbers outside are cut to [-1, 1].
+
+    ## Observation Space
+    A ``Box`` of 10 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm without walls).
+
+    | # | what | unit and scale |
+    | --- | --- | --- |
+    | 1 | amplitude of the tip in phase with the force, over the last interval | m / half-clearance |
+    | 2 | amplitude of the tip a quarter of a period behind the force | m / half-clearance |
+    | 3 | absorber less tip at the interval's end | m / half-clearance |
+    | 4 | its rate | m/s / (half-clearance times the resonance's circular frequency) |
+    | 5 | impacts in the last interval | per pseudo period / 2 |
+    | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
+    | 7 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
+    | 8 | share of the time budget that is left | 1 |
+    | 9 | response level so far | m / reference level |
+    | 10 | far frequency less present one | ratio / 0.1 |
+
+    ## Rewards
+    The sum of all rewards is the score: minus the paper's resonant response level of the whole passage (RMS over 10 pseudo periods to either side of
+    the maximum) relative to a reference, minus ``time_price`` for every 100 pseudo periods. Each interval's reward is its change of that. The
+    reference is the level of a beam without absorber under the same force in a sweep at the paper's rate (1 % per 100 pseudo periods) over the
+    same range in the same direction, from the closed form. With ``objective="fatigue"`` damage takes the level's place: the sum over time of the
+    tip's displacement to the power ``fatigue_exponent``, relative to that of the reference passage.
+
+    ## Starting State
+    At rest, the absorber in the middle of the cavity, the frequency at one end of ``limits``. The phase of the force is drawn, and the direction and
+    the force where the arguments say so.
+
+    ## Episode End
+    Terminated when the far frequency is reached, truncated when the time budget is spent.
+
+    ## Arguments
+    - ``direction``: "down" (default), "up" or "random"; ``limits`` (default 0.9 to 1.06): range of frequency ratios
+    - ``rates``: slowest and fastest rate in % per 100 pseudo periods; ``backward_rate`` (default 0: never back)
+    - ``time_budget`` in pseudo periods, rounded up to whole intervals; ``time_price`` per 100 pseudo periods
+    - ``objective``: "level" or "fatigue"; ``fatigue_exponent``
+    - ``absorber``: "impact" (default), "friction", "tuned", "stuck" or "none"; ``absorber_options``: its values in SI units, by name: ``mass_ratio``,
+      ``gap``, ``restitution``, ``friction_limit``, ``contact_stiffness``, ``friction_stiffness`` (both make contact compliant), ``stiffness``,
+      ``damping``
+    - ``modes`` of the beam; ``beam``: other values of `impact_env.Beam`, by name
+    - ``resonance`` (default 1): the one that is meant, counted from 1; its period is the pseudo period
+    - ``force``: amplitude in N, or a pair (low, high) from which each episode draws
+    - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``
+    - ``interval`` (default 5): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
+    - ``observation_noise`` (default 0): standard deviation of what is added to each scaled feature that is measured (1 to 6 and 9);
+      ``observation_delay`` (default 0): their delay in intervals
+    - ``raw_state`` (default False): put the state into info: modal displacements, absorber displacement, modal velocities, absorber velocity
+    - ``threads`` (default: all cores): of the vector environment; the numbers do not depend on it
+    - ``render_mode``: None, "rgb_array" or "human"
+
+    Bad values raise `impact_env.ParameterError`, a step before a reset or after the end `gymnasium.error.ResetNeeded`.
+
+    ## Version History
+    - v0: first version
+    """
+
+    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
+        super().__init__(_task(1, arguments), choice(), render_mode)
+
+
+class SweepRateVectorEnv(TaskVectorEnv):
+    """Native vector of `SweepRateEnv`: all lanes in one call of the simulator, autoreset in the same step, lane i as the single one with seed + i."""
+
+    def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
+        super().__init__(_task(lanes_of(num_envs), arguments), choice(), render_mode)

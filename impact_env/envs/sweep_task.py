@@ -1,0 +1,153 @@
+"""Passage through a resonance: the frequency runs from one side to the other at a rate that is chosen interval by interval, or fixed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE
+from impact_env.envs.observation import STATE, Feature
+from impact_env.envs.reference import passage
+from impact_env.envs.settings import OBJECTIVES, Range, Settings, one_of, span
+from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
+from impact_env.kernels import interval as columns
+from impact_env.kernels.interval import spread
+from impact_env.parameters import non_negative, positive, require
+
+DIRECTIONS = ("up", "down", "random")
+UP, DOWN = 0, 1
+ROUNDING = 1e-12  # of the frequency ratio
+PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequency ratio in one
+
+
+@dataclass(frozen=True)
+class Passage:
+    """Arguments of a passage; `SweepRate` describes them."""
+
+    direction: str = "down"
+    limits: Range = PAPER_LIMITS
+    rates: Range = (0.125, 5.0)
+    backward_rate: float = 0.0
+    time_budget: float = 6400.0
+    time_price: float = 0.005
+    objective: str = "level"
+    fatigue_exponent: float = 5.0
+
+    def __post_init__(self) -> None:
+        one_of("direction", self.direction, DIRECTIONS)
+        one_of("objective", self.objective, OBJECTIVES)
+        low, high = span("limits", self.limits)
+        require(0 < low < high, "limits", self.limits, "(low, high) frequency ratios with 0 < low < high")
+        slow, fast = span("rates", self.rates)
+        require(slow > 0, "rates", self.rates, "(slowest, fastest) in % per 100 pseudo periods, above 0")
+        object.__setattr__(self, "limits", (low, high))
+        object.__setattr__(self, "rates", (slow, fast))
+        non_negative("backward_rate", self.backward_rate)
+        positive("time_budget", self.time_budget)
+        non_negative("time_price", self.time_price)
+        positive("fatigue_exponent", self.fatigue_exponent)
+
+
+class SweepTask(Task):
+    """Lanes that pass through a resonance."""
+
+    features: Sequence[Feature] = (*STATE, Feature("way left", False))
+    level_name = "level relative to no absorber"
+
+    def __init__(self, settings: Settings, passage_settings: Passage, lanes: int) -> None:
+        self.passage = passage_settings
+        self.fatigue = passage_settings.objective == "fatigue"
+        exponent = passage_settings.fatigue_exponent if self.fatigue else 0.0
+        super().__init__(settings, lanes, max(1, math.ceil(passage_settings.time_budget / settings.interval - 1e-9)), exponent)
+        low, high = passage_settings.limits
+        self._ends = np.array([(low, high), (high, low)])
+        yardstick = (settings.samples_per_period, exponent, settings.length)
+        self._references = [passage(settings.scene, settings.resonance, *ends, *yardstick) for ends in self._ends.tolist()]
+        self.sign, self.far, self.level_scale, self.damage_scale, self._potential = (np.ones(lanes) for _ in range(5))
+
+    def draw(self, lane: int, generator: np.random.Generator) -> None:
+        """Draw direction, force and phase."""
+        direction = self.passage.direction
+        down = bool(generator.integers(2)) if direction == "random" else direction == "down"
+        self.ratio[lane], self.far[lane] = self._ends[int(down)]
+        self.sign[lane] = -1.0 if down else 1.0
+        self.force[lane] = force = self.draw_force(generator)
+        level, damage = self._references[int(down)]
+        self.level_scale[lane] = level * force
+        self.damage_scale[lane] = damage * force**self.passage.fatigue_exponent if self.fatigue else 1.0
+        self._potential[lane] = 0.0
+        self.draw_phase(lane, generator)
+
+    def rate(self, actions: NDArray[Any]) -> Array:
+        """Return the rates (L,) in % per 100 pseudo periods for actions in [-1, 1], (L, 1)."""
+        share, (slow, fast), back = actions[:, 0].astype(np.float64), self.passage.rates, self.passage.backward_rate
+        if back == 0:
+            return spread(0.5 * (share + 1), slow, fast)
+        return np.where(share < 0, share * back, spread(np.maximum(share, 0), slow, fast))
+
+    def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
+        """Go on at the chosen rate, but no further than the far end, and not back beyond the start."""
+        change = self.rate(actions) * PER_PERIOD
+        interval = self.interval
+        low, high = self.passage.limits
+        left = (self.far - self.ratio) * self.sign
+        after = left - change * interval
+        terminated = after <= ROUNDING
+        duration = np.where(terminated, np.minimum(left / np.where(terminated, change, 1.0), interval), interval)
+        ratio = np.where(terminated, self.far, self.far - self.sign * np.minimum(after, high - low))
+        return duration, ratio, terminated
+
+    def reward(self) -> Array:
+        """Return the fall of the relative level (or damage) in the interval, less the price of its time."""
+        price = self.duration * (self.passage.time_price / 100)
+        if self.fatigue:
+            gain = self.runs.reports[:, columns.DAMAGE] / self.damage_scale
+            self._potential = self._potential + gain
+            return -gain - price
+        relative = self.runs.reports[:, columns.LEVEL] / self.level_scale
+        gain = relative - self._potential
+        self._potential = relative
+        return -gain - price
+
+    def level(self) -> Array:
+        """Return the level so far relative to that of the reference passage."""
+        return self.runs.reports[:, columns.LEVEL] / self.level_scale
+
+    def expected_amplitude(self) -> Array:
+        """Return the amplitude of the reference passage (L,) in m."""
+        return 1.5 * self.level_scale
+
+    def values(self) -> Array:
+        """Return the scaled features (L, features)."""
+        values = super().values()
+        values[:, 9] = (self.far - self.ratio) / FREQUENCY_SCALE
+        return values
+
+    def info(self) -> dict[str, NDArray[Any]]:
+        """Return what info says of each lane."""
+        info = super().info()
+        info["level"] = self.runs.reports[:, columns.LEVEL].copy()
+        info["relative_level"] = self.level()
+        if self.fatigue:
+            info["relative_damage"] = self._potential.copy()
+        return info
+
+
+class PassiveTask(SweepTask):
+    """A passage at one rate."""
+
+    def rate(self, actions: NDArray[Any]) -> Array:  # noqa: ARG002 - there is no choice
+        """Return the one rate for all lanes."""
+        return np.full(self.lanes, self.passage.rates[0])
+
+
+def passive_passage(rate: float = PAPER_RATE, **options: Any) -> Passage:
+    """Return the passage at one rate in % per 100 pseudo periods; the time suffices to finish it."""
+    low, high = span("limits", options.get("limits", PAPER_LIMITS))
+    budget = abs(high - low) / (positive("rate", rate) * PER_PERIOD)
+    return Passage(rates=(rate, rate), time_budget=1.01 * budget + 1, **options)

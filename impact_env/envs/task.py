@@ -1,0 +1,145 @@
+"""A control task over many lanes at once: the part that single and vector environments share, so that a lane is a single environment.
+
+Only arithmetic that gives the same digits for one number and for an array is done on arrays over lanes; anything else (powers, roots of several
+terms, draws) is done lane by lane or in a kernel.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.controlled import ControlledRuns
+from impact_env.envs.observation import Feature, Sensors
+from impact_env.envs.settings import Settings
+from impact_env.kernels import interval as columns
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+IMPACTS_SCALE = 2.0  # per pseudo period: the two that the paper finds in the favourable regime
+FREQUENCY_SCALE = 0.1
+
+
+class Task(ABC):
+    """Lanes of one task. ``reset`` starts episodes, ``step`` advances all lanes by one control interval; shapes are those of a vector environment."""
+
+    features: Sequence[Feature]
+    level_name: str
+
+    def __init__(self, settings: Settings, lanes: int, steps: int, exponent: float = 0.0) -> None:
+        """``steps``: control intervals after which an episode is cut off; ``exponent`` of the damage, 0 for none."""
+        self.settings, self.lanes, self.steps = settings, lanes, steps
+        self.omega, self.length, self.interval = settings.omega, settings.length, settings.interval
+        self.runs = ControlledRuns(
+            settings.scene,
+            lanes,
+            self.omega,
+            self.interval,
+            settings.integrator,
+            samples_per_period=settings.samples_per_period,
+            exponent=exponent,
+            unit=self.length,
+            threads=settings.threads,
+        )
+        self.force, self.ratio, self.time, self.score = (np.zeros(lanes) for _ in range(4))
+        self.elapsed = np.zeros(lanes, dtype=np.int64)
+        self.sensors = Sensors(self.features, lanes, settings.observation_noise, settings.observation_delay)
+        self._velocity_scale = 1 / (self.omega * self.length)
+        self._period = 2 * np.pi / self.omega
+
+    def reset(self, which: Mask, generators: Sequence[np.random.Generator]) -> NDArray[np.float32]:
+        """Start episodes in the lanes of a mask; return observations (L, features), of which theirs are new."""
+        for lane in np.flatnonzero(which).tolist():
+            self.draw(lane, generators[lane])
+        for values in (self.time, self.score, self.elapsed):
+            values[which] = 0
+        self.runs.restart(which)
+        return self.sensors.see(self.values(), generators, which)
+
+    def step(self, actions: NDArray[Any]) -> tuple[Array, Mask, Mask]:
+        """Advance all lanes by one control interval; return rewards (L,), and whether episodes ended or were cut off (L,)."""
+        orders = self.runs.orders
+        duration, ratio, terminated = self.decide(actions)
+        self.elapsed += 1
+        truncated = (self.elapsed >= self.steps) & ~terminated
+        orders[:, columns.DURATION] = duration * self._period
+        orders[:, columns.OMEGA_START] = self.ratio * self.omega
+        orders[:, columns.OMEGA_STOP] = ratio * self.omega
+        orders[:, columns.FORCE] = self.force
+        orders[:, columns.FINAL] = terminated | truncated
+        self.runs.advance()
+        self.ratio = ratio
+        self.time = self.time + duration
+        self.duration = duration
+        rewards = self.reward()
+        self.score = self.score + rewards
+        return rewards, terminated, truncated
+
+    def observe(self, generators: Sequence[np.random.Generator]) -> NDArray[np.float32]:
+        """Return the observations (L, features) after a step."""
+        return self.sensors.see(self.values(), generators)
+
+    @abstractmethod
+    def draw(self, lane: int, generator: np.random.Generator) -> None:
+        """Set what an episode draws, and the lane's first orders."""
+
+    @abstractmethod
+    def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
+        """Return each lane's duration (pseudo periods), frequency ratio at the end, and whether its episode ends there."""
+
+    @abstractmethod
+    def reward(self) -> Array:
+        """Return the rewards (L,) of the interval that was just made."""
+
+    @abstractmethod
+    def level(self) -> Array:
+        """Return the level (L,) as the observation has it."""
+
+    @abstractmethod
+    def expected_amplitude(self) -> Array:
+        """Return the tip's amplitude (L,) in m that a picture should have room for."""
+
+    def draw_force(self, generator: np.random.Generator) -> float:
+        """Return an episode's force in N."""
+        low, high = self.settings.forces
+        return low if low == high else float(generator.uniform(low, high))
+
+    def draw_phase(self, lane: int, generator: np.random.Generator) -> None:
+        """Draw the force's phase at the start."""
+        self.runs.orders[lane, columns.PHASE] = generator.uniform(0, 2 * np.pi)
+
+    def values(self) -> Array:
+        """Return the scaled features (L, features)."""
+        reports, length = self.runs.reports, self.length
+        values = np.empty((self.lanes, len(self.features)))
+        values[:, 0] = reports[:, columns.IN_PHASE] / length
+        values[:, 1] = reports[:, columns.QUADRATURE] / length
+        values[:, 2] = reports[:, columns.DISTANCE] / length
+        values[:, 3] = reports[:, columns.RELATIVE_VELOCITY] * self._velocity_scale
+        values[:, 4] = reports[:, columns.IMPACT_COUNT] / (self.interval * IMPACTS_SCALE)
+        values[:, 5] = reports[:, columns.ABSORBER_SHARE]
+        values[:, 6] = (self.ratio - 1) / FREQUENCY_SCALE
+        values[:, 7] = 1 - self.elapsed / self.steps
+        values[:, 8] = self.level()
+        return values
+
+    def info(self) -> dict[str, NDArray[Any]]:
+        """Return what info says of each lane, new arrays (L,)."""
+        info: dict[str, NDArray[Any]] = {
+            "time": self.time.copy(),
+            "frequency_ratio": self.ratio.copy(),
+            "force": self.force.copy(),
+            "score": self.score.copy(),
+            "impacts": self.runs.reports[:, columns.IMPACT_COUNT].copy(),
+        }
+        if self.settings.raw_state:
+            info["state"] = self.runs.state.copy()
+        return info
+
+    def close(self) -> None:
+        """End the threads."""
+        self.runs.close()

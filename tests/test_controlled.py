@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from core import scene_of
+
+from impact_env import (
+    CompliantWalls,
+    Drive,
+    ElasticCoulombFriction,
+    Exact,
+    FrequencySchedule,
+    Moreau,
+    ParameterError,
+    Response,
+    RungeKutta,
+    Scene,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    impact_absorber,
+    simulate,
+)
+from impact_env.controlled import ControlledRuns
+from impact_env.kernels import interval as columns
+from impact_env.methods import Method
+from impact_env.sweep import IntegrationError
+
+SAMPLES = 32
+
+
+def controlled(
+    scene: Scene, method: Method, force: float, ratios: list[float], interval: float, lanes: int = 1
+) -> tuple[ControlledRuns, FrequencySchedule]:
+    omega = scene.model.resonance_omega(1)
+    runs = ControlledRuns(scene, lanes, omega, interval, method, samples_per_period=SAMPLES, threads=1)
+    runs.orders[:, columns.FORCE] = force
+    for k, (before, after) in enumerate(pairwise(ratios)):
+        runs.orders[:, columns.OMEGA_START], runs.orders[:, columns.OMEGA_STOP] = before * omega, after * omega
+        runs.orders[:, columns.FINAL] = k == len(ratios) - 2
+        runs.advance()
+    times = runs.duration * np.arange(len(ratios))
+    return runs, FrequencySchedule(times, np.array(ratios) * omega, omega)
+
+
+def whole(scene: Scene, method: Method, force: float, schedule: FrequencySchedule) -> Response:
+    return simulate(scene, Drive(force, schedule), method)
+
+
+RATIOS = [0.97, 0.975, 0.972, 0.98, 0.98, 0.99, 0.985, 0.999, 1.0]
+COMPLIANT = SlidingAbsorber(walls=CompliantWalls(1e5), friction=ElasticCoulombFriction(0.1, 1e5))
+
+
+@pytest.mark.parametrize(
+    ("absorber", "force", "digits"),
+    [
+        (None, 1.5, 1e-12),
+        (StuckAbsorber(), 1.5, 1e-12),
+        (TunedAbsorber(), 1.5, 1e-12),
+        (impact_absorber(), 1.4, 1e-7),  # impacts are few: each amplifies rounding
+        (impact_absorber(restitution=0.7, friction_limit=0.1), 2.0, 1e-6),
+        (COMPLIANT, 1.7, 1e-9),
+    ],
+)
+def test_intervals_make_the_run_that_a_single_call_makes(absorber: SlidingAbsorber | None, force: float, digits: float) -> None:
+    scene = scene_of(absorber)
+    runs, schedule = controlled(scene, Exact(), force, RATIOS, 2.5)
+    response = whole(scene, Exact(), force, schedule)
+    assert response.level is not None
+    assert runs.reports[0, columns.LEVEL] == pytest.approx(response.level.value, rel=digits)
+    scale = np.max(np.abs(response.end_state))
+    np.testing.assert_allclose(runs.state[0], response.end_state, rtol=0, atol=digits * scale)
+    if isinstance(absorber, SlidingAbsorber) and absorber.walls is not None:
+        assert response.impact_count > 1
+
+
+@pytest.mark.parametrize(
+    ("absorber", "method"),
+    [(impact_absorber(), Moreau()), (SlidingAbsorber(walls=CompliantWalls(1e5)), RungeKutta())],
+)
+def test_stepping_methods_go_on_from_interval_to_interval(absorber: SlidingAbsorber | None, method: Method) -> None:
+    """Steps are fitted to an interval, so those of a whole run are a little longer."""
+    scene = scene_of(absorber, modes=2)
+    runs, schedule = controlled(scene, method, 1.5, [0.97, 0.98, 0.975], 5.0)
+    response = whole(scene, method, 1.5, schedule)
+    assert response.level is not None
+    assert runs.reports[0, columns.LEVEL] == pytest.approx(response.level.value, rel=2e-3)
+    assert runs.reports[0, columns.TIP] == pytest.approx(scene.model.tip_shape @ response.end_state[:2], rel=0.02)
+
+
+def test_lanes_do_not_depend_on_threads_or_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("impact_env.controlled.FEWEST", 2)
+    scene = scene_of(impact_absorber(restitution=0.8))
+    omega = scene.model.resonance_omega(1)
+    results = []
+    for threads, order in ((1, 1), (2, 1), (5, 1), (3, -1)):
+        runs = ControlledRuns(scene, 24, omega, 1.0, samples_per_period=SAMPLES, threads=threads)
+        runs.orders[:, columns.FORCE] = np.linspace(1, 4, 24)[::order]
+        runs.orders[:, [columns.OMEGA_START, columns.OMEGA_STOP]] = omega
+        for _ in range(20):
+            runs.advance()
+        results.append(np.concatenate([runs.reports, runs.state], axis=1)[::order])
+        runs.close()
+    for other in results[1:]:
+        np.testing.assert_array_equal(other, results[0])
+    assert results[0][:, columns.IMPACT_COUNT].max() > 0
+
+
+def test_amplitudes_are_those_of_the_linear_response() -> None:
+    scene = scene_of()
+    omega = scene.model.resonance_omega(1)
+    runs, _ = controlled(scene, Exact(), 1.0, [0.95] * 121, 20.0 / 0.95)
+    model = scene.model
+    steady = np.sum(
+        model.force_shape * model.tip_shape / (model.omega**2 - (0.95 * omega) ** 2 + 2j * model.damping_ratio * model.omega * 0.95 * omega)
+    )
+    assert runs.reports[0, columns.IN_PHASE] == pytest.approx(steady.real, rel=1e-3)
+    assert runs.reports[0, columns.QUADRATURE] == pytest.approx(-steady.imag, rel=2e-2)
+    assert runs.reports[0, columns.MEAN_SQUARE] == pytest.approx(abs(steady) ** 2 / 2, rel=1e-3)
+
+
+def test_energy_share_and_relative_motion_follow_from_the_state() -> None:
+    scene = scene_of(impact_absorber())
+    runs, _ = controlled(scene, Exact(), 3.0, RATIOS, 2.5)
+    state, model = runs.state[0], scene.model
+    q, absorber, u, velocity = state[:3], state[3], state[4:7], state[7]
+    energy = np.array([np.sum((model.omega * q) ** 2 + u**2), scene.absorber_mass * velocity**2])
+    assert runs.reports[0, columns.ABSORBER_SHARE] == pytest.approx(energy[1] / energy.sum(), rel=1e-12)
+    assert runs.reports[0, columns.DISTANCE] == pytest.approx(absorber - model.tip_shape @ q, rel=1e-9)
+    assert runs.reports[0, columns.RELATIVE_VELOCITY] == pytest.approx(velocity - model.tip_shape @ u, rel=1e-9)
+    assert abs(runs.reports[0, columns.DISTANCE]) <= 1e-3 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(("method", "limit"), [(Exact(), None), (Exact(), 0.1), (Moreau(), None)])
+def test_walls_that_move_never_close_onto_the_absorber(method: Method, limit: float | None) -> None:
+    scene = scene_of(impact_absorber(restitution=0.3, friction_limit=limit))
+    omega = scene.model.resonance_omega(1)
+    runs = ControlledRuns(scene, 3, omega, 0.5, method, samples_per_period=SAMPLES, threads=1)
+    runs.orders[:, columns.FORCE] = 4.0
+    runs.orders[:, [columns.OMEGA_START, columns.OMEGA_STOP]] = omega
+    generator = np.random.default_rng(3)
+    raised = 0
+    tolerance = 1e-15 if isinstance(method, Exact) else 1e-4  # m: the Moreau scheme notices an impact at the end of a step
+    for _ in range(300):
+        wanted = generator.uniform(1e-4, 2e-3, 3)
+        runs.orders[:, columns.GAP] = wanted
+        runs.advance()
+        gap = runs.orders[:, columns.GAP]
+        assert np.all(gap >= wanted)
+        assert np.all(np.abs(runs.reports[:, columns.DISTANCE]) <= gap + tolerance)
+        raised += int(np.sum(gap > wanted))
+    assert 30 < raised < 870
+
+
+def test_absorber_held_by_a_wall_is_released_when_the_wall_moves_away() -> None:
+    """A slow, strong force presses a dead absorber to the wall; widened, the cavity lets it fly on."""
+    scene = scene_of(impact_absorber(restitution=0.0), modes=1)
+    omega = scene.model.resonance_omega(1)
+    runs = ControlledRuns(scene, 1, omega, 0.25, samples_per_period=SAMPLES, threads=1)
+    runs.orders[:, columns.FORCE] = 6.0
+    runs.orders[:, [columns.OMEGA_START, columns.OMEGA_STOP]] = omega
+    for _ in range(200):
+        runs.orders[0, columns.GAP] = 1e-3
+        runs.advance()
+        if runs.reports[0, columns.RELATIVE_VELOCITY] == 0.0:
+            break
+    assert runs.reports[0, columns.RELATIVE_VELOCITY] == 0.0
+    assert abs(runs.reports[0, columns.DISTANCE]) == pytest.approx(1e-3)
+    runs.orders[0, columns.GAP] = 4e-3
+    runs.advance()
+    assert runs.reports[0, columns.RELATIVE_VELOCITY] != 0.0
+    assert runs.reports[0, columns.DISTANCE] != pytest.approx(1e-3, rel=1e-6)
+    assert runs.reports[0, columns.IMPACT_COUNT] == 0
+
+
+def test_what_cannot_be_done_is_refused() -> None:
+    with pytest.raises(ParameterError, match="elastic friction"):
+        ControlledRuns(scene_of(COMPLIANT), 1, 250.0, 1.0, RungeKutta(), samples_per_period=SAMPLES)
+    with pytest.raises(ParameterError, match="lanes = 0"):
+        ControlledRuns(scene_of(), 0, 250.0, 1.0, samples_per_period=SAMPLES)
+    with pytest.raises(ParameterError, match="method"):
+        ControlledRuns(scene_of(impact_absorber()), 1, 250.0, 1.0, RungeKutta(), samples_per_period=SAMPLES)
+
+
+def test_a_lane_that_breaks_down_is_named() -> None:
+    scene = scene_of(modes=2)
+    runs = ControlledRuns(scene, 3, scene.model.resonance_omega(1), 1.0, samples_per_period=SAMPLES)
+    runs.orders[1, columns.FORCE] = np.nan
+    with pytest.raises(IntegrationError, match="lane 1"):
+        runs.advance()
