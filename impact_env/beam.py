@@ -27,6 +27,20 @@ def matrices(beam: Beam) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return mass[2:, 2:], stiffness[2:, 2:]
 
 
+def strain_energy(beam: Beam, shapes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return half of v^T K v in J, (S,), for shapes v (2 N_e, S) in the freedoms of `matrices`, with almost all digits.
+
+    The element's stiffness is 12 a a^T + b b^T with a = (1, 1/2, -1, 1/2) and b = (0, 1, 0, -1). Squares of such differences have nothing
+    to cancel, where in K v the large entries of a fine mesh cancel almost entirely.
+    """
+    nodes = np.concatenate([np.zeros((2, shapes.shape[1])), shapes])
+    deflection, rotation = nodes[0::2], nodes[1::2]
+    shear = deflection[:-1] - deflection[1:] + (rotation[:-1] + rotation[1:]) / 2
+    bend = rotation[:-1] - rotation[1:]
+    element = beam.length / beam.elements
+    return np.asarray(0.5 * beam.bending_stiffness / element**3 * np.sum(12 * shear**2 + bend**2, axis=0))
+
+
 def deflection_row(beam: Beam, position: float) -> NDArray[np.float64]:
     """Return the row (2 N_e,) that gives the deflection at ``position`` (fraction of the length) from the freedoms of `matrices`."""
     scaled = position * beam.elements

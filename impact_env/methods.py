@@ -6,9 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction, RigidWalls, SlidingAbsorber, TunedAbsorber, count, require
+from impact_env.drive import Drive
+from impact_env.parameters import (
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    count,
+    require,
+)
 from impact_env.scene import Scene
 
+LEAST_STEPS = 4  # per period of the highest mode, and of the force
+# stuck mass times sum tip_shape^2: how many times less the tip moves than without it, and so how many digits its motion loses
+MOST_HEAVINESS = 1e7
+MOST_FORCE_FREQUENCY = 3e3  # of the first mode's: above it the exact method's resolution of time is too coarse for reversals of friction
+ROUNDING = 1e-9  # a step this close to its limit counts as at it
+SURE_REACH = 2.5  # |s| h up to which the classical Runge-Kutta method is stable for every damping
 PAPER_STEPS = 20  # per period of the highest mode (paper, section 2.3), and per contact (paper, appendix A)
 
 
@@ -47,7 +64,7 @@ class Moreau:
     steps_per_period: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        count("steps_per_period", self.steps_per_period, 4)
+        count("steps_per_period", self.steps_per_period, LEAST_STEPS)
 
     def step(self, scene: Scene) -> float:
         """Return the time step in s."""
@@ -64,8 +81,8 @@ class RungeKutta:
     steps_per_contact: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        count("steps_per_period", self.steps_per_period, 4)
-        count("steps_per_contact", self.steps_per_contact, 4)
+        count("steps_per_period", self.steps_per_period, LEAST_STEPS)
+        count("steps_per_contact", self.steps_per_contact, LEAST_STEPS)
 
     def step(self, scene: Scene) -> float:
         """Return the time step in s, the smallest of the two conditions of the paper.
@@ -101,3 +118,67 @@ def check_supported(scene: Scene, method: Method) -> None:
             method,
             "for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force that is a function of the state",
         )
+
+
+def check_mass(scene: Scene) -> None:
+    """Raise ParameterError if a stuck absorber is so heavy that the tip hardly moves: its motion would be lost in rounding, whatever the method."""
+    if not isinstance(scene.absorber, StuckAbsorber) or scene.absorber_mass is None:
+        return
+    heaviness = scene.absorber_mass * float(np.sum(scene.model.tip_shape**2))
+    most = scene.absorber.mass_ratio * MOST_HEAVINESS / max(heaviness, MOST_HEAVINESS)
+    allowed = f"at most {most:.1e} on this beam: a tip that hardly moves is lost in rounding"
+    require(heaviness <= MOST_HEAVINESS, "mass_ratio", scene.absorber.mass_ratio, allowed)
+
+
+def check_step(scene: Scene, drive: Drive, method: Method) -> None:
+    """Raise ParameterError if a method does not resolve a scene or a drive in time, so that its numbers would be wrong in silence.
+
+    A step that resolves the highest mode's period may still be too long for strong damping: the fast one of an overdamped mode's two rates
+    grows with the damping ratio, and both schemes are explicit. It may also be too long for a force above all modes.
+    """
+    highest = float(np.max(drive.schedule.omegas)) if drive.amplitude != 0 else 0.0
+    if isinstance(method, Exact):
+        rubs = isinstance(scene.absorber, SlidingAbsorber) and isinstance(scene.absorber.friction, CoulombFriction)
+        limit = MOST_FORCE_FREQUENCY * float(np.min(scene.model.omega))
+        allowed = (
+            f"at most {limit:.3g} rad/s with rigid friction, {MOST_FORCE_FREQUENCY:g} times the first mode's, which sets what times it tells apart"
+        )
+        require(not rubs or highest <= limit, "force frequency", highest, allowed)
+        return
+    dt, steps = method.step(scene), method.steps_per_period
+    growth = _moreau_growth(scene, dt) if isinstance(method, Moreau) else _runge_kutta_growth(scene, dt)
+    why = "for this scene's damping, as an explicit step is unstable above its limit"
+    require(growth <= 1, "steps_per_period", steps, f"about {_power_of_two(growth) * steps} or more {why}")
+    coarseness = highest * dt * LEAST_STEPS / (2 * np.pi)
+    allowed = f"{int(np.ceil(steps * coarseness))} or more for this force, so that each of its periods has {LEAST_STEPS} steps"
+    require(coarseness <= 1, "steps_per_period", steps, allowed)
+
+
+def _power_of_two(ratio: float) -> int:
+    return 1 if ratio <= 1 else 2 ** int(np.ceil(np.log2(ratio)))
+
+
+def _moreau_growth(scene: Scene, dt: float) -> float:
+    """Return the step relative to its limit, or an upper bound of that: the scheme is stable where 4 M - 2 dt C - dt^2 K is not negative."""
+    model = scene.model
+    rate, square = 2 * model.damping_ratio * model.omega, model.omega**2
+    if not isinstance(scene.absorber, TunedAbsorber):
+        limit = 4 / (rate + np.sqrt(rate**2 + 4 * square))
+        return float(dt / np.min(limit) * (1 - ROUNDING))
+    mass = scene.absorber_mass
+    assert mass is not None
+    line = np.append(-model.tip_shape, 1 / np.sqrt(mass))
+    spring = np.outer(line, line)
+    damping = np.diag(np.append(rate, 0.0)) + scene.absorber.damping * spring
+    stiffness = np.diag(np.append(square, 0.0)) + scene.absorber.stiffness * spring
+    return float(np.max(np.linalg.eigvalsh(2 * dt * damping + dt**2 * stiffness)) / 4 * (1 - ROUNDING))
+
+
+def _runge_kutta_growth(scene: Scene, h: float) -> float:
+    """Return the largest ratio of a free mode's |s| h to where the fourth-order polynomial leaves the unit circle, 1 where it stays inside."""
+    model = scene.model
+    ratio = model.damping_ratio.astype(complex)
+    s = -model.omega * (ratio + np.sqrt(ratio**2 - 1))  # of an overdamped mode the fast one
+    z = s * h
+    growing = np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24) > 1 + ROUNDING
+    return float(np.max(np.where(growing, np.abs(z) / SURE_REACH, 0.0)))

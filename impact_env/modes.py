@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.beam import deflection_row, matrices
+from impact_env.beam import deflection_row, matrices, strain_energy
 from impact_env.parameters import Beam, positive, require
 
 
@@ -61,17 +61,15 @@ def modal_model(beam: Beam) -> ModalModel:
     """Return the lowest ``beam.modes`` modes of a beam.
 
     The inverse problem M v = (1/omega^2) K v is solved because the low modes, the ones that matter, then are the largest
-    eigenvalues and keep more digits than from K v = omega^2 M v.
+    eigenvalues and keep more digits than from K v = omega^2 M v. The frequencies follow from the shapes.
     """
     mass, stiffness = matrices(beam)
     inverse_squares, vectors = scipy.linalg.eigh(mass, stiffness)
     order = np.argsort(inverse_squares)[::-1][: beam.modes]
     inverse_squares, vectors = inverse_squares[order], vectors[:, order]
     vectors = vectors / np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
-    # K-orthonormality gives the square of the highest frequencies with more digits than the tiny inverse eigenvalue
-    omega = np.sqrt(np.where(inverse_squares > 0, 1 / np.abs(inverse_squares), 0.0))
-    rayleigh = np.sqrt(np.einsum("ij,ij->j", vectors, stiffness @ vectors))
-    omega = np.where(omega > 1e3 * omega[0], rayleigh, omega)
+    # Rayleigh's quotient squares the error of the shapes, and its strain energy has nothing to cancel: all digits, for any number of elements
+    omega = np.sqrt(2 * strain_energy(beam, vectors))
     for mode, ratio in beam.modal_frequency_ratio.items():
         omega[mode - 1] = ratio * omega[0]
     tip = deflection_row(beam, 1.0) @ vectors

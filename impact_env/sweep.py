@@ -13,7 +13,7 @@ from impact_env.energy import EnergyAccount, stored_energy
 from impact_env.kernels import observers
 from impact_env.kernels.observers import Counters, Energy, Events, Level, Series, close_level, new_level
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel
-from impact_env.methods import Exact, Method, Moreau, check_supported
+from impact_env.methods import Exact, Method, Moreau, check_mass, check_step, check_supported
 from impact_env.parameters import StuckAbsorber
 from impact_env.propagation import run_exact
 from impact_env.response import ContactPhases, History, Impacts, Record, Response
@@ -83,11 +83,14 @@ def simulate(
 ) -> Response:
     """Integrate a scene under a drive from an initial state (default: rest) and return what ``record`` asks for (default: the level).
 
-    Raises ParameterError if the method cannot do the scene or the start is impossible, IntegrationError if the run breaks down.
+    Raises ParameterError if the method cannot do the scene, its step is too long, a stuck absorber is too heavy or the start is impossible,
+    IntegrationError if the run breaks down.
     """
     method = Exact() if method is None else method
     record = Record() if record is None else record
     check_supported(scene, method)
+    check_mass(scene)
+    check_step(scene, drive, method)
     start = (InitialState() if initial is None else initial).vector(scene)
     interval = drive.schedule.pseudo_period / record.samples_per_period
     capacity = FIRST_CAPACITY

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.search import LOOK_AHEAD, SCAN_NOISE
+from impact_env.kernels.search import LEVEL_RATIO, SCAN_NOISE
 from impact_env.kernels.slots import TAYLOR_REACH
 from impact_env.kernels.vector import POINTS
 
@@ -42,8 +42,8 @@ def ladder(values: Complex, used: int, reach: float) -> tuple[Real, Real, Real, 
     """
     speed = np.abs(values)
     fastest = np.max(speed[:used])
-    count = 1 + max(0, int(np.ceil(np.log(fastest * reach / COARSEST / FINEST_PHASE) / np.log(LOOK_AHEAD))))
-    h = reach / COARSEST / LOOK_AHEAD ** np.arange(count - 1, -1, -1.0)
+    count = 1 + max(0, int(np.ceil(np.log(fastest * reach / COARSEST / FINEST_PHASE) / np.log(LEVEL_RATIO))))
+    h = reach / COARSEST / LEVEL_RATIO ** np.arange(count - 1, -1, -1.0)
     share = (speed * h[:, None]) ** 4 / 384
     share[:, used:] = 0
     summed = np.sum(share[:, :used] < 1, axis=1)

@@ -16,11 +16,18 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.modes import ModalModel
-from impact_env.parameters import StuckAbsorber, TunedAbsorber, require
+from impact_env.parameters import StuckAbsorber, TunedAbsorber, finite, positive, require
 
 LinearAbsorber = TunedAbsorber | StuckAbsorber
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
+
+
+def frequency_range(low: float, high: float) -> tuple[float, float]:
+    """Return a range as floats; raises ParameterError unless 0 < low < high, both finite."""
+    low, high = positive("low", low), finite("high", high)
+    require(high > low, "high", high, f"above low = {low}")
+    return low, high
 
 
 def _frequencies(omega: ArrayLike) -> Real:
@@ -148,11 +155,20 @@ def natural_frequencies(model: ModalModel, absorber: LinearAbsorber | None) -> R
     return np.asarray(np.sqrt(np.maximum(scipy.linalg.eigvalsh(stiffness, mass), 0.0)))
 
 
+def state_space(model: ModalModel, absorber: LinearAbsorber | None, reference: float) -> tuple[Real, Real, Real]:
+    """Return A (S, S), b (S,), c (S,) with `tip_response` = c (i omega/reference - A)^-1 b in m/N; time is in units of 1/reference (s).
+
+    The state holds the coordinates of `joint_matrices`, then their rates; ``reference`` is a frequency in rad/s.
+    """
+    mass, damping, stiffness = joint_matrices(model, absorber)
+    size, inverse = len(mass), np.linalg.inv(mass)
+    positive("reference", reference)
+    force, tip = (np.pad(row, (0, size - model.modes)) for row in (model.force_shape, model.tip_shape))
+    matrix = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness / reference**2, -inverse @ damping / reference]])
+    return matrix, np.concatenate([np.zeros(size), inverse @ force / reference**2]), np.concatenate([tip, np.zeros(size)])
+
+
 def poles(model: ModalModel, absorber: LinearAbsorber | None) -> Complex:
     """Return the oscillating poles s in rad/s, those with positive imaginary part, of beam and absorber."""
-    mass, damping, stiffness = joint_matrices(model, absorber)
-    size = len(mass)
-    inverse = np.linalg.inv(mass)
-    state = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness, -inverse @ damping]])
-    s = np.linalg.eigvals(state)
+    s = np.linalg.eigvals(state_space(model, absorber, 1.0)[0])
     return np.asarray(s[s.imag > 0], dtype=np.complex128)

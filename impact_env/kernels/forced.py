@@ -2,7 +2,8 @@
 
 Around a window's centre the force is Re(F exp(i phi + i Omega tau) exp(i alpha tau^2/2)). The last factor is expanded to alpha^4; its
 remainder is below (alpha tau^2/2)^5/120, and the windows are cut so that this is below CHIRP_REMAINDER. The particular solution of a slot is
-then A(tau) exp(i Omega tau) + B(tau) exp(-i Omega tau) with polynomials A, B of degree 8 (TERMS coefficients, alpha^4 tau^8), found by back-substitution.
+then A(tau) exp(i Omega tau) + B(tau) exp(-i Omega tau) with polynomials A, B of degree 8 (TERMS coefficients, alpha^4 tau^8), found by
+back-substitution.
 """
 
 from __future__ import annotations
@@ -56,13 +57,8 @@ class Window(NamedTuple):
 def new_forced(slots):  # type: ignore[no-untyped-def]
     """Return empty room for the forced part of a regime."""
     size, levels = slots.rows.shape[1], slots.steps.shape[0]
-    return Forced(
-        np.zeros((4, TERMS, size)),
-        np.zeros((DERIVATIVES + 1, 2, TERMS)),
-        np.zeros(DERIVATIVES + SCANNED),
-        np.zeros((levels, 2, POINTS)),
-        np.zeros((2, TERMS)),
-    )
+    signals, bound, carrier = np.zeros((DERIVATIVES + 1, 2, TERMS)), np.zeros(DERIVATIVES + SCANNED), np.zeros((levels, 2, POINTS))
+    return Forced(np.zeros((4, TERMS, size)), signals, bound, carrier, np.zeros((2, TERMS)))
 
 
 @jit

@@ -41,29 +41,30 @@ numba.config.CACHE_DIR = str(cache_folder())
 
 
 # Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a function must not make an array.
-_PLAIN = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+_PLAIN: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+_njit: Any = numba.njit
 
 
 def jit(function: _F) -> _F:
     """Compile without fastmath: the code around events. Makes no arrays."""
-    return numba.njit(**_PLAIN)(function)  # type: ignore[no-any-return]
+    return _njit(**_PLAIN)(function)  # type: ignore[no-any-return]
 
 
 def jit_room(function: _F) -> _F:
     """Compile like `jit`, for a function that makes arrays or calls one that does: once a lane, never in a loop."""
-    return numba.njit(**{**_PLAIN, "_nrt": True})(function)  # type: ignore[no-any-return]
+    return _njit(**{**_PLAIN, "_nrt": True})(function)  # type: ignore[no-any-return]
 
 
 def jit_sum(function: _F) -> _F:
     """Compile with reordering allowed: sums over modes, which then vectorise. Makes no arrays."""
-    return numba.njit(**_PLAIN, fastmath=set(SUM_FLAGS))(function)  # type: ignore[no-any-return]
+    return _njit(**_PLAIN, fastmath=set(SUM_FLAGS))(function)  # type: ignore[no-any-return]
 
 
 def jit_inline(function: _F) -> _F:
     """Compile like `jit` and inline at every call: small functions in the innermost loop."""
-    return numba.njit(**_PLAIN, forceinline=True)(function)  # type: ignore[no-any-return]
+    return _njit(**_PLAIN, forceinline=True)(function)  # type: ignore[no-any-return]
 
 
 def jit_sum_inline(function: _F) -> _F:
     """Compile like `jit_sum` and inline at every call."""
-    return numba.njit(**_PLAIN, fastmath=set(SUM_FLAGS), forceinline=True)(function)  # type: ignore[no-any-return]
+    return _njit(**_PLAIN, fastmath=set(SUM_FLAGS), forceinline=True)(function)  # type: ignore[no-any-return]

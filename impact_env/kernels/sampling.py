@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from impact_env.kernels.forced import TERMS, TIP_SIGNAL, signal_value
+from impact_env.kernels.forced import TIP_SIGNAL, signal_value
 from impact_env.kernels.jit import jit_sum, jit_sum_inline
 from impact_env.kernels.slots import TAYLOR, TAYLOR_TERMS, cos_sin, digits, turned, value
+from impact_env.kernels.vector import TERMS
 
 FEW = 3  # samples up to which each is evaluated for itself
 

@@ -5,7 +5,7 @@ through both values and both slopes leaves |y - H| <= E = h^4/384 max|y''''|, an
 Bernstein coefficients. So a step is clear of a wall if these keep off it by more than E, and clear of a reversal if those of y' do.
 
 Bounds. A slot's amplitude |u exp(s t)| never grows, so its share of E is at most its amplitude now times (|s| h)^4/384. Where that factor exceeds 1
-the slot is not summed at all, and its amplitude is its share (`errors`, regimes.py). The forced part's share follows from a bound of its fourth
+the slot is not summed at all, and its amplitude is its share (`errors`, tables.py). The forced part's share follows from a bound of its fourth
 derivative; it is summed with SCAN_TERMS coefficients, and the bound of the rest is added. Rounding, of sums and of the moving amplitudes, is
 covered by SCAN_NOISE in each share.
 
@@ -25,7 +25,7 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels.careful import careful_search
-from impact_env.kernels.forced import DERIVATIVES, cos_sin, guard_values
+from impact_env.kernels.forced import DERIVATIVES, guard_values
 from impact_env.kernels.jit import jit, jit_inline, jit_sum
 from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL, Event, refine, time_resolution
 from impact_env.kernels.slots import FASTEST, SPEED_SQUARE, cos_sin, digits, turned
@@ -51,7 +51,7 @@ SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving am
 SLOPE_ERROR = 1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
 START_ERROR = 64.0 / 27.0
 SHARP = 1e-3  # of the way across a step: E where an event is accepted
-LOOK_AHEAD = 4.0  # LEVEL_RATIO: steps of a level in one of the next
+LEVEL_RATIO = 4.0
 MOST_SCANS = 20_000_000
 
 
@@ -154,13 +154,13 @@ def event_in_step(b, k, h, low, high, direction, near_wall, near_rest, e0, e1, s
 
 @jit_inline
 def is_far(b, h, low, high, direction, e0, e1):  # type: ignore[no-untyped-def]
-    """Return whether a step of LOOK_AHEAD h from the block's end, with these errors, will probably be clear."""
+    """Return whether a step of LEVEL_RATIO h from the block's end, with these errors, will probably be clear."""
     far = True
     if low is not None:
-        y, way = b[VALUE + POINTS], LOOK_AHEAD * h * b[RATE + POINTS]
+        y, way = b[VALUE + POINTS], LEVEL_RATIO * h * b[RATE + POINTS]
         far = min(high - max(y, y + way), min(y, y + way) - low) > e0
     if direction is not None:
-        v, way = direction * b[RATE + POINTS], LOOK_AHEAD * h * direction * b[BEND + POINTS]
+        v, way = direction * b[RATE + POINTS], LEVEL_RATIO * h * direction * b[BEND + POINTS]
         far = far and min(v, v + way) > e1
     return far
 

@@ -31,11 +31,12 @@ class Slots(NamedTuple):
     """One regime: J slots sorted by |s_j| and padded with empty ones. Few arrays, because each costs time at every call.
 
     ``rows`` (28, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces;
-    REST -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s| and SPEED_SQUARE.
+    REST -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s| and
+    SPEED_SQUARE.
     ``table`` (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3, largest |s|.
 
-    For the event search, at levels L of time steps h_L (scan.py): ``steps`` (L, 2) h_L in s and the number of slots to sum; ``waves``
-    (L, J, 2, POINTS) and ``turns`` (L, POINTS, 2, J): exp(k s h_L), k = 1 ... POINTS, in two orders; ``errors`` (L, J) as in `ladder.Ladder`.
+    For the event search, at levels L of time steps h_L (search.py): ``steps`` (L, 2) h_L in s and the number of slots to sum; ``waves``
+    (L, J, 2, POINTS) and ``turns`` (L, POINTS, 2, J): exp(k s h_L), k = 1 ... POINTS, in two orders; ``errors`` (L, J) as in tables.py.
     """
 
     rows: NDArray[np.float64]

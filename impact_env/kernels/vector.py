@@ -61,9 +61,8 @@ class _Number:
 
     def total(self) -> _Number:
         """Return the sum of the elements."""
-        parts = [
-            _Number(self.builder, self.builder.extract_element(self.value, ir.Constant(ir.IntType(32), k))) for k in range(self.value.type.count)
-        ]
+        builder, places = self.builder, [ir.Constant(ir.IntType(32), k) for k in range(self.value.type.count)]
+        parts = [_Number(builder, builder.extract_element(self.value, place)) for place in places]
         return sum(parts[1:], parts[0])
 
     def not_positive(self) -> Any:
@@ -212,8 +211,8 @@ def _scan(orders: int, walls: bool, reversal: bool) -> Any:
 
     ``waves``: flat, from ``first`` on POINTS real and POINTS imaginary parts a slot; ``w``: flat (orders, 2, size), ``count`` slots of it are summed;
     ``signals``: flat (q, 2, TERMS); ``carrier``: flat, from ``at`` on POINTS cosines and POINTS sines; ``c``, ``s``: carrier at the block's start;
-    ``x``, ``offset`` (s): its time from the window's centre and from the signal's reference; ``h``: the step; ``p`` (3,): the signal's polynomial; ``b``:
-    the block, whose forced parts at its start are set; ``low``, ``high``, ``direction``: guards; ``e0``, ``e1``: errors of value and rate.
+    ``x``, ``offset`` (s): its time from the window's centre and from the signal's reference; ``h``: the step; ``p`` (3,): the signal's polynomial;
+    ``b``: the block, whose forced parts at its start are set; ``low``, ``high``, ``direction``: guards; ``e0``, ``e1``: errors of value and rate.
     """
     return intrinsic(scan)
 

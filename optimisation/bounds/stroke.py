@@ -1,4 +1,4 @@
-"""A limit that no device in a cavity can beat, in closed form, and the design rule that follows from it.
+"""A limit that no device in a cavity can beat, in closed form.
 
 A mass m_a moves in a cavity of half-clearance g0 at the tip; r = its displacement minus the tip's, |r(t)| <= g0 at all times.
 Whatever happens between them, the beam feels minus the mass times its acceleration. The beam is linear, so the spectral line at
@@ -17,6 +17,11 @@ What is assumed: a linear beam with these modes; a harmonic force of constant am
 position and only through its own mass; rigid walls (compliant ones let |r| exceed g0). Active devices are included. The response
 level of a sweep is another quantity, a windowed RMS around a maximum while the frequency moves: it lies near a stationary RMS, but
 nothing keeps it above this limit. Where "cannot be beaten" is the claim, compare with stationary runs.
+
+That a device is passive does not sharpen the limit. A passive device feeds no power into the beam, and the beam only dissipates at
+all other lines, so Im(r conj(q)) <= 0 at this one. The best r above makes q = (1 - s) A with A = f G_f/(1 - kappa), B = kappa/(1 - kappa),
+r = -s A/B and s = R |B/A| < 1, so Im(r conj(q)) = s (1 - s) |A|^2 Im(B)/|B|^2, and Im(B) = Im(kappa)/|1 - kappa|^2 <= 0 because the free
+beam is passive itself. `optimisation.bounds.relaxation` solves the problem with both constraints and comes to the same number.
 """
 
 from __future__ import annotations
@@ -29,19 +34,19 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from impact_env.modes import ModalModel
-from impact_env.parameters import StuckAbsorber, finite, positive, require
-from optimisation.response import natural_frequencies, scaled_receptances
+from impact_env.parameters import StuckAbsorber, non_negative, positive, require
+from optimisation.response import frequency_range, natural_frequencies, scaled_receptances
 
+Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
 SWEPT = (0.9, 1.06)  # of the resonance frequency, the paper's sweep limits
-NEAR = (0.93, 1.06)  # of the resonance frequency, where `design_force` asks for the limit to be zero
 
-_GRID = 321
+GRID = 321
 
 
-def _line_amplitude(gap: float) -> float:
-    """Return R = 4 g0/pi in m, the largest spectral line of a signal within +-g0."""
+def line_amplitude(gap: float) -> float:
+    """Return R = 4 g0/pi in m for a gap in m, the largest spectral line of a signal within +-g0."""
     return 4 * positive("gap", gap) / np.pi
 
 
@@ -51,18 +56,18 @@ def _amplitudes(name: str, values: ArrayLike) -> Real:
     return array
 
 
-def _range(low: float, high: float) -> tuple[float, float]:
-    low, high = positive("low", low), finite("high", high)
-    require(high > low, "high", high, f"above low = {low}")
-    return low, high
-
-
-def _terms(model: ModalModel, mass: float, omega: ArrayLike) -> tuple[Real, Real, Real]:
-    """Return |d G_f|, |d kappa| and |d (1 - kappa)|, with the factor d that keeps them finite at an undamped resonance."""
+def line_responses(model: ModalModel, mass: float, omega: ArrayLike) -> tuple[Complex, Complex, Complex]:
+    """Return d G_f, d kappa and d (1 - kappa), complex, with the factor d that keeps them finite at an undamped resonance."""
     w = np.asarray(omega, dtype=np.float64)
     d, by_force, by_tip = scaled_receptances(model, w, model.force_shape, model.tip_shape)
     kappa = by_tip * (positive("mass", mass) * w**2)
-    return np.abs(by_force), np.abs(kappa), np.abs(d - kappa)
+    return by_force, np.asarray(kappa), np.asarray(d - kappa)
+
+
+def line_terms(model: ModalModel, mass: float, omega: ArrayLike) -> tuple[Real, Real, Real]:
+    """Return the absolute values of `line_responses`."""
+    by_force, kappa, joined = line_responses(model, mass, omega)
+    return np.abs(by_force), np.abs(kappa), np.abs(joined)
 
 
 def stroke_limit_rms(model: ModalModel, mass: float, gap: float, force_amplitude: ArrayLike, omega: ArrayLike) -> Real:
@@ -73,8 +78,8 @@ def stroke_limit_rms(model: ModalModel, mass: float, gap: float, force_amplitude
     range.
     """
     force = _amplitudes("force_amplitude", force_amplitude)
-    by_force, kappa, joined = _terms(model, mass, omega)
-    excess = np.maximum(0.0, force * by_force - kappa * _line_amplitude(gap))
+    by_force, kappa, joined = line_terms(model, mass, omega)
+    excess = np.maximum(0.0, force * by_force - kappa * line_amplitude(gap))
     with np.errstate(divide="ignore"):
         # the joined beam at its own undamped resonance: infinite unless the device can cancel the force
         return np.asarray(np.where(excess > 0, excess / np.where(excess > 0, joined, 1.0), 0.0) / np.sqrt(2))
@@ -88,57 +93,42 @@ def resonance_limit(
     ``force`` in N; the other arguments as in `stroke_limit_rms`. No device keeps the largest of its stationary levels over the range
     below it; a sweep's level is a windowed RMS in passing and is only expected to follow it.
     """
-    omega_r, (low, high) = model.resonance_omega(resonance), _range(low, high)
+    omega_r, (low, high) = model.resonance_omega(resonance), frequency_range(low, high)
     forces = _amplitudes("force", force)
+    found = [_largest(model, mass, gap, float(amplitude), omega_r, low, high) for amplitude in forces.ravel()]
+    return np.array([limit for limit, _ in found]).reshape(forces.shape)
+
+
+def worst_frequency(
+    model: ModalModel, mass: float, gap: float, force: float, resonance: int = 1, low: float = SWEPT[0], high: float = SWEPT[1]
+) -> float:
+    """Return the frequency in rad/s at which `resonance_limit` finds its value; arguments as there, with one force."""
+    omega_r, (low, high) = model.resonance_omega(resonance), frequency_range(low, high)
+    return _largest(model, mass, gap, non_negative("force", force), omega_r, low, high)[1] * omega_r
+
+
+def _largest(model: ModalModel, mass: float, gap: float, force: float, omega_r: float, low: float, high: float) -> tuple[float, float]:
+    """Return the largest limit in m over low..high times omega_r, and where it is (over omega_r)."""
     stuck = natural_frequencies(model, StuckAbsorber(positive("mass", mass) / model.beam_mass)) / omega_r
     # the limit is largest where the mass moves with the tip, however narrow that resonance is
-    grid = np.union1d(np.linspace(low, high, _GRID), stuck[(stuck > low) & (stuck < high)])
-    limits = stroke_limit_rms(model, mass, gap, forces.ravel()[:, None], grid * omega_r)
-    best = limits.max(axis=1)
-    for i, amplitude in enumerate(forces.ravel()):
-        if np.isfinite(best[i]):
-            best[i] = -_smallest(partial(_negative_limit, model, mass, gap, amplitude, omega_r), grid, -limits[i])
-    return np.asarray(best.reshape(forces.shape))
+    grid = np.union1d(np.linspace(low, high, GRID), stuck[(stuck > low) & (stuck < high)])
+    limits = stroke_limit_rms(model, mass, gap, force, grid * omega_r)
+    if not np.isfinite(limits.max()):
+        return np.inf, float(grid[np.argmax(limits)])
+    value, at = smallest(partial(_negative_limit, model, mass, gap, force, omega_r), grid, -limits)
+    return -value, at
 
 
 def _negative_limit(model: ModalModel, mass: float, gap: float, force: float, omega_r: float, ratio: float) -> float:
     return -float(stroke_limit_rms(model, mass, gap, force, ratio * omega_r))
 
 
-def _smallest(function: Callable[[float], float], grid: Real, values: Real) -> float:
-    """Return the smallest value of a function, refined around the smallest of its ``values`` on ``grid``."""
+def smallest(function: Callable[[float], float], grid: Real, values: Real) -> tuple[float, float]:
+    """Return the smallest value of a function, refined around the smallest of its ``values`` on ``grid``, and where it is."""
     at = int(np.argmin(values))
+    on_grid = (float(values[at]), float(grid[at]))
     if at in (0, len(grid) - 1):
-        return float(values[at])
+        return on_grid
     bounds = (float(grid[at - 1]), float(grid[at + 1]))
-    return min(float(values[at]), float(minimize_scalar(function, bounds=bounds, method="bounded", options={"xatol": 1e-10}).fun))
-
-
-def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1, low: float = NEAR[0], high: float = NEAR[1]) -> float:
-    """Return f* in N, the force at which the limit leaves zero somewhere in low..high times omega_r: min over Omega of |kappa| R/|G_f|.
-
-    ``mass`` m_a in kg, ``gap`` g0 in m. The paper's best operating points of the first two modes, found by simulation, lie close to f*.
-    For the paper's beam |kappa|/|G_f| grows with the frequency, so the minimum sits at the lower end of the range, and f* depends on
-    where "near the resonance" begins: 1 % of frequency moves it by 2 % at the first mode and by 5 to 6 % at the second. The default
-    begins 7 % below the resonance. Raises ParameterError for numbers out of range, and for a range without the resonance of the
-    beam with the mass stuck to it, around which the limit is largest.
-    """
-    omega_r, (low, high) = model.resonance_omega(resonance), _range(low, high)
-    size = _line_amplitude(gap)
-    stuck = float(natural_frequencies(model, StuckAbsorber(positive("mass", mass) / model.beam_mass))[resonance - 1]) / omega_r
-    require(low <= stuck <= high, "range (low, high)", (low, high), f"a range that holds the resonance with the mass stuck, at {stuck:.4f}")
-
-    def needed(ratio: Real) -> Real:
-        by_force, kappa, _ = _terms(model, mass, ratio * omega_r)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(by_force > 0, kappa * size / by_force, np.inf))
-
-    grid = np.linspace(low, high, _GRID)
-    forces = needed(grid)
-    require(bool(np.isfinite(forces.min())), "force_shape", model.force_shape, "a force that moves the tip")
-    return _smallest(lambda ratio: float(needed(np.asarray(ratio))), grid, forces)
-
-
-def design_gap(model: ModalModel, mass: float, force: float, resonance: int = 1, low: float = NEAR[0], high: float = NEAR[1]) -> float:
-    """Return the half-clearance g0 in m whose `design_force` is ``force`` (N): f* is proportional to the gap, so no simulation is needed."""
-    return positive("force", force) / design_force(model, mass, 1.0, resonance, low, high)
+    found = minimize_scalar(function, bounds=bounds, method="bounded", options={"xatol": 1e-10})
+    return min(on_grid, (float(found.fun), float(found.x)))

@@ -1,0 +1,152 @@
+"""The design rule put to the test: response levels at the rule's gap and at its neighbours, by simulation of an ensemble."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE
+from impact_env.ensemble import Progress
+from impact_env.modes import ModalModel
+from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SlidingAbsorber, impact_absorber, positive, require
+from impact_env.scene import Scene
+from optimisation.bounds import design_gap, near_range, resonance_limit, share_reached
+
+Array = NDArray[np.float64]
+
+RESTITUTION, FRICTION = 0.7, 0.1  # of the paper's best absorber with a gap of 1 mm; friction in N
+SPAN = 2.5  # gaps reach from the rule's over this to the rule's times this
+BELOW = 0.97  # of the lower end of the rule's range: where a sweep begins for a mass heavier than the paper's
+
+
+@dataclass(frozen=True, eq=False)
+class GapCheck:
+    """Levels over the gap at one force. ``gaps`` (G,) in m, rising; ``rule`` in m is one of them; ``limits`` of the sweep over omega_r.
+
+    ``curves`` has one performance curve for each gap, ``without`` is that of the beam without absorber; each is at the one force (N).
+    """
+
+    model: ModalModel
+    resonance: int
+    force: float
+    absorber: SlidingAbsorber
+    rule: float
+    gaps: Array
+    limits: tuple[float, float]
+    curves: tuple[PerformanceCurve, ...]
+    without: PerformanceCurve
+
+    @property
+    def mass(self) -> float:
+        """Absorber mass in kg."""
+        return self.absorber.mass_ratio * self.model.beam_mass
+
+    @property
+    def complete(self) -> bool:
+        """Whether all runs were made."""
+        return self.without.complete and all(curve.complete for curve in self.curves)
+
+    @property
+    def level(self) -> Array:
+        """Median level in m at each gap, (G,); NaN where nothing is finished."""
+        return np.array([curve.median[0] for curve in self.curves])
+
+    @property
+    def band(self) -> Array:
+        """5 and 95 % quantiles of the level in m, (2, G)."""
+        return np.array([curve.band[:, 0] for curve in self.curves]).T
+
+    @property
+    def relative(self) -> Array:
+        """Median level over that without absorber, (G,)."""
+        return np.asarray(self.level / self.without.median[0])
+
+    @cached_property
+    def limit(self) -> Array:
+        """Limit in m of the stationary level over the sweep's range at each gap, (G,)."""
+        return np.array([float(self.limit_at(gap)) for gap in self.gaps])
+
+    def limit_at(self, gap: float) -> float:
+        """Return the limit in m for a gap in m."""
+        return float(resonance_limit(self.model, self.mass, gap, self.force, self.resonance, *self.limits))
+
+    @cached_property
+    def share(self) -> Array:
+        """Share of the possible reduction that each gap reached, (G,); NaN where nothing is finished."""
+        shares = np.full(len(self.gaps), np.nan)
+        for k in np.flatnonzero(~np.isnan(self.level)):
+            shares[k] = share_reached(self.model, self.mass, float(self.gaps[k]), self.force, self.level[k], self.resonance, *self.limits)
+        return shares
+
+    @property
+    def at_rule(self) -> int:
+        """Index of the rule's gap."""
+        return int(np.argmin(np.abs(self.gaps - self.rule)))
+
+    @property
+    def best(self) -> int | None:
+        """Index of the gap with the smallest median level, None if nothing is finished."""
+        return None if np.isnan(self.level).all() else int(np.nanargmin(self.level))
+
+
+def sweep_limits(model: ModalModel, mass: float, resonance: int = 1) -> tuple[float, float]:
+    """Return the limits of the sweep over omega_r: the paper's, begun lower for a mass in kg that lowers the resonance further."""
+    return min(PAPER_LIMITS[0], BELOW * near_range(model, mass, resonance)[0]), PAPER_LIMITS[1]
+
+
+def gap_factors(number: int) -> Array:
+    """Return an odd number of factors of the rule's gap, geometric, 1 in the middle."""
+    require(number >= 3 and number % 2 == 1, "gaps", number, "an odd number, 3 or more (the rule's gap is the middle one)")
+    half = np.geomspace(1, SPAN, number // 2 + 1)
+    return np.concatenate([1 / half[:0:-1], half])
+
+
+def scaled_absorber(
+    model: ModalModel, force: float, resonance: int = 1, mass_ratio: float = DEFAULT_MASS_RATIO, restitution: float = RESTITUTION
+) -> SlidingAbsorber:
+    """Return an impact absorber with the rule's gap for a force in N, and the paper's friction (0.1 N) in proportion to gap and mass.
+
+    That is what the scaling law asks for: friction over mass times gap decides whether the absorber slides.
+    """
+    gap = design_gap(model, positive("mass_ratio", mass_ratio) * model.beam_mass, force, resonance)
+    return impact_absorber(gap, restitution, FRICTION * gap / RigidWalls.gap * mass_ratio / DEFAULT_MASS_RATIO, mass_ratio)
+
+
+def check_gap(
+    model: ModalModel,
+    force: float,
+    resonance: int = 1,
+    absorber: SlidingAbsorber | None = None,
+    *,
+    factors: Sequence[float] | Array | None = None,
+    members: int = DEFAULT_MEMBERS,
+    seed: int = 0,
+    percent_per_100_periods: float = PAPER_RATE,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> GapCheck:
+    """Simulate sweeps up and down at one force (N) for gaps around the rule's.
+
+    ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its gap is replaced. ``factors`` of the rule's gap must
+    contain 1. Interruption and the other arguments as in `performance_curves`. Raises ParameterError for
+    numbers out of range, and for an absorber without rigid walls.
+    """
+    force = positive("force", force)
+    absorber = scaled_absorber(model, force, resonance) if absorber is None else absorber
+    walls = absorber.walls
+    if not isinstance(walls, RigidWalls):
+        require(False, "absorber", absorber, "one with rigid walls, since the rule is about their gap")
+        raise AssertionError
+    mass = absorber.mass_ratio * model.beam_mass
+    rule, limits = design_gap(model, mass, force, resonance), sweep_limits(model, mass, resonance)
+    multiples = np.sort(np.asarray(gap_factors(11) if factors is None else factors, dtype=np.float64))
+    require(bool(np.all(multiples > 0)) and 1.0 in multiples, "factors", factors, "numbers above 0, one of them 1")
+    scenes = [Scene(model, replace(absorber, walls=replace(walls, gap=float(rule * factor)))) for factor in multiples]
+    cases = [CurveCase(scene, np.array([force]), resonance, limits, percent_per_100_periods) for scene in [Scene(model), *scenes]]
+    without, *curves = performance_curves(cases, members, seed, threads=threads, progress=progress)
+    return GapCheck(model, resonance, force, absorber, rule, rule * multiples, limits, tuple(curves), without)

@@ -1,0 +1,61 @@
+"""Pages whose text is written by hand and whose tables are written by a script, between markers; and what a page says about the machine."""
+
+from __future__ import annotations
+
+import datetime
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+import llvmlite.binding
+from _command_line import BadInput
+
+from impact_env.ensemble import available_cores
+from optimisation.files import replacing
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def fill(path: Path, template: Path, sections: Mapping[str, str]) -> None:
+    """Write ``template`` (or ``path`` itself where it exists) to ``path`` with the text between the markers of each section replaced.
+
+    A marker is a line ``<!-- NAME -->``, its end ``<!-- /NAME -->``. Raises BadInput, before anything is written, if one is missing.
+    """
+    source = path if path.exists() else template
+    text = source.read_text(encoding="utf-8")
+    for name, body in sections.items():
+        start, end = f"<!-- {name} -->", f"<!-- /{name} -->"
+        if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):
+            raise BadInput(f"{source} is not allowed: a page with one pair of markers {start} and {end}")
+        head, rest = text.split(start)
+        text = head + start + "\n" + body.strip("\n") + "\n" + end + rest.split(end)[1]
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def conditions() -> dict[str, object]:
+    """Return date, machine and versions of a measurement."""
+    return {
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "processor": f"{_processor()} ({llvmlite.binding.get_host_cpu_name()})",
+        "cores": available_cores(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in ("numpy", "scipy", "numba", "llvmlite")}},
+    }
+
+
+def conditions_line(values: Mapping[str, object]) -> str:
+    """Say in a sentence where and when something was measured."""
+    versions = values["versions"]
+    assert isinstance(versions, Mapping)
+    named = ", ".join(f"{'Python' if name == 'python' else name} {number}" for name, number in versions.items())
+    return f"Measured on {values['date']}, {values['processor']}, {values['cores']} cores, {values['system']}; {named}."

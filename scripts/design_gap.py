@@ -1,0 +1,140 @@
+"""Give the cavity's gap for a force by the design rule, and check it and its neighbours by simulation."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from _command_line import BadInput
+from _table import markdown
+from tqdm import tqdm
+
+from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.modes import ModalModel, modal_model
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, CoulombFriction, ParameterError, SlidingAbsorber, non_negative
+from impact_env.sweep import IntegrationError
+from optimisation.bounds import design_gap
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.gap_check import FRICTION, RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber
+
+QUICK_GAPS, QUICK_MEMBERS = 5, 2
+DEFAULT_GAPS = 11
+INTERRUPTED = 130  # the shell's exit code after Ctrl-C
+BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} sweeps [{elapsed}, {remaining} left]"
+HEADER = ("gap, mm", "of the rule's", "level, mm", "5 to 95 %, mm", "of no absorber, %", "limit, mm", "share of the possible, %")
+
+
+def simulated(
+    model: ModalModel, force: float, resonance: int, absorber: SlidingAbsorber, gaps: int, members: int, seed: int, threads: int | None
+) -> GapCheck:
+    with tqdm(total=0, desc="simulating", bar_format=BAR, disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        factors = gap_factors(gaps)
+        return check_gap(model, force, resonance, absorber, factors=factors, members=members, seed=seed, threads=threads, progress=show)
+
+
+def write(out: Path, check: GapCheck) -> list[Path]:
+    from optimisation.report.gap_report import COLUMNS, rows, save_figure, summary  # matplotlib is slow to import
+
+    files = [out / name for name in ("levels.csv", "summary.json", "levels.png")]
+    write_csv(files[0], COLUMNS, rows(check))
+    write_json(files[1], summary(check))
+    with replacing(files[2]) as temporary:
+        save_figure(temporary, check)
+    return files
+
+
+def text(check: GapCheck) -> str:
+    lines = []
+    for k, gap in enumerate(check.gaps):
+        cells = [f"{1e3 * gap:.4g}", f"{gap / check.rule:.3g}"]
+        if math.isnan(check.level[k]):
+            lines.append([*cells, *["-"] * 5])
+            continue
+        low, high = 1e3 * check.band[:, k]
+        cells += [f"{1e3 * check.level[k]:.4g}", f"{low:.4g} to {high:.4g}", f"{100 * check.relative[k]:.1f}"]
+        lines.append([*cells, f"{1e3 * check.limit[k]:.4g}", f"{100 * check.share[k]:.1f}"])
+    best = check.best
+    if best is None or math.isnan(check.level[check.at_rule]):
+        return markdown(HEADER, lines)
+    verdict = "The rule's gap is the best of these."
+    if best != check.at_rule:
+        loss = 100 * (check.level[check.at_rule] / check.level[best] - 1)
+        verdict = f"Best of these is {check.gaps[best] / check.rule:.3g} times the rule's gap; the level at the rule's is {loss:.1f} % higher."
+    return "\n".join([markdown(HEADER, lines), "", verdict])
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--force", type=float, required=True, help="Amplitude of the harmonic force in N.")
+@click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance near which it acts, counted from 1.")
+@click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
+@click.option("--position", type=float, default=Beam.absorber_position, show_default=True, help="Place of absorber and response, over the length.")
+@click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
+@click.option("--restitution", type=float, default=RESTITUTION, show_default=True, help="Coefficient of restitution in the simulation, 0 to 1.")
+@click.option(
+    "--friction-limit",
+    type=float,
+    help=f"Friction limit in N in the simulation; 0: no friction.  [default: {FRICTION} N for 1 mm, with gap and mass]",
+)
+@click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_GAPS} gaps, {QUICK_MEMBERS} members, unless given.")
+@click.option("--gaps", type=click.IntRange(min=3), help=f"Number of gaps, odd, the rule's in the middle.  [default: {DEFAULT_GAPS}]")
+@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each gap, with different initial phases.  [default: {DEFAULT_MEMBERS}]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases.")
+@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("results/design_gap"), show_default=True, help="Folder for figure and tables.")
+def main(
+    force: float,
+    resonance: int,
+    mass_ratio: float,
+    position: float,
+    modes: int,
+    restitution: float,
+    friction_limit: float | None,
+    quick: bool,
+    gaps: int | None,
+    members: int | None,
+    seed: int,
+    threads: int | None,
+    out: Path,
+) -> None:
+    """Choose the gap of an impact absorber on the paper's beam for a force near a resonance.
+
+    The design rule answers at once, then sweeps up and down check it. Writes levels.png, levels.csv and summary.json. Ctrl-C ends the
+    simulation early and leaves what is finished.
+    """
+    gaps, members = gaps or (QUICK_GAPS if quick else DEFAULT_GAPS), members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
+    try:
+        model = modal_model(Beam(modes=modes, absorber_position=position))
+        absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution)
+        if friction_limit is not None:
+            friction = CoulombFriction(friction_limit) if non_negative("friction_limit", friction_limit) > 0 else None
+            absorber = replace(absorber, friction=friction)
+        gap_factors(gaps)
+        require_writable("--out", out)
+        rule = design_gap(model, mass_ratio * model.beam_mass, force, resonance)
+        click.echo(f"Design rule: a clearance of {1e3 * rule:.4g} mm to either wall for {force:g} N near resonance {resonance}.")
+        check = simulated(model, force, resonance, absorber, gaps, members, seed, threads)
+        files = write(out, check)
+    except ParameterError as error:
+        raise BadInput(str(error)) from error
+    except IntegrationError as error:
+        raise click.ClickException(str(error)) from error
+    except KeyboardInterrupt:  # the second one, or one while files are written
+        click.echo("Broken off.", err=True)
+        sys.exit(INTERRUPTED)
+    click.echo("\n" + text(check))
+    click.echo("\nwritten: " + ", ".join(str(file) for file in files))
+    if not check.complete:
+        click.echo("Stopped early: the files hold the runs that were finished.", err=True)
+        sys.exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()

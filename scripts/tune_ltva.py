@@ -1,0 +1,101 @@
+"""Tune the linear absorber: closed forms, numerical optima and the paper's values, with a proof of each peak."""
+# needs: optimise
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+from _command_line import BadInput
+from _table import markdown
+from tqdm import tqdm
+
+from impact_env.modes import modal_model
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.tuned import HIGH, LOW
+from optimisation.tuned.table import MINIMAX, PAPER_VALUES, TuningTable, tuning_table
+
+INTERRUPTED = 130  # the shell's exit code after Ctrl-C
+BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}, {remaining} left]"
+HEADER = ("tuning", "k, N/m", "c, N s/m", "omega_a/omega_r", "damping ratio", "peak, %", "at", "H2 norm, %", "proved, %")
+
+
+def certificates(table: TuningTable) -> dict[str, float]:
+    from optimisation.convex import NotOptimalError  # needs cvxpy, which is slow to import
+    from optimisation.tuned.certificate import certify
+
+    bounds = {}
+    for tuning in tqdm(table.tunings, desc="proving", bar_format=BAR, disable=None, leave=False):
+        try:
+            bounds[tuning.key] = certify(table.model, tuning.absorber, table.resonance, table.low, table.high).bound
+        except NotOptimalError as error:
+            raise click.ClickException(f"{tuning.label}: {error} (--quick leaves the proofs out)") from error
+    return bounds
+
+
+def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]:
+    from optimisation.report.tuning_report import COLUMNS, rows, save_figure, summary  # matplotlib is slow to import
+
+    files = [out / name for name in ("tunings.csv", "summary.json", "tunings.png")]
+    write_csv(files[0], COLUMNS, rows(table, bounds))
+    write_json(files[1], summary(table, bounds))
+    with replacing(files[2]) as temporary:
+        save_figure(temporary, table)
+    return files
+
+
+def text(table: TuningTable, bounds: dict[str, float]) -> str:
+    without, lines = table.tunings[0].peak, []
+    for tuning in table.tunings:
+        values = ["", "", "", ""]
+        if tuning.absorber is not None:
+            frequency, damping = table.ratios(tuning.absorber)
+            values = [f"{tuning.absorber.stiffness:.6g}", f"{tuning.absorber.damping:.4g}", f"{frequency:.4f}", f"{damping:.4f}"]
+        scores = [f"{100 * table.relative_peak(tuning):.2f}", f"{tuning.peak_ratio:.4f}", f"{100 * table.relative_h2(tuning):.2f}"]
+        proved = f"{100 * bounds[tuning.key] / without:.3f}" if tuning.key in bounds else ""
+        lines.append([tuning.label, *values, *scores, proved])
+    by_key = {tuning.key: tuning for tuning in table.tunings}
+    paper, best = by_key[PAPER_VALUES], by_key[MINIMAX]
+    notes = [
+        f"Scored over {table.low:g} to {table.high:g} times omega_{table.resonance} = {table.omega:.6g} rad/s, relative to no absorber.",
+        f"Mistuning: {paper.label} leave{'s' if paper.label.endswith('rule') else ''} a peak {paper.peak / best.peak:.2f} times the smallest one.",
+    ]
+    if bounds:
+        notes.append("Proved: no amplitude in the range is larger, flanks of other resonances and all between the grid's points included.")
+    return "\n".join([markdown(HEADER, lines), "", *notes])
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance to tune to, counted from 1.")
+@click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
+@click.option("--position", type=float, default=Beam.absorber_position, show_default=True, help="Place of absorber and response, over the length.")
+@click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
+@click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
+@click.option("--low", type=float, default=LOW, show_default=True, help="Begin of the scoring range over the resonance frequency.")
+@click.option("--high", type=float, default=HIGH, show_default=True, help="End of the scoring range; a range that cannot hold both peaks is refused.")
+@click.option("--quick", is_flag=True, help="Without the proofs, which take a second for the first resonance and a minute for higher ones.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("results/tune_ltva"), show_default=True, help="Folder for figure and tables.")
+def main(resonance: int, mass_ratio: float, position: float, modes: int, damping: float, low: float, high: float, quick: bool, out: Path) -> None:
+    """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam.
+
+    Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
+    """
+    try:
+        model = modal_model(Beam(modes=modes, damping_ratio=damping, absorber_position=position))
+        require_writable("--out", out)
+        table = tuning_table(model, mass_ratio, resonance, low, high)
+        bounds = {} if quick else certificates(table)
+        files = write(out, table, bounds)
+    except ParameterError as error:
+        raise BadInput(str(error)) from error
+    except KeyboardInterrupt:
+        click.echo("Broken off.", err=True)
+        sys.exit(INTERRUPTED)
+    click.echo(text(table, bounds))
+    click.echo("\nwritten: " + ", ".join(str(file) for file in files))
+
+
+if __name__ == "__main__":
+    main()

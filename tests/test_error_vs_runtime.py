@@ -1,0 +1,237 @@
+"""The script that measures error against run time: its statistics, and a tiny run of each part."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
+
+pytest.importorskip("mpmath")
+import error_vs_runtime
+from accuracy import cost, distribution, growth, jumps, study, tables, trajectory
+from accuracy.statistics import bootstrap, clopper_pearson, distance_at_size, mean_difference, relative_distance, wasserstein, wilson
+
+from impact_env import Exact, Moreau
+
+TINY = study.Settings(
+    modes=(1,),
+    kinds=("impact, e = 1",),
+    steps=(20, 200),
+    scipy_tolerances=(1e-6,),
+    heyoka_tolerances=(1e-9,),
+    starts=2,
+    repeats=1,
+    timed_seconds=0.001,
+    sweep=(0.95, 0.952),
+    sweep_steps=(20,),
+    truth_members=6,
+    members=4,
+    stretches=30,
+    twins=2,
+    jump_rates=(2.0, 4.0),
+    jump_steps=(20,),
+    jump_members=3,
+    cost_modes=(1, 2),
+    cost_lanes=(1, 2),
+    cost_periods=(5, 10),
+)
+
+
+def call(*arguments: object) -> Result:
+    return CliRunner().invoke(error_vs_runtime.main, [str(argument) for argument in arguments])
+
+
+# --- statistics --------------------------------------------------------------------------------------------------------------------------------
+
+
+def test_intervals_of_a_share_are_the_published_ones() -> None:
+    assert wilson(50, 100) == pytest.approx((0.4038, 0.5962), abs=1e-4)
+    assert wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert clopper_pearson(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)
+    assert clopper_pearson(50, 100) == pytest.approx((0.3983, 0.6017), abs=1e-4)
+
+
+@pytest.mark.parametrize("interval", [wilson, clopper_pearson])
+def test_intervals_of_a_share_mirror_and_hold_it(interval) -> None:  # type: ignore[no-untyped-def]
+    for hits in range(21):
+        low, high = interval(hits, 20)
+        assert 0 <= low <= hits / 20 <= high <= 1
+        assert (1 - high, 1 - low) == pytest.approx(interval(20 - hits, 20))
+
+
+def test_exact_interval_covers_at_least_its_level() -> None:
+    """The definition, by adding up the binomial distribution."""
+    from scipy.stats import binom
+
+    for share in (0.03, 0.2, 0.5, 0.77):
+        covered = sum(binom.pmf(k, 15, share) for k in range(16) if clopper_pearson(k, 15)[0] <= share <= clopper_pearson(k, 15)[1])
+        assert covered >= 0.95
+
+
+def test_impossible_counts_are_refused() -> None:
+    for hits, runs in ((1, 0), (-1, 5), (6, 5)):
+        with pytest.raises(ValueError, match="not allowed"):
+            wilson(hits, runs)
+    with pytest.raises(ValueError, match="level"):
+        clopper_pearson(1, 2, 1.0)
+
+
+def test_distances_of_shifted_samples() -> None:
+    sample = np.random.default_rng(1).normal(3.0, 0.2, 500)
+    assert wasserstein(sample + 0.5, sample) == pytest.approx(0.5)
+    assert relative_distance(sample + 0.3, sample) == pytest.approx(0.3 / sample.mean())
+    assert mean_difference(1.1 * sample, sample) == pytest.approx(0.1)
+    low, high = bootstrap(mean_difference, 1.1 * sample, sample)
+    assert 0.08 < low < 0.1 < high < 0.12
+
+
+def test_more_runs_come_closer_to_the_truth_down_to_the_bias() -> None:
+    truth = np.random.default_rng(2).normal(1.0, 0.1, 4000)
+    right = [distance_at_size(truth, truth, size) for size in (1, 4, 16, 64)]
+    wrong = [distance_at_size(truth + 0.2, truth, size) for size in (1, 4, 16, 64)]
+    assert all(a > 1.5 * b for a, b in pairwise(right))
+    assert wrong[-1] == pytest.approx(0.2, rel=0.05)
+    with pytest.raises(ValueError, match="size"):
+        distance_at_size(truth, truth, 0)
+
+
+# --- parts -------------------------------------------------------------------------------------------------------------------------------------
+
+
+def test_trajectories_show_who_is_exact() -> None:
+    (rows,) = trajectory.rows(TINY)
+    by_name = {(row["method"], row["setting"]): row for row in rows}
+    assert not any(row["note"] for row in rows)
+    assert by_name["Exact", None]["state_error"] < 1e-9
+    assert by_name["Exact", None]["first_impact_error_periods"] < 1e-13
+    assert 1e-6 < by_name["Moreau", 200]["first_impact_error_periods"] < by_name["Moreau", 20]["first_impact_error_periods"] < 0.1
+    assert by_name["SciPy", 1e-6]["state_error"] < by_name["Moreau", 20]["state_error"]
+    assert all(row["us_per_period"] > 0 and row["balance_error"] < 0.1 for row in rows)
+    assert trajectory.count(TINY) == 1
+
+
+def test_error_of_a_state_is_relative_and_blind_to_an_absent_absorber() -> None:
+    it = trajectory.case(trajectory.kind_named("no absorber"), 1)
+    true = np.array([1e-3, 0.0, 0.2, 0.0])
+    assert trajectory.state_error(it, 1.01 * true, true) == pytest.approx(0.01)
+    assert trajectory.state_error(it, true + [0, 1.0, 0, 1.0], true) == 0
+
+
+def test_impacts_make_errors_grow_and_friction_does_not() -> None:
+    exponent = {}
+    for name in ("impact, e = 1", "friction damper"):
+        found, *twins = next(growth.rows(replace(TINY, modes=(3,), kinds=(name,))))
+        exponent[name] = found
+        assert found["exponent_low"] <= found["exponent_per_period"] <= found["exponent_high"]
+        assert bool(twins) == (name == "impact, e = 1")
+    assert 1.3 < exponent["impact, e = 1"]["factor_per_impact"] < 10
+    assert exponent["friction damper"]["exponent_per_period"] < 0.2
+
+
+def level_row(method: str, setting: float | None, level: float, seconds: float) -> study.Row:
+    return {"scene": "s", "modes": 3, "method": method, "setting": setting, "level_m": level, "wall_s": seconds}
+
+
+def test_distribution_sees_a_bias_and_its_cost() -> None:
+    levels = np.random.default_rng(0).normal(1.0, 0.05, 60)
+    rows = [level_row(distribution.TRUTH, None, x, 1.0) for x in levels]
+    rows += [level_row("Exact", None, x, 0.1) for x in levels[:30]] + [level_row("Moreau", 20, 1.2 * x, 0.4) for x in levels[:30]]
+    exact, moreau = distribution.compared(rows)
+    assert (exact.method, moreau.setting) == ("Exact", 20)
+    low, high = moreau.mean_interval()
+    assert 0.1 < low < moreau.mean_difference < high < 0.3
+    assert exact.distance < 0.05 < moreau.distance
+    assert exact.at_cost(3.0) < exact.at_cost(0.1)
+    table = tables.distribution_table(rows)
+    assert "Moreau, 20 steps" in table
+    assert distribution.TRUTH not in table
+
+
+def test_shares_count_the_high_branch() -> None:
+    shared = {"periods_per_percent": 100.0, "method": "Exact", "setting": None}
+    levels = (0.5e-3, 0.52e-3, 0.8e-3, 1.0e-3)
+    (share,) = jumps.shares([{**shared, "member": k, "level_m": level} for k, level in enumerate(levels)])
+    assert (share.hits, share.runs, share.between, share.share) == (2, 4, 1, 0.5)
+    assert share.wilson == wilson(2, 4)
+
+
+# --- the script --------------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(error_vs_runtime, "QUICK", TINY)
+    monkeypatch.setattr(cost, "OVER_MODES", (("impact, e = 1", Exact()), ("impact, e = 1", Moreau())))
+    monkeypatch.setattr(cost, "LANE_PERIODS", 2.0)
+
+
+@pytest.mark.usefixtures("tiny")
+def test_tiny_run_writes_files_figures_and_page(tmp_path: Path) -> None:
+    out, page = tmp_path / "study", tmp_path / "study.md"
+    page.write_text("".join(f"text\n<!-- {name} -->\nold\n<!-- /{name} -->\n" for name in error_vs_runtime.PARTS))
+    result = call("--quick", "--out", out)
+    assert result.exit_code == 0, result.output
+    for name in error_vs_runtime.PARTS:
+        content = json.loads((out / f"{name}.json").read_text())
+        assert content["complete"]
+        assert content["quick"]
+        assert content["versions"]["numba"]
+        assert content["machine"]
+        with (out / f"{name}.csv").open() as file:
+            assert len(list(csv.DictReader(file))) == len(content["rows"]) > 0
+    figures = {"trajectory_error", "energy_balance", "main", "distribution", "growth", "jumps", "cost"}
+    assert {file.stem for file in out.glob("*.png")} == figures
+    text = page.read_text()
+    assert "old" not in text
+    assert text.count("| ") > 50
+    assert text.count("A quick look") == len(error_vs_runtime.PARTS)
+
+    (out / "jumps.png").unlink()
+    (out / "cost.json").unlink()
+    before = (out / "jumps.json").read_bytes()
+    again = call("--redraw", "--out", out)
+    assert again.exit_code == 0, again.output
+    assert (out / "jumps.png").stat().st_size > 1000
+    assert (out / "jumps.json").read_bytes() == before
+    assert page.read_text() == text
+
+
+@pytest.mark.usefixtures("tiny")
+def test_an_interrupted_part_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    row = {"over": "threads", "value": 1, "scene": "s", "modes": 3, "method": "Exact", "us_per_period": 2.0}
+
+    def interrupted(_: study.Settings):  # type: ignore[no-untyped-def]
+        yield [row]
+        raise KeyboardInterrupt
+
+    part = replace(error_vs_runtime.PARTS["cost"], rows=interrupted)
+    monkeypatch.setitem(error_vs_runtime.PARTS, "cost", part)
+    result = call("--quick", "--only", "cost", "--out", tmp_path)
+    assert result.exit_code == error_vs_runtime.INTERRUPTED
+    content = json.loads((tmp_path / "cost.json").read_text())
+    assert content["rows"] == [row]
+    assert not content["complete"]
+    assert "Stopped early" in result.output
+
+
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
+    assert call("--only", "everything").exit_code == 2
+    empty = call("--redraw", "--out", tmp_path)
+    assert empty.exit_code == 2
+    assert str(tmp_path) in empty.output
+    (tmp_path / "jumps.json").write_text('{"part": "cost", "rows": []}')
+    broken = call("--redraw", "--only", "jumps", "--out", tmp_path)
+    assert broken.exit_code == 2
+    assert "jumps.json" in broken.output
+    file = tmp_path / "file"
+    file.write_text("")
+    assert call("--out", file / "below", "--only", "jumps").exit_code == 2

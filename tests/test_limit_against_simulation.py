@@ -1,0 +1,90 @@
+"""No device is ever below the limit: random impact absorbers and friction dampers by simulation, random tuned absorbers in closed form."""
+
+from __future__ import annotations
+
+import core
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impact_env import Beam, Drive, Scene, TunedAbsorber, constant_frequency, friction_damper, impact_absorber, modal_model
+from impact_env.modes import ModalModel
+from optimisation.bounds import design_force, stroke_limit_rms
+from optimisation.response import receptance, tip_response
+
+SAMPLES, SETTLED, MEASURED = 16, 220, 250  # pseudo periods: start-up has decayed to 1e-6, the mean over the window moves by less than SLACK
+SLACK = 5e-3
+DESIGNS = 30
+
+
+def stationary(scene: Scene, force: float, omega: float, reference: float) -> tuple[float, np.ndarray]:
+    """Return the tip's RMS and the absorber's displacement relative to the tip in m after the start-up."""
+    drive = Drive(force, constant_frequency(reference, omega / reference, SETTLED + MEASURED))
+    history = core.run(scene, drive, samples=SAMPLES).history
+    assert history is not None
+    part = slice(-MEASURED * SAMPLES, None)
+    return float(np.sqrt(np.mean(history.tip_displacement[part] ** 2))), (history.absorber_displacement - history.tip_displacement)[part]
+
+
+def random_model(random: np.random.Generator) -> ModalModel:
+    damping, at, absorber_at = random.uniform(0.005, 0.03), random.uniform(0.3, 0.6), random.choice([1.0, random.uniform(0.85, 1.0)])
+    return modal_model(Beam(modes=3, damping_ratio=float(damping), force_position=float(at), absorber_position=float(absorber_at)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_stationary_runs_of_random_designs_obey_the_limit(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    margins = []
+    for k in range(DESIGNS):
+        model, resonance, mass_ratio, gap = random_model(random), 1 + k % 2, 0.005 * 20 ** random.random(), 10 ** random.uniform(-4, -2)
+        mass, reference = mass_ratio * model.beam_mass, model.resonance_omega(resonance)
+        force = design_force(model, mass, gap, resonance) * 10 ** random.uniform(-0.2, 0.9)
+        friction = random.choice([0.0, force * 10 ** random.uniform(-3, -0.5)])
+        restitution = random.choice([random.uniform(0.3, 0.95), 1.0])
+        absorber = impact_absorber(gap, restitution, float(friction) or None, mass_ratio)
+        omega = random.uniform(0.9, 1.05) * reference
+        rms, relative = stationary(Scene(model, absorber), force, omega, reference)
+        limit = float(stroke_limit_rms(model, mass, gap, force, omega))
+        assert np.max(np.abs(relative)) <= gap * (1 + 1e-9)
+        assert rms >= limit * (1 - SLACK), (model, absorber, force, omega)
+        margins.append(rms / limit if limit > 0 else np.inf)
+    assert np.sum(np.isfinite(margins)) >= DESIGNS // 2  # the limit says something
+    assert min(margins) < 1.25  # and is not far away
+
+
+def test_stationary_friction_dampers_obey_the_limit_of_their_own_stroke() -> None:
+    model = modal_model(Beam(modes=3))
+    for friction in (0.02, 0.3, 1.0):
+        scene, mass = Scene(model, friction_damper(friction)), 0.02 * model.beam_mass
+        for ratio in (0.94, 0.97, 1.0):
+            omega = ratio * model.omega[0]
+            rms, relative = stationary(scene, 3.5, omega, model.omega[0])
+            stroke = float(np.ptp(relative)) / 2  # it may have drifted: the middle of its motion does not matter
+            assert rms >= float(stroke_limit_rms(model, mass, max(stroke, 1e-12), 3.5, omega)) * (1 - SLACK)
+
+
+@given(
+    stiffness=st.floats(-3, 3),
+    damping=st.floats(-3, 1),
+    mass_ratio=st.floats(0.001, 0.5),
+    at=st.floats(0.3, 20),
+    resonance=st.integers(1, 3),
+)
+@settings(max_examples=400)
+def test_tuned_absorbers_obey_the_limit_of_their_own_stroke(stiffness: float, damping: float, mass_ratio: float, at: float, resonance: int) -> None:
+    """A tuned absorber is passive and its stroke is one line, of amplitude |r|: a gap of pi |r|/4 admits just that line, and the limit is met."""
+    model = modal_model(Beam(modes=4))
+    mass, omega = mass_ratio * model.beam_mass, at * model.omega[0]
+    own = model.resonance_omega(resonance) * 10**stiffness
+    absorber = TunedAbsorber(mass_ratio, mass * own**2, 2 * mass * own * 10**damping)
+    tip = complex(tip_response(model, absorber, omega))
+    spring = absorber.stiffness + 1j * omega * absorber.damping
+    stroke = tip * mass * omega**2 / (spring - mass * omega**2)
+    # the equation that the limit is made of
+    kappa = receptance(model, omega, model.tip_shape, model.tip_shape) * mass * omega**2
+    free = receptance(model, omega, model.tip_shape, model.force_shape)
+    assert tip * (1 - kappa) == pytest.approx(complex(free + kappa * stroke), rel=1e-6, abs=1e-9 * abs(free))
+    assert (stroke * np.conj(tip)).imag <= 1e-12 * abs(stroke * tip)
+    limit = float(stroke_limit_rms(model, mass, np.pi * abs(stroke) / 4, 1.0, omega))
+    assert abs(tip) / np.sqrt(2) >= limit * (1 - 1e-9) - 1e-12 * abs(free)
