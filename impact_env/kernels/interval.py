@@ -26,7 +26,7 @@ ORDERS = 8
 # displacement at the end (m)
 IN_PHASE, QUADRATURE, DISTANCE, RELATIVE_VELOCITY, IMPACT_COUNT, ABSORBER_SHARE, LEVEL, MEAN_SQUARE, DAMAGE, TIP = range(10)
 REPORTS = 10
-NOW, GAP_IN_USE = 16, 15  # columns of Lanes.now, and the one behind what the integrators keep there
+NOW, GAP_IN_USE, SEARCH_LEVEL = 17, 15, 16  # columns of Lanes.now, and those behind what the integrators keep there
 MARGIN = 1e-9  # by which a wall that is moved keeps off the absorber, relative to their distance from the middle
 
 

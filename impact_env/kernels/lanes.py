@@ -15,6 +15,7 @@ from impact_env.kernels.interval import (
     FRESH,
     GAP,
     GAP_IN_USE,
+    SEARCH_LEVEL,
     close_interval,
     new_desk,
     open_interval,
@@ -56,9 +57,11 @@ def rigid_lanes(free, joined, contact, restitution, limit, losses, reach, watch,
         if not begins:
             work.z[:, :] = lanes.z[i]
             begins = move_walls(restitution, order, now, lanes.now[i, GAP_IN_USE], report[DISTANCE])
+        room.signal.memory[0] = lanes.now[i, SEARCH_LEVEL]
         if begins:
             now[:] = 0.0
             now[exact.KICK] = kick
+            room.signal.memory[0] = 0.0
         walls = with_gap(restitution, order[GAP])
         schedule = Schedule(desk.times, desk.omegas, desk.phases, order[FORCE], reach)
         status[i] = exact.exact_stretch(
@@ -75,6 +78,7 @@ def rigid_lanes(free, joined, contact, restitution, limit, losses, reach, watch,
         close_interval(desk, watch, level, state, order, report)
         lanes.now[i, :size] = now
         lanes.now[i, GAP_IN_USE] = order[GAP]
+        lanes.now[i, SEARCH_LEVEL] = room.signal.memory[0]
         lanes.z[i, :, :] = work.z
 
 
@@ -119,8 +123,10 @@ def compliant_lanes(free, wall, friction, both, contact, springs, gap, limit, lo
         order, report, state = orders[i], reports[i], lanes.state[i]
         level = open_interval(desk, watch, lanes, i, order)
         now[:] = lanes.now[i, :size]
+        room.signal.memory[0] = lanes.now[i, SEARCH_LEVEL]
         if order[FRESH] > 0.0:
             now[:] = 0.0
+            room.signal.memory[0] = 0.0
             compliant.begin(springs, gap, limit, now, state, contact, 0.0, desk.counters)
         schedule = Schedule(desk.times, desk.omegas, desk.phases, order[FORCE], reach)
         status[i] = compliant.compliant_stretch(
@@ -130,6 +136,7 @@ def compliant_lanes(free, wall, friction, both, contact, springs, gap, limit, lo
         report_relative(watch, state, report)
         close_interval(desk, watch, level, state, order, report)
         lanes.now[i, :size] = now
+        lanes.now[i, SEARCH_LEVEL] = room.signal.memory[0]
 
 
 @jit
