@@ -21,7 +21,7 @@ from impact_env.scene import InitialState, Scene
 from impact_env.stepping import run_moreau, run_runge_kutta
 
 Array = NDArray[np.float64]
-FIRST_CAPACITY = 4096
+FIRST_CAPACITY = 16384  # of the list of impacts: enough for a sweep at the paper's rate
 
 
 class IntegrationError(RuntimeError):

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from core import drive_of, relative_displacement, run, scene_of
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
 from impact_env import (
@@ -26,7 +26,7 @@ from impact_env import (
     beam_scene,
 )
 from impact_env.energy import stored_energy
-from impact_env.parameters import Absorber
+from impact_env.parameters import Absorber, ParameterError
 
 few = settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
@@ -88,7 +88,10 @@ def check(response: Response, error: float = 1e-9) -> None:
     scale = max(abs(energy.work), float(np.sum(energy.modal_loss)), energy.stored_at_start, energy.stored_at_end, float(np.sum(energy.impact_loss)))
     if response.history is not None:
         scale = max(scale, abs(response.drive.amplitude) * float(np.max(np.abs(response.history.tip_displacement))))
-    assert abs(energy.balance_error) <= error * scale + 1e-25
+    # friction's loss is its limit times a difference of displacements, whose terms are as large as the beam's deflection under that limit
+    friction = getattr(response.scene.absorber, "friction", None)
+    rounding = 1e-15 * friction.limit**2 / Beam().static_tip_stiffness if friction is not None else 0.0
+    assert abs(energy.balance_error) <= error * scale + rounding + 1e-25
     for loss in (*energy.modal_loss, energy.friction_loss, energy.impact_loss, energy.absorber_damping):
         assert loss >= -1e-15 * scale
     assert np.all(np.isfinite(response.end_state))
@@ -112,7 +115,13 @@ def check(response: Response, error: float = 1e-9) -> None:
 @few
 @given(st.data(), scenes(), drives)
 def test_energy_and_walls(data: st.DataObject, scene: Scene, drive: Drive) -> None:
-    check(run(scene, drive, initial=data.draw(starts(scene))))
+    initial = data.draw(starts(scene))
+    try:
+        response = run(scene, drive, initial=initial)
+    except ParameterError as refusal:  # eigenvalues that (almost) coincide have no modal basis
+        assert "double eigenvalue" in str(refusal)
+        reject()
+    check(response)
 
 
 def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:

@@ -17,7 +17,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-EXPECTED = {"main": "one to three minutes", "test": "about half a minute", "rl": "several minutes, as torch is large", "optimise": "about a minute"}
+EXPECTED = {
+    "main": "one to three minutes",
+    "test": "about half a minute",
+    "rl": "several minutes, as torch is large",
+    "optimise": "about a minute",
+    "cluster": "about a minute",
+}
 
 
 def say(text: str) -> None:

@@ -1,0 +1,160 @@
+"""From runs to what a design is judged by: level at the beam's free end, fatigue damage, stroke, impacts, heat.
+
+A chunk is a handful of lanes with what to measure in them: plain data, so that a thread, or a worker on another machine, turns it into
+the same numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.ensemble import Lane
+from impact_env.level import response_level
+from impact_env.modes import modal_model
+from impact_env.parameters import Beam, ParameterError, SlidingAbsorber, require
+from impact_env.response import DEFAULT_SAMPLES, Record, Response
+from impact_env.sweep import IntegrationError, simulate
+
+Array = NDArray[np.float64]
+
+# what a lane can be measured by; the order is that of the columns
+LEVEL, STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, DAMAGE = "level", "stroke", "impact_power", "impact_speed", "friction_heat", "damage"
+MEASURES = {
+    LEVEL: "response level of the beam's free end in m (paper, Eq. barqtip)",
+    STROKE: "largest distance of the absorber from the middle of its cavity in m",
+    IMPACT_POWER: "energy lost in impacts over the sweep, per second, in W",
+    IMPACT_SPEED: "largest relative velocity before an impact in m/s",
+    FRICTION_HEAT: "energy lost in dry friction over the sweep, per second, in W, from the mean relative speed at the samples",
+    DAMAGE: "sum over the rainflow cycles of the bending moment at the clamp, amplitude in N m to the power of the fatigue exponent",
+}
+_OF_IMPACTS = {IMPACT_POWER, IMPACT_SPEED}
+_OF_SAMPLES = {STROKE, FRICTION_HEAT, DAMAGE}
+
+
+@dataclass(frozen=True, eq=False)
+class Gauges:
+    """Where a beam is watched: mode shapes (N_m,) at the free end, in 1/sqrt(kg), and of the moment at the clamp, in N/sqrt(kg)."""
+
+    free_end: Array
+    clamp_moment: Array
+
+
+def gauges(beam: Beam) -> Gauges:
+    """Return the gauges of a beam.
+
+    A Hermite element at the clamp deflects as a x^2 + b x^3, so the curvature 2 a there follows from the shapes at two points of it.
+    """
+    near, far = 0.5 / beam.elements, 1.0 / beam.elements
+    end, first, second = (modal_model(replace(beam, absorber_position=x)).tip_shape for x in (1.0, near, far))
+    slopes = [shape / (x * beam.length) ** 2 for shape, x in ((first, near), (second, far))]
+    a = (slopes[0] * far - slopes[1] * near) / (far - near)
+    return Gauges(end, 2 * a * beam.bending_stiffness)
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Lanes and the ``measures`` (columns) wanted of them. ``at_end`` tells whether the absorber sits at the free end, where the level is read."""
+
+    lanes: tuple[Lane, ...]
+    measures: tuple[str, ...]
+    gauges: Gauges
+    fatigue_exponent: float
+    at_end: bool
+
+    def __post_init__(self) -> None:
+        for name in self.measures:
+            require(name in MEASURES, "measure", name, f"one of {', '.join(MEASURES)}")
+
+    @property
+    def record(self) -> Record:
+        """What the runs must record, and no more: the streaming level, and impacts or samples of the state if a measure needs them.
+
+        The energy account would give losses too, but it takes many times the time of the run itself.
+        """
+        wanted = set(self.measures)
+        return Record(level=self.at_end, events=bool(wanted & _OF_IMPACTS), series=not self.at_end or bool(wanted & _OF_SAMPLES))
+
+
+def measure(chunk: Chunk) -> Array:
+    """Run a chunk and return its measures, (lanes, measures); NaN in the lanes that the integrator gives up."""
+    return np.array([_measure_lane(chunk, lane) for lane in chunk.lanes])
+
+
+def _measure_lane(chunk: Chunk, lane: Lane) -> list[float]:
+    try:
+        response = simulate(lane.scene, lane.drive, record=chunk.record)
+    except IntegrationError:
+        return [np.nan] * len(chunk.measures)
+    except ParameterError as error:
+        raise ParameterError(f"{lane}: {error}") from error
+    return [_value(name, chunk, response) for name in chunk.measures]
+
+
+def _value(name: str, chunk: Chunk, response: Response) -> float:
+    if name == LEVEL:
+        return _level(chunk, response)
+    impacts, history = response.impacts, response.history
+    if name in _OF_IMPACTS:
+        assert impacts is not None
+        if name == IMPACT_SPEED:
+            return float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
+        return float(np.sum(impacts.energy_lost)) / float(response.drive.schedule.times[-1])
+    assert history is not None
+    if name == DAMAGE:
+        return fatigue_damage(np.asarray(history.modal_displacement @ chunk.gauges.clamp_moment), chunk.fatigue_exponent)
+    if response.scene.absorber is None:
+        return 0.0
+    if name == STROKE:
+        return float(np.max(np.abs(history.absorber_displacement - history.tip_displacement)))
+    return _friction_limit(response) * float(np.mean(np.abs(history.absorber_velocity - history.tip_velocity)))
+
+
+def _friction_limit(response: Response) -> float:
+    """Return the force of sliding friction in N: times the mean relative speed it is the mean loss, as sticking has no relative speed."""
+    absorber = response.scene.absorber
+    return absorber.friction.limit if isinstance(absorber, SlidingAbsorber) and absorber.friction is not None else 0.0
+
+
+def _level(chunk: Chunk, response: Response) -> float:
+    if chunk.at_end:
+        assert response.level is not None
+        return response.level.value
+    assert response.history is not None
+    return response_level(np.asarray(response.history.modal_displacement @ chunk.gauges.free_end), DEFAULT_SAMPLES)[0]
+
+
+def turning_points(values: Array) -> Array:
+    """Return first, last and local extrema of samples (S,), each extremum once."""
+    moved = values[np.concatenate([[True], np.diff(values) != 0])]
+    if len(moved) < 3:
+        return moved
+    turns = np.diff(moved[:-1]) * np.diff(moved[1:]) < 0
+    return moved[np.concatenate([[True], turns, [True]])]
+
+
+def rainflow_amplitudes(values: Array) -> tuple[Array, Array]:
+    """Return amplitudes (half ranges) and counts (1, or 0.5 for what stays open) of the rainflow cycles of samples (S,).
+
+    The four-point rule: a range between two larger-or-equal neighbours is a closed cycle and is taken out; the rest counts by halves.
+    """
+    amplitudes: list[float] = []
+    stack: list[float] = []
+    for point in turning_points(values).tolist():
+        stack.append(point)
+        while len(stack) >= 4:
+            inner = abs(stack[-2] - stack[-3])
+            if inner > abs(stack[-1] - stack[-2]) or inner > abs(stack[-3] - stack[-4]):
+                break
+            amplitudes.append(inner / 2)
+            del stack[-3:-1]
+    rest = np.abs(np.diff(stack)) / 2 if len(stack) > 1 else np.empty(0)
+    return np.concatenate([np.array(amplitudes), rest]), np.concatenate([np.ones(len(amplitudes)), np.full(len(rest), 0.5)])
+
+
+def fatigue_damage(values: Array, exponent: float) -> float:
+    """Return the sum of count times amplitude to the power of ``exponent`` over the rainflow cycles (Miner's rule on a straight Basquin line)."""
+    amplitudes, counts = rainflow_amplitudes(values)
+    return float(np.sum(counts * amplitudes**exponent))

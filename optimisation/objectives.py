@@ -1,0 +1,209 @@
+"""What makes a design a good one: objectives with a direction, and constraints, over conditions and ensemble members.
+
+A design is run under every condition (a resonance, a force, a detuning), swept up and down, for every member of an ensemble. The members
+are the same for all designs (common random numbers), so that designs differ by what they are and not by their luck. What is left
+after a search is judged again on members that the search has not seen.
+
+The value of a member is, as in the paper, that of the worse of the two directions. ``over`` says how conditions join: the ``worst`` or
+the ``mean``. The value of the design is the ``quantile`` of its members: the value that this share of the members meets or betters, so
+0.5 is the median and 0.9 the careful choice, whether the objective is minimised or maximised.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import PAPER_LIMITS
+from impact_env.parameters import count, finite, fraction, positive, require
+from optimisation.designs import MASS_RATIO, Design
+from optimisation.measures import DAMAGE, FRICTION_HEAT, IMPACT_POWER, IMPACT_SPEED, LEVEL, STROKE
+
+Array = NDArray[np.float64]
+WORST, MEAN = "worst", "mean"
+LIMITABLE = {STROKE: "m", IMPACT_SPEED: "m/s", FRICTION_HEAT: "W", MASS_RATIO: "of the beam's mass"}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a design must bear: a resonance (counted from 1) swept through ``limits`` times its frequency by a force in N.
+
+    ``detuning`` shifts all of the beam's frequencies by this share: the bending stiffness is not what it was thought to be. The sweep
+    follows the frequency that the resonance then has.
+    """
+
+    resonance: int
+    force: float
+    limits: tuple[float, float] = PAPER_LIMITS
+    detuning: float = 0.0
+
+    def __post_init__(self) -> None:
+        count("resonance", self.resonance, 1)
+        object.__setattr__(self, "force", positive("force", self.force))
+        low, high = positive("lower end of the sweep", self.limits[0]), finite("upper end of the sweep", self.limits[1])
+        require(low < high, "limits of the sweep", self.limits, "(low, high) with low below high")
+        object.__setattr__(self, "limits", (low, high))
+        require(abs(finite("detuning", self.detuning)) < 0.5, "detuning", self.detuning, "above -0.5 and below 0.5")
+
+    def describe(self) -> dict[str, object]:
+        """Return the condition as JSON values."""
+        return {"resonance": self.resonance, "force": self.force, "limits": list(self.limits), "detuning": self.detuning}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of objective: what it is, which measure it needs, whether more is better, its unit and whether it is relative to no absorber."""
+
+    text: str
+    measure: str
+    maximise: bool
+    unit: str
+    relative: bool
+
+
+KINDS = {
+    "level": Kind("response level relative to no absorber", LEVEL, False, "", True),
+    "range": Kind("width of the range of forces in which the relative level stays under a limit", LEVEL, True, "decades", True),
+    "damage": Kind("fatigue damage at the clamp relative to no absorber", DAMAGE, False, "", True),
+    "severity": Kind("power lost in impacts", IMPACT_POWER, False, "W", False),
+}
+
+
+@dataclass(frozen=True)
+class Objective:
+    """One objective: a ``kind`` of `KINDS`, how conditions join, the members' quantile, and for a range the ``limit`` of the relative level.
+
+    ``resonance`` keeps only the conditions of one resonance (counted from 1); None keeps all.
+    """
+
+    kind: str = "level"
+    over: str = WORST
+    quantile: float = 0.5
+    resonance: int | None = None
+    limit: float | None = None
+
+    def __post_init__(self) -> None:
+        require(self.kind in KINDS, "objective", self.kind, f"one of {', '.join(KINDS)}")
+        require(self.over in (WORST, MEAN), "over", self.over, f"{WORST} or {MEAN}")
+        object.__setattr__(self, "quantile", fraction("quantile", self.quantile))
+        if self.kind == "range":
+            object.__setattr__(self, "limit", positive("limit of the relative level", self.limit))
+        else:
+            require(self.limit is None, "limit", self.limit, "for the objective range only")
+        if self.resonance is not None:
+            count("resonance", self.resonance, 1)
+
+    @property
+    def maximise(self) -> bool:
+        """Whether more is better."""
+        return KINDS[self.kind].maximise
+
+    @property
+    def label(self) -> str:
+        """A few words for tables and axes."""
+        where = "" if self.resonance is None else f", resonance {self.resonance}"
+        under = "" if self.limit is None else f" of {self.limit:g}"
+        unit = f" in {KINDS[self.kind].unit}" if KINDS[self.kind].unit else ""
+        return f"{KINDS[self.kind].text}{under}{where}{unit}"
+
+    def describe(self) -> dict[str, object]:
+        """Return the objective as JSON values."""
+        return {"kind": self.kind, "over": self.over, "quantile": self.quantile, "resonance": self.resonance, "limit": self.limit}
+
+    def chosen(self, conditions: Sequence[Condition]) -> list[int]:
+        """Return the indices of the conditions that count; raises ParameterError if there are too few."""
+        index = [k for k, condition in enumerate(conditions) if self.resonance in (None, condition.resonance)]
+        require(len(index) > 0, "resonance of an objective", self.resonance, "a resonance that one of the conditions has")
+        if self.kind == "range":
+            for part in _parts(conditions, index):
+                forces = {conditions[k].force for k in part}
+                require(len(forces) >= 2, "forces of the objective range", sorted(forces), "two or more at each resonance")
+        return index
+
+    def per_member(self, values: Array, conditions: Sequence[Condition]) -> Array:
+        """Return one value for each member, (M,), from those of its measure, (M, C, 2), relative to no absorber where the kind is."""
+        index = self.chosen(conditions)
+        worse = np.max(values, axis=2)
+        if self.kind == "range":
+            rows = np.array([[_width(conditions, part, member, self.limit) for part in _parts(conditions, index)] for member in worse])
+            return np.asarray(rows.min(axis=1) if self.over == WORST else rows.mean(axis=1))
+        rows = worse[:, index]
+        return np.asarray(rows.max(axis=1) if self.over == WORST else rows.mean(axis=1))
+
+    def of(self, values: Array, conditions: Sequence[Condition]) -> float:
+        """Return the design's value: the quantile of `per_member`."""
+        return float(np.quantile(self.per_member(values, conditions), 1 - self.quantile if self.maximise else self.quantile))
+
+
+def _parts(conditions: Sequence[Condition], index: Sequence[int]) -> list[list[int]]:
+    """Return the indices by resonance, limits and detuning, each by rising force."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for k in sorted(index, key=lambda k: conditions[k].force):
+        groups.setdefault((conditions[k].resonance, conditions[k].limits, conditions[k].detuning), []).append(k)
+    return list(groups.values())
+
+
+def _width(conditions: Sequence[Condition], part: Sequence[int], levels: Array, limit: float | None) -> float:
+    assert limit is not None
+    return range_width(np.array([conditions[k].force for k in part]), levels[list(part)], limit)
+
+
+def range_width(forces: Array, levels: Array, limit: float) -> float:
+    """Return the longest stretch of forces (F,), in decades, over which levels (F,) do not exceed ``limit``; straight lines over log force."""
+    at = np.log10(forces)
+    best, begun = 0.0, None if levels[0] > limit else at[0]
+    for k in range(1, len(at)):
+        if (levels[k - 1] <= limit) != (levels[k] <= limit):
+            crossing = at[k - 1] + (limit - levels[k - 1]) / (levels[k] - levels[k - 1]) * (at[k] - at[k - 1])
+            if begun is None:
+                begun = crossing
+            else:
+                best, begun = max(best, crossing - begun), None
+    return float(best if begun is None else max(best, at[-1] - begun))
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """An upper ``limit``, in SI units, on what is named (`LIMITABLE`); what is measured is the worst of all runs."""
+
+    name: str
+    limit: float
+
+    def __post_init__(self) -> None:
+        require(self.name in LIMITABLE, "constraint", self.name, f"one of {', '.join(LIMITABLE)}")
+        object.__setattr__(self, "limit", positive(f"limit of {self.name}", self.limit))
+
+    def value(self, design: Design, measured: dict[str, Array]) -> float:
+        """Return what is limited."""
+        return design.values[MASS_RATIO] if self.name == MASS_RATIO else float(np.max(measured[self.name]))
+
+    def violation(self, design: Design, measured: dict[str, Array]) -> float:
+        """Return by which share the limit is exceeded; 0 or below if it is kept."""
+        return self.value(design, measured) / self.limit - 1
+
+    def describe(self) -> dict[str, object]:
+        """Return the constraint as JSON values."""
+        return {"name": self.name, "limit": self.limit}
+
+
+@dataclass(frozen=True)
+class Score:
+    """A design's ``values``, one an objective, its constraints' ``violations`` (above 0: broken), and whether a run ``failed``."""
+
+    values: tuple[float, ...]
+    violations: tuple[float, ...] = field(default=())
+    failed: bool = False
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all constraints are kept and all runs came to their end."""
+        return not self.failed and all(v <= 0 for v in self.violations)
+
+    @property
+    def violation(self) -> float:
+        """Sum of what is broken; infinite for a failed design."""
+        return math.inf if self.failed else sum(max(v, 0.0) for v in self.violations)

@@ -1,0 +1,192 @@
+"""A design problem: a space, conditions, objectives and constraints; how a design becomes runs, and runs become a score."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.drive import PAPER_RATE, Drive, FrequencySchedule, linear_sweep
+from impact_env.ensemble import Lane, member_phases
+from impact_env.modes import ModalModel, modal_model
+from impact_env.parameters import Beam, count, positive, require
+from impact_env.scene import Scene
+from optimisation.designs import MASS_RATIO, POSITION, TUNED, Design, DesignSpace
+from optimisation.measures import DAMAGE, LEVEL, MEASURES, Chunk, Gauges, gauges, measure
+from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score
+from optimisation.tuned import require_wide_range
+
+Array = NDArray[np.float64]
+FORMAT = 1  # of the description: raised when the meaning of a problem changes
+FATIGUE_EXPONENT = 5.0
+MEMBERS_A_CHUNK = 4
+FAILED = 1e6  # what a design costs whose runs the integrator gives up
+PENALTY = 1e3  # what a broken constraint costs where a method knows no constraints, and more the worse it is broken
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Which design of a ``space`` is best under ``conditions``. ``rate`` is the sweep's, in percent per 100 pseudo periods."""
+
+    space: DesignSpace
+    conditions: tuple[Condition, ...]
+    objectives: tuple[Objective, ...] = (Objective(),)
+    constraints: tuple[Constraint, ...] = ()
+    beam: Beam = Beam()  # noqa: RUF009 - frozen, and the paper's
+    members: int = DEFAULT_MEMBERS
+    seed: int = 0
+    rate: float = PAPER_RATE
+    fatigue_exponent: float = FATIGUE_EXPONENT
+
+    def __post_init__(self) -> None:
+        require(len(self.conditions) > 0, "conditions", self.conditions, "one or more")
+        require(len(self.objectives) > 0, "objectives", self.objectives, "one or more")
+        count("members", self.members, 1)
+        count("seed", self.seed, 0)
+        object.__setattr__(self, "rate", positive("rate", self.rate))
+        object.__setattr__(self, "fatigue_exponent", positive("fatigue exponent", self.fatigue_exponent))
+        for condition in self.conditions:
+            self.model.resonance_omega(condition.resonance)
+        for objective in self.objectives:
+            objective.chosen(self.conditions)
+        names = [constraint.name for constraint in self.constraints]
+        require(len(set(names)) == len(names), "constraints", names, "each of them once")
+        if self.space.concept == TUNED:
+            self._require_both_peaks()
+
+    def _require_both_peaks(self) -> None:
+        """Raise ParameterError if a sweep is so narrow that an optimiser could push a tuned absorber's second peak out of it."""
+        mass = max([v.high for v in self.space.free if v.name == MASS_RATIO] + [self.space.fixed.get(MASS_RATIO, 0.0)])
+        for condition in self.conditions:
+            require_wide_range(self.model, mass, condition.resonance, *condition.limits)
+
+    @cached_property
+    def model(self) -> ModalModel:
+        """Modal model of the beam without absorber; its tip shape is that of the free end."""
+        return modal_model(replace(self.beam, absorber_position=1.0))
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """What the runs are measured by, the columns of all arrays of measures, in the order of `MEASURES`."""
+        needed = {KINDS[objective.kind].measure for objective in self.objectives} | {constraint.name for constraint in self.constraints} | {LEVEL}
+        return tuple(name for name in MEASURES if name in needed)
+
+    @cached_property
+    def phases(self) -> Array:
+        """Initial phases of the members, (members,) in rad: the same for every design."""
+        return member_phases(self.members, self.seed)
+
+    def fresh_phases(self, members: int, which: int) -> Array:
+        """Return phases, (members,) in rad, of members that no search has seen; another ``which``, other members."""
+        (seed,) = np.random.SeedSequence([self.seed, 1 + which]).generate_state(1)
+        return member_phases(members + 1, int(seed))[1:]  # member 0 is the paper's run in every ensemble
+
+    def describe(self) -> dict[str, object]:
+        """Return what identifies the problem, as JSON values: a study of one problem is not continued with another."""
+        return {
+            "format": FORMAT,
+            "space": self.space.describe(),
+            "conditions": [condition.describe() for condition in self.conditions],
+            "objectives": [objective.describe() for objective in self.objectives],
+            "constraints": [constraint.describe() for constraint in self.constraints],
+            "beam": {name: list(x) if isinstance(x, tuple) else dict(x) if isinstance(x, Mapping) else x for name, x in vars(self.beam).items()},
+            "members": self.members,
+            "seed": self.seed,
+            "rate": self.rate,
+            "fatigue_exponent": self.fatigue_exponent,
+        }
+
+    def chunks(self, design: Design | None, phases: Array, rate: float) -> list[Chunk]:
+        """Return a design's runs, condition by condition and a few members at a time; each member sweeps up and down.
+
+        None is the beam without absorber, under one newton.
+        """
+        scenes = {detuning: self._scene(design, detuning) for detuning in {condition.detuning for condition in self.conditions}}
+        return [
+            self._chunk(design, scenes[condition.detuning], condition, phases[start : start + MEMBERS_A_CHUNK], rate)
+            for condition in self.conditions
+            for start in range(0, len(phases), MEMBERS_A_CHUNK)
+        ]
+
+    def _chunk(self, design: Design | None, scene: Scene, condition: Condition, phases: Array, rate: float) -> Chunk:
+        force = 1.0 if design is None else condition.force
+        drives = [Drive(force, schedule, float(phase)) for phase in phases for schedule in _up_and_down(scene.model, condition, rate)]
+        at_end = design is None or design.values[POSITION] == 1.0
+        lanes = tuple(Lane(scene, drive) for drive in drives)
+        return Chunk(lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent, at_end)
+
+    def _scene(self, design: Design | None, detuning: float) -> Scene:
+        beam, _, model = self._beams[detuning]
+        if design is None:
+            return Scene(model)
+        return Scene(model, design.absorber()) if design.values[POSITION] == 1.0 else design.scene(beam)
+
+    @cached_property
+    def _beams(self) -> dict[float, tuple[Beam, Gauges, ModalModel]]:
+        """The beam of each detuning, with its gauges and its modal model with the free end as the absorber's place."""
+        every = {}
+        for detuning in {condition.detuning for condition in self.conditions}:
+            beam = replace(self.beam, bending_stiffness=self.beam.bending_stiffness * (1 + detuning) ** 2, absorber_position=1.0)
+            every[detuning] = (beam, gauges(beam), modal_model(beam))
+        return every
+
+    @cached_property
+    def _references(self) -> dict[tuple[float, bytes], Array]:
+        return {}
+
+    def join(self, parts: Sequence[Array], members: int) -> Array:
+        """Return the measures of a design's chunks as one array, (members, conditions, up or down, measures)."""
+        rows = np.concatenate(parts).reshape(len(self.conditions), members, 2, len(self.measures))
+        return np.ascontiguousarray(rows.transpose(1, 0, 2, 3))
+
+    def reference(self, phases: Array, rate: float) -> Array:
+        """Return the measures of the beam without absorber, (members, conditions, up or down, measures), under the conditions' forces.
+
+        It is linear, so that one newton serves all forces. Kept for the next call.
+        """
+        key = (rate, phases.tobytes())
+        if key not in self._references:
+            seen: dict[tuple[object, ...], Array] = {}
+            rows = []
+            for condition in self.conditions:
+                kind = (condition.resonance, condition.limits, condition.detuning)
+                if kind not in seen:
+                    seen[kind] = measure(self._chunk(None, self._scene(None, condition.detuning), condition, phases, rate))
+                powers = [self.fatigue_exponent if name == DAMAGE else 1.0 for name in self.measures]
+                rows.append(seen[kind] * condition.force ** np.array(powers))
+            self._references[key] = self.join(rows, len(phases))
+        return self._references[key]
+
+    def score(self, design: Design, measured: Array, phases: Array, rate: float) -> Score:
+        """Return a design's score from its measures, (members, conditions, up or down, measures), at these phases and this rate."""
+        if np.isnan(measured).any():
+            return Score(tuple(-FAILED if o.maximise else FAILED for o in self.objectives), (1.0,) * len(self.constraints), failed=True)
+        columns = {name: measured[..., k] for k, name in enumerate(self.measures)}
+        reference = self.reference(phases, rate)
+        values = []
+        for objective in self.objectives:
+            kind = KINDS[objective.kind]
+            own = columns[kind.measure]
+            scale = reference[..., self.measures.index(kind.measure)] if kind.relative else np.ones_like(own)
+            # the worse direction over the worse direction, as in the paper's curves: a level of a sweep down has no reference of its own
+            values.append(objective.of(own / scale.max(axis=2, keepdims=True), self.conditions))
+        return Score(tuple(values), tuple(constraint.violation(design, columns) for constraint in self.constraints))
+
+    def cost(self, score: Score) -> float:
+        """Return what is minimised of the first objective; infinite for a design that breaks a constraint or failed."""
+        value = -score.values[0] if self.objectives[0].maximise else score.values[0]
+        return value if score.feasible else math.inf
+
+    def penalised_cost(self, score: Score) -> float:
+        """Return `cost`, or a finite number far above all costs that rises with what is broken."""
+        return self.cost(score) if score.feasible else PENALTY * (1 + min(score.violation, PENALTY))
+
+
+def _up_and_down(model: ModalModel, condition: Condition, rate: float) -> tuple[FrequencySchedule, FrequencySchedule]:
+    omega, (low, high) = model.resonance_omega(condition.resonance), condition.limits
+    return linear_sweep(omega, low, high, rate), linear_sweep(omega, high, low, rate)

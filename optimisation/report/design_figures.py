@@ -1,0 +1,211 @@
+"""Figures of a design study: curves over the force, levels over gap and force, sensitivity, robustness, Pareto fronts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from numpy.typing import NDArray
+
+from impact_env.parameters import ParameterError
+from optimisation.bounds import design_gap
+from optimisation.designs import GAP, MASS_RATIO, POSITION
+from optimisation.insight import Levels
+from optimisation.objectives import Condition
+from optimisation.report.comparison_figure import DPI, MM, ORDINALS
+from optimisation.report.design_tables import Findings, limit
+
+Array = NDArray[np.float64]
+BLACK, BLUE, ORANGE, GREEN, GREY = "#000000", "#0072B2", "#D55E00", "#009E73", "0.55"  # Okabe and Ito
+LOOKS = (("winner", BLUE, "-", 2.2), ("paper's design", ORANGE, (0, (5, 2)), 1.8))
+
+
+def _title(condition: Condition) -> str:
+    return f"{ORDINALS.get(condition.resonance, condition.resonance)} resonance"
+
+
+def _log_axis(axis: object) -> None:
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))  # type: ignore[attr-defined]
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))  # type: ignore[attr-defined]
+    axis.set_minor_locator(NullLocator())  # type: ignore[attr-defined]
+    axis.set_minor_formatter(NullFormatter())  # type: ignore[attr-defined]
+
+
+def _panels(count: int, height: float = 4.6) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(max(5.4 * count, 6.4), height), layout="constrained")
+    return figure, list(figure.subplots(1, count, squeeze=False)[0])
+
+
+def _save(figure: Figure, path: Path) -> None:
+    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+
+
+def _grid(panel: Axes) -> None:
+    panel.grid(True, color="0.9", lw=0.7)
+    panel.set_axisbelow(True)
+
+
+def _lines(panel: Axes, x: Array, levels: Levels, scale: Array) -> None:
+    for d, (label, colour, style, width) in enumerate(LOOKS[: len(levels.median)]):
+        panel.fill_between(x, levels.low[d] * scale, levels.high[d] * scale, color=colour, alpha=0.2, lw=0)
+        panel.plot(x, levels.median[d] * scale, color=colour, ls=style, lw=width, label=label)
+
+
+def save_curves(path: Path, findings: Findings) -> None:
+    """Draw the response level over the force: winner, paper's design, no absorber, and the limit of the winner's cavity."""
+    assert findings.curves is not None
+    assert findings.verdict is not None
+    figure, panels = _panels(len(findings.curves))
+    for panel, levels, own in zip(panels, findings.curves, findings.problem.conditions, strict=True):
+        forces = np.array([condition.force for condition in levels.conditions])
+        panel.plot(forces, MM * levels.without, color=BLACK, lw=1.2, label="no absorber")
+        _lines(panel, forces, levels, np.full(len(forces), MM))
+        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), xlabel="amplitude of the force in N")
+        bottom = 0.5 * MM * float(np.min(levels.low))
+        dense = [Condition(own.resonance, float(f), own.limits) for f in np.geomspace(forces[0], forces[-1], 60)]
+        bound = np.array([limit(findings.problem, findings.verdict.winner.design, condition) for condition in dense])
+        if np.isfinite(bound).all():
+            top = np.maximum(MM * bound, bottom)
+            label = "out of stationary reach"
+            panel.fill_between(
+                [c.force for c in dense], bottom, top, facecolor="0.93", edgecolor="0.7", hatch="////", lw=0.6, zorder=0.4, label=label
+            )
+        panel.axvline(own.force, color=GREY, lw=1, ls=":", label="force of the study")
+        panel.set_ylim(bottom, 1.3 * MM * float(np.max(levels.without)))
+        panel.set_title(_title(own))
+        _log_axis(panel.xaxis)
+        _log_axis(panel.yaxis)
+        _grid(panel)
+    panels[0].set_ylabel("response level of the free end in mm (RMS)")
+    _legend(figure, panels[0])
+    _save(figure, path)
+
+
+def _legend(figure: Figure, panel: Axes, columns: int = 5) -> None:
+    handles, labels = panel.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, len(labels)), frameon=False, fontsize=9)
+
+
+def save_map(path: Path, findings: Findings) -> None:
+    """Draw the relative level over gap and force: straight lines of one gap over force are what the scaling law demands."""
+    assert findings.gap_map is not None
+    assert findings.verdict is not None
+    figure, panels = _panels(len(findings.gap_map), 5.0)
+    winner, problem = findings.verdict.winner.design, findings.problem
+    gaps = MM * np.array(findings.gaps)
+    for panel, levels, own in zip(panels, findings.gap_map, problem.conditions, strict=True):
+        forces = np.array([condition.force for condition in levels.conditions])
+        norm = LogNorm(vmin=10, vmax=125)
+        mesh = panel.pcolormesh(forces, gaps, 100 * levels.relative, norm=norm, cmap="viridis_r", shading="nearest", rasterized=True)
+        rule = [_rule(findings, own.resonance, force) for force in forces]
+        if rule[0] is not None:
+            panel.plot(forces, MM * np.array(rule, dtype=float), color="white", lw=1.8, ls="--", label="design rule: gap = force / f* · 1 mm")
+        for slope in _diagonals(forces, gaps):
+            panel.plot(forces, slope * forces, color="white", lw=0.5, alpha=0.6)
+        panel.plot(own.force, MM * winner.values[GAP], "o", ms=9, mfc=ORANGE, mec="white", mew=1.5, label="winner")
+        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), ylim=(gaps[0], gaps[-1]), xlabel="amplitude of the force in N")
+        panel.set_title(_title(own))
+        _log_axis(panel.xaxis)
+        _log_axis(panel.yaxis)
+    bar = figure.colorbar(mesh, ax=panels, label="response level in % of no absorber", ticks=[10, 20, 50, 100], shrink=0.9)
+    bar.ax.set_yticklabels(["10", "20", "50", "100"])
+    bar.ax.yaxis.set_minor_locator(NullLocator())
+    panels[0].set_ylabel("gap in mm (clearance to either wall)")
+    handles, labels = panels[0].get_legend_handles_labels()
+    legend = figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=9, facecolor="0.75", edgecolor="none")
+    legend.set_title("thin lines: force over gap constant", prop=FontProperties(size=8))
+    _save(figure, path)
+
+
+def _rule(findings: Findings, resonance: int, force: float) -> float | None:
+    winner = findings.verdict.winner.design if findings.verdict else None
+    if winner is None or winner.values[POSITION] != 1.0:
+        return None
+    model = findings.problem.model
+    try:
+        return design_gap(model, winner.values[MASS_RATIO] * model.beam_mass, force, resonance)
+    except ParameterError:  # a heavy absorber moves the resonance out of the rule's range
+        return None
+
+
+def _diagonals(forces: Array, gaps: Array) -> Array:
+    low, high = np.log10(gaps[0] / forces[-1]), np.log10(gaps[-1] / forces[0])
+    return np.asarray(10 ** np.arange(np.ceil(low * 4) / 4, high, 0.25))
+
+
+def save_robustness(path: Path, findings: Findings) -> None:
+    """Draw the relative level over a detuning of the beam's frequencies that the design does not know of."""
+    assert findings.detuned is not None
+    figure, panels = _panels(len(findings.detuned))
+    for panel, levels, own in zip(panels, findings.detuned, findings.problem.conditions, strict=True):
+        _lines(panel, 100 * np.array([condition.detuning for condition in levels.conditions]), levels, 100 / levels.without)
+        panel.axvline(0, color=GREY, lw=1, ls=":")
+        panel.set_title(f"{_title(own)}, {own.force:g} N")
+        panel.set_xlabel("shift of the beam's frequencies in %")
+        panel.set_ylim(bottom=0)
+        _grid(panel)
+    panels[0].set_ylabel("response level in % of no absorber")
+    _legend(figure, panels[0])
+    _save(figure, path)
+
+
+def save_sensitivity(path: Path, findings: Findings) -> None:
+    """Draw the Sobol indices with their 95 % intervals."""
+    found = findings.sensitivity
+    assert found is not None
+    figure, (panel,) = _panels(1, 4.2)
+    at = np.arange(len(found.names))
+    for shift, colour, label, values, band in (
+        (-0.19, BLUE, "alone (first order)", found.first, found.first_band),
+        (0.19, ORANGE, "with the others (total)", found.total, found.total_band),
+    ):
+        error = np.maximum(np.abs(band.T - values), 0)
+        panel.bar(at + shift, values, 0.36, color=colour, label=label, yerr=error, capsize=4, error_kw={"lw": 1})
+    panel.set_xticks(at, [f"{n.replace('_', ' ')}\n{a:.3g} to {b:.3g}" for n, a, b in zip(found.names, found.low, found.high, strict=True)])
+    panel.set_ylabel("share of the variance")
+    panel.axhline(0, color=BLACK, lw=0.8)
+    panel.set_title(f"Sobol indices around the winner, standard deviation {found.spread:.3g}", fontsize=10)
+    _grid(panel)
+    _legend(figure, panel)
+    _save(figure, path)
+
+
+def save_front(
+    path: Path,
+    labels: tuple[str, str],
+    searched: Array,
+    front: Array,
+    fresh: Array,
+    paper: Array,
+    bound: Array | None = None,
+    scales: Sequence[str] = ("linear", "linear"),
+) -> None:
+    """Draw a Pareto front: ``searched`` (N, 2) all designs, ``front`` and ``fresh`` (K, 2) those not dominated, as searched and on fresh members.
+
+    ``paper`` (2,) is the paper's design, ``bound`` (K, 2) the stationary limits of the cavities of the designs on the front; NaN where there is none.
+    """
+    figure, (panel,) = _panels(1, 5.6)
+    figure.set_figwidth(7.6)
+    panel.plot(*searched.T, ".", color="0.75", ms=4, label="designs of the search")
+    if bound is not None and np.isfinite(bound).any():
+        for reached, possible in zip(fresh, bound, strict=True):
+            panel.plot(*np.array([reached, possible]).T, color="0.6", lw=0.7, zorder=1)
+        panel.plot(*bound.T, "x", color=BLACK, ms=6, mew=1.4, label="stationary limit of each design's cavity", clip_on=False)
+    panel.plot(*front.T, color=BLUE, lw=1.2, drawstyle="steps-post", label="front, as the search saw it")
+    panel.plot(*fresh.T, "o", ms=6, color=BLUE, mfc="white", mew=1.6, label="the same designs on fresh members")
+    panel.plot(*paper, "s", ms=8, color=ORANGE, label="paper's design")
+    panel.set(xlabel=labels[0], ylabel=labels[1], xscale=scales[0], yscale=scales[1])
+    high = np.quantile(searched, 0.98, axis=0)
+    if scales[0] == "linear":
+        panel.set_xlim(0, 1.05 * max(high[0], paper[0], fresh[:, 0].max()))
+    if scales[1] == "linear":
+        panel.set_ylim(0, 1.05 * max(high[1], paper[1], fresh[:, 1].max()))
+    _grid(panel)
+    _legend(figure, panel, 2)
+    _save(figure, path)

@@ -1,0 +1,213 @@
+"""A design study as numbers: rows for CSV files, a summary for JSON, and a text to read. SI units, unless named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from impact_env.parameters import RigidWalls
+from impact_env.scene import Scene
+from optimisation.bounds import resonance_limit
+from optimisation.designs import IMPACT, POSITION, Design
+from optimisation.insight import Levels, Sensitivity
+from optimisation.objectives import Condition
+from optimisation.problem import Problem
+from optimisation.search.judge import Audit, Judged, Verdict
+from optimisation.search.study import Evaluated
+
+Json = dict[str, object]
+WINNER, PAPER = "winner", "paper"
+
+
+@dataclass(frozen=True, eq=False)
+class Cost:
+    """What a search took: designs, runs and seconds of this session, and the share of the seconds that was not spent in runs."""
+
+    designs: int
+    runs: int
+    seconds: float
+    overhead: float
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """All that is known about one concept; what was not computed, or was broken off, is None."""
+
+    problem: Problem
+    told: list[Evaluated]
+    finished: bool
+    cost: Cost
+    verdict: Verdict | None = None
+    audit: Audit | None = None
+    own: Levels | None = None  # winner and paper's design under the problem's own conditions
+    curves: tuple[Levels, ...] | None = None  # over the force, one for each condition
+    detuned: tuple[Levels, ...] | None = None
+    gap_map: tuple[Levels, ...] | None = None
+    gaps: tuple[float, ...] = ()
+    sensitivity: Sensitivity | None = None
+
+
+def number(value: float) -> float | None:
+    """Return a float as JSON knows it: None if it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def limit(problem: Problem, design: Design, condition: Condition) -> float:
+    """Return the stationary limit in m that no device in this design's cavity beats; NaN where the closed form does not apply.
+
+    It applies to an impact absorber at the free end (`optimisation.bounds`); a sweep's level is near it, not bound by it.
+    """
+    scene: Scene = design.scene(problem.beam)
+    walls = getattr(scene.absorber, "walls", None)
+    if design.concept != IMPACT or design.values[POSITION] != 1.0 or not isinstance(walls, RigidWalls) or scene.absorber_mass is None:
+        return math.nan
+    return float(resonance_limit(scene.model, scene.absorber_mass, walls.gap, condition.force, condition.resonance, *condition.limits))
+
+
+def share_of_possible(level: float, without: float, bound: float) -> float:
+    """Return the reduction reached over the one that the limit leaves room for: 1 at the limit, 0 without effect."""
+    return (without - level) / (without - bound)
+
+
+def design_columns(problem: Problem) -> list[str]:
+    """Return the columns of `design_rows`."""
+    names = [v.name for v in problem.space.free]
+    return ["number", *names, *(o.kind if o.resonance is None else f"{o.kind}_{o.resonance}" for o in problem.objectives), "rungs", "feasible"]
+
+
+def design_rows(problem: Problem, told: Sequence[Evaluated]) -> Iterator[list[object]]:
+    """Yield a row for each design of a study, by number."""
+    for e in told:
+        yield [e.number, *(e.design.values[v.name] for v in problem.space.free), *e.score.values, e.rungs, int(e.score.feasible)]
+
+
+LEVEL_COLUMNS = ("resonance", "force_n", "detuning", "design", "gap_m", "level_median_m", "level_5_percent_m", "level_95_percent_m", "without_m")
+
+
+def level_rows(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[float] = ()) -> Iterator[list[object]]:
+    """Yield a row of `LEVEL_COLUMNS` for each condition and design."""
+    for part in parts:
+        for k, condition in enumerate(part.conditions):
+            for d in range(len(part.median)):
+                who = [names[d], ""] if names else [WINNER, gaps[d]]
+                values = [float(x[d, k]) for x in (part.median, part.low, part.high)]
+                yield [condition.resonance, condition.force, condition.detuning, *who, *values, float(part.without[k])]
+
+
+def _judged(judged: Judged) -> Json:
+    return {
+        "values": dict(judged.design.values),
+        "score": [number(x) for x in judged.score.values],
+        "score_5_to_95_percent": [[number(x) for x in band] for band in judged.bands],
+        "violations": [number(x) for x in judged.score.violations],
+    }
+
+
+def summary(findings: Findings) -> Json:
+    """Return a concept's result as JSON values."""
+    problem, verdict, audit = findings.problem, findings.verdict, findings.audit
+    content: Json = {
+        "problem": problem.describe(),
+        "finished": findings.finished,
+        "designs": findings.cost.designs,
+        "runs": findings.cost.runs,
+        "seconds": round(findings.cost.seconds, 2),
+        "overhead": number(round(findings.cost.overhead, 4)),
+    }
+    if verdict is not None:
+        gain = [number(x) for x in verdict.gain]
+        content["found"] = {"number": verdict.found.number, "score": [number(x) for x in verdict.found.score.values]}
+        content["winner"], content["paper"] = _judged(verdict.winner), _judged(verdict.paper)
+        content["winner_over_paper"] = {"median": gain[0], "5_to_95_percent": gain[1:]}
+    if audit is not None and audit.designs:
+        content["left_behind"] = {
+            "run_in_full": audit.designs,
+            "better_than_best_found": audit.missed,
+            "rank_correlation": number(audit.rank_correlation),
+        }
+    if findings.own is not None and verdict is not None:
+        content["conditions"] = [_condition(findings, k) for k in range(len(findings.own.conditions))]
+    if findings.sensitivity is not None:
+        s = findings.sensitivity
+        content["sensitivity"] = {
+            name: {"low": s.low[k], "high": s.high[k], "first": s.first[k], "total": s.total[k], "total_95_percent": s.total_band[k].tolist()}
+            for k, name in enumerate(s.names)
+        }
+    return content
+
+
+def _condition(findings: Findings, k: int) -> Json:
+    own, verdict, problem = findings.own, findings.verdict, findings.problem
+    assert own is not None
+    assert verdict is not None
+    condition, without = own.conditions[k], float(own.without[k])
+    rows: Json = {"resonance": condition.resonance, "force_n": condition.force, "detuning": condition.detuning, "without_m": without}
+    for d, (name, judged) in enumerate(((WINNER, verdict.winner), (PAPER, verdict.paper))):
+        level, bound = float(own.median[d, k]), limit(problem, judged.design, condition)
+        share = share_of_possible(level, without, bound)
+        rows[name] = {
+            "level_m": level,
+            "level_5_to_95_percent_m": [float(own.low[d, k]), float(own.high[d, k])],
+            "relative": level / without,
+            "limit_m": number(bound),
+            "share_of_possible_reduction": number(share),
+        }
+    return rows
+
+
+def text(findings: Findings) -> str:
+    """Return a concept's result as a text to read."""
+    problem, verdict, cost = findings.problem, findings.verdict, findings.cost
+    title = f"{problem.space.concept}: {problem.objectives[0].label}, {'larger' if problem.objectives[0].maximise else 'smaller'} is better"
+    lines = [title, f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s{_overhead(cost)}"]
+    if verdict is None:
+        return "\n".join([*lines, _so_far(findings)])
+    if not findings.finished:
+        lines.append("  stopped early: figures are missing")
+    width = max(len(v.name) for v in problem.space.free)
+    for v in problem.space.free:
+        mine, paper = verdict.winner.design.values[v.name], verdict.paper.design.values[v.name]
+        lines.append(f"  {v.name:<{width}}  {mine:10.4g}  (paper {paper:.4g}) {v.unit}".rstrip())
+    for name, judged in (("winner", verdict.winner), ("paper", verdict.paper)):
+        (low, high), *_ = judged.bands
+        lines.append(f"  {name} on fresh members: {judged.score.values[0]:.4g} ({low:.4g} to {high:.4g})")
+    found, (gain, low, high) = verdict.found.score.values[0], verdict.gain
+    lines.append(f"  the search thought {found:.4g}; winner over paper {gain:.3f} ({low:.3f} to {high:.3f})")
+    audit = findings.audit
+    if audit is not None and audit.designs:
+        what = f"of {audit.designs} designs left behind and now run in full, {audit.missed} beat the best found"
+        lines.append(f"  {what}; rank correlation {audit.rank_correlation:.2f}")
+    if findings.own is not None:
+        lines += _condition_lines(findings)
+    if findings.sensitivity is not None:
+        parts = ", ".join(f"{name} {total:.2f}" for name, total in zip(findings.sensitivity.names, findings.sensitivity.total, strict=True))
+        lines.append(f"  total Sobol indices within +-20 %: {parts}")
+    return "\n".join(lines)
+
+
+def _so_far(findings: Findings) -> str:
+    """Return what a search knows that has not been judged."""
+    last = max((e.rungs for e in findings.told), default=0)
+    best = min((e for e in findings.told if e.score.feasible and e.rungs == last), key=lambda e: findings.problem.cost(e.score), default=None)
+    if best is None:
+        return "  no design yet that kept all constraints"
+    free = ", ".join(f"{v.name} {best.design.values[v.name]:.4g}" for v in findings.problem.space.free)
+    return f"  best so far, on the search's own members: {best.score.values[0]:.4g} with {free}"
+
+
+def _overhead(cost: Cost) -> str:
+    return f", {100 * cost.overhead:.1f} % of it outside the runs" if cost.overhead > 0 else ""
+
+
+def _condition_lines(findings: Findings) -> Iterator[str]:
+    assert findings.own is not None
+    for k in range(len(findings.own.conditions)):
+        row = _condition(findings, k)
+        mine, paper = row[WINNER], row[PAPER]
+        assert isinstance(mine, dict)
+        assert isinstance(paper, dict)
+        share = mine["share_of_possible_reduction"]
+        reached = "" if share is None else f", {100 * share:.0f} % of the reduction that the stationary limit leaves room for"
+        levels = f"{1e3 * mine['level_m']:.3f} mm, {100 * mine['relative']:.1f} % of no absorber"
+        yield f"  resonance {row['resonance']}, {row['force_n']:g} N: {levels} (paper {100 * paper['relative']:.1f} %){reached}"

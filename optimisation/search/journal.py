@@ -1,0 +1,83 @@
+"""A study's journal file: one process at a time, and in order again after a writer that was killed in the middle of a line."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from optuna.storages.journal import JournalFileBackend
+
+from impact_env.parameters import ParameterError
+
+DAMAGED = ".damaged"
+
+
+class StudyError(ParameterError):
+    """A study file cannot be used; the message says why and what to do."""
+
+
+class Journal(JournalFileBackend):
+    """Optuna's journal file for a writer that has it to itself: no lock for each line, and no wait for the disk but at `sync`.
+
+    A process that is killed loses nothing that it wrote; a machine that loses its power may lose what came after the last `sync`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(str(path))
+        self._path = path
+
+    def append_logs(self, logs: list[dict[str, Any]]) -> None:
+        """Write whole lines in one call."""
+        text = "".join(json.dumps(log, separators=(",", ":")) + "\n" for log in logs)
+        with self._path.open("ab", buffering=0) as file:
+            file.write(text.encode())
+
+    def sync(self) -> None:
+        """Wait until the disk has everything."""
+        with self._path.open("ab") as file:
+            os.fsync(file.fileno())
+
+
+@contextmanager
+def alone(journal: Path) -> Iterator[None]:
+    """Hold a journal for this process; the system lets go of it however the process ends. Raises StudyError if another holds it."""
+    with journal.open("ab") as handle:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise StudyError(f"study file = {journal} is in use by another process: wait for it, or choose another file") from error
+        yield
+
+
+def repair(journal: Path) -> int:
+    """Take a torn last line out of a journal, and keep it beside the journal; return its length in bytes, 0 if there was none.
+
+    The storage writes whole lines, so only the last one can be torn. Raises StudyError if an earlier line is no JSON object.
+    """
+    if not journal.exists():
+        return 0
+    content = journal.read_bytes()
+    lines = content.splitlines(keepends=True)
+    whole = len(lines) - (len(lines) > 0 and not _is_entry(lines[-1]))
+    for number, line in enumerate(lines[:whole], 1):
+        if not _is_entry(line):
+            raise StudyError(f"study file = {journal} is not allowed: line {number} of {len(lines)} is damaged, and only the last can be left out")
+    torn = b"".join(lines[whole:])
+    if torn:
+        with journal.with_name(journal.name + DAMAGED).open("ab") as kept:
+            kept.write(torn if torn.endswith(b"\n") else torn + b"\n")
+        with journal.open("r+b") as file:
+            file.truncate(len(content) - len(torn))
+    return len(torn)
+
+
+def _is_entry(line: bytes) -> bool:
+    try:
+        return line.endswith(b"\n") and isinstance(json.loads(line), dict)
+    except ValueError:
+        return False

@@ -1,0 +1,102 @@
+"""How a search is made: method, batch, seed, and the rungs on which hopeless designs are left behind.
+
+A design climbs rung by rung. On each rung the batch is run with more members or with a slower sweep, and only the best share of the batch
+goes on (successive halving, on common random numbers). What is left behind was judged by the few runs it got, and is told to the
+method as worse than all that went on; only designs that reached the last rung can win. A sweep ten times as fast takes a tenth of
+the time and ranks designs much like the paper's rate does, though not in the same order: `optimisation.search.judge.audit` measures what
+the shortcut cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+from impact_env.drive import PAPER_RATE
+from impact_env.parameters import count, fraction, positive, require
+from optimisation.designs import TUNED
+from optimisation.problem import Problem
+from optimisation.search.samplers import CMA, GP, NSGA2, SAMPLERS, check_sampler
+
+BATCHES = {CMA: 40, NSGA2: 20, GP: 8}
+FAST = 10.0  # rate of the first rung over the paper's: faster still, the sweep is over before the response has built up
+FEW = 2  # members of the first rungs
+KEPT = (0.2, 0.25)  # shares that go on from the first rungs: of 40 designs 8, and then 2
+
+
+@dataclass(frozen=True)
+class Rung:
+    """``members`` of the ensemble, counted from its first; ``speed``: sweep rate over the problem's; ``keep``: share that goes on from here."""
+
+    members: int
+    speed: float = 1.0
+    keep: float = 1.0
+
+    def __post_init__(self) -> None:
+        count("members of a rung", self.members, 1)
+        object.__setattr__(self, "speed", positive("speed of a rung", self.speed))
+        object.__setattr__(self, "keep", fraction("share kept on a rung", self.keep))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """``sampler`` of `SAMPLERS`; designs a ``batch``, which is also the population of CMA-ES and NSGA-II; ``rungs`` from first to last.
+
+    ``from_scratch``: the first design is a random one, and not the paper's.
+    """
+
+    sampler: str
+    batch: int
+    rungs: tuple[Rung, ...]
+    seed: int = 0
+    from_scratch: bool = False
+
+    def __post_init__(self) -> None:
+        count("batch", self.batch, 2)
+        count("seed", self.seed, 0)
+
+    def check(self, problem: Problem) -> None:
+        """Raise ParameterError unless the settings go with a problem."""
+        check_sampler(self.sampler, problem.space, len(problem.objectives))
+        last = self.rungs[-1] if self.rungs else None
+        require(last is not None and last.speed == 1, "rungs", self.rungs, "one or more, the last at the problem's own sweep rate")
+        assert last is not None
+        require(last.members == problem.members, "members of the last rung", last.members, f"the problem's {problem.members}")
+        single = len(problem.objectives) == 1
+        require(single or len(self.rungs) == 1, "rungs", self.rungs, "a single one where there are several objectives: there is no one best share")
+
+    def describe(self) -> dict[str, object]:
+        """Return the settings as JSON values."""
+        rungs = [asdict(rung) for rung in self.rungs]
+        return {"sampler": self.sampler, "batch": self.batch, "seed": self.seed, "rungs": rungs, "from_scratch": self.from_scratch}
+
+    def whole_batches(self, designs: int) -> int:
+        """Return a number of designs rounded up to whole batches; the first batch has the paper's design as one more."""
+        count("designs", designs, 1)
+        return 1 + self.batch * max(1, -(-(designs - 1) // self.batch))
+
+
+def default_settings(
+    problem: Problem,
+    sampler: str | None = None,
+    batch: int | None = None,
+    seed: int = 0,
+    screening: bool = True,
+    from_scratch: bool = False,
+) -> Settings:
+    """Return settings for a problem: CMA-ES for one objective, NSGA-II for several, and rungs unless ``screening`` is off.
+
+    One free variable goes to the random search. A tuned absorber is linear: its runs are cheap and hardly differ, so it needs no rungs.
+    """
+    several = len(problem.objectives) > 1
+    name = sampler or (NSGA2 if several else CMA if len(problem.space.free) > 1 else "random")
+    require(name in SAMPLERS, "sampler", name, f"one of {', '.join(SAMPLERS)}")
+    rungs: tuple[Rung, ...] = (Rung(problem.members),)
+    if screening and not several and problem.space.concept != TUNED:
+        few, speed = min(FEW, problem.members), FAST * PAPER_RATE / problem.rate
+        if few < problem.members:
+            rungs = (Rung(few, 1.0, KEPT[1]), *rungs)
+        if speed > 1:
+            rungs = (Rung(few, speed, KEPT[0]), *rungs)
+    settings = Settings(name, batch or BATCHES.get(name, BATCHES[CMA]), rungs, seed, from_scratch)
+    settings.check(problem)
+    return settings

@@ -1,0 +1,265 @@
+"""A study: batches of designs asked of Optuna, run in one call, and told; every result is in the journal as soon as it is there.
+
+A batch goes through three states, and each can be taken up where a killed process left it: its designs are asked for (`samplers`
+makes a proposal repeatable), run rung by rung (the measures of a design are written when its runs are finished), and told in the order
+of their numbers. Nothing is told before the whole batch has been run, so that a proposal depends on whole batches only. A resumed
+study therefore equals one that was never interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import optuna
+from numpy.typing import NDArray
+from optuna.samplers import RandomSampler
+from optuna.storages import InMemoryStorage, JournalStorage
+from optuna.trial import FrozenTrial, Trial, TrialState
+
+from impact_env.parameters import ParameterError
+from optimisation.designs import Design
+from optimisation.evaluation import Executor, evaluate
+from optimisation.objectives import Score
+from optimisation.problem import Problem
+from optimisation.search.journal import Journal, StudyError, alone, repair
+from optimisation.search.samplers import CMA, TrialSampler, distributions
+from optimisation.search.settings import Settings
+
+Array = NDArray[np.float64]
+Json = dict[str, object]
+STUDY_FORMAT = 1
+NAME = "design"
+_IDENTITY, _SCORE = "identity", "score"
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """A design that was told: its ``number``, what it scored, and on how many ``rungs`` (all of them: it can win)."""
+
+    number: int
+    design: Design
+    score: Score
+    rungs: int
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """How far a study is: ``designs`` told, ``wanted`` in all, and the ``runs`` made in this session."""
+
+    designs: int
+    wanted: int
+    runs: int
+
+
+class DesignStudy:
+    """A study of a problem, in memory or in a journal file; use `opened`."""
+
+    def __init__(self, problem: Problem, settings: Settings, study: optuna.Study, sync: Callable[[], None] = lambda: None) -> None:
+        self.problem, self.settings = problem, settings
+        self.seconds = 0.0  # of which
+        self.evaluating = 0.0  # were spent in runs
+        self.runs = 0
+        self._study, self._sync = study, sync
+        self._space = distributions(problem.space)
+
+    @property
+    def told(self) -> list[Evaluated]:
+        """All designs that are finished, by number."""
+        return [self._evaluated(trial) for trial in self._study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))]
+
+    @property
+    def complete(self) -> list[Evaluated]:
+        """The finished designs that kept all constraints on the last rung: one of them wins."""
+        return [e for e in self.told if e.score.feasible and e.rungs == len(self.settings.rungs)]
+
+    def run(self, designs: int, executor: Executor, progress: Callable[[Progress], None] | None = None) -> bool:
+        """Search until at least ``designs`` (whole batches) are told; return False if a KeyboardInterrupt ended it early.
+
+        What is finished stays, so that a later call, of any process, goes on from there.
+        """
+        wanted, began = self.settings.whole_batches(designs), time.perf_counter()
+        try:
+            while (first := self._next_batch()) < wanted:
+
+                def show(runs: int, told: int = first) -> None:
+                    if progress is not None:
+                        progress(Progress(told, wanted, runs))
+
+                show(self.runs)
+                self._batch(first, executor, show)
+                show(self.runs, self._next_batch())
+        except KeyboardInterrupt:
+            return False
+        finally:
+            self.seconds += time.perf_counter() - began
+        return True
+
+    def _next_batch(self) -> int:
+        """Return the number of the first design of the first batch that is not told."""
+        told = len(self._study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)))
+        return 0 if told < self.settings.batch + 1 else told - (told - 1) % self.settings.batch
+
+    def _batch(self, first: int, executor: Executor, show: Callable[[int], None]) -> None:
+        size = self.settings.batch + (first == 0)
+        trials = self._asked(first, size)
+        designs = [self.problem.space.design({name: trial.params[name] for name in self._space}) for trial in trials]
+        going = list(range(size))
+        reached: dict[int, tuple[int, Score]] = {}
+        for level, rung in enumerate(self.settings.rungs):
+            scores = self._climb(level, [(trials[k], designs[k]) for k in going], executor, show)
+            for k, score in zip(going, scores, strict=True):
+                reached[k] = (level + 1, score)
+            if level + 1 < len(self.settings.rungs):
+                order = sorted(range(len(going)), key=lambda i: (self.problem.penalised_cost(scores[i]), i))
+                going = sorted(going[i] for i in order[: math.ceil(rung.keep * len(going))])
+        self._tell(trials, [reached[k] for k in range(size)])
+
+    def _asked(self, first: int, size: int) -> list[FrozenTrial]:
+        """Return the batch's trials; what a killed process asked for is taken over, and what is missing is asked for."""
+        known = {trial.number: trial for trial in self._study.get_trials(deepcopy=False)}
+        for number in range(first, first + size):
+            trial = known.get(number)
+            if trial is not None and set(trial.params) == set(self._space):
+                continue
+            self._study.sampler = self._sampler(number)
+            if trial is None:
+                self._study.ask(fixed_distributions=self._space)
+            else:  # killed between two of its parameters
+                half = Trial(self._study, trial._trial_id)
+                for v in self.problem.space.free:
+                    half.suggest_float(v.name, v.low, v.high, log=v.log)
+        self._study.sampler = RandomSampler()
+        return sorted(self._study.get_trials(deepcopy=False), key=lambda trial: trial.number)[first : first + size]
+
+    def _sampler(self, number: int) -> TrialSampler:
+        chosen, space = self.settings, self.problem.space
+        return TrialSampler(chosen.sampler, space, chosen.batch, chosen.seed, number, None if chosen.from_scratch else space.default.values)
+
+    def _climb(self, level: int, going: Sequence[tuple[FrozenTrial, Design]], executor: Executor, show: Callable[[int], None]) -> list[Score]:
+        """Return the scores of designs on a rung, running what the journal does not hold yet."""
+        rung, problem = self.settings.rungs[level], self.problem
+        rate, below = problem.rate * rung.speed, self.settings.rungs[level - 1] if level else None
+        continued = below is not None and below.speed == rung.speed and below.members <= rung.members
+        begin = below.members if continued and below is not None else 0
+        phases, key = problem.phases[begin : rung.members], f"rung {level}"
+        problem.reference(problem.phases[: rung.members], rate)
+        missing = [(trial, design) for trial, design in going if key not in trial.user_attrs]
+        before, began = self.runs, time.perf_counter()
+
+        def count(done: int, _total: int) -> None:
+            self.runs = before + done
+            show(self.runs)
+
+        try:
+            for k, measured in evaluate(problem, [design for _, design in missing], phases, rate, executor, count) if len(phases) else ():
+                self._study._storage.set_trial_user_attr(missing[k][0]._trial_id, key, _listed(measured))
+        finally:
+            self.evaluating += time.perf_counter() - began
+        stored = {trial.number: trial for trial in self._study.get_trials(deepcopy=False)}
+        used = range(level - 1 if continued else level, level + 1) if len(phases) else range(level - 1, level)
+        scores = []
+        for trial, design in going:
+            measured = np.concatenate([np.array(stored[trial.number].user_attrs[f"rung {i}"], dtype=float) for i in used])
+            scores.append(problem.score(design, measured, problem.phases[: rung.members], rate))
+        return scores
+
+    def _tell(self, trials: Sequence[FrozenTrial], reached: Sequence[tuple[int, Score]]) -> None:
+        """Tell a batch in the order of its numbers; designs left behind are told as worse than all that went on."""
+        costs = [self.problem.penalised_cost(score) for _, score in reached]
+        shifts = [0.0] * (len(self.settings.rungs) + 1)
+        for rungs in range(len(self.settings.rungs) - 1, 0, -1):
+            above = [costs[k] + shifts[r] for k, (r, _) in enumerate(reached) if r > rungs]
+            here = [costs[k] for k, (r, _) in enumerate(reached) if r == rungs]
+            shifts[rungs] = max(0.0, max(above) - min(here)) if above and here else 0.0
+        sign = -1.0 if self.problem.objectives[0].maximise else 1.0
+        for trial, cost, (rungs, score) in zip(trials, costs, reached, strict=True):
+            if trial.state == TrialState.COMPLETE:
+                continue
+            penalised = len(score.values) == 1 and (self.settings.sampler == CMA or score.feasible)
+            values = [sign * (cost + shifts[rungs])] if penalised else list(score.values)
+            storage, key = self._study._storage, trial._trial_id
+            storage.set_trial_user_attr(key, _SCORE, asdict(score) | {"rungs": rungs})
+            if self.problem.constraints:
+                open_trial = Trial(self._study, key)
+                for constraint, violation in zip(self.problem.constraints, score.violations, strict=True):
+                    open_trial.set_constraint(constraint.name, violation)
+            self._study.tell(trial.number, values)
+        self._sync()
+
+    def _evaluated(self, trial: FrozenTrial) -> Evaluated:
+        told = trial.user_attrs[_SCORE]
+        score = Score(tuple(told["values"]), tuple(told["violations"]), bool(told["failed"]))
+        return Evaluated(trial.number, self.problem.space.design({name: trial.params[name] for name in self._space}), score, int(told["rungs"]))
+
+
+def _listed(measured: Array) -> object:
+    """Return an array as nested lists, with None for NaN, which JSON lacks."""
+    values = measured.astype(object)
+    values[np.isnan(measured)] = None
+    return values.tolist()
+
+
+@contextmanager
+def opened(problem: Problem, settings: Settings, journal: Path | None = None) -> Iterator[DesignStudy]:
+    """Give the study of a problem: a new one, or the one that ``journal`` holds; None keeps it in memory.
+
+    The file belongs to this process until the end; a last line that a killed process left half-written is taken out of it. Raises
+    StudyError if the file is in use, damaged, or of another problem, method or version.
+    """
+    settings.check(problem)
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    if journal is None:
+        yield DesignStudy(problem, settings, _study(problem, settings, InMemoryStorage(), None))
+        return
+    with alone(journal):
+        repair(journal)
+        try:
+            backend = Journal(journal)
+            study = _study(problem, settings, JournalStorage(backend), journal)
+        except (KeyError, AssertionError, TypeError, ValueError) as error:
+            if isinstance(error, ParameterError):
+                raise
+            raise StudyError(f"study file = {journal} is not allowed: it is not a journal that Optuna can read ({error!r})") from error
+        yield DesignStudy(problem, settings, study, backend.sync)
+
+
+def _study(problem: Problem, settings: Settings, storage: optuna.storages.BaseStorage, journal: Path | None) -> optuna.Study:
+    directions = ["maximize" if objective.maximise else "minimize" for objective in problem.objectives]
+    names = [summary.study_name for summary in optuna.get_all_study_summaries(storage)]
+    identity = json.loads(json.dumps({"version": STUDY_FORMAT, "problem": problem.describe(), "search": settings.describe()}))
+    if names and NAME not in names:
+        raise StudyError(f"study file = {journal} is not allowed: it holds {', '.join(map(repr, names))}, and no study of this workbench")
+    if not names:
+        study = optuna.create_study(storage=storage, study_name=NAME, directions=directions, sampler=RandomSampler())
+    else:
+        study = optuna.load_study(storage=storage, study_name=NAME, sampler=RandomSampler())
+    held = study.user_attrs.get(_IDENTITY)
+    if held is None and not study.get_trials(deepcopy=False):  # new, or killed while it was made
+        study.set_user_attr(_IDENTITY, identity)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            study.set_metric_names([objective.label for objective in problem.objectives])
+    elif held != identity:
+        raise StudyError(f"study file = {journal} is not allowed: it is another study: {_difference(held, identity)}; choose another file")
+    return study
+
+
+def _difference(held: object, wanted: object, path: str = "") -> str:
+    """Name the first place where two descriptions differ."""
+    if isinstance(held, dict) and isinstance(wanted, dict):
+        for key in sorted({*held, *wanted}):
+            if held.get(key) != wanted.get(key):
+                return _difference(held.get(key), wanted.get(key), f"{path}.{key}" if path else key)
+    if isinstance(held, list) and isinstance(wanted, list) and len(held) == len(wanted):
+        for k, (a, b) in enumerate(zip(held, wanted, strict=True)):
+            if a != b:
+                return _difference(a, b, f"{path}[{k}]")
+    return f"{path or 'identity'} is {held!r} there and {wanted!r} here"

@@ -1,0 +1,160 @@
+"""What the scripts of the design studies share: options, and the problem that they describe."""
+
+from __future__ import annotations
+
+import platform
+import resource
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numba
+import numpy as np
+import optuna
+import scipy
+from tqdm import tqdm
+
+from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE
+from impact_env.ensemble import available_cores
+from impact_env.parameters import Beam, ParameterError
+from optimisation.comparison import WIDE_LIMITS
+from optimisation.designs import TUNED, VARIABLES, DesignSpace, design_space
+from optimisation.evaluation import Executor, Threads
+from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
+from optimisation.problem import Problem
+from optimisation.search.study import Progress
+
+INTERRUPTED = 130  # the shell's exit code after Ctrl-C
+QUICK_SPEED, QUICK_MEMBERS = 10.0, 2
+RANGE_FORCES = 8  # forces between a third and three times the given one, for the objective range
+BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}, {remaining} left]{postfix}"
+
+Command = Callable[..., Any]
+
+
+class At(click.ParamType):
+    """RESONANCE:FORCE, the force in N."""
+
+    name = "resonance:force"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, float]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            resonance, force = str(value).split(":")
+            return int(resonance), float(force)
+        except ValueError:
+            self.fail(f"{value!r} is not RESONANCE:FORCE, as in 1:3.5", param, ctx)
+
+
+SHARED = (
+    click.option("--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."),
+    click.option("--bounds", multiple=True, type=(str, float, float), metavar="NAME LOW HIGH", help="Bounds of a free variable, in SI units."),
+    click.option("--fix", multiple=True, type=(str, float), metavar="NAME VALUE", help="Value of a variable not searched.  [default: the paper's]"),
+    click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point.  [default: {DEFAULT_MEMBERS}, for fronts 4]"),
+    click.option("--batch", type=click.IntRange(min=2), help="Designs run in one call; the population of CMA-ES and NSGA-II."),
+    click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of search and members."),
+    click.option("--modes", type=click.IntRange(min=1), default=Beam.modes, show_default=True, help="Modes of the beam."),
+    click.option("--rate", type=float, default=PAPER_RATE, show_default=True, help="Sweep rate in % of the resonance per 100 pseudo periods."),
+    click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=f"Upper limit of {', '.join(LIMITABLE)}, in SI units."),
+    click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
+    click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]"),
+    click.option("--cluster", metavar="ADDRESS", help="Send the runs to the workers of the Dask scheduler at this address instead."),
+)
+
+
+def shared_options(command: Command) -> Command:
+    for option in reversed(SHARED):
+        command = option(command)
+    return command
+
+
+def variables_help() -> str:
+    """Return the concepts' variables for a help text."""
+    lines = ["\b", "Variables and bounds, in SI units:"]
+    for concept, variables in VARIABLES.items():
+        lines += [f"  {concept}: " + ", ".join(f"{v.name} {v.low:g} to {v.high:g} {v.unit}".rstrip() for v in variables)]
+    return "\n".join(lines)
+
+
+def make_space(concept: str, given: dict[str, Any]) -> DesignSpace:
+    """Return the space of a concept; with all concepts at once, what a concept lacks does not concern it."""
+    known = {v.name for v in VARIABLES[concept]}
+    every = given.get("every", False)
+    free = [name for name in given["free"] if name in known or not every]
+    bounds = {name: (low, high) for name, low, high in given["bounds"] if name in known or not every}
+    fixed = {name: value for name, value in given["fix"] if name in known or not every}
+    return design_space(concept, free or None, bounds, fixed)
+
+
+def make_conditions(concept: str, at: list[tuple[int, float]], spread: bool = False) -> tuple[Condition, ...]:
+    """Return conditions; a tuned absorber is swept so wide that both of its peaks are seen."""
+    limits = WIDE_LIMITS if concept == TUNED else PAPER_LIMITS
+    factors = np.geomspace(1 / 3, 3, RANGE_FORCES) if spread else np.ones(1)
+    return tuple(Condition(resonance, force * float(factor), limits) for resonance, force in at for factor in factors)
+
+
+def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tuple[Objective, ...], given: dict[str, Any]) -> Problem:
+    members = given["members"] or (QUICK_MEMBERS if given["quick"] else DEFAULT_MEMBERS)
+    rate = given["rate"] * (QUICK_SPEED if given["quick"] else 1)
+    constraints = tuple(Constraint(name, limit) for name, limit in given["constraint"])
+    beam = replace(Beam(), modes=given["modes"])
+    return Problem(make_space(concept, given), conditions, objectives, constraints, beam, members, given["seed"], rate)
+
+
+@contextmanager
+def executor_of(given: dict[str, Any]) -> Iterator[Executor]:
+    """Give the executor that the options ask for."""
+    if given["cluster"] is None:
+        yield Threads(given["threads"])
+        return
+    if given["threads"] is not None:
+        raise ParameterError(f"--threads = {given['threads']} is not allowed: with --cluster, whose workers have their own")
+    try:
+        from optimisation.search.cluster import Workers
+    except ImportError as error:
+        raise ParameterError(f"--cluster = {given['cluster']} is not allowed: where the package distributed is installed") from error
+    with Workers(given["cluster"]) as workers:
+        yield workers
+
+
+@contextmanager
+def study_bar(label: str, wanted: int) -> Iterator[Callable[[Progress], None]]:
+    with tqdm(total=wanted, desc=label, unit="designs", bar_format=BAR, disable=None) as bar:
+
+        def show(progress: Progress) -> None:
+            bar.set_postfix_str(f"{progress.runs} runs", refresh=False)
+            bar.update(progress.designs - bar.n)
+            bar.refresh()
+
+        yield show
+
+
+@contextmanager
+def runs_bar(label: str) -> Iterator[Callable[[int, int], None]]:
+    with tqdm(total=0, desc=label, unit="runs", bar_format=BAR, disable=None, leave=False) as bar:
+
+        def show(done: int, total: int) -> None:
+            if done < bar.n:
+                bar.n = 0
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show
+
+
+def conditions_of(given: dict[str, Any]) -> dict[str, object]:
+    """Return what a result was computed with and how much memory it took."""
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    versions = {"python": platform.python_version()} | {module.__name__: module.__version__ for module in (np, scipy, numba, optuna)}
+    where = {"cluster": given["cluster"]} if given["cluster"] else {"threads": given["threads"] or available_cores()}
+    return {"versions": versions, **where, "memory_bytes": memory}
+
+
+def journal_of(study: Path | None, folder: Path) -> Path:
+    return folder / "study.journal" if study is None else study

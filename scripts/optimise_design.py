@@ -1,0 +1,227 @@
+"""Find the best design of a concept: search, judge again on fresh runs, and explain.
+
+The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciPy; a study goes on where it was broken off.
+"""
+
+# needs: optimise, cluster
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from _command_line import BadInput
+from _design_options import (
+    INTERRUPTED,
+    At,
+    conditions_of,
+    executor_of,
+    journal_of,
+    make_conditions,
+    make_problem,
+    runs_bar,
+    shared_options,
+    study_bar,
+    variables_help,
+)
+
+from impact_env.parameters import ParameterError
+from optimisation.designs import GAP, IMPACT, VARIABLES
+from optimisation.evaluation import Executor
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.insight import detuned, levels, over_force, sensitivity, with_gaps
+from optimisation.objectives import KINDS, MEAN, WORST, Objective
+from optimisation.problem import Problem
+from optimisation.report.design_tables import (
+    LEVEL_COLUMNS,
+    PAPER,
+    WINNER,
+    Cost,
+    Findings,
+    design_columns,
+    design_rows,
+    level_rows,
+    summary,
+    text,
+)
+from optimisation.search.judge import audit, verdict
+from optimisation.search.samplers import SAMPLERS
+from optimisation.search.settings import FAST, default_settings
+from optimisation.search.smooth import MEMBERS, smooth_search
+from optimisation.search.study import opened
+
+ALL, SCIPY = "all", "scipy"
+DESIGNS, QUICK_DESIGNS = 400, 80
+FEW = 4  # members of the figures
+FORCES, DETUNINGS, MAP = 10, 9, 16
+SOBOL, QUICK_SOBOL = 64, 16
+
+
+def search(problem: Problem, given: dict[str, Any], journal: Path, executor: Executor) -> Findings:
+    """Search, choose and judge; what a Ctrl-C breaks off is left out."""
+    designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
+    concept = problem.space.concept
+    if (given["sampler"] or (None if concept == IMPACT else SCIPY)) == SCIPY:
+        return search_smoothly(problem, given, designs, executor)
+    settings = default_settings(problem, given["sampler"], given["batch"], given["seed"], not given["no_screening"], given["from_scratch"])
+    with opened(problem, settings, journal) as study:
+        with study_bar(f"{concept}: search", settings.whole_batches(designs)) as show_study:
+            finished = study.run(designs, executor, show_study)
+        overhead = 1 - study.evaluating / study.seconds if study.runs else 0.0
+        findings = Findings(problem, study.told, finished, Cost(len(study.told), study.runs, study.seconds, overhead))
+        if not finished:
+            return findings
+        findings = judge(findings, study.complete, executor)
+        if len(settings.rungs) > 1 and findings.finished and given["audit"]:
+            with runs_bar(f"{concept}: designs left behind, in full") as show:
+                findings = replace(findings, audit=audit(study, executor, given["audit"], show))
+    return findings
+
+
+def search_smoothly(problem: Problem, given: dict[str, Any], designs: int, executor: Executor) -> Findings:
+    began, runs = time.perf_counter(), 2 * min(MEMBERS, problem.members) * len(problem.conditions)
+    with runs_bar(f"{problem.space.concept}: search") as show:
+        told, finished = smooth_search(
+            problem, designs, executor, given["seed"], given["from_scratch"], lambda done: show(runs * done, runs * max(done, designs))
+        )
+    cost = Cost(len(told), runs * len(told), time.perf_counter() - began, 0.0)
+    findings = Findings(problem, told, finished, cost)
+    return judge(findings, [e for e in told if e.score.feasible], executor) if finished else findings
+
+
+def judge(findings: Findings, candidates: list[Any], executor: Executor) -> Findings:
+    if not candidates:
+        return findings
+    with runs_bar(f"{findings.problem.space.concept}: judging on fresh members") as show:
+        found = verdict(findings.problem, candidates, executor, progress=show)
+        both = [found.winner.design, found.paper.design]
+        own = levels(findings.problem, both, findings.problem.conditions, findings.problem.members, executor, show)
+    return replace(findings, verdict=found, own=own)
+
+
+def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Findings:
+    """Run what the figures show, around the winner."""
+    problem, found = findings.problem, findings.verdict
+    if found is None or given["no_figures"] or not findings.finished:
+        return findings
+    name, few, both = problem.space.concept, min(FEW, problem.members), [found.winner.design, found.paper.design]
+    main = _one_a_resonance(problem)
+    with runs_bar(f"{name}: curves over the force") as show:
+        parts = [levels(problem, both, over_force(c, np.geomspace(c.force / 5, 5 * c.force, FORCES)), few, executor, show) for c in main]
+        findings = replace(findings, curves=tuple(parts))
+    with runs_bar(f"{name}: detuned beams") as show:
+        parts = [levels(problem, both, detuned(c, np.linspace(-0.1, 0.1, DETUNINGS)), few, executor, show) for c in main]
+        findings = replace(findings, detuned=tuple(parts))
+    if name == IMPACT:
+        gap = found.winner.design.values[GAP]
+        gaps = np.geomspace(gap / 5, 5 * gap, MAP)
+        with runs_bar(f"{name}: map over gap and force") as show:
+            fast = problem.rate if given["quick"] else FAST * problem.rate
+            designs = with_gaps(found.winner.design, gaps)
+            parts = [levels(problem, designs, over_force(c, np.geomspace(c.force / 5, 5 * c.force, MAP)), 1, executor, show, fast) for c in main]
+        findings = replace(findings, gap_map=tuple(parts), gaps=tuple(gaps.tolist()))
+    if len(problem.space.free) > 1:
+        samples = QUICK_SOBOL if given["quick"] else SOBOL
+        with runs_bar(f"{name}: sensitivity") as show:
+            findings = replace(findings, sensitivity=sensitivity(problem, found.winner.design, samples, few, executor, progress=show))
+    return findings
+
+
+def _one_a_resonance(problem: Problem) -> list[Any]:
+    """Return the middle condition of each resonance."""
+    by_resonance: dict[int, list[Any]] = {}
+    for condition in problem.conditions:
+        by_resonance.setdefault(condition.resonance, []).append(condition)
+    return [part[len(part) // 2] for part in by_resonance.values()]
+
+
+def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
+    from optimisation.report.design_figures import save_curves, save_map, save_robustness, save_sensitivity  # matplotlib is slow to import
+
+    files = [out / "designs.csv", out / "summary.json"]
+    write_csv(files[0], design_columns(findings.problem), design_rows(findings.problem, findings.told))
+    write_json(files[1], conditions_of(given) | summary(findings))
+    tables = (("curves", findings.curves, save_curves), ("detuned", findings.detuned, save_robustness), ("map", findings.gap_map, save_map))
+    for name, part, save in tables:
+        if part is not None:
+            names, gaps = ([], findings.gaps) if name == "map" else ((WINNER, PAPER), ())
+            write_csv(out / f"{name}.csv", LEVEL_COLUMNS, level_rows(part, names, gaps))
+            with replacing(out / f"{name}.png") as temporary:
+                save(temporary, findings)
+            files += [out / f"{name}.csv", out / f"{name}.png"]
+    if findings.sensitivity is not None:
+        with replacing(out / "sensitivity.png") as temporary:
+            save_sensitivity(temporary, findings)
+        files.append(out / "sensitivity.png")
+    return files
+
+
+def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> bool:
+    """Return whether the concept's study came to its end."""
+    conditions = make_conditions(concept, given["at"], given["objective"] == "range")
+    objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])
+    problem = make_problem(concept, conditions, (objective,), given)
+    findings = search(problem, given, journal_of(given["study"], out), executor)
+    try:
+        findings = explain(findings, given, executor)
+    except KeyboardInterrupt:
+        findings = replace(findings, finished=False)
+    files = write(out, findings, given)
+    click.echo(text(findings))
+    click.echo("  written: " + ", ".join(str(file) for file in files) + "\n")
+    return findings.finished
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
+@click.option("--concept", type=click.Choice([*VARIABLES, ALL]), default=IMPACT, show_default=True, help="Kind of absorber.")
+@click.option("--at", multiple=True, type=At(), default=["1:3.5", "2:35"], show_default=True, help="Resonance and force in N; may be repeated.")
+@click.option("--objective", type=click.Choice(list(KINDS)), default="level", show_default=True, help="What makes a design good.")
+@click.option("--over", type=click.Choice([WORST, MEAN]), default=WORST, show_default=True, help="How resonances and forces join.")
+@click.option("--quantile", type=float, default=0.5, show_default=True, help="Share of the members that meet or better the value.")
+@click.option("--limit", type=float, help="Relative level that the objective range must stay under.")
+@click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")
+@click.option("--sampler", type=click.Choice([*SAMPLERS, SCIPY]), help="Method.  [default: scipy without walls; cma; random for one variable]")
+@click.option("--from-scratch", is_flag=True, help="Do not begin with the paper's design.")
+@click.option("--no-screening", is_flag=True, help="Run every design in full instead of leaving hopeless ones behind.")
+@click.option("--audit", type=click.IntRange(min=0), default=8, show_default=True, help="Designs left behind to run in full all the same.")
+@click.option("--no-figures", is_flag=True, help="Search and judge only.")
+@click.option("--study", type=click.Path(path_type=Path, dir_okay=False), help="Study file.  [default: study.journal in the folder]")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("results/optimise_design"), show_default=True, help="Folder; a concept has one in it."
+)
+@shared_options
+def main(**given: Any) -> None:
+    """Find the best design of an absorber for one or more resonances and forces.
+
+    Every design runs under all of them, up and down, for the same members; the finalists run again on fresh ones beside the paper's
+    design. Writes designs.csv, summary.json, and curves, map, detuned and sensitivity as figures and tables. Ctrl-C ends the search; the same
+    command goes on from there.
+    """
+    concepts = list(VARIABLES) if given["concept"] == ALL else [given["concept"]]
+    given["every"] = len(concepts) > 1
+    finished = True
+    try:
+        if given["every"] and given["study"] is not None:
+            raise ParameterError(f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own")
+        with executor_of(given) as executor:
+            for concept in concepts:
+                out = given["out"] / concept
+                require_writable("--out", out)
+                finished = finished and run_concept(concept, given, executor, out)
+    except ParameterError as error:
+        raise BadInput(str(error)) from error
+    except KeyboardInterrupt:  # while finalists are judged or files are written
+        click.echo("Broken off; the study keeps what is finished.", err=True)
+        sys.exit(INTERRUPTED)
+    if not finished:
+        click.echo("Stopped early: the same command goes on from here.", err=True)
+        sys.exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()

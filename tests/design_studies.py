@@ -1,0 +1,70 @@
+"""Studies for tests: a problem without simulation, whose measures follow from the design in microseconds, and executors that count or break off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env import Beam
+from impact_env.ensemble import Lane
+from optimisation.designs import design_space
+from optimisation.measures import Chunk
+from optimisation.objectives import Condition, Objective
+from optimisation.problem import Problem
+from optimisation.search.settings import Rung, Settings
+
+Array = NDArray[np.float64]
+BATCH = 4
+
+
+def problem(objectives: int = 1, **changes: object) -> Problem:
+    """Return a problem of two free variables and ``objectives`` 1 or 2."""
+    several = tuple(Objective(resonance=r) for r in (1, 2)) if objectives == 2 else (Objective(),)
+    given = {
+        "space": design_space("impact", ["gap", "restitution"]),
+        "conditions": (Condition(1, 3.5), Condition(2, 35.0)),
+        "objectives": several,
+        "beam": Beam(modes=2, elements=4),
+        "members": 4,
+        "rate": 100.0,
+    }
+    return Problem(**(given | changes))  # type: ignore[arg-type]
+
+
+def settings(sampler: str = "cma", seed: int = 0, rungs: tuple[Rung, ...] = (Rung(1, 1.0, 0.5), Rung(4))) -> Settings:
+    return Settings(sampler, BATCH, rungs if sampler != "nsga2" else rungs[-1:], seed)
+
+
+@dataclass
+class Model:
+    """An executor that puts a formula in the simulator's place: a bowl around gap 0.6 mm and restitution 0.5, with a ripple by phase.
+
+    ``seen`` counts the runs of each chunk; a ``log`` gets a line for each; KeyboardInterrupt comes in place of chunk number ``stop``.
+    """
+
+    stop: int | None = None
+    log: Path | None = None
+    seen: list[tuple[object, ...]] = field(default_factory=list)
+
+    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
+        for k, chunk in enumerate(chunks):
+            if self.stop is not None and len(self.seen) == self.stop:
+                raise KeyboardInterrupt
+            first = chunk.lanes[0]
+            walls = first.scene.absorber.walls  # type: ignore[union-attr]
+            self.seen.append((walls.gap, walls.restitution, first.drive.amplitude, first.drive.phase, first.drive.schedule.times[-1]))
+            if self.log is not None:
+                with self.log.open("a") as file:
+                    file.write(repr(self.seen[-1]) + "\n")
+            yield k, np.array([[_level(lane)] for lane in chunk.lanes])
+
+
+def _level(lane: Lane) -> float:
+    walls = lane.scene.absorber.walls  # type: ignore[union-attr]
+    best = 6e-4 if lane.drive.amplitude < 10 else 9e-4  # another one for the second resonance
+    bowl = np.log(walls.gap / best) ** 2 + (walls.restitution - 0.5) ** 2
+    return float(1e-4 * (1 + bowl) * (1 + 0.01 * np.sin(7 * lane.drive.phase + 1e4 * walls.gap)))

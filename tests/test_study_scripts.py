@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+pytest.importorskip("optuna")
+pytest.importorskip("cmaes")
+
+from impact_env.parameters import Beam
+from optimisation.designs import design_space
+from optimisation.evaluation import Threads
+from optimisation.insight import sensitivity
+from optimisation.measures import Chunk
+from optimisation.objectives import Condition
+from optimisation.problem import Problem
+from optimisation.report.design_tables import LEVEL_COLUMNS, limit, share_of_possible
+
+SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
+FAST = ["--modes", 2, "--rate", 40, "--members", 2, "--batch", 4]  # the numbers do not matter here
+SMALL = {"MAP": 3, "SOBOL": 2, "QUICK_SOBOL": 2, "FORCES": 3, "DETUNINGS": 3}
+
+
+def load(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for constant, value in SMALL.items():
+        if hasattr(module, constant):
+            monkeypatch.setattr(module, constant, value)
+    return module
+
+
+@pytest.fixture
+def optimise(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    return load("optimise_design", monkeypatch)
+
+
+@pytest.fixture
+def pareto(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    return load("pareto", monkeypatch)
+
+
+def call(script: ModuleType, *arguments: object) -> Result:
+    return CliRunner().invoke(script.main, [str(argument) for argument in arguments])
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path) -> None:
+    result = call(optimise, *FAST, "--concept", "all", "--at", "1:3.5", "--designs", 6, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    common = {"designs.csv", "summary.json", "curves.csv", "curves.png", "detuned.csv", "detuned.png"}
+    impact = {"map.csv", "map.png", "sensitivity.png", "study.journal"}
+    for concept, own in (("impact", impact), ("friction", set()), ("tuned", {"sensitivity.png"})):
+        folder = tmp_path / concept
+        assert {file.name for file in folder.iterdir()} == common | own
+        assert all(file.read_bytes().startswith(b"\x89PNG") for file in folder.glob("*.png"))
+        content = json.loads((folder / "summary.json").read_text())
+        assert content["finished"] is True
+        assert 0 < content["memory_bytes"] < 2**31
+        assert content["problem"]["space"]["concept"] == concept
+        assert content["winner_over_paper"]["median"] > 0
+        assert len(read(folder / "designs.csv")) == content["designs"]
+        assert tuple(read(folder / "curves.csv")[0]) == LEVEL_COLUMNS
+    (condition,) = json.loads((tmp_path / "impact" / "summary.json").read_text())["conditions"]
+    assert 0 < condition["winner"]["level_m"] < condition["without_m"]
+    assert condition["winner"]["share_of_possible_reduction"] < 1
+    assert len(read(tmp_path / "impact" / "map.csv")) == 9
+    assert "winner over paper" in result.stdout
+
+
+def test_study_goes_on_and_tells_the_same(optimise: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Stopping(Threads):
+        def run(self, chunks: Sequence[Chunk]) -> Iterator[Any]:
+            for count, result in enumerate(super().run(chunks)):
+                if count == 3:
+                    raise KeyboardInterrupt
+                yield result
+
+    arguments = [*FAST, "--designs", 5, "--no-figures", "--audit", 0]
+    with monkeypatch.context() as patch:
+        patch.setattr("_design_options.Threads", Stopping)
+        result = call(optimise, *arguments, "--out", tmp_path / "a")
+    assert result.exit_code == 130
+    assert "goes on from here" in result.output
+    assert "no design yet" in result.output
+    assert json.loads((tmp_path / "a" / "impact" / "summary.json").read_text())["finished"] is False
+    for name in "ab":
+        assert call(optimise, *arguments, "--out", tmp_path / name).exit_code == 0
+    a, b = ((tmp_path / name / "impact" / "designs.csv").read_text() for name in "ab")
+    assert a == b
+    again = call(optimise, *arguments, "--seed", 7, "--out", tmp_path / "a")
+    assert again.exit_code == 2
+    assert "problem.seed is 0 there and 7 here" in again.stderr
+
+
+def test_range_objective_spreads_the_forces(optimise: ModuleType, tmp_path: Path) -> None:
+    arguments = ["--objective", "range", "--limit", 0.4, "--over", "mean", "--quantile", 0.9, "--at", "1:3.5", "--no-figures"]
+    result = call(optimise, *FAST, *arguments, "--designs", 5, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    content = json.loads((tmp_path / "impact" / "summary.json").read_text())
+    assert len(content["problem"]["conditions"]) == 8
+    assert 0 <= content["winner"]["score"][0] <= 2 * 0.4772
+    assert "larger is better" in result.stdout
+
+
+@pytest.mark.parametrize("against", ["resonances", "severity"])
+def test_front_is_written_and_compared(pareto: ModuleType, tmp_path: Path, against: str) -> None:
+    compared = ["--random-seeds", 2] if against == "resonances" else []
+    result = call(pareto, *FAST, "--against", against, "--designs", 13, *compared, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    folder = tmp_path / against
+    assert {file.name for file in folder.iterdir()} == {"front.csv", "front.png", "summary.json", "study.journal"}
+    content, rows = json.loads((folder / "summary.json").read_text()), read(folder / "front.csv")
+    assert len(rows) == content["designs"] == 13
+    scores = [row["score"] for row in content["front"]]
+    assert scores == sorted(scores)
+    assert [b for _, b in scores] == sorted((b for _, b in scores), reverse=True)
+    assert sum(row["on_front"] == "1" for row in rows) == len(scores)
+    assert len(content["against_random"]) == (2 if compared else 0)
+    assert all(set(entry) == {"seed", "method", "random"} for entry in content["against_random"])
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "names"),
+    [
+        ("optimise_design", ["--objective", "beauty"], ["--objective", "beauty", "level"]),
+        ("optimise_design", ["--concept", "spring"], ["--concept", "spring"]),
+        ("optimise_design", ["--at", "one"], ["--at", "'one'", "1:3.5"]),
+        ("optimise_design", ["--at", "1:-3"], ["force = -3.0"]),
+        ("optimise_design", ["--at", "9:3", "--modes", 2], ["resonance = 9"]),
+        ("optimise_design", ["--free", "colour"], ["'colour'", "gap"]),
+        ("optimise_design", ["--bounds", "gap", 2e-3, 1e-3], ["bounds of gap", "(0.002, 0.001)"]),
+        ("optimise_design", ["--bounds", "gap", 1e-3, 1e-3], ["bounds of gap"]),
+        ("optimise_design", ["--fix", "restitution", 2], ["restitution"]),
+        ("optimise_design", ["--constraint", "noise", 1], ["constraint = 'noise'", "stroke"]),
+        ("optimise_design", ["--objective", "range"], ["limit of the relative level"]),
+        ("optimise_design", ["--sampler", "scipy"], ["sampler = 'scipy'", "without walls"]),
+        ("optimise_design", ["--free", "gap", "--sampler", "cma"], ["sampler = 'cma'", "two or more"]),
+        ("optimise_design", ["--cluster", "127.0.0.1:1", "--threads", 2], ["--threads = 2"]),
+        ("optimise_design", ["--concept", "all", "--study", "x.journal"], ["--study = x.journal"]),
+        ("optimise_design", ["--out", __file__], ["--out", __file__]),
+        ("pareto", ["--at", "1:3.5"], ["--at", "two resonances"]),
+        ("pareto", ["--against", "all"], ["--against", "all"]),
+        ("pareto", ["--designs", 1], ["--designs", "x>=2"]),
+    ],
+)
+def test_bad_input_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str, arguments: list[object], names: list[str]) -> None:
+    script = load(name, monkeypatch)
+    monkeypatch.setattr(Threads, "run", lambda *_: pytest.fail("computed"))
+    out = [] if "--out" in arguments else ["--out", tmp_path]
+    result = call(script, *arguments, *out)
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert all(part in result.stderr for part in names), result.stderr
+
+
+def test_limit_is_for_cavities_at_the_free_end() -> None:
+    problem = Problem(design_space("impact", ["gap", "position"]), (Condition(1, 10.0),), beam=Beam(modes=2))
+    end = problem.space.design({"gap": 1e-3, "position": 1.0})
+    inside = problem.space.design({"gap": 1e-3, "position": 0.9})
+    assert limit(problem, end, problem.conditions[0]) > 1e-3
+    assert limit(problem, inside, problem.conditions[0]) != limit(problem, inside, problem.conditions[0])  # NaN
+    assert share_of_possible(2.0, 3.0, 1.0) == 0.5
+
+
+def test_sobol_indices_find_what_matters() -> None:
+    """A tuned absorber's level is smooth; in a box of stiffness alone, damping can explain nothing."""
+    space = design_space("tuned", ["stiffness", "damping"], {"damping": (0.899, 0.901)}, {})
+    problem = Problem(space, (Condition(1, 1.0, (0.5, 1.6)),), beam=Beam(modes=2), members=1, rate=40.0)
+    found = sensitivity(problem, space.design({"stiffness": 620.0, "damping": 0.9}), 16, 1, Threads())
+    assert found.names == ("stiffness", "damping")
+    assert found.designs == 16 * 4
+    assert found.total[0] > 0.8
+    assert abs(found.total[1]) < 0.05
+    assert (found.low[0], found.high[0]) == pytest.approx((496.0, 744.0))
