@@ -118,9 +118,10 @@ def test_energy_and_walls(data: st.DataObject, scene: Scene, drive: Drive) -> No
     initial = data.draw(starts(scene))
     try:
         response = run(scene, drive, initial=initial)
-    except ParameterError as refusal:  # eigenvalues that (almost) coincide have no modal basis
-        assert "double eigenvalue" in str(refusal)
-        reject()
+    except ParameterError as refusal:
+        if "double eigenvalue" not in str(refusal):
+            raise
+        reject()  # eigenvalues that (almost) coincide have no modal basis
     check(response)
 
 
