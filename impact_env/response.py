@@ -75,7 +75,11 @@ class History:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Result of a run; what was not recorded is None. ``end_state`` (2 N_m + 2,), ``stuck_time`` and ``wall_time`` in s."""
+    """Result of a run; what was not recorded is None. ``end_state`` (2 N_m + 2,), ``stuck_time`` and ``wall_time`` in s.
+
+    ``steps``: time steps, or stretches between events of the exact method; ``evaluations``: of the right-hand side, or of the exact
+    method's event search, where a block of times counts once (0 for the closed form and the Moreau scheme).
+    """
 
     scene: Scene
     drive: Drive
@@ -84,6 +88,7 @@ class Response:
     impact_count: int
     stuck_time: float
     steps: int
+    evaluations: int
     wall_time: float
     level: ResponseLevel | None = None
     impacts: Impacts | None = None

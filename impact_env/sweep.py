@@ -121,6 +121,7 @@ def _response(scene: Scene, drive: Drive, method: Method, start: Array, state: A
         int(values[observers.IMPACTS]),
         float(drive.schedule.times[-1]) if isinstance(scene.absorber, StuckAbsorber) else float(values[observers.STUCK_TIME]),
         int(values[observers.STEPS]),
+        int(values[observers.EVALUATIONS]),
         wall_time,
         level=read_level(room.level, drive, interval),
         impacts=impacts,

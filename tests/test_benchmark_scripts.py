@@ -51,10 +51,10 @@ def test_quick_benchmark_writes_what_it_prints(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_median_of_the_repeats_counts() -> None:
-    measured = benchmark.Measured(benchmark.CASES[1], 800.0, 800.0, 2.0, (5.0, 4.0, 90.0), (200.0, 150.0, 100.0))
+    measured = benchmark.Measured(benchmark.CASES[1], 800.0, 800.0, 2.0, 3.0, 20.0, (5.0, 4.0, 90.0), (200.0, 150.0, 100.0))
     assert (measured.exact_us, measured.moreau_us, measured.ratio, measured.reference_ratio) == (5.0, 150.0, 30.0, 34.0)
     row = benchmark.table([measured]).splitlines()[-1]
-    assert [cell.strip() for cell in row.strip("|").split("|")] == ["10 modes, 5 N, e = 1", "5", "2.00", "150", "30.0", "170", "34.0"]
+    assert [cell.strip() for cell in row.strip("|").split("|")] == ["10 modes, 5 N, e = 1", "5", "2.00", "3.0", "20", "150", "30.0", "170", "34.0"]
 
 
 def test_cases_are_the_stated_ones() -> None:
