@@ -1,73 +1,33 @@
 from __future__ import annotations
 
 import os
-import signal
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
-import numpy as np
 import pytest
 
 pytest.importorskip("distributed")
 pytest.importorskip("optuna")
 
 import distributed
+from cluster_check import problem
 from design_studies import Array
 
-from impact_env import Beam
-from optimisation.designs import design_space
-from optimisation.evaluation import Threads, evaluate
 from optimisation.measures import Chunk
-from optimisation.objectives import Condition
-from optimisation.problem import Problem
 from optimisation.search.cluster import ClusterError, Workers
-from optimisation.search.settings import Rung, Settings
-from optimisation.search.study import opened
+
+HERE = Path(__file__).parent
 
 
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[object]:
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50) as local:
-        yield local
-
-
-def problem() -> Problem:
-    return Problem(design_space("impact"), (Condition(1, 3.5), Condition(2, 35.0)), beam=Beam(modes=2), members=4, rate=20.0)
-
-
-class Murderous(Workers):
-    """Kills one of the workers when the first results are there."""
-
-    victim: int | None = None
-
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
-        for count, result in enumerate(super().run(chunks)):
-            if count == 2 and self.victim is not None:
-                os.kill(self.victim, signal.SIGKILL)
-                self.victim = None
-            yield result
-
-
-def test_workers_give_what_threads_give_though_one_is_killed_on_the_way(cluster: object) -> None:
-    given = problem()
-    designs = [given.space.at([x, 0.5, y]) for x in (0.4, 0.5, 0.6) for y in (0.3, 0.7)]
-    here = dict(evaluate(given, designs, given.phases, given.rate, Threads(2)))
-    with Murderous(cluster.scheduler_address) as workers:  # type: ignore[attr-defined]
-        workers.victim = next(iter(cluster.workers.values())).pid  # type: ignore[attr-defined]
-        there = dict(evaluate(given, designs, given.phases, given.rate, workers))
-        assert workers.victim is None
-    assert sorted(here) == sorted(there)
-    for k, values in here.items():
-        np.testing.assert_array_equal(there[k], values)
-
-
-def test_study_on_a_cluster_equals_a_local_one(cluster: object) -> None:
-    chosen, found = Settings("cma", 4, (Rung(1, 2.0, 0.5), Rung(4))), []
-    with Workers(cluster.scheduler_address) as workers:  # type: ignore[attr-defined]
-        for executor in (Threads(), workers):
-            with opened(problem(), chosen) as study:
-                assert study.run(5, executor)
-                found.append([(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told])
-    assert found[0] == found[1]
+def test_workers_and_studies_give_what_threads_give_though_a_worker_is_killed() -> None:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parent)])}
+    for step in ("warm", "compare"):
+        command = [sys.executable, str(HERE / "cluster_check.py"), step]
+        result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+        assert result.returncode == 0, result.stderr
+    assert result.stdout.splitlines() == ["killed True", "runs True", "studies True"], result.stdout + result.stderr
 
 
 def test_no_scheduler_and_no_worker_are_clear_errors() -> None:
@@ -80,12 +40,14 @@ def test_no_scheduler_and_no_worker_are_clear_errors() -> None:
             list(workers.run(chunks))
 
 
-def test_worker_with_other_sources_is_refused(cluster: object, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_worker_with_other_sources_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     given = problem()
     chunks = given.chunks(given.space.default, given.phases, given.rate)
-    monkeypatch.setattr("optimisation.search.cluster.cache_folder", lambda: "/cache/of/another/version")
-    with Workers(cluster.scheduler_address) as workers, pytest.raises(ClusterError, match="same version of this package"):  # type: ignore[attr-defined]
-        list(workers.run(chunks))
+    local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50)
+    with local, Workers(local.scheduler_address) as workers:
+        monkeypatch.setattr(workers._client, "run", lambda _function: {"tcp://worker": "theirs"})
+        with pytest.raises(ClusterError, match="same version of this package"):
+            list(workers.run(chunks))
 
 
 class Closing(Workers):

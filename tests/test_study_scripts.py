@@ -21,7 +21,7 @@ from optimisation.insight import sensitivity
 from optimisation.measures import Chunk
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.report.design_tables import LEVEL_COLUMNS, limit, share_of_possible
+from optimisation.report.design_tables import LEVEL_COLUMNS, limit
 
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 FAST = ["--modes", 2, "--rate", 40, "--members", 2, "--batch", 4]  # the numbers do not matter here
@@ -175,7 +175,6 @@ def test_limit_is_for_cavities_at_the_free_end() -> None:
     inside = problem.space.design({"gap": 1e-3, "position": 0.9})
     assert limit(problem, end, problem.conditions[0]) > 1e-3
     assert limit(problem, inside, problem.conditions[0]) != limit(problem, inside, problem.conditions[0])  # NaN
-    assert share_of_possible(2.0, 3.0, 1.0) == 0.5
 
 
 def test_sobol_indices_find_what_matters() -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from impact_env.parameters import RigidWalls
 from impact_env.scene import Scene
-from optimisation.bounds import resonance_limit
+from optimisation.bounds import reduction_share, resonance_limit
 from optimisation.designs import IMPACT, POSITION, Design
 from optimisation.insight import Levels, Sensitivity
 from optimisation.objectives import Condition
@@ -63,11 +63,6 @@ def limit(problem: Problem, design: Design, condition: Condition) -> float:
     if design.concept != IMPACT or design.values[POSITION] != 1.0 or not isinstance(walls, RigidWalls) or scene.absorber_mass is None:
         return math.nan
     return float(resonance_limit(scene.model, scene.absorber_mass, walls.gap, condition.force, condition.resonance, *condition.limits))
-
-
-def share_of_possible(level: float, without: float, bound: float) -> float:
-    """Return the reduction reached over the one that the limit leaves room for: 1 at the limit, 0 without effect."""
-    return (without - level) / (without - bound)
 
 
 def design_columns(problem: Problem) -> list[str]:
@@ -145,7 +140,7 @@ def _condition(findings: Findings, k: int) -> Json:
     rows: Json = {"resonance": condition.resonance, "force_n": condition.force, "detuning": condition.detuning, "without_m": without}
     for d, (name, judged) in enumerate(((WINNER, verdict.winner), (PAPER, verdict.paper))):
         level, bound = float(own.median[d, k]), limit(problem, judged.design, condition)
-        share = share_of_possible(level, without, bound)
+        share = float(reduction_share(level, without, bound)) if bound < without else math.nan
         rows[name] = {
             "level_m": level,
             "level_5_to_95_percent_m": [float(own.low[d, k]), float(own.high[d, k])],
