@@ -56,7 +56,8 @@ def _linear(scene: Scene, wanted: float) -> tuple[Regime, float]:
 
 
 @lru_cache(maxsize=256)
-def _rigid(scene: Scene, wanted: float) -> tuple[Regime, Regime, float]:
+def rigid_regimes(scene: Scene, wanted: float) -> tuple[Regime, Regime, float]:
+    """Return the free and the joined regime of a scene with rigid contact, and the reach of their tables in s: ``wanted`` or less."""
     assert scene.absorber_mass is not None
     bounds = (fastest(scene.model), fastest(scene.model, scene.absorber_mass))
     size = padded_size(max(slots for _, slots in bounds))
@@ -109,7 +110,7 @@ def exact_lanes(
         gap = absorber.walls.gap if absorber.walls is not None else None
         limit = absorber.friction.limit if absorber.friction is not None else None
         return partial(compliant_lanes, free, *sprung, contact, Springs(*_stiffnesses(absorber)), gap, limit, losses, reach, *rest)
-    free, joined, reach = _rigid(scene, wanted)
+    free, joined, reach = rigid_regimes(scene, wanted)
     restitution = absorber.walls.restitution if isinstance(absorber.walls, RigidWalls) else None
     limit = absorber.friction.limit if isinstance(absorber.friction, CoulombFriction) else None
     return partial(rigid_lanes, free, joined, contact, restitution, limit, losses, reach, *rest)
@@ -120,7 +121,7 @@ def slot_count(scene: Scene, pseudo_period: float) -> int:
     wanted = WINDOW_PERIODS * pseudo_period
     if not isinstance(scene.absorber, SlidingAbsorber):
         return _linear(scene, wanted)[0].slots.rows.shape[1]
-    return (_compliant(scene, wanted)[0] if is_compliant(scene) else _rigid(scene, wanted)[0]).slots.rows.shape[1]
+    return (_compliant(scene, wanted)[0] if is_compliant(scene) else rigid_regimes(scene, wanted)[0]).slots.rows.shape[1]
 
 
 def run_exact(
@@ -160,7 +161,7 @@ def run_exact(
         limit = absorber.friction.limit if absorber.friction is not None else None
         springs = Springs(*_stiffnesses(absorber))
         return int(compliant_lane(free, *sprung, contact, springs, gap, limit, losses, schedule(reach), state, *observers))
-    free, joined, reach = _rigid(scene, wanted)
+    free, joined, reach = rigid_regimes(scene, wanted)
     walls = Walls(absorber.walls.gap, absorber.walls.restitution) if isinstance(absorber.walls, RigidWalls) else None
     limit = absorber.friction.limit if isinstance(absorber.friction, CoulombFriction) else None
     return int(exact_lane(free, joined, contact, walls, limit, losses, schedule(reach), state, *observers))

@@ -19,7 +19,7 @@ from _specialisation_scenes import Pair, Variant, own, pairs
 PROBE = Path(__file__).with_name("_specialisation_probe.py")
 PERIODS, QUICK_PERIODS = 400.0, 60.0
 REPEATS, QUICK_REPEATS = 5, 3
-HEAVY = ("torch", "matplotlib", "gymnasium", "stable_baselines3", "cvxpy", "optuna", "pandas", "optimisation")
+HEAVY = ("torch", "matplotlib", "stable_baselines3", "cvxpy", "optuna", "pandas", "optimisation")
 FRICTION = ("exact.friction_force", "exact.add_friction_loss", "exact.turn")
 LINEAR = ("no absorber", "stuck", "tuned")
 REAL = 1.02  # a part switched off by its value must cost more than this, or leaving it out saves nothing

@@ -73,13 +73,12 @@ def test_a_force_between_the_steps_is_refused(method: type[Moreau] | type[RungeK
     checked(0.01, Exact(), 1e9)
 
 
-def test_friction_under_a_force_far_above_all_modes_is_refused() -> None:
-    scene = beam_scene(Beam(modes=3), friction_damper())
-    omega = float(scene.model.omega[0])
-    check_step(scene, Drive(1.0, constant_frequency(omega, 2.99e3, 1.0)), Exact())
-    check_step(scene, Drive(0.0, constant_frequency(omega, 1e5, 1.0)), Exact())
-    with pytest.raises(ParameterError, match=r"force frequency = .* rigid friction"):
-        simulate(scene, Drive(1.0, constant_frequency(omega, 3.01e3, 0.001)))
+def test_friction_under_a_force_far_above_all_modes() -> None:
+    """The micro flights after a reversal are then set by the force, not by the modes."""
+    scene = beam_scene(Beam(modes=3), impact_absorber(restitution=0.7, friction_limit=0.1))
+    drive = Drive(1e7, constant_frequency(float(scene.model.omega[0]), 1e4, 0.002))
+    exact, stepped = (simulate(scene, drive, method).end_state for method in (Exact(), Moreau(400_000)))
+    np.testing.assert_allclose(exact, stepped, atol=3e-5 * float(np.max(np.abs(stepped))))
 
 
 def test_moreau_with_a_tuned_absorber() -> None:

@@ -11,8 +11,8 @@ rounding of y.
 
 Leaving a wall. At a start on a wall (or at rate zero) y - wall is known to be zero while its computed value is rounding noise. There
 the signal less its start is developed in a Taylor series, divided by its known factor; the remainder is of relative size (|s| t)^3/60 with
-|s| t <= MICRO_REACH. Returns within that reach (the last flights of a chatter) are found in this series. The one weak spot: after a slow start
-at rate zero the wall ahead is not watched within that reach, so an impact there is taken at its end, late by at most MICRO_REACH/|s|.
+|s| t <= MICRO_REACH, s of the fastest slot or of a quicker force. Returns within that reach (the last flights of a chatter) are found in this
+series. The one weak spot: after a slow start at rate zero the wall ahead is not watched within that reach, so an impact there is taken at its end, late by at most MICRO_REACH/|s|.
 """
 
 from __future__ import annotations
@@ -104,9 +104,9 @@ def exactly_on_guard(low, high, side, noise, y, v):  # type: ignore[no-untyped-d
 
 
 @jit_inline
-def leaves_quickly(slots, side, direction, v, a, b2, b3):  # type: ignore[no-untyped-def]
+def leaves_quickly(slots, omega, side, direction, v, a, b2, b3):  # type: ignore[no-untyped-def]
     """Return whether a start on a guard leaves it so quickly that the safe step from distance zero is beyond the rounding."""
-    reach = MICRO_REACH / slots.scale[FASTEST]
+    reach = MICRO_REACH / max(slots.scale[FASTEST], omega)
     if side != 0:
         return -side * v > b2 * reach
     if direction is not None:
@@ -121,7 +121,7 @@ def start_on_guard(slots, forced, omega, signal, tau, side, direction, zero_rate
     ``side`` -1 or 1: the signal starts on the low or the high wall; ``zero_rate``: its rate starts at zero. ``v``, ``a``: rate and second
     derivative at the start.
     """
-    reach = MICRO_REACH / slots.scale[FASTEST]
+    reach = MICRO_REACH / max(slots.scale[FASTEST], omega)
     j, s = high_derivatives(slots.rows, signal.u)
     j += signal_value(forced.signals, 3, omega, tau)
     s += signal_value(forced.signals, 4, omega, tau)
@@ -187,7 +187,7 @@ def careful_search(slots, forced, omega, signal, tau, start, stop, length, low, 
     Other arguments as in `search.search`. An event between ``stop`` and ``length`` may be returned.
     """
     signals, p = forced.signals, signal.polynomial
-    resolution = time_resolution(slots.rows, length)
+    resolution = time_resolution(slots.rows, omega, length)
     noise, offset, count, reach = NOISE * signal_scale(signal, forced.bound), start, 0, stop - start
     while offset < stop and count < MAX_EVALUATIONS:
         count += 1
@@ -201,7 +201,7 @@ def careful_search(slots, forced, omega, signal, tau, start, stop, length, low, 
             if noise == 0.0 and v == 0.0 and a == 0.0:  # a signal that is zero for ever: an absorber at rest on a wall at rest
                 return Event(NOTHING, length, 0.0, 0.0, 0.0, count)
             if side != 0 or zero_rate:
-                if not leaves_quickly(slots, side, direction, v, a, b2, b3):
+                if not leaves_quickly(slots, omega, side, direction, v, a, b2, b3):
                     offset, kind = start_on_guard(slots, forced, omega, signal, tau, side, direction, zero_rate, v, a)
                     if kind != NOTHING and offset <= length:
                         y, v, a = at_offset(slots, signals, omega, signal, tau, offset)

@@ -238,7 +238,7 @@ def search(slots, forced, omega, signal, tau, length, low, high, side, direction
                 if low is not None:
                     wall = high if kind == HIT_HIGH else low
                 _, b3 = weighted_sizes(rows, SPEED_SQUARE * size, w, size)
-                b3, resolution = b3 + bound[3], time_resolution(rows, length)
+                b3, resolution = b3 + bound[3], time_resolution(rows, omega, length)
                 found = refine(rows, table, scale, signals, omega, u, p, tau, offset + (k + x) * h, kind, wall, b3, resolution)
                 if found.offset >= length:
                     break

@@ -14,7 +14,7 @@ from impact_env.kernels.vector import BLOCK
 
 # events
 NOTHING, HIT_LOW, HIT_HIGH, REVERSAL = 0, 1, 2, 3
-TIME_RESOLUTION = 5e-15  # of the slowest slot's time scale
+TIME_RESOLUTION = 5e-15  # of the time scale of the slowest slot, or of a quicker force
 EPSILON = 2.2e-16
 NOISE = 4.0 * EPSILON  # rounding of a computed signal, relative to its scale
 
@@ -76,9 +76,9 @@ def at_offset(slots, signals, omega, signal, tau, offset):  # type: ignore[no-un
 
 
 @jit_inline
-def time_resolution(rows, length):  # type: ignore[no-untyped-def]
-    """Return the shortest time (s) that a search tells apart."""
-    return max(TIME_RESOLUTION / rows[SPEED, 0], 4.0 * EPSILON * length)
+def time_resolution(rows, omega, length):  # type: ignore[no-untyped-def]
+    """Return the shortest time (s) that a search tells apart: by the slowest slot, or a quicker force."""
+    return max(TIME_RESOLUTION / max(rows[SPEED, 0], omega), 4.0 * EPSILON * length)
 
 
 @jit
