@@ -17,6 +17,7 @@ from impact_env import (
     beam_scene,
     constant_frequency,
     friction_damper,
+    impact_absorber,
     modal_model,
     simulate,
 )

@@ -12,7 +12,8 @@ rounding of y.
 Leaving a wall. At a start on a wall (or at rate zero) y - wall is known to be zero while its computed value is rounding noise. There
 the signal less its start is developed in a Taylor series, divided by its known factor; the remainder is of relative size (|s| t)^3/60 with
 |s| t <= MICRO_REACH, s of the fastest slot or of a quicker force. Returns within that reach (the last flights of a chatter) are found in this
-series. The one weak spot: after a slow start at rate zero the wall ahead is not watched within that reach, so an impact there is taken at its end, late by at most MICRO_REACH/|s|.
+series. The one weak spot: after a slow start at rate zero the wall ahead is not watched within that reach, so an impact there is taken at
+its end, late by at most MICRO_REACH/|s|.
 """
 
 from __future__ import annotations
