@@ -32,7 +32,7 @@ def make_room(regime: Regime, omega: float, half: float) -> Room:
     return Room(signal, forced, window, np.full_like(signal.u, 1e-3))
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(error_model="numpy", cache=True)
 def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Look at a block of times, again and again."""
     w, b, p, size = room.signal.moving, room.signal.block, room.signal.polynomial, slots.rows.shape[1]
@@ -46,7 +46,7 @@ def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(error_model="numpy", cache=True)
 def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Move the amplitudes on by a block, again and again."""
     w, size = room.signal.moving, slots.rows.shape[1]
@@ -56,7 +56,7 @@ def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
         turn_2(turns, (level * POINTS + POINTS - 1) * 2 * size, w, size)
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(error_model="numpy", cache=True)
 def repeat_refine(calls, slots, room):  # type: ignore[no-untyped-def]
     """Evaluate the signal exactly at another offset each time."""
     total, step = 0.0, room.window.half / calls
@@ -66,7 +66,7 @@ def repeat_refine(calls, slots, room):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(error_model="numpy", cache=True)
 def repeat_advance(calls, slots, room):  # type: ignore[no-untyped-def]
     """Advance slots by another offset each time."""
     step = room.window.half / calls
@@ -75,7 +75,7 @@ def repeat_advance(calls, slots, room):  # type: ignore[no-untyped-def]
         room.z[0, 0] = 1e-3
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(error_model="numpy", cache=True)
 def repeat_solve(calls, slots, room):  # type: ignore[no-untyped-def]
     """Solve a window's forced part, again and again."""
     for _ in range(calls):

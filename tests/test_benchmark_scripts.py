@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
 import benchmark  # noqa: E402 - the scripts' folder is known only now
+import cost_of_exact  # noqa: E402
 import reference_levels  # noqa: E402
 from _table import markdown  # noqa: E402
 
@@ -127,3 +128,19 @@ def test_bad_input_is_one_line_and_exit_code_2(command: Command, tmp_path: Path)
     assert call(command, "--members" if command is reference_levels.main else "--repeats", 0).exit_code == 2
     assert call(command, "--unknown").exit_code == 2
     assert list(tmp_path.iterdir()) == []
+
+
+# --- cost of the exact method -----------------------------------------------------------------------------------------------------------------
+
+
+def test_cost_names_its_parts_and_what_is_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(cost_of_exact, "CASES", benchmark.CASES[:1])
+    monkeypatch.setattr(cost_of_exact, "CALLS", 200)
+    target = tmp_path / "cost.json"
+    result = call(cost_of_exact.main, "--quick", "--json", target)
+    assert result.exit_code == 0, result.output
+    (case,) = json.loads(target.read_text())["cases"]
+    assert case["slots"] == 4
+    assert all(part["ns"] > 0 and part["calls"] > 0 for part in case["parts"])
+    assert "all else" in result.output
+    assert "least" in result.output
