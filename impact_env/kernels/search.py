@@ -52,6 +52,7 @@ SLOPE_ERROR = 1.03  # of E: 3.08/3, since a difference of two coefficients is a 
 START_ERROR = 64.0 / 27.0
 SHARP = 1e-3  # of the way across a step: E where an event is accepted
 LEVEL_RATIO = 4.0
+STEADY = 0.05  # of the way across a step: least fall between two coefficients where an event is accepted, so that Newton's method starts well
 MOST_SCANS = 20_000_000
 
 
@@ -120,7 +121,7 @@ def first_bit(mask):  # type: ignore[no-untyped-def]
 def sharp_root(d0, d1, d2, d3, error, slope_error):  # type: ignore[no-untyped-def]
     """Return where in (0, 1) the cubic with these Bernstein coefficients falls through zero, or -1 if that is not sharp."""
     least = min(min(d0 - d1, d1 - d2), d2 - d3)
-    if not (d0 > error and d3 < -error and least > slope_error * error and error < SHARP * (d0 - d3)):
+    if not (d0 > error and d3 < -error and least > max(slope_error * error, STEADY * (d0 - d3)) and error < SHARP * (d0 - d3)):
         return -1.0
     x = d0 / (d0 - d3)
     c1, c2, c3 = 3.0 * (d1 - d0), 3.0 * (d2 - 2.0 * d1 + d0), d3 - d0 + 3.0 * (d1 - d2)
@@ -260,7 +261,7 @@ def search(slots, forced, omega, signal, tau, length, low, high, side, direction
                 stop = min(offset + careful * h, length)
                 found = careful_search(slots, forced, omega, signal, tau, offset, stop, length, low, high, side, direction, zero_rate)
                 count += found.evaluations
-                if found.kind != NOTHING or not found.offset < length:
+                if found.kind != NOTHING or np.isnan(found.offset):
                     return Event(found.kind, found.offset, found.value, found.rate, found.bend, count)
                 offset, careful, begin = found.offset, 2.0 * careful, True
     if count >= MOST_SCANS:  # not a number, so that the run ends in an error: an event could be missed
