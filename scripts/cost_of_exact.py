@@ -123,7 +123,7 @@ def values(costs: list[Cost]) -> dict[str, Any]:
 def main(quick: bool, target: Path | None) -> None:
     """Say what the exact method's time is spent on, on one core."""
     if target is not None:
-        check_target(target)
+        check_target("--json", target)
     costs = [measure(case, QUICK_PERIODS if quick else PERIODS) for case in tqdm(CASES, desc="timing", unit="case", leave=False, disable=None)]
     click.echo(table(costs))
     click.echo(
