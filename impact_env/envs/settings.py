@@ -199,4 +199,3 @@ class Settings:
         return RigidWalls.gap if walls is None or walls.gap == 0 else walls.gap
 
 
-COMMON = tuple(f.name for f in fields(Settings))
