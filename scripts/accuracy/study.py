@@ -6,7 +6,7 @@ import json
 import platform
 import statistics
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import metadata
@@ -28,6 +28,7 @@ class Settings:
     modes: tuple[int, ...] = (1, 3, 10, 30)
     kinds: tuple[str, ...] = ()  # empty: all
     steps: tuple[int, ...] = (20, 40, 100, 200, 400, 1000, 2000, 4000, 10000, 20000)
+    runge_kutta_most: int = 4000  # steps: more of them add rounding, and minutes
     peers: bool = True
     scipy_tolerances: tuple[float, ...] = (1e-6, 1e-9, 1e-12)
     heyoka_tolerances: tuple[float, ...] = (1e-9, 1e-15)
@@ -35,6 +36,7 @@ class Settings:
     repeats: int = 5
     timed_seconds: float = 0.05  # wanted length of a timed run
     patience: float = 2.0  # no further repeat of a run once its repeats have taken this many seconds
+    start_seconds: float = 10.0  # no further start of a method once its starts have taken this many seconds
     sweep: tuple[float, float] = (0.92, 1.0)  # of the ensembles, times the first resonance
     sweep_steps: tuple[int, ...] = (20, 80, 320)
     truth_members: int = 64
@@ -158,6 +160,19 @@ def load(folder: Path, part: str) -> Result | None:
     except (KeyError, AttributeError, json.JSONDecodeError) as error:
         raise ValueError(f"{path} is not a file of the part {part}: made by another script, or changed by hand") from error
     return Result(part, rows, content)
+
+
+def with_scenes(old: Result, new: Result, order: Sequence[tuple[str, int]]) -> Result:
+    """Return the old rows with those of the scenes (name, number of modes) in ``new`` replaced or added; complete when all of ``order`` are there."""
+
+    def scene(row: Row) -> tuple[str, int]:
+        return row["scene"], row["modes"]
+
+    fresh = {scene(row) for row in new.rows}
+    rows = [row for row in old.rows if scene(row) not in fresh] + new.rows
+    rows.sort(key=lambda row: order.index(scene(row)))  # stable: a scene's rows keep their order
+    seconds = round(old.circumstances["seconds"] + new.circumstances["seconds"], 1)
+    return Result(new.part, rows, new.circumstances | {"complete": {scene(row) for row in rows} == set(order), "seconds": seconds})
 
 
 def unique(values: Iterable[Any]) -> list[Any]:
