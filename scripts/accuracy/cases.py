@@ -79,14 +79,14 @@ class Case:
         """Whether the scene has an absorber whose coordinate counts."""
         return self.scene.absorber is not None
 
-    def methods(self, steps: tuple[int, ...], runge_kutta_most: int) -> list[Method]:
+    def methods(self, steps: tuple[int, ...]) -> list[Method]:
         """Return the methods that can do the scene; ``steps`` are those per period of the highest mode, and per contact."""
         compliant = isinstance(self.scene.absorber, SlidingAbsorber) and isinstance(self.scene.absorber.walls, CompliantWalls)
         result: list[Method] = [Exact()]
         if not compliant:
             result += [Moreau(count) for count in steps]
         if compliant or is_linear(self.scene):
-            result += [RungeKutta(count, count) for count in steps if count <= runge_kutta_most]
+            result += [RungeKutta(count, count) for count in steps]
         return result
 
 

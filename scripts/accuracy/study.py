@@ -28,7 +28,6 @@ class Settings:
     modes: tuple[int, ...] = (1, 3, 10, 30)
     kinds: tuple[str, ...] = ()  # empty: all
     steps: tuple[int, ...] = (20, 40, 100, 200, 400, 1000, 2000, 4000, 10000, 20000)
-    runge_kutta_most: int = 4000  # steps: more of them add rounding, and minutes
     peers: bool = True
     scipy_tolerances: tuple[float, ...] = (1e-6, 1e-9, 1e-12)
     heyoka_tolerances: tuple[float, ...] = (1e-9, 1e-15)
@@ -36,7 +35,6 @@ class Settings:
     repeats: int = 5
     timed_seconds: float = 0.05  # wanted length of a timed run
     patience: float = 2.0  # no further repeat of a run once its repeats have taken this many seconds
-    start_seconds: float = 10.0  # no further start of a method once its starts have taken this many seconds
     sweep: tuple[float, float] = (0.92, 1.0)  # of the ensembles, times the first resonance
     sweep_steps: tuple[int, ...] = (20, 80, 320)
     truth_members: int = 64
