@@ -28,6 +28,7 @@ SAME_STEP = 1e-12  # two steps that differ by less, relatively, differ by the ro
 # guards that a value just beyond them does not pass, after an event that left them behind
 FRESH = {"wall": {"upper", "lower"}, "turn": {"turn"}, "wall turn": {"upper", "lower", "turn"}}
 MOST_STEPS = 3_000_000
+MOST_AT_ONCE = 50  # events without progress in time
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,7 @@ class Rules:
         self.gap = np.inf if walls is None else walls.gap
         self.walls = Walls(walls.gap, walls.restitution) if isinstance(walls, RigidWalls) else None
         self.spring = 0.0 if walls is None or isinstance(walls, RigidWalls) else walls.stiffness
+        self.bonded = self.spring > 0 and self.gap == 0  # both walls touch at once: one spring, and no events
         self.limit = 0.0 if friction is None else friction.limit
         self.slider = friction.stiffness if isinstance(friction, ElasticCoulombFriction) else 0.0
 
@@ -172,7 +174,7 @@ class Rules:
         if self.rigid:
             return Law(constant=-(contact.sliding or 0) * self.limit)
         stiffness, constant = 0.0, 0.0
-        if contact.side:
+        if contact.side or self.bonded:
             stiffness, constant = self.spring, self.spring * contact.side * self.gap
         if self.slider and contact.sliding is None:
             stiffness, constant = stiffness + self.slider, constant + self.slider * contact.rest
@@ -187,7 +189,7 @@ class Rules:
         """Return the first contact state, or one that ends the reference if it needs more than a look at the state."""
         relative, rate = float(self.system.relative_row @ x), float(self.system.rate_row @ x)
         if not self.rigid:
-            return Contact(side=int(np.sign(relative)) if abs(relative) > self.gap and self.spring else 0, rest=relative)
+            return Contact(side=int(np.sign(relative)) if abs(relative) > self.gap and self.spring and not self.bonded else 0, rest=relative)
         side = int(np.sign(relative)) if abs(relative) >= self.gap * (1 - 1e-15) else 0
         if rate == 0.0 and (self.limit or side):
             return self.rest(x, 0.0, side)
@@ -225,7 +227,7 @@ class Rules:
         found: dict[str, Array] = {}
         if self.walls is not None:
             found |= {"upper": relative - self.gap, "lower": -self.gap - relative}
-        elif self.spring:
+        elif self.spring and not self.bonded:
             found["contact"] = {0: np.abs(relative) - self.gap, 1: self.gap - relative, -1: relative + self.gap}[contact.side]
         if self.limit and contact.sliding is not None:
             found["turn"] = -contact.sliding * rate
@@ -258,9 +260,14 @@ class Walk:
 
     def to(self, end: float) -> bool:
         """Advance to a time in s; return False where the reference cannot go on."""
+        at_once = 0
         while self.time < end:
-            if not self._stretch(end):
+            before = self.time
+            at_once += 1
+            if at_once > MOST_AT_ONCE or not self._stretch(end):
                 return False
+            if self.time > before:
+                at_once = 0
         return True
 
     def _stretch(self, end: float, finer: int = 1) -> bool:
