@@ -25,6 +25,8 @@ from impact_env.parameters import ParameterError, require
 from impact_env.tables import ladder, propagators
 
 CRITICAL = 1e-8  # a damping ratio this close to 1 is moved to 1 + CRITICAL: two equal eigenvalues have no modal form
+LIGHT, EXTREME = 1e-6, 1e3  # mass over the beam's, and own rates over the beam's first frequency: far beyond, modes on a spring lose their digits
+DISTINCT = "damping and stiffness away from a double eigenvalue"
 UNCOUPLED = 1e-9  # of the largest tip shape: a mode with a node at the absorber
 
 Complex = NDArray[np.complex128]
@@ -187,17 +189,24 @@ def _regime(modes: Modes, guard: Complex, tip: Complex, size: int, reach: float)
     return Regime(slots, maps[0], maps[1], float(np.real(pad(tip) @ rest)))
 
 
-def _check(modes: Modes, states: Index) -> None:
-    """Raise ParameterError if the eigenvectors do not span the state: two eigenvalues (almost) coincide."""
+def _check(modes: Modes, states: Index, allowed: str) -> None:
+    """Raise ParameterError, saying what is ``allowed``, if the eigenvectors do not span the state."""
     block = np.real(modes.out @ modes.into)[np.ix_(states, states)]
     scale = np.sqrt(np.outer(np.diag(block), 1 / np.diag(block))) if np.all(np.diag(block) > 0) else np.full_like(block, np.nan)
     error = np.max(np.abs(np.diag(block) - 1))
-    require(
-        bool(np.isfinite(scale).all()) and error < 1e-6,
-        "scene",
-        f"modal basis off by {error:.1e}",
-        "damping and stiffness away from a double eigenvalue",
-    )
+    require(bool(np.isfinite(scale).all()) and error < 1e-6, "scene", f"modal basis off by {error:.1e}", allowed)
+
+
+def _needed_of_spring(model: ModalModel, mass: float, stiffness: float, damper: float) -> str:
+    """Return what a mass on a spring must be for its modes to have digits, or that no two eigenvalues may be alike where it is that."""
+    omega, spread = float(np.sqrt(stiffness / mass)), max(1.0, damper / float(np.sqrt(stiffness * mass)))
+    slow, fast = (omega * factor / float(model.omega[0]) for factor in (1 / spread, spread))
+    critical = bool(np.any(np.abs(modal_damping(model) - 1) < 2 * CRITICAL))
+    if critical or (mass >= LIGHT * model.beam_mass and slow >= 1 / EXTREME and fast <= EXTREME):
+        return DISTINCT
+    rates = f"rates from {1 / EXTREME:g} to {EXTREME:g} times the beam's first frequency"
+    own = f"{mass:.3g} kg on {stiffness:.3g} N/m and {damper:.3g} N s/m has rates from {slow:.2g} to {fast:.2g} times"
+    return f"an absorber or contact of {LIGHT:g} of the beam's mass or more, with {rates} ({own})"
 
 
 def _state_index(model: ModalModel, absorber: bool) -> Index:
@@ -216,7 +225,7 @@ def free_regime(model: ModalModel, size: int, reach: float) -> Regime:
 def joined_regime(model: ModalModel, mass: float, size: int, reach: float) -> Regime:
     """Return the regime of an absorber (kg) that moves with the tip. Guard signal: the force on the absorber, mass times tip acceleration."""
     modes = _coupled_modes(model, mass, None)
-    _check(modes, _state_index(model, False))
+    _check(modes, _state_index(model, False), DISTINCT)
     tip = model.tip_shape @ modes.out[: model.modes]
     return _regime(modes, mass * modes.values**2 * tip, tip, size, reach)
 
@@ -224,7 +233,7 @@ def joined_regime(model: ModalModel, mass: float, size: int, reach: float) -> Re
 def sprung_regime(model: ModalModel, mass: float, stiffness: float, damper: float, size: int, reach: float) -> Regime:
     """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m). Guard signal: relative displacement absorber - tip."""
     modes = _coupled_modes(model, mass, stiffness, damper)
-    _check(modes, _state_index(model, True))
+    _check(modes, _state_index(model, True), _needed_of_spring(model, mass, stiffness, damper))
     tip = model.tip_shape @ modes.out[: model.modes]
     return _regime(modes, modes.out[model.modes] - tip, tip, size, reach)
 
