@@ -29,7 +29,8 @@ from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
 from optimisation.search.study import Progress
 
-INTERRUPTED = 130  # the shell's exit code after Ctrl-C
+KEPT = "Broken off; the study keeps what is finished."
+GOES_ON = "the same command goes on from here."
 QUICK_SPEED, QUICK_MEMBERS = 10.0, 2
 RANGE_FORCES = 8  # forces between a third and three times the given one, for the objective range
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}, {remaining} left]{postfix}"

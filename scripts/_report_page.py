@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import datetime
+import json
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
+from typing import TypeVar
 
 import llvmlite.binding
 from _command_line import BadInput
@@ -14,6 +16,7 @@ from _command_line import BadInput
 from impact_env.ensemble import available_cores
 from optimisation.files import replacing
 
+T = TypeVar("T")
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -47,6 +50,14 @@ def fill(path: Path, template: Path, sections: Mapping[str, str]) -> None:
         text = head + start + "\n" + body.strip("\n") + "\n" + end + rest.split(end)[1]
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def load_results(path: Path, kind: Callable[..., T]) -> T:
+    """Read results that were saved as JSON; raises BadInput if they are not of this kind."""
+    try:
+        return kind(**json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        raise BadInput(f"--redraw: {path} is not allowed: a file that an earlier run wrote ({error})") from error
 
 
 def _processor() -> str:

@@ -10,16 +10,15 @@ from pathlib import Path
 
 import click
 import numba
-from _command_line import BadInput, check_target
+from _command_line import check_target, plain_errors
 from _table import markdown
 from _timing import Timed
 from tqdm import tqdm
 
 from impact_env.drive import PAPER_RATE, Drive, linear_sweep
 from impact_env.methods import PAPER_STEPS, Exact, Method, Moreau
-from impact_env.parameters import Beam, ParameterError, impact_absorber
+from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import Scene, beam_scene
-from impact_env.sweep import IntegrationError
 from optimisation.files import write_json
 
 START = 0.98  # of the first resonance; with the whole length the sweep ends at 1.06
@@ -163,12 +162,8 @@ def main(quick: bool, repeats: int | None, target: Path | None) -> None:
     """
     check_target("--json", target)
     periods, repeats = QUICK if quick else WHOLE, repeats or (QUICK_REPEATS if quick else REPEATS)
-    try:
+    with plain_errors():
         results = run(periods, repeats)
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except IntegrationError as error:
-        raise click.ClickException(str(error)) from error
     if target is not None:
         write_json(target, {"machine": machine(), "repeats": repeats, "cases": [result.values() for result in results]})
     click.echo(f"{table(results)}\n\n{notes(periods, repeats)}")

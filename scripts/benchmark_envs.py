@@ -18,13 +18,12 @@ import click
 import gymnasium
 import numba
 import numpy as np
-from _command_line import BadInput, check_target
+from _command_line import check_target, plain_errors
 from _table import markdown
 from llvmlite.binding import get_host_cpu_name
 from tqdm import tqdm
 
 from impact_env.ensemble import available_cores
-from impact_env.parameters import ParameterError
 from optimisation.files import write_json
 
 PASSIVE, SWEEP = "ImpactAbsorber/Passive-v0", "ImpactAbsorber/SweepRate-v0"
@@ -166,12 +165,10 @@ def main(quick: bool, target: Path | None) -> None:
     """
     check_target("--json", target)
     seconds, every = QUICK_SECONDS if quick else SECONDS, cases()
-    try:
+    with plain_errors():
         with tqdm(total=REPEATS * len(every), desc="timing", unit="repeat", leave=False, disable=None) as bar:
             speeds = [case(seconds, bar.update) for case in every]
         imported, made = first_step()
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
     machine = {"processor": get_host_cpu_name(), "cores": available_cores(), "numba": numba.__version__}
     if target is not None:
         results = {"machine": machine, "scene": SCENE, "make_and_first_step_s": made, "import_s": imported}

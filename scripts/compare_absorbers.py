@@ -12,20 +12,16 @@ import click
 import numba
 import numpy
 import scipy
-from _command_line import BadInput
-from tqdm import tqdm
+from _command_line import end_early, name_files, plain_errors
+from _progress import sweeps_bar
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import available_cores
-from impact_env.parameters import ParameterError
-from impact_env.sweep import IntegrationError
 from optimisation.comparison import DEFAULT_FORCES, Comparison, compare
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
 
 QUICK_FORCES, QUICK_MEMBERS = 10, 2
-INTERRUPTED = 130  # the shell's exit code after Ctrl-C
-BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} sweeps [{elapsed}, {remaining} left]"
 
 
 def write(out: Path, comparison: Comparison, conditions: dict[str, object]) -> list[Path]:
@@ -41,12 +37,7 @@ def write(out: Path, comparison: Comparison, conditions: dict[str, object]) -> l
 
 
 def run(forces: int, members: int, seed: int, threads: int | None) -> Comparison:
-    with tqdm(total=0, desc="comparing", bar_format=BAR, disable=None) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    with sweeps_bar("comparing") as show:
         return compare(forces=forces, members=members, seed=seed, threads=threads, progress=show)
 
 
@@ -74,22 +65,13 @@ def main(quick: bool, members: int | None, seed: int, forces: int | None, thread
     started = time.perf_counter()
     members = members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
     forces = forces or (QUICK_FORCES if quick else DEFAULT_FORCES)
-    try:
+    with plain_errors():
         require_writable("--out", out)
         comparison = run(forces, members, seed, threads)
         files = write(out, comparison, conditions(started, threads))
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except IntegrationError as error:
-        raise click.ClickException(str(error)) from error
-    except KeyboardInterrupt:  # the second one, or one while files are written
-        click.echo("Broken off.", err=True)
-        sys.exit(INTERRUPTED)
     click.echo(text_table(comparison))
-    click.echo("\nwritten: " + ", ".join(str(file) for file in files))
-    if not comparison.complete:
-        click.echo("Stopped early: the files hold the runs that were finished.", err=True)
-        sys.exit(INTERRUPTED)
+    name_files(files)
+    end_early(comparison.complete, "the files hold the runs that were finished.")
 
 
 if __name__ == "__main__":

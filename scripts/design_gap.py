@@ -3,39 +3,30 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import click
-from _command_line import BadInput
+from _command_line import end_early, name_files, plain_errors
+from _progress import sweeps_bar
 from _table import markdown
-from tqdm import tqdm
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, CoulombFriction, ParameterError, SlidingAbsorber, non_negative
-from impact_env.sweep import IntegrationError
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, CoulombFriction, SlidingAbsorber, non_negative
 from optimisation.bounds import design_gap
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.gap_check import FRICTION, RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber
 
 QUICK_GAPS, QUICK_MEMBERS = 5, 2
 DEFAULT_GAPS = 11
-INTERRUPTED = 130  # the shell's exit code after Ctrl-C
-BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} sweeps [{elapsed}, {remaining} left]"
 HEADER = ("gap, mm", "of the rule's", "level, mm", "5 to 95 %, mm", "of no absorber, %", "limit, mm", "share of the possible, %")
 
 
 def simulated(
     model: ModalModel, force: float, resonance: int, absorber: SlidingAbsorber, gaps: int, members: int, seed: int, threads: int | None
 ) -> GapCheck:
-    with tqdm(total=0, desc="simulating", bar_format=BAR, disable=None) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    with sweeps_bar("simulating") as show:
         factors = gap_factors(gaps)
         return check_gap(model, force, resonance, absorber, factors=factors, members=members, seed=seed, threads=threads, progress=show)
 
@@ -110,7 +101,7 @@ def main(
     simulation early and leaves what is finished.
     """
     gaps, members = gaps or (QUICK_GAPS if quick else DEFAULT_GAPS), members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
-    try:
+    with plain_errors():
         model = modal_model(Beam(modes=modes, absorber_position=position))
         absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution)
         if friction_limit is not None:
@@ -122,18 +113,9 @@ def main(
         click.echo(f"Design rule: a clearance of {1e3 * rule:.4g} mm to either wall for {force:g} N near resonance {resonance}.")
         check = simulated(model, force, resonance, absorber, gaps, members, seed, threads)
         files = write(out, check)
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except IntegrationError as error:
-        raise click.ClickException(str(error)) from error
-    except KeyboardInterrupt:  # the second one, or one while files are written
-        click.echo("Broken off.", err=True)
-        sys.exit(INTERRUPTED)
     click.echo("\n" + text(check))
-    click.echo("\nwritten: " + ", ".join(str(file) for file in files))
-    if not check.complete:
-        click.echo("Stopped early: the files hold the runs that were finished.", err=True)
-        sys.exit(INTERRUPTED)
+    name_files(files)
+    end_early(check.complete, "the files hold the runs that were finished.")
 
 
 if __name__ == "__main__":

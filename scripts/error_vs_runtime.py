@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
-from _command_line import BadInput
+from _command_line import INTERRUPTED, BadInput
+from _progress import BAR
 from accuracy import cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
 from accuracy.study import FULL, QUICK, Result, Row, Settings, circumstances, load, save
 from matplotlib.figure import Figure
@@ -20,9 +21,7 @@ from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
 from optimisation.files import replacing, require_writable
 
-INTERRUPTED = 130  # the shell's exit code after Ctrl-C
 OUT, QUICK_OUT = Path("docs/error_vs_runtime"), Path("results/error_vs_runtime")
-BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}, {remaining} left]"
 DPI = 110
 
 

@@ -5,22 +5,20 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
-from _command_line import BadInput
-from _design_options import INTERRUPTED, QUICK_MEMBERS, QUICK_SPEED, peak_memory
+from _command_line import BadInput, name_files, plain_errors
+from _design_options import QUICK_MEMBERS, QUICK_SPEED, peak_memory
 from _findings_page import PARTS, data_rows, sections
 from _findings_parts import Json, Study, concepts, optima, place, robustness
 from _report_page import ROOT, conditions, fill, require_markers
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_RATE
-from impact_env.parameters import ParameterError
 from optimisation.evaluation import Threads
 from optimisation.files import replacing, require_writable, write_csv, write_json
 
@@ -90,15 +88,13 @@ def main(**given: Any) -> None:
     """
     out = given["out"] or (QUICK_OUT if given["quick"] else OUT)
     data, journals = out / "findings", JOURNALS / ("quick" if given["quick"] else "full") / str(given["seed"])
-    try:
+    with plain_errors("Broken off: finished parts are written; the same command goes on from here."):
         for folder in (data, journals):
             require_writable("--out" if folder is data else "results", folder)
         parts = given["parts"] or tuple(PARTS)
         require_markers(out / "findings.md", TEMPLATE, [f"findings:{part}" for part in parts])
         for part in parts:
-            if given["redraw"]:
-                result = load(data / f"{part}.json")
-            else:
+            if not given["redraw"]:
                 began = time.perf_counter()
                 result = compute(part, study_of(given, journals), data)
                 taken = {
@@ -108,13 +104,10 @@ def main(**given: Any) -> None:
                     "seed": given["seed"],
                 }
                 write_json(data / f"{part}.json", {"conditions": conditions() | taken, "result": result})
+            result = load(data / f"{part}.json")
             files = draw(part, out, result)
-            click.echo(f"{part}: {PARTS[part]}\n\n{sections(part, result)}\n\nwritten: " + ", ".join(map(str, files)) + "\n")
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except KeyboardInterrupt:
-        click.echo("Broken off: finished parts are written, and the same command goes on from here.", err=True)
-        sys.exit(INTERRUPTED)
+            click.echo(f"{part}: {PARTS[part]}\n\n{sections(part, result)}")
+            name_files(files)
 
 
 if __name__ == "__main__":

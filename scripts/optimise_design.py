@@ -7,16 +7,16 @@ The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciP
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from _command_line import BadInput
+from _command_line import end_early, plain_errors
 from _design_options import (
-    INTERRUPTED,
+    GOES_ON,
+    KEPT,
     At,
     conditions_of,
     executor_of,
@@ -161,7 +161,7 @@ def main(**given: Any) -> None:
     concepts = list(VARIABLES) if given["concept"] == ALL else [given["concept"]]
     given["every"] = len(concepts) > 1
     finished = True
-    try:
+    with plain_errors(KEPT):
         if given["every"] and given["study"] is not None:
             raise ParameterError(f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own")
         with executor_of(given) as executor:
@@ -169,14 +169,7 @@ def main(**given: Any) -> None:
                 out = given["out"] / concept
                 require_writable("--out", out)
                 finished = finished and run_concept(concept, given, executor, out)
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except KeyboardInterrupt:  # while finalists are judged or files are written
-        click.echo("Broken off; the study keeps what is finished.", err=True)
-        sys.exit(INTERRUPTED)
-    if not finished:
-        click.echo("Stopped early: the same command goes on from here.", err=True)
-        sys.exit(INTERRUPTED)
+    end_early(finished, GOES_ON)
 
 
 if __name__ == "__main__":

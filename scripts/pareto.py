@@ -7,15 +7,15 @@ The front is searched by NSGA-II, run again on fresh members, and drawn with the
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from _command_line import BadInput
+from _command_line import end_early, name_files, plain_errors
 from _design_options import (
-    INTERRUPTED,
+    GOES_ON,
+    KEPT,
     At,
     conditions_of,
     executor_of,
@@ -108,22 +108,15 @@ def main(**given: Any) -> None:
     on from there.
     """
     out = given["out"] / given["against"]
-    try:
+    with plain_errors(KEPT):
         require_writable("--out", out)
         problem = make(given["against"], given)
         with executor_of(given) as executor:
             front = study(problem, given, journal_of(given["study"], out), executor)
         files = write(out, front, given)
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except KeyboardInterrupt:  # while the front is judged or files are written
-        click.echo("Broken off; the study keeps what is finished.", err=True)
-        sys.exit(INTERRUPTED)
     click.echo(front_text(front))
-    click.echo("written: " + ", ".join(str(file) for file in files))
-    if not front.finished:
-        click.echo("Stopped early: the same command goes on from here.", err=True)
-        sys.exit(INTERRUPTED)
+    name_files(files)
+    end_early(front.finished, GOES_ON)
 
 
 if __name__ == "__main__":

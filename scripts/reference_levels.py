@@ -8,18 +8,16 @@ from pathlib import Path
 
 import click
 import numpy as np
-from _command_line import BadInput, check_target
+from _command_line import check_target, plain_errors
+from _progress import sweeps_bar
 from _table import markdown
-from tqdm import tqdm
 
 from impact_env.curve import BAND, DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves, quantiles
-from impact_env.parameters import Absorber, Beam, ParameterError, friction_damper, impact_absorber
+from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorber
 from impact_env.scene import beam_scene
-from impact_env.sweep import IntegrationError
 from optimisation.files import write_json
 
 MM = 1e3
-BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} sweeps [{elapsed}, {remaining} left]"
 
 
 @dataclass(frozen=True)
@@ -152,12 +150,7 @@ def notes(results: Sequence[Compared], members: int) -> str:
 
 
 def run(members: int, seed: int) -> list[PerformanceCurve]:
-    with tqdm(total=0, desc="sweeping", bar_format=BAR, leave=False, disable=None) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    with sweeps_bar("sweeping", leave=False) as show:
         return performance_curves([column.case() for column in (*COLUMNS, PAST)], members, seed, progress=show)
 
 
@@ -168,12 +161,8 @@ def run(members: int, seed: int) -> list[PerformanceCurve]:
 def main(members: int, seed: int, target: Path | None) -> None:
     """Compute response levels of the paper's scenes and print them beside numbers computed earlier with the Moreau scheme."""
     check_target("--json", target)
-    try:
+    with plain_errors():
         curves = run(members, seed)
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except IntegrationError as error:
-        raise click.ClickException(str(error)) from error
     if not all(curve.complete for curve in curves):
         raise click.Abort
     results = [result for column, curve in zip(COLUMNS, curves, strict=False) for result in compare(column, curve)]

@@ -4,26 +4,22 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
 import gymnasium
 import numpy as np
-from _command_line import BadInput, check_target
+from _command_line import check_target, plain_errors
 from PIL import Image
 from tqdm import tqdm
 
 from impact_env.envs import ENVIRONMENTS
-from impact_env.parameters import ParameterError
-from impact_env.sweep import IntegrationError
 from optimisation.files import replacing
 
 NAMES = {name.split("/")[1].split("-")[0].lower(): name for name in ENVIRONMENTS}
 INTERVAL = 2.0625  # pseudo periods: frames show a slow motion, as under a stroboscope that is a little slower than the machine
 COLOURS = 48
-INTERRUPTED = 130
 
 
 def action_of(env: gymnasium.Env[Any, Any], action: float | None) -> Any:
@@ -77,17 +73,11 @@ def main(name: str, target: Path | None, action: float, chance: bool, interval: 
     check_target("--gif", target, (".gif",))
     mode = "human" if target is None else "rgb_array"
     options = {"interval": interval} | ({} if force is None else {"force": force})
-    try:
+    with plain_errors():
         env = gymnasium.make(NAMES[name], render_mode=mode, **options)
         pictures = film(env, seed, None if chance else action, frames)
         fps = env.metadata["render_fps"]
         env.close()
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except IntegrationError as error:
-        raise click.ClickException(str(error)) from error
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
     if target is not None:
         save(target, pictures, fps)
         click.echo(f"written: {target}, {len(pictures)} frames, {target.stat().st_size / 1e6:.1f} MB")

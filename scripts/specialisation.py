@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
 
 import click
-from _command_line import BadInput
-from _report_page import ROOT, conditions, fill
+from _command_line import end_early, name_files, plain_errors
+from _report_page import ROOT, conditions, fill, load_results
 from _specialisation_results import Measured, claims, measure, steps
 from tqdm import tqdm
 
-from impact_env.parameters import ParameterError
 from optimisation.files import replacing, require_writable, write_csv, write_json
 
-INTERRUPTED = 130
 TEMPLATE = ROOT / "docs" / "specialisation.md"
 QUICK_OUT, OUT = Path("results/specialisation"), Path("docs")
 COLUMNS = (
@@ -52,14 +49,6 @@ def draw(out: Path, measured: Measured) -> list[Path]:
     return [figure, page]
 
 
-def load(path: Path) -> Measured:
-    """Read results that were saved; raises BadInput if they are not."""
-    try:
-        return Measured(**json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
-        raise BadInput(f"--redraw: {path} is not allowed: a file that an earlier run wrote ({error})") from error
-
-
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 @click.option("--quick", is_flag=True, help=f"Three scenes and short runs, into {QUICK_OUT} unless told otherwise.")
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder for specialisation.json, .csv, .png and .md.  [default: {OUT}]")
@@ -71,12 +60,10 @@ def main(quick: bool, out: Path | None, redraw: bool) -> None:
     hold. Ctrl-C ends the run early and leaves what is finished.
     """
     out = out or (QUICK_OUT if quick else OUT)
-    try:
+    with plain_errors():
         require_writable("--out", out)
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
     if redraw:
-        measured, files = load(out / "specialisation.json"), []
+        measured, files = load_results(out / "specialisation.json", Measured), []
     else:
         measured = run(quick)
         files = save(out, measured)
@@ -84,10 +71,8 @@ def main(quick: bool, out: Path | None, redraw: bool) -> None:
     broken = [claim for claim in claims(measured) if not claim.holds]
     for claim in claims(measured):
         click.echo(f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}")
-    click.echo("\nwritten: " + ", ".join(str(file) for file in files))
-    if not measured.complete:
-        click.echo("Stopped early: the files hold what was finished.", err=True)
-        sys.exit(INTERRUPTED)
+    name_files(files)
+    end_early(measured.complete)
     sys.exit(1 if broken else 0)
 
 

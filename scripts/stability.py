@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
 
 import click
-from _command_line import BadInput
-from _report_page import ROOT, conditions, fill
+from _command_line import end_early, plain_errors
+from _progress import BAR
+from _report_page import ROOT, conditions, fill, load_results
 from _stability_page import CELL_COLUMNS, sections
 from _stability_tasks import Results, gather, tasks
 from _workers import Outcome, Pool
 from tqdm import tqdm
 
 from impact_env.ensemble import available_cores
-from impact_env.parameters import ParameterError
 from optimisation.files import replacing, require_writable, write_csv, write_json
 
-INTERRUPTED = 130
 COMPILE_S = 240.0  # at most, for the kernels of a kind of scene
 TEMPLATE = ROOT / "docs" / "stability.md"
 QUICK_OUT, OUT = Path("results/stability"), Path("docs")
-BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}, {remaining} left]"
 
 
 def run(quick: bool, workers: int) -> Results:
@@ -63,14 +60,6 @@ def draw(out: Path, results: Results) -> list[Path]:
     return [figure, page]
 
 
-def load(path: Path) -> Results:
-    """Read results that were saved; raises BadInput if they are not."""
-    try:
-        return Results(**json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
-        raise BadInput(f"--redraw: {path} is not allowed: a file that an earlier run wrote ({error})") from error
-
-
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 @click.option("--quick", is_flag=True, help=f"Some of the cases and shorter runs, into {QUICK_OUT} unless told otherwise.")
 @click.option("--workers", type=click.IntRange(min=1), help="Number of processes.  [default: all cores]")
@@ -83,12 +72,10 @@ def main(quick: bool, workers: int | None, out: Path | None, redraw: bool) -> No
     (--quick: under one) once the kernels are compiled. Ctrl-C ends the run early and leaves what is finished.
     """
     out = out or (QUICK_OUT if quick else OUT)
-    try:
+    with plain_errors():
         require_writable("--out", out)
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
     if redraw:
-        results, files = load(out / "stability.json"), []
+        results, files = load_results(out / "stability.json", Results), []
     else:
         results = run(quick, workers or available_cores())
         files = save(out, results)
@@ -98,9 +85,7 @@ def main(quick: bool, workers: int | None, out: Path | None, redraw: bool) -> No
     for line in failures:
         click.echo(f"FAILED  {line}")
     click.echo(f"\n{len(failures)} failures; written: " + ", ".join(str(file) for file in files))
-    if not results.complete:
-        click.echo("Stopped early: the files hold what was finished.", err=True)
-        sys.exit(INTERRUPTED)
+    end_early(results.complete)
     sys.exit(1 if failures else 0)
 
 

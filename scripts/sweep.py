@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-from _command_line import BadInput, check_target
+from _command_line import BadInput, check_target, plain_errors
 from _sweep_report import Result, contract, describe_absorber, describe_run, summary
 from _sweep_scene import FRICTION_DAMPER_LIMIT, PARTS, Options, make_method, make_scene, make_schedule, refuse_contradictions
 from _timing import Timed
@@ -20,10 +20,10 @@ from tqdm import tqdm
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, FrequencySchedule
 from impact_env.ensemble import Lane, member_phases, run_lanes
 from impact_env.methods import PAPER_STEPS, Method, check_supported
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, TunedAbsorber, count
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
 from impact_env.response import Record
 from impact_env.scene import Scene
-from impact_env.sweep import IntegrationError, simulate
+from impact_env.sweep import simulate
 from optimisation.files import replacing
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
@@ -170,12 +170,8 @@ def main(**given: Any) -> None:
     In the JSON file response_level_m and level_frequency_ratio have one number for each member; impacts, tip, stuck time, energy balance and
     time of integration are those of the first member. wall_s is the time of an integration alone, compiled and with nothing observed.
     """
-    try:
+    with plain_errors():
         click.echo(run(given))
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except IntegrationError as error:
-        raise click.ClickException(str(error)) from error
 
 
 if __name__ == "__main__":

@@ -3,22 +3,20 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
-from _command_line import BadInput
+from _command_line import name_files, plain_errors
+from _progress import BAR
 from _table import markdown
 from tqdm import tqdm
 
 from impact_env.modes import modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.tuned import HIGH, LOW
 from optimisation.tuned.table import MINIMAX, PAPER_VALUES, TuningTable, tuning_table
 
-INTERRUPTED = 130  # the shell's exit code after Ctrl-C
-BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}, {remaining} left]"
 HEADER = ("tuning", "k, N/m", "c, N s/m", "omega_a/omega_r", "damping ratio", "peak, %", "at", "H2 norm, %", "proved, %")
 
 
@@ -82,19 +80,14 @@ def main(resonance: int, mass_ratio: float, position: float, modes: int, damping
 
     Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
     """
-    try:
+    with plain_errors():
         model = modal_model(Beam(modes=modes, damping_ratio=damping, absorber_position=position))
         require_writable("--out", out)
         table = tuning_table(model, mass_ratio, resonance, low, high)
         bounds = {} if quick else certificates(table)
         files = write(out, table, bounds)
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except KeyboardInterrupt:
-        click.echo("Broken off.", err=True)
-        sys.exit(INTERRUPTED)
     click.echo(text(table, bounds))
-    click.echo("\nwritten: " + ", ".join(str(file) for file in files))
+    name_files(files)
 
 
 if __name__ == "__main__":

@@ -118,11 +118,15 @@ def test_fine_runge_kutta_steps_converge_to_it(absorber: SlidingAbsorber) -> Non
 @pytest.mark.parametrize("absorber", SCENES)
 @pytest.mark.parametrize("periods", [0.3, 3.3, 30.0])
 def test_energy_is_balanced_wherever_a_run_ends(absorber: SlidingAbsorber, periods: float) -> None:
-    balanced(run(scene_of(absorber), drive_of(3.0, 0.98, 1.0, periods=periods)))
+    response = balanced(run(scene_of(absorber), drive_of(3.0, 0.98, 1.0, periods=periods)))
+    assert response.history is not None
+    assert response.history.time[-1] == pytest.approx(periods * PERIOD, abs=PERIOD / 32)
 
 
 def test_energy_of_the_sweep_with_elastic_friction() -> None:
-    balanced(run(scene_of(slider(0.5)), drive_of(3.0, 0.98, 1.0, periods=200)), 1e-12)
+    response = balanced(run(scene_of(slider(0.5)), drive_of(3.0, 0.98, 1.0, periods=200)), 1e-12)
+    assert response.energy is not None
+    assert response.energy.friction_loss > 0
 
 
 def test_stiff_walls_approach_rigid_ones() -> None:
@@ -179,7 +183,8 @@ def test_a_start_in_the_spring_of_a_wall(place: float) -> None:
 @pytest.mark.parametrize("damping", [0.0, 0.01, 1.5])
 def test_truncations_and_dampings(modes: int, damping: float) -> None:
     for absorber in (walls(1e3 * BEAM, 2e-4), both(0.1, 10 * BEAM, 2e-4)):
-        balanced(run(scene_of(absorber, modes=modes, damping_ratio=damping), drive_of(20.0, 1.0, periods=3)), 1e-10)
+        response = balanced(run(scene_of(absorber, modes=modes, damping_ratio=damping), drive_of(20.0, 1.0, periods=3)), 1e-10)
+        assert response.impact_count > 0
 
 
 def test_mirror_symmetry() -> None:

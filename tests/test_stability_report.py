@@ -242,4 +242,5 @@ def test_bad_input(arguments: list[str], words: str, tmp_path: Path) -> None:
 
 
 def test_results_are_plain_values() -> None:
-    json.dumps(stability.asdict(results()), allow_nan=False)
+    values = stability.asdict(results())
+    assert json.loads(json.dumps(values, allow_nan=False)) == values

@@ -197,6 +197,3 @@ class Settings:
         absorber = self.scene.absorber
         walls = absorber.walls if isinstance(absorber, SlidingAbsorber) else None
         return RigidWalls.gap if walls is None or walls.gap == 0 else walls.gap
-
-
-COMMON = tuple(f.name for f in fields(Settings))
