@@ -27,7 +27,7 @@ Json = dict[str, Any]
 AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at either
 Bounds = Mapping[str, tuple[float, float]]
 WIDE = (0.02, 100.0)  # N: from a damper that slides all the time to one that sticks
-DENSE = 60
+DENSE, LEAST = 60, 2  # forces of the limit's curve; members where a point is one of a hundred and its run is recorded
 SPAN = 5.0  # curves reach from a force over this to the force times this
 
 
@@ -151,15 +151,16 @@ def _impact_optimum(study: Study, resonance: int, force: float) -> Json:
 
 def place(study: Study) -> Json:
     """The best gap at each position along the beam, and a search with the position free."""
-    problem = study.problem(IMPACT, AT, (GAP, POSITION), members=study.few)
+    least = min(LEAST, study.few)
+    problem = study.problem(IMPACT, AT, (GAP, POSITION), members=least)
     positions = np.round(np.linspace(0.4, 1.0, 2 * study.points // 3 + 1), 4)
     gaps = np.geomspace(2e-4, 1.6e-3, study.points)
     designs = [Design(IMPACT, {**design.values, POSITION: float(x)}) for x in positions for design in with_gaps(problem.space.default, gaps)]
     with runs_bar("levels over position and gap") as show:
-        part = levels(problem, designs, problem.conditions, study.few, study.executor, show)
+        part = levels(problem, designs, problem.conditions, least, study.executor, show)
     relative = part.relative.reshape(len(positions), len(gaps), len(AT))
     shapes = [problem.space.design({GAP: 1e-3, POSITION: float(x)}).scene(problem.beam).model.tip_shape[:2].tolist() for x in positions]
-    free = study.problem(IMPACT, AT, (GAP, "restitution", FRICTION_LIMIT, POSITION))
+    free = study.problem(IMPACT, AT, (GAP, "restitution", FRICTION_LIMIT, POSITION), members=2 * study.few)
     found = study.find("place", free, max(2, 3 * study.designs // 4))
     return {
         "positions": positions.tolist(),
