@@ -31,7 +31,7 @@ from _design_options import (
 )
 
 from impact_env.parameters import ParameterError
-from optimisation.designs import GAP, IMPACT, VARIABLES
+from optimisation.designs import GAP, IMPACT, VARIABLES, WITH_IMPACTS
 from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.insight import detuned, levels, over_force, sensitivity, with_gaps
@@ -66,7 +66,7 @@ def search(problem: Problem, given: dict[str, Any], journal: Path, executor: Exe
     """Search, choose and judge; what a Ctrl-C breaks off is left out."""
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
     concept = problem.space.concept
-    if (given["sampler"] or (None if concept == IMPACT else SCIPY)) == SCIPY:
+    if (given["sampler"] or (None if concept in WITH_IMPACTS else SCIPY)) == SCIPY:
         return search_smoothly(problem, given, designs, executor)
     settings = default_settings(problem, given["sampler"], given["batch"], given["seed"], not given["no_screening"], given["from_scratch"])
     with opened(problem, settings, journal) as study:
