@@ -10,7 +10,7 @@ from pathlib import Path
 
 from _design_options import runs_bar, study_bar
 
-from optimisation.designs import FRICTION, TUNED
+from optimisation.designs import WITH_IMPACTS
 from optimisation.evaluation import Clocked, Executor
 from optimisation.insight import levels
 from optimisation.problem import Problem
@@ -37,7 +37,7 @@ class Plan:
 
     def smooth(self, concept: str) -> bool:
         """Return whether SciPy searches: on request, and by default where there are no walls and so no chaos."""
-        return (self.sampler or (SCIPY if concept in (FRICTION, TUNED) else None)) == SCIPY
+        return (self.sampler or (None if concept in WITH_IMPACTS else SCIPY)) == SCIPY
 
 
 @contextmanager
