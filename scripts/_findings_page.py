@@ -79,10 +79,13 @@ def _band(band: Sequence[float], scale: float = 100.0, form: str = ".1f") -> str
 
 
 def _design(found: Json) -> str:
+    """Return the free values; of several absorbers the number of each stands behind its names."""
     parts = []
     for name in found["problem"]["space"]["free"]:
-        unit, scale = UNITS.get(name, ("", 1.0))
-        parts.append(f"{SYMBOLS.get(name, name)} {scale * found['winner']['values'][name]:.3g} {unit}".rstrip())
+        kind, _, which = name.rpartition("_") if name[-1].isdigit() else (name, "", "")
+        unit, scale = UNITS.get(kind, ("", 1.0))
+        symbol = SYMBOLS.get(kind, kind) + (f" {which}" if which else "")
+        parts.append(f"{symbol}{':' if which else ''} {scale * found['winner']['values'][name]:.3g} {unit}".rstrip())
     return ", ".join(parts)
 
 
