@@ -24,9 +24,8 @@ from optimisation.evaluation import Clocked
 from optimisation.friction_rule import best_friction
 from optimisation.problem import Problem
 
-PAGE = "# Findings\n" + "".join(
-    f"<!-- findings:{p} -->\n<!-- /findings:{p} -->\n" for p in ("optima", "concepts", "place", "robustness", "front", "full")
-)
+PARTS = ("concepts", "optima", "place", "robustness", "front", "scaling", "full")
+PAGE = "# Findings\n" + "".join(f"<!-- findings:{part} -->\n<!-- /findings:{part} -->\n" for part in PARTS)
 
 
 @pytest.fixture
@@ -54,7 +53,7 @@ def result(folder: Path, part: str) -> dict[str, object]:
 
 
 def test_parts_write_numbers_figures_and_page(findings: ModuleType, tmp_path: Path) -> None:
-    chosen = ["concepts", "optima", "place", "robustness", "front", "full"]
+    chosen = [part for part in PARTS if part != "scaling"]
     run = call(findings, "--quick", "--out", tmp_path, *[word for part in chosen for word in ("--part", part)])
     assert run.exit_code == 0, run.output
     data, page = tmp_path / "findings", (tmp_path / "findings.md").read_text()
