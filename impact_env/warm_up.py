@@ -1,8 +1,8 @@
-"""Compile the kernels into their cache before they are needed: ``python -m impact_env.warm_up``.
+"""Compile the kernels into their cache before they are needed: ``python -m impact_env.warm_up [environments]``.
 
-numba compiles a kernel once for each combination of absent and present parts. These are the combinations that the main job meets; any
-other is compiled, and cached, when it is first used. One process, one after the other: two that fill one cache at the same
-time can spoil each other's entries.
+numba compiles a kernel once for each combination of absent and present parts. These are the combinations that the main job meets or, with the word
+``environments``, the Gymnasium environments with their default scenes; any other is compiled, and cached, when it is first used. One
+process, one after the other: two that fill one cache at the same time can spoil each other's entries.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from impact_env.drive import Drive, constant_frequency
+from impact_env.envs import ENVIRONMENTS, first_step
 from impact_env.kernels.jit import cache_folder
 from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorber
 from impact_env.response import Record
@@ -19,6 +21,7 @@ from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
 
 PERIODS = 1.0
+Jobs = list[tuple[str, Callable[[], None]]]
 FORCE = 1e-3  # N: nothing needs to happen, only to be compiled
 
 ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
@@ -39,20 +42,39 @@ def variants() -> Iterator[tuple[str, Absorber | None, Record]]:
             yield f"{name}: {what}", absorber(), record
 
 
-def compile_variant(absorber: Absorber | None, record: Record) -> float:
-    """Run a tiny drive on a small beam and return the time it took in s."""
+def compile_variant(absorber: Absorber | None, record: Record) -> None:
+    """Run a tiny drive on a small beam."""
     scene = beam_scene(Beam(modes=2), absorber)
     drive = Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, PERIODS))
-    began = time.perf_counter()
     simulate(scene, drive, record=record)
-    return time.perf_counter() - began
 
 
-def warm_up(say: Callable[[str], None]) -> None:
-    """Compile all variants, telling ``say`` a line for each."""
-    every = list(variants())
-    for k, (name, absorber, record) in enumerate(every, 1):
-        say(f"  [{k:2}/{len(every)}] {name:<54}{compile_variant(absorber, record):6.1f} s")
+def main_job() -> Jobs:
+    """Return the main job's variants."""
+    return [(name, partial(compile_variant, absorber, record)) for name, absorber, record in variants()]
+
+
+def environments() -> Jobs:
+    """Return the environments; they need the package gymnasium."""
+    return [(name, partial(first_step, name)) for name in ENVIRONMENTS]
+
+
+def warm_up(jobs: Jobs, say: Callable[[str], None]) -> None:
+    """Do all jobs, telling ``say`` a line for each."""
+    for k, (name, job) in enumerate(jobs, 1):
+        began = time.perf_counter()
+        job()
+        say(f"  [{k:2}/{len(jobs)}] {name:<54}{time.perf_counter() - began:6.1f} s")
+
+
+def main(words: list[str], say: Callable[[str], None]) -> int:
+    """Compile what the command line asks for and return the exit code."""
+    if words not in ([], ["environments"]):
+        say(f"{' '.join(words)} is not allowed: nothing, or the word environments")
+        return 2
+    warm_up(environments() if words else main_job(), say)
+    say(f"  kernels are in {cache_folder()}")
+    return 0
 
 
 def _print(line: str) -> None:
@@ -61,5 +83,4 @@ def _print(line: str) -> None:
 
 
 if __name__ == "__main__":
-    warm_up(_print)
-    _print(f"  kernels are in {cache_folder()}")
+    sys.exit(main(sys.argv[1:], _print))

@@ -13,7 +13,8 @@ import click
 from _command_line import INTERRUPTED, BadInput
 from _progress import BAR
 from accuracy import cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
-from accuracy.study import FULL, QUICK, Result, Row, Settings, circumstances, load, save
+from accuracy.cases import KINDS
+from accuracy.study import FULL, QUICK, Result, Row, Settings, circumstances, load, save, with_scenes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -90,12 +91,19 @@ def redraw(out: Path, names: list[str]) -> None:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 @click.option("--only", type=click.Choice(list(PARTS)), multiple=True, help="Compute this part only; may be given several times.")
+@click.option(
+    "--scene",
+    "scenes",
+    type=click.Choice([kind.name for kind in KINDS]),
+    multiple=True,
+    help=f"Measure this scene's {trajectory.NAME} anew and keep the other scenes in the files; may be given several times.",
+)
 @click.option("--quick", is_flag=True, help="A look in about two minutes: few scenes, methods and runs.")
 @click.option("--no-peers", is_flag=True, help="Leave SciPy and heyoka out.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of phases and perturbations.")
 @click.option("--redraw", "only_draw", is_flag=True, help="Draw figures and tables anew from the files in --out; nothing is computed.")
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder for results and figures.  [default: {OUT}; {QUICK_OUT} with --quick]")
-def main(only: tuple[str, ...], quick: bool, no_peers: bool, seed: int, only_draw: bool, out: Path | None) -> None:
+def main(only: tuple[str, ...], scenes: tuple[str, ...], quick: bool, no_peers: bool, seed: int, only_draw: bool, out: Path | None) -> None:
     """Measure error against run time, on one core and without compilation.
 
     Each part writes PART.json and PART.csv and its figures into --out, and its table into the page FOLDER.md beside that folder if there is one. Run
@@ -103,8 +111,10 @@ def main(only: tuple[str, ...], quick: bool, no_peers: bool, seed: int, only_dra
     what is finished.
     """
     out = out or (QUICK_OUT if quick else OUT)
-    names = [name for name in PARTS if not only or name in only]
+    names = [name for name in PARTS if not only or name in only] if not scenes else [trajectory.NAME]
     settings = replace(QUICK if quick else FULL, seed=seed, peers=not no_peers)
+    if scenes:
+        settings = replace(settings, kinds=tuple(kind.name for kind in KINDS if kind.name in scenes))
     try:
         if only_draw:
             redraw(out, names)
@@ -112,6 +122,8 @@ def main(only: tuple[str, ...], quick: bool, no_peers: bool, seed: int, only_dra
         require_writable("--out", out)
         for name in names:
             result = compute(name, settings, quick)
+            if scenes and result.rows and (old := load(out, name)) is not None:
+                result = with_scenes(old, result, [(kind.name, modes) for kind in KINDS for modes in FULL.modes])
             if result.rows:
                 save(out, result)
                 publish(out, result)

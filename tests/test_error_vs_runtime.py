@@ -235,3 +235,30 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("")
     assert call("--out", file / "below", "--only", "jumps").exit_code == 2
+
+
+# --- one scene anew ----------------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_scene_that_is_measured_anew_replaces_its_rows_only() -> None:
+    def rows(modes: int, time: float, scene: str = "a") -> list[study.Row]:
+        return [{"scene": scene, "modes": modes, "method": method, "us_per_period": time} for method in ("x", "y")]
+
+    old = study.Result("trajectory", rows(1, 1.0, "b") + rows(3, 1.0), {"complete": False, "seconds": 10.0})
+    new = study.Result("trajectory", rows(3, 2.0) + rows(1, 2.0), {"complete": True, "seconds": 5.0})
+    order = [("a", 1), ("a", 3), ("b", 1)]
+    merged = study.with_scenes(old, new, order)
+    assert merged.rows == rows(1, 2.0) + rows(3, 2.0) + rows(1, 1.0, "b")
+    assert merged.complete
+    assert merged.circumstances["seconds"] == 15.0
+    assert not study.with_scenes(old, new, [*order, ("b", 3)]).complete
+
+
+def test_one_scene_on_the_command_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(error_vs_runtime, "QUICK", TINY)
+    out = tmp_path / "out"
+    assert call("--quick", "--only", "trajectory", "--no-peers", "--out", out).exit_code == 0
+    assert call("--quick", "--scene", "no absorber", "--no-peers", "--out", out).exit_code in (0, error_vs_runtime.INTERRUPTED)
+    scenes = [row["scene"] for row in json.loads((out / "trajectory.json").read_text())["rows"]]
+    assert list(dict.fromkeys(scenes)) == ["no absorber", "impact, e = 1"]
+    assert call("--scene", "no such", "--out", out).exit_code == 2

@@ -5,6 +5,6 @@ Importing this package does not import gymnasium; `register_environments` does, 
 
 from __future__ import annotations
 
-from impact_env.envs.registration import ENVIRONMENTS, register_environments
+from impact_env.envs.registration import ENVIRONMENTS, first_step, register_environments
 
-__all__ = ["ENVIRONMENTS", "register_environments"]
+__all__ = ["ENVIRONMENTS", "first_step", "register_environments"]

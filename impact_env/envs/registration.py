@@ -21,3 +21,13 @@ def register_environments() -> None:
     for name, entry in ENVIRONMENTS.items():
         if name not in registry:
             register(id=name, entry_point=f"{entry}Env", vector_entry_point=f"{entry}VectorEnv")
+
+
+def first_step(name: str) -> None:
+    """Take the first step in an environment with its default scene, which compiles its kernels. Needs gymnasium."""
+    import gymnasium
+
+    env = gymnasium.make(name)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    env.close()

@@ -6,7 +6,7 @@ import json
 import platform
 import statistics
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import metadata
@@ -158,6 +158,19 @@ def load(folder: Path, part: str) -> Result | None:
     except (KeyError, AttributeError, json.JSONDecodeError) as error:
         raise ValueError(f"{path} is not a file of the part {part}: made by another script, or changed by hand") from error
     return Result(part, rows, content)
+
+
+def with_scenes(old: Result, new: Result, order: Sequence[tuple[str, int]]) -> Result:
+    """Return the old rows with those of the scenes (name, number of modes) in ``new`` replaced or added; complete when all of ``order`` are there."""
+
+    def scene(row: Row) -> tuple[str, int]:
+        return row["scene"], row["modes"]
+
+    fresh = {scene(row) for row in new.rows}
+    rows = [row for row in old.rows if scene(row) not in fresh] + new.rows
+    rows.sort(key=lambda row: order.index(scene(row)))  # stable: a scene's rows keep their order
+    seconds = round(old.circumstances["seconds"] + new.circumstances["seconds"], 1)
+    return Result(new.part, rows, new.circumstances | {"complete": {scene(row) for row in rows} == set(order), "seconds": seconds})
 
 
 def unique(values: Iterable[Any]) -> list[Any]:
