@@ -14,11 +14,13 @@ from impact_env.parameters import (
     ElasticCoulombFriction,
     ParameterError,
     RigidWalls,
+    SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
     friction_damper,
     impact_absorber,
+    impact_absorbers,
 )
 from impact_env.response import Record, Response
 from impact_env.scene import InitialState, Scene, beam_scene
@@ -42,6 +44,7 @@ __all__ = [
     "RigidWalls",
     "RungeKutta",
     "Scene",
+    "SeveralAbsorbers",
     "SlidingAbsorber",
     "StuckAbsorber",
     "TunedAbsorber",
@@ -49,6 +52,7 @@ __all__ = [
     "constant_frequency",
     "friction_damper",
     "impact_absorber",
+    "impact_absorbers",
     "linear_sweep",
     "modal_model",
     "simulate",

@@ -16,7 +16,7 @@ from impact_env.kernels.interval import DURATION, FRESH, GAP, GAP_IN_USE, NOW, O
 from impact_env.kernels.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.methods import Exact, Method, check_supported
-from impact_env.parameters import RigidWalls, SlidingAbsorber, count, positive
+from impact_env.parameters import RigidWalls, SeveralAbsorbers, SlidingAbsorber, count, positive, require
 from impact_env.propagation import exact_lanes, slot_count
 from impact_env.scene import Scene
 from impact_env.stepping import stepping_lanes
@@ -52,6 +52,7 @@ class ControlledRuns:
     ) -> None:
         method = Exact() if method is None else method
         check_supported(scene, method)
+        require(not isinstance(scene.absorber, SeveralAbsorbers), "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
         period, modes = 2 * np.pi / positive("reference", reference), scene.model.modes

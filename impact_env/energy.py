@@ -43,11 +43,11 @@ class EnergyAccount:
 
 
 def stored_energy(scene: Scene, state: Array) -> float:
-    """Return the energy of modes, absorber and springs of a state (2 N_m + 2,) in J (paper, Eq. Einst)."""
-    n, model = scene.model.modes, scene.model
-    energy = 0.5 * float(np.sum((model.omega * state[:n]) ** 2 + state[n + 1 : 2 * n + 1] ** 2))
+    """Return the energy of modes, absorbers and springs of a state (2 N_m + 2 n,) in J (paper, Eq. Einst)."""
+    n, model, half = scene.model.modes, scene.model, len(state) // 2
+    energy = 0.5 * float(np.sum((model.omega * state[:n]) ** 2 + state[half : half + n] ** 2))
     if scene.absorber_mass is not None:
-        energy += 0.5 * scene.absorber_mass * float(state[2 * n + 1]) ** 2
+        energy += 0.5 * float(scene.absorber_masses @ state[half + n :] ** 2)
         energy += contact_energy(scene, float(state[n] - model.tip_shape @ state[:n]))
     return energy
 
@@ -64,7 +64,7 @@ def contact_energy(scene: Scene, relative_displacement: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class MechanicalEnergy:
-    """Energy in J at the samples of a run (paper, Eq. Einst): ``modal`` (S, N_m) of each mode, ``absorber`` (S,) kinetic energy of the absorber."""
+    """Energy in J at the samples of a run (paper, Eq. Einst): ``modal`` (S, N_m) of each mode, ``absorber`` (S,) kinetic energy of the absorbers."""
 
     modal: Array
     absorber: Array
@@ -87,5 +87,5 @@ def mechanical_energy(scene: Scene, history: History) -> MechanicalEnergy:
     As in the paper the absorber has kinetic energy only: the springs of a tuned absorber or of compliant walls are not counted (`contact_energy`).
     """
     modal = 0.5 * ((scene.model.omega * history.modal_displacement) ** 2 + history.modal_velocity**2)
-    mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
-    return MechanicalEnergy(np.asarray(modal), np.asarray(0.5 * mass * history.absorber_velocity**2))
+    velocity = history.absorber_velocity.reshape(len(history.time), -1)
+    return MechanicalEnergy(np.asarray(modal), np.asarray(0.5 * velocity**2 @ scene.absorber_masses))

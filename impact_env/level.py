@@ -15,7 +15,10 @@ HALF_WINDOW_PERIODS = 10  # pseudo periods to either side of the maximum
 
 @dataclass(frozen=True)
 class ResponseLevel:
-    """RMS ``value`` in m; ``time`` (s) and ``frequency_ratio`` (to the reference) of the maximum; ``max_tip``: largest |q_tip| in m."""
+    """RMS ``value`` in m; ``time`` (s) and ``frequency_ratio`` (to the reference) of the maximum; ``max_tip``: largest |q_tip| in m.
+
+    The tip is the absorber's place on the beam (`Beam.absorber_position`), which is the free end unless told otherwise.
+    """
 
     value: float
     time: float

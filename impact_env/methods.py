@@ -12,6 +12,7 @@ from impact_env.parameters import (
     CoulombFriction,
     ElasticCoulombFriction,
     RigidWalls,
+    SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
@@ -103,6 +104,8 @@ def check_supported(scene: Scene, method: Method) -> None:
     """Raise ParameterError if a method cannot do a scene."""
     require(isinstance(method, Exact | Moreau | RungeKutta), "method", method, "Exact(), Moreau(...) or RungeKutta(...)")
     sliding = scene.absorber
+    if isinstance(sliding, SeveralAbsorbers):
+        require(isinstance(method, Exact), "method", method, "Exact for several absorbers")
     if not isinstance(sliding, SlidingAbsorber):
         return
     parts = (sliding.walls, sliding.friction)

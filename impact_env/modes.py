@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ class ModalModel:
     """Mass-normalised modes of the free beam (paper, Eq. eqmmod); every array is (N_m,), read-only.
 
     omega in rad/s, damping_ratio dimensionless, force_shape and tip_shape in 1/sqrt(kg); ``beam_mass`` in kg makes a mass ratio a mass.
+    ``absorber_shapes`` (n, N_m): shapes at the places of several absorbers; None: there is one at most, and it is at the tip.
     """
 
     omega: NDArray[np.float64]
@@ -31,6 +33,7 @@ class ModalModel:
     force_shape: NDArray[np.float64]
     tip_shape: NDArray[np.float64]
     beam_mass: float
+    absorber_shapes: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         for name in ("omega", "damping_ratio", "force_shape", "tip_shape"):
@@ -38,6 +41,12 @@ class ModalModel:
         object.__setattr__(self, "beam_mass", positive("beam_mass", self.beam_mass))
         lengths = {len(getattr(self, name)) for name in ("omega", "damping_ratio", "force_shape", "tip_shape")}
         require(len(lengths) == 1, "modal model", lengths, "arrays of one length")
+        if self.absorber_shapes is not None:
+            shapes = np.array(self.absorber_shapes, dtype=np.float64)
+            ok = shapes.ndim == 2 and shapes.shape[1] == len(self.omega) and bool(np.all(np.isfinite(shapes)))
+            require(ok, "absorber_shapes", self.absorber_shapes, f"a row of {len(self.omega)} finite numbers for each absorber")
+            shapes.setflags(write=False)
+            object.__setattr__(self, "absorber_shapes", shapes)
         require(bool(np.all(self.omega > 0)), "omega", self.omega, "frequencies above 0 rad/s")
         require(bool(np.all(self.damping_ratio >= 0)), "damping_ratio", self.damping_ratio, "0 or above")
 
@@ -57,8 +66,8 @@ class ModalModel:
         return float(self.omega[resonance - 1])
 
 
-def modal_model(beam: Beam) -> ModalModel:
-    """Return the lowest ``beam.modes`` modes of a beam.
+def modal_model(beam: Beam, positions: Iterable[float] | None = None) -> ModalModel:
+    """Return the lowest ``beam.modes`` modes of a beam, with the shapes at the ``positions`` (shares of the length) of several absorbers, if given.
 
     The inverse problem M v = (1/omega^2) K v is solved because the low modes, the ones that matter, then are the largest
     eigenvalues and keep more digits than from K v = omega^2 M v. The frequencies follow from the shapes.
@@ -80,4 +89,5 @@ def modal_model(beam: Beam) -> ModalModel:
         force_shape=deflection_row(beam, beam.force_position) @ vectors,
         tip_shape=deflection_row(beam, beam.absorber_position) @ vectors,
         beam_mass=beam.mass,
+        absorber_shapes=None if positions is None else np.array([deflection_row(beam, x) @ vectors for x in positions]),
     )

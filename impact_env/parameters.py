@@ -202,7 +202,38 @@ class SlidingAbsorber:
         require(kinds != {True, False}, "absorber", self, "walls and friction either both rigid or both compliant")
 
 
-Absorber = StuckAbsorber | TunedAbsorber | SlidingAbsorber
+MOST_ABSORBERS = 4  # there is a regime for each set of them
+
+
+@dataclass(frozen=True)
+class SeveralAbsorbers:
+    """Two to four absorbers with rigid contact, each at its own place: ``positions`` are shares of the beam's length, from the clamp."""
+
+    absorbers: tuple[SlidingAbsorber, ...]
+    positions: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "absorbers", tuple(self.absorbers))
+        object.__setattr__(self, "positions", tuple(fraction("position", x) for x in self.positions))
+        n = len(self.absorbers)
+        require(2 <= n <= MOST_ABSORBERS, "number of absorbers", n, f"2 to {MOST_ABSORBERS}; one is an absorber by itself")
+        require(len(self.positions) == n, "positions", self.positions, f"one for each of the {n} absorbers")
+        for absorber in self.absorbers:
+            rigid = isinstance(absorber, SlidingAbsorber) and not isinstance(absorber.walls, CompliantWalls)
+            rigid = rigid and not isinstance(absorber.friction, ElasticCoulombFriction)
+            require(rigid, "absorber", absorber, "among several only impact absorbers and friction dampers with rigid contact")
+            walls = absorber.walls
+            touches = absorber.friction is not None or (walls is not None and math.isfinite(walls.gap))
+            require(walls is None or walls.gap > 0, "gap", getattr(walls, "gap", None), "above 0 among several absorbers")
+            require(touches, "gap", getattr(walls, "gap", None), "finite where there is no friction: this absorber would not touch the beam")
+
+    @property
+    def mass_ratio(self) -> float:
+        """Mass of all absorbers together, as a share of the beam's."""
+        return math.fsum(absorber.mass_ratio for absorber in self.absorbers)
+
+
+Absorber = StuckAbsorber | TunedAbsorber | SlidingAbsorber | SeveralAbsorbers
 
 
 def impact_absorber(
@@ -219,3 +250,29 @@ def impact_absorber(
 def friction_damper(friction_limit: float = 0.5, mass_ratio: float = DEFAULT_MASS_RATIO) -> SlidingAbsorber:
     """Return the pure friction damper; the default limit is the paper's optimum for 3.5 N."""
     return SlidingAbsorber(mass_ratio, None, CoulombFriction(friction_limit))
+
+
+def impact_absorbers(
+    gaps: Iterable[float],
+    positions: Iterable[float],
+    restitution: float | Iterable[float] = RigidWalls.restitution,
+    friction_limit: float | Iterable[float | None] | None = None,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    shares: Iterable[float] | None = None,
+) -> SeveralAbsorbers:
+    """Return impact absorbers with rigid contact that share one mass: ``mass_ratio`` all together, of which each has its share (default: equal ones).
+
+    ``gaps`` in m and ``positions`` (shares of the beam's length): one each. ``restitution`` and ``friction_limit`` (N, None: none): one for all, or
+    one each.
+    """
+    gaps, positions = tuple(gaps), tuple(positions)
+    n = len(gaps)
+    shares = (1 / max(n, 1),) * n if shares is None else tuple(positive("share", share) for share in shares)
+    restitutions = tuple(restitution) if isinstance(restitution, Iterable) else (restitution,) * n
+    limits = tuple(friction_limit) if isinstance(friction_limit, Iterable) else (friction_limit,) * n
+    for name, values in (("positions", positions), ("restitution", restitutions), ("friction_limit", limits), ("shares", shares)):
+        require(len(values) == n, name, values, f"one for each of the {n} gaps")
+    require(abs(math.fsum(shares) - 1) < 1e-9, "shares", shares, "numbers above 0 whose sum is 1")
+    masses = [positive("mass_ratio", mass_ratio) * share for share in shares]
+    every = zip(gaps, restitutions, limits, masses, strict=True)
+    return SeveralAbsorbers(tuple(impact_absorber(*one) for one in every), positions)

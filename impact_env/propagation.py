@@ -17,7 +17,19 @@ from impact_env.kernels.lanes import compliant_lanes, linear_lanes, rigid_lanes
 from impact_env.kernels.linear import linear_lane
 from impact_env.kernels.observers import Counters, Energy, Events, Level, Series
 from impact_env.kernels.segments import Losses, Regime, Schedule
-from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction, RigidWalls, SlidingAbsorber, StuckAbsorber, TunedAbsorber
+from impact_env.kernels.sets import Absorbers, Sets
+from impact_env.kernels.several import several_lane
+from impact_env.parameters import (
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+)
+from impact_env.regime_sets import regime_sets
 from impact_env.regimes import fastest, free_regime, joined_regime, modal_damping, padded_size, sprung_regime
 from impact_env.scene import Scene
 from impact_env.tables import table_reach
@@ -28,7 +40,7 @@ WINDOW_PERIODS = 3.2  # wanted length of a window of the chirp, in pseudo period
 
 def is_linear(scene: Scene) -> bool:
     """Return whether a scene is one linear regime."""
-    return not isinstance(scene.absorber, SlidingAbsorber)
+    return not isinstance(scene.absorber, SlidingAbsorber | SeveralAbsorbers)
 
 
 def _stiffnesses(absorber: SlidingAbsorber) -> tuple[float, float]:
@@ -78,6 +90,20 @@ def _compliant(scene: Scene, wanted: float) -> tuple[Regime, tuple[Regime, Regim
     reach = table_reach(max(speed for speed, _ in bounds), wanted)
     first, second, third = (sprung_regime(model, mass, k, 0.0, size, reach) for k in springs)
     return free_regime(model, size, reach), (first, second, third), reach
+
+
+@lru_cache(maxsize=64)
+def _sets(scene: Scene, wanted: float) -> tuple[Sets, float]:
+    return regime_sets(scene.model, scene.absorber_masses, wanted)
+
+
+def _absorbers(scene: Scene, several: SeveralAbsorbers) -> Absorbers:
+    """Return what the kernels need to know of several absorbers; one without walls has them infinitely far away."""
+    walls = [absorber.walls if isinstance(absorber.walls, RigidWalls) else RigidWalls(np.inf) for absorber in several.absorbers]
+    gap, restitution = np.array([w.gap for w in walls]), np.array([w.restitution for w in walls])
+    limit = np.array([0.0 if absorber.friction is None else absorber.friction.limit for absorber in several.absorbers])
+    shapes, tip = np.array(scene.absorber_shapes), np.array(scene.model.tip_shape)
+    return Absorbers(scene.absorber_masses, gap, restitution, limit, shapes, tip, scene.model.omega**2)
 
 
 def _losses(scene: Scene) -> Losses:
@@ -135,7 +161,7 @@ def run_exact(
     series: Series | None = None,
     energy: Energy | None = None,
 ) -> int:
-    """Integrate exactly over the whole schedule; ``state`` (2 N_m + 2,) is the start and becomes the end.
+    """Integrate exactly over the whole schedule; ``state`` (2 N_m + 2, or more for several absorbers) is the start and becomes the end.
 
     Samples lie ``sample_dt`` (s) apart from time 0. Returns a status code of `impact_env.kernels.observers`. The slider of elastic friction
     starts without force.
@@ -150,6 +176,9 @@ def run_exact(
         phases = breaks.phase_at(breaks.times) + drive.phase
         return Schedule(np.array(breaks.times), np.array(breaks.omegas), np.asarray(phases), drive.amplitude, reach)
 
+    if isinstance(absorber, SeveralAbsorbers):
+        sets, reach = _sets(scene, wanted)
+        return int(several_lane(sets, _absorbers(scene, absorber), losses, schedule(reach), state, clock, counters, level, events, series, energy))
     if not isinstance(absorber, SlidingAbsorber):
         regime, reach = _linear(scene, wanted)
         return int(linear_lane(regime, losses.tip_shape, losses, schedule(reach), state, clock, counters, level, series, energy))

@@ -19,12 +19,14 @@ import scipy.special
 from numpy.typing import NDArray
 
 from impact_env.kernels.segments import Regime
-from impact_env.kernels.slots import TAYLOR_TERMS, Slots
+from impact_env.kernels.slots import REST, TAYLOR_TERMS, Slots
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError, require
 from impact_env.tables import ladder, propagators
 
 CRITICAL = 1e-8  # a damping ratio this close to 1 is moved to 1 + CRITICAL: two equal eigenvalues have no modal form
+LIGHT, EXTREME = 1e-6, 1e3  # mass over the beam's, and own rates over the beam's first frequency: far beyond, modes on a spring lose their digits
+DISTINCT = "damping and stiffness away from a double eigenvalue"
 UNCOUPLED = 1e-9  # of the largest tip shape: a mode with a node at the absorber
 
 Complex = NDArray[np.complex128]
@@ -49,7 +51,7 @@ def modal_damping(model: ModalModel) -> Real:
     return np.where(np.abs(ratio - 1) < CRITICAL, 1 + CRITICAL, ratio)
 
 
-def _own_modes(model: ModalModel, which: Index) -> Modes:
+def own_modes(model: ModalModel, which: Index) -> Modes:
     """Return the free beam's modes ``which`` as slots: one for an oscillating mode, two for an overdamped one."""
     n = model.modes
     values, modes, weights = [], [], []
@@ -89,6 +91,11 @@ def _start_values(model: ModalModel, which: Index, mass: float, stiffness: float
         m = np.diag(np.append(np.ones(len(omega)), mass))
         c = np.diag(np.append(2 * ratio * omega, 0)) + damper * np.outer(w, w)
         k = np.diag(np.append(omega**2, 0)) + stiffness * np.outer(w, w)
+    return quadratic_values(m, c, k, omega)
+
+
+def quadratic_values(m: Real, c: Real, k: Real, omega: Real) -> Complex:
+    """Return approximate eigenvalues of s^2 m + s c + k with imaginary part not below 0; ``omega``: frequencies of the coupled free modes."""
     squares, vectors = scipy.linalg.eigh(k, m)
     frequencies = np.sqrt(np.maximum(squares, 1e-8 * omega[0] ** 2 if len(omega) else 0))
     zero = np.zeros_like(k)
@@ -143,7 +150,7 @@ def _coupled_modes(model: ModalModel, mass: float, stiffness: float | None, damp
     into = np.concatenate([from_displacement, momentum], axis=1) / norm[:, None]
     drive = v @ model.force_shape / norm
     force = (absorber - tip) / norm
-    own = _own_modes(model, np.flatnonzero(~coupled))
+    own = own_modes(model, np.flatnonzero(~coupled))
     return Modes(
         np.concatenate([s, own.values]),
         np.concatenate([out, own.out], axis=1),
@@ -160,44 +167,70 @@ def padded_size(slots: int) -> int:
 
 def _regime(modes: Modes, guard: Complex, tip: Complex, size: int, reach: float) -> Regime:
     """Sort, pad and tabulate a regime's modes."""
-    order = np.argsort(np.abs(modes.values), kind="stable")
-    used = len(order)
+    rows = slot_rows(modes.values, modes.drive, modes.relative, guard, tip, size)
+    slots = Slots(rows, *slot_tables(modes.values, size, reach))
+    out, into = in_order(modes.out, modes.values, size, 1), in_order(modes.into, modes.values, size).T
+    rest = rows[REST] + 1j * rows[REST + 1]
+    return Regime(slots, parted(out), parted(into), float(np.real(in_order(tip, modes.values, size) @ rest)))
 
-    def pad(values: Complex, axis: int = 0) -> Complex:
-        values = np.take(values, order, axis=axis)
-        widths = [(0, size - used) if a == axis else (0, 0) for a in range(values.ndim)]
-        return np.pad(values, widths)
 
-    s = pad(modes.values)
-    s = np.minimum(s.real, 0) + 1j * s.imag  # rounding must not make an undamped slot grow
-    speed = np.abs(s)
-    s[used:] = -1
-    base, finest, table = propagators(s, used, reach)
-    powers = np.arange(TAYLOR_TERMS)[:, None]
-    taylor = s**powers / np.array([float(scipy.special.factorial(p)) for p in range(TAYLOR_TERMS)])[:, None]
+def in_order(values: Complex, eigenvalues: Complex, size: int, axis: int = 0) -> Complex:
+    """Return values (one a slot along ``axis``) in the order of growing |s|, padded with zeros to ``size``."""
+    values = np.take(values, np.argsort(np.abs(eigenvalues), kind="stable"), axis=axis)
+    return np.pad(values, [(0, size - len(eigenvalues)) if a == axis else (0, 0) for a in range(values.ndim)])
+
+
+def parted(values: Complex) -> Real:
+    """Return real and imaginary parts, one array behind the other."""
+    return np.ascontiguousarray([values.real, values.imag])
+
+
+def _decaying(eigenvalues: Complex, size: int) -> Complex:
+    """Return eigenvalues in order; those of padding are -1, and rounding must not make an undamped slot grow."""
+    s = in_order(eigenvalues, eigenvalues, size)
+    s = np.minimum(s.real, 0) + 1j * s.imag
+    s[len(eigenvalues) :] = -1
+    return s
+
+
+def slot_rows(eigenvalues: Complex, drive: Complex, relative: Complex, guard: Complex, tip: Complex, size: int) -> Real:
+    """Return Slots.rows from what belongs to each eigenvalue, all (J,) and unsorted."""
+    used, s = len(eigenvalues), _decaying(eigenvalues, size)
+    real = np.arange(size) < used
+    taylor = s ** np.arange(TAYLOR_TERMS)[:, None] / np.array([float(scipy.special.factorial(p)) for p in range(TAYLOR_TERMS)])[:, None]
     taylor[1:, used:] = 0
-    relative = pad(modes.relative)
-    rest = np.where(np.arange(size) < used, -relative / s, 0)
-    pairs = [s, s**2, pad(modes.drive), relative, rest, pad(guard), pad(tip), *taylor[1:]]
-    rows = np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed, speed**2])
-    scale = np.array([np.log2(base), finest, 1 / finest, np.max(speed)])
-    slots = Slots(rows, np.ascontiguousarray([table.real, table.imag]), scale, *ladder(s, used, reach))
-    out, into = pad(modes.out, 1), pad(modes.into).T
-    maps = [np.ascontiguousarray([part.real, part.imag]) for part in (out, into)]
-    return Regime(slots, maps[0], maps[1], float(np.real(pad(tip) @ rest)))
+    drive, relative, guard, tip = (in_order(values, eigenvalues, size) for values in (drive, relative, guard, tip))
+    pairs = [s, s**2, drive, relative, np.where(real, -relative / s, 0), guard, tip, *taylor[1:]]
+    speed = np.where(real, np.abs(s), 0)
+    return np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed, speed**2])
 
 
-def _check(modes: Modes, states: Index) -> None:
-    """Raise ParameterError if the eigenvectors do not span the state: two eigenvalues (almost) coincide."""
+def slot_tables(eigenvalues: Complex, size: int, reach: float, speed: float | None = None) -> tuple[Real, Real, Real, Real, Real, Real]:
+    """Return table, scale, steps, waves, turns and errors of Slots; ``speed`` (1/s) lays them out as for that largest |s|, None for the own one."""
+    used, s = len(eigenvalues), _decaying(eigenvalues, size)
+    base, finest, table = propagators(s, used, reach, speed)
+    scale = np.array([np.log2(base), finest, 1 / finest, np.max(np.abs(s[:used]))])
+    return parted(table), scale, *ladder(s, used, reach, speed)
+
+
+def check_basis(modes: Modes, states: Index, allowed: str = DISTINCT) -> None:
+    """Raise ParameterError, saying what is ``allowed``, if the eigenvectors do not span the state."""
     block = np.real(modes.out @ modes.into)[np.ix_(states, states)]
     scale = np.sqrt(np.outer(np.diag(block), 1 / np.diag(block))) if np.all(np.diag(block) > 0) else np.full_like(block, np.nan)
     error = np.max(np.abs(np.diag(block) - 1))
-    require(
-        bool(np.isfinite(scale).all()) and error < 1e-6,
-        "scene",
-        f"modal basis off by {error:.1e}",
-        "damping and stiffness away from a double eigenvalue",
-    )
+    require(bool(np.isfinite(scale).all()) and error < 1e-6, "scene", f"modal basis off by {error:.1e}", allowed)
+
+
+def _needed_of_spring(model: ModalModel, mass: float, stiffness: float, damper: float) -> str:
+    """Return what a mass on a spring must be for its modes to have digits, or that no two eigenvalues may be alike where it is that."""
+    omega, spread = float(np.sqrt(stiffness / mass)), max(1.0, damper / float(np.sqrt(stiffness * mass)))
+    slow, fast = (omega * factor / float(model.omega[0]) for factor in (1 / spread, spread))
+    critical = bool(np.any(np.abs(modal_damping(model) - 1) < 2 * CRITICAL))
+    if critical or (mass >= LIGHT * model.beam_mass and slow >= 1 / EXTREME and fast <= EXTREME):
+        return DISTINCT
+    rates = f"rates from {1 / EXTREME:g} to {EXTREME:g} times the beam's first frequency"
+    own = f"{mass:.3g} kg on {stiffness:.3g} N/m and {damper:.3g} N s/m has rates from {slow:.2g} to {fast:.2g} times"
+    return f"an absorber or contact of {LIGHT:g} of the beam's mass or more, with {rates} ({own})"
 
 
 def _state_index(model: ModalModel, absorber: bool) -> Index:
@@ -208,7 +241,7 @@ def _state_index(model: ModalModel, absorber: bool) -> Index:
 
 def free_regime(model: ModalModel, size: int, reach: float) -> Regime:
     """Return the regime of beam and absorber apart. Guard signal: relative displacement absorber - tip, without the absorber's share."""
-    modes = _own_modes(model, np.arange(model.modes))
+    modes = own_modes(model, np.arange(model.modes))
     tip = model.tip_shape @ modes.out[: model.modes]
     return _regime(modes, -tip, tip, size, reach)
 
@@ -216,7 +249,7 @@ def free_regime(model: ModalModel, size: int, reach: float) -> Regime:
 def joined_regime(model: ModalModel, mass: float, size: int, reach: float) -> Regime:
     """Return the regime of an absorber (kg) that moves with the tip. Guard signal: the force on the absorber, mass times tip acceleration."""
     modes = _coupled_modes(model, mass, None)
-    _check(modes, _state_index(model, False))
+    check_basis(modes, _state_index(model, False))
     tip = model.tip_shape @ modes.out[: model.modes]
     return _regime(modes, mass * modes.values**2 * tip, tip, size, reach)
 
@@ -224,7 +257,7 @@ def joined_regime(model: ModalModel, mass: float, size: int, reach: float) -> Re
 def sprung_regime(model: ModalModel, mass: float, stiffness: float, damper: float, size: int, reach: float) -> Regime:
     """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m). Guard signal: relative displacement absorber - tip."""
     modes = _coupled_modes(model, mass, stiffness, damper)
-    _check(modes, _state_index(model, True))
+    check_basis(modes, _state_index(model, True), _needed_of_spring(model, mass, stiffness, damper))
     tip = model.tip_shape @ modes.out[: model.modes]
     return _regime(modes, modes.out[model.modes] - tip, tip, size, reach)
 
@@ -232,7 +265,7 @@ def sprung_regime(model: ModalModel, mass: float, stiffness: float, damper: floa
 def fastest(model: ModalModel, mass: float | None = None, stiffness: float | None = None, damper: float = 0.0) -> tuple[float, int]:
     """Return the largest |s| in 1/s and the number of slots of a regime: free for ``mass`` None, else joined or sprung."""
     try:
-        values = _own_modes(model, np.arange(model.modes)).values if mass is None else _coupled_modes(model, mass, stiffness, damper).values
+        values = own_modes(model, np.arange(model.modes)).values if mass is None else _coupled_modes(model, mass, stiffness, damper).values
     except (np.linalg.LinAlgError, ValueError) as error:
         raise ParameterError(f"the scene has no usable modes: {error}") from error
     return float(np.max(np.abs(values))), len(values)

@@ -34,26 +34,37 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Impacts:
-    """Impacts, (K,) each: time (s), relative velocity absorber - tip before (m/s), impulse on the absorber (N s), energy lost (J)."""
+    """Impacts, (K,) each: time (s), relative velocity absorber - tip before (m/s), impulse on the absorber (N s), energy lost (J).
+
+    ``absorber`` says which absorber it was, counted from 0.
+    """
 
     time: Array
     relative_velocity: Array
     impulse: Array
     energy_lost: Array
+    absorber: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class ContactPhases:
-    """Joined phases, (K,) each: start and end (s), kind (0 stuck inside the cavity, 1 held at the lower wall, 2 at the upper wall)."""
+    """Joined phases, (K,) each: start and end (s), kind (0 stuck inside the cavity, 1 held at the lower wall, 2 at the upper wall).
+
+    ``absorber`` says which absorber it was, counted from 0.
+    """
 
     start: Array
     end: Array
     kind: NDArray[np.int64]
+    absorber: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """State at the samples: time (S,) in s, modal displacement and velocity (S, N_m), absorber displacement and velocity (S,), tip shape (N_m,)."""
+    """State at the samples: time (S,) in s, modal displacement and velocity (S, N_m), absorber displacement and velocity (S,), tip shape (N_m,).
+
+    Several absorbers have a column each: (S, n).
+    """
 
     time: Array
     modal_displacement: Array
@@ -75,8 +86,9 @@ class History:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Result of a run; what was not recorded is None. ``end_state`` (2 N_m + 2,), ``stuck_time`` and ``wall_time`` in s.
+    """Result of a run; what was not recorded is None. ``end_state`` as in `InitialState.vector`, ``stuck_time`` and ``wall_time`` in s.
 
+    Of several absorbers impacts are counted, and stuck times summed, over all of them.
     ``steps``: time steps, or stretches between events of the exact method; ``evaluations``: of the right-hand side, or of the exact
     method's event search, where a block of times counts once (0 for the closed form and the Moreau scheme).
     """

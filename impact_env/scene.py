@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import Absorber, Beam, RigidWalls, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
+from impact_env.parameters import Absorber, Beam, RigidWalls, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A beam's modal model with at most one absorber."""
+    """A beam's modal model with at most one absorber, or with several whose places are the model's absorber shapes."""
 
     model: ModalModel
     absorber: Absorber | None = None
 
     def __post_init__(self) -> None:
-        allowed = (StuckAbsorber, TunedAbsorber, SlidingAbsorber)
+        allowed = (StuckAbsorber, TunedAbsorber, SlidingAbsorber, SeveralAbsorbers)
         require(self.absorber is None or isinstance(self.absorber, allowed), "absorber", self.absorber, "None or one of the absorber classes")
+        shapes, several = self.model.absorber_shapes, self.absorber if isinstance(self.absorber, SeveralAbsorbers) else None
+        found = 0 if shapes is None else len(shapes)
+        wanted = 0 if several is None else len(several.absorbers)
+        require(
+            found == wanted or several is None, "absorber_shapes of the modal model", found, f"{wanted} rows, one for each of the several absorbers"
+        )
         sliding = self.absorber if isinstance(self.absorber, SlidingAbsorber) else None
         # a cavity without clearance holds the mass: the same mechanics as a stuck absorber
         if sliding is not None and isinstance(sliding.walls, RigidWalls) and sliding.walls.gap == 0:
@@ -31,48 +38,85 @@ class Scene:
 
     @property
     def absorber_mass(self) -> float | None:
-        """Absorber mass in kg, or None."""
+        """Mass of the absorber, or of all together, in kg, or None."""
         return None if self.absorber is None else self.absorber.mass_ratio * self.model.beam_mass
+
+    @property
+    def places(self) -> int:
+        """Number of absorbers that a state has room for: one, also where there is none, or several."""
+        return len(self.absorber.absorbers) if isinstance(self.absorber, SeveralAbsorbers) else 1
+
+    @property
+    def absorber_masses(self) -> NDArray[np.float64]:
+        """Mass of each absorber in kg, (n,); 0 without absorber."""
+        if self.absorber is None:
+            return np.zeros(1)
+        every = self.absorber.absorbers if isinstance(self.absorber, SeveralAbsorbers) else (self.absorber,)
+        return np.array([absorber.mass_ratio * self.model.beam_mass for absorber in every])
+
+    @property
+    def absorber_shapes(self) -> NDArray[np.float64]:
+        """Modal shapes at the absorbers' places, (n, N_m)."""
+        shapes = self.model.absorber_shapes if isinstance(self.absorber, SeveralAbsorbers) else None
+        return self.model.tip_shape[None, :] if shapes is None else shapes
+
+    def cavity(self, which: int) -> RigidWalls | None:
+        """Return the rigid walls of an absorber (counted from 0), or None."""
+        one = self.absorber.absorbers[which] if isinstance(self.absorber, SeveralAbsorbers) else self.absorber
+        return one.walls if isinstance(one, SlidingAbsorber) and isinstance(one.walls, RigidWalls) else None
 
 
 def beam_scene(beam: Beam | None = None, absorber: Absorber | None = None) -> Scene:
-    """Return the scene of a beam (default: the paper's) and an absorber (default: none)."""
-    return Scene(modal_model(Beam() if beam is None else beam), absorber)
+    """Return the scene of a beam (default: the paper's) and an absorber (default: none).
+
+    Several absorbers have their own positions; the beam's absorber position then is where the level is measured, and must be the free end.
+    """
+    beam = Beam() if beam is None else beam
+    if not isinstance(absorber, SeveralAbsorbers):
+        return Scene(modal_model(beam), absorber)
+    allowed = "1, the free end, for several absorbers: they have positions of their own"
+    require(beam.absorber_position == 1, "absorber_position", beam.absorber_position, allowed)
+    return Scene(modal_model(beam, absorber.positions), absorber)
 
 
 @dataclass(frozen=True, eq=False)
 class InitialState:
     """State at time 0: modal displacement (N_m,) and velocity (N_m,), absorber displacement (m) and velocity (m/s). None is rest.
 
-    An absorber displacement of None puts the absorber at the middle of the cavity: it starts with the tip's displacement.
+    An absorber displacement of None puts the absorber at the middle of the cavity: it starts with the displacement of the beam at its place. Several
+    absorbers take one number each, or one for all.
     """
 
     modal_displacement: NDArray[np.float64] | None = None
     modal_velocity: NDArray[np.float64] | None = None
-    absorber_displacement: float | None = None
-    absorber_velocity: float = 0.0
+    absorber_displacement: float | Sequence[float] | NDArray[np.float64] | None = None
+    absorber_velocity: float | Sequence[float] | NDArray[np.float64] = 0.0
 
     def vector(self, scene: Scene) -> NDArray[np.float64]:
-        """Return (2 N_m + 2,): modal displacements, absorber displacement, modal velocities, absorber velocity.
+        """Return (2 N_m + 2 n,): modal displacements, displacements of the n absorbers, modal velocities, velocities of the absorbers.
 
-        Raises ParameterError on a wrong length, a value that is not finite, or a start outside the cavity.
+        Without an absorber n is 1 as well. Raises ParameterError on a wrong length, a value that is not finite, or a start outside the cavity.
         """
-        n = scene.model.modes
-        state = np.zeros(2 * n + 2)
-        for name, at in (("modal_displacement", 0), ("modal_velocity", n + 1)):
+        n, places = scene.model.modes, scene.places
+        half = n + places
+        state = np.zeros(2 * half)
+        for name, at in (("modal_displacement", 0), ("modal_velocity", half)):
             values = getattr(self, name)
             if values is not None:
                 values = np.asarray(values, dtype=float)
                 require(values.shape == (n,) and bool(np.all(np.isfinite(values))), name, values, f"{n} finite numbers, one per mode")
                 state[at : at + n] = values
-        tip = scene.model.tip_shape @ state[:n]
-        state[n] = tip if self.absorber_displacement is None else self.absorber_displacement
-        state[2 * n + 1] = self.absorber_velocity
-        require(bool(np.all(np.isfinite(state[[n, -1]]))), "absorber start", (self.absorber_displacement, self.absorber_velocity), "finite numbers")
-        if isinstance(scene.absorber, SlidingAbsorber) and isinstance(scene.absorber.walls, RigidWalls):
-            gap, distance = scene.absorber.walls.gap, state[n] - tip
-            allowed = f"a start inside the cavity, within {gap} m of the tip's displacement {tip} m"
-            require(abs(distance) <= gap * (1 + 1e-12), "absorber_displacement", self.absorber_displacement, allowed)
+        beam = np.array([shape @ state[:n] for shape in scene.absorber_shapes])
+        for name, at in (("absorber_displacement", n), ("absorber_velocity", half + n)):
+            given = getattr(self, name)
+            values = beam if given is None else np.asarray(given, dtype=float)
+            require(values.shape in {(), (places,)} and bool(np.all(np.isfinite(values))), name, given, "a finite number, or one for each absorber")
+            state[at : at + places] = values
+        for a in range(places):
+            walls = scene.cavity(a)
+            if walls is not None:
+                allowed = f"a start inside the cavity, within {walls.gap} m of the tip's displacement {beam[a]} m"
+                require(abs(state[n + a] - beam[a]) <= walls.gap * (1 + 1e-12), "absorber_displacement", self.absorber_displacement, allowed)
         if isinstance(scene.absorber, StuckAbsorber):
             state[2 * n + 1] = scene.model.tip_shape @ state[n + 1 : 2 * n + 1]
         return state

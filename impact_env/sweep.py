@@ -14,7 +14,7 @@ from impact_env.kernels import observers
 from impact_env.kernels.observers import Counters, Energy, Events, Level, Series, close_level, new_level
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel
 from impact_env.methods import Exact, Method, Moreau, check_mass, check_step, check_supported
-from impact_env.parameters import StuckAbsorber
+from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
 from impact_env.propagation import run_exact
 from impact_env.response import ContactPhases, History, Impacts, Record, Response
 from impact_env.scene import InitialState, Scene
@@ -67,8 +67,8 @@ def _room(scene: Scene, drive: Drive, record: Record, interval: float, capacity:
     n = scene.model.modes
     return _Room(
         level=new_level(record.samples_per_period, HALF_WINDOW_PERIODS) if record.level else None,
-        events=Events(np.zeros((capacity, 4)), np.zeros((capacity, 3)), np.zeros(2, dtype=np.int64)) if record.events else None,
-        series=Series(np.zeros((_sample_count(drive, interval), 2 * n + 2))) if record.series else None,
+        events=Events(np.zeros((capacity, 5)), np.zeros((capacity, 4)), np.zeros(2, dtype=np.int64)) if record.events else None,
+        series=Series(np.zeros((_sample_count(drive, interval), 2 * (n + scene.places)))) if record.series else None,
         energy=Energy(np.zeros(4), np.zeros(n)) if record.energy else None,
     )
 
@@ -110,9 +110,9 @@ def _response(scene: Scene, drive: Drive, method: Method, start: Array, state: A
     impacts = phases = None
     if room.events is not None:
         rows = room.events.impacts[: room.events.counts[0]].T
-        impacts = Impacts(rows[0], rows[1], rows[2], rows[3])
+        impacts = Impacts(rows[0], rows[1], rows[2], rows[3], rows[4].astype(np.int64))
         rows = room.events.phases[: room.events.counts[1]].T
-        phases = ContactPhases(rows[0], rows[1], rows[2].astype(np.int64))
+        phases = ContactPhases(rows[0], rows[1], rows[2].astype(np.int64), rows[3].astype(np.int64))
     return Response(
         scene,
         drive,
@@ -145,8 +145,11 @@ def _history(scene: Scene, series: Series | None, interval: float) -> History | 
     if series is None:
         return None
     n, rows = scene.model.modes, series.states
-    times = interval * np.arange(len(rows))
-    return History(np.asarray(times), rows[:, :n], rows[:, n + 1 : 2 * n + 1], rows[:, n], rows[:, 2 * n + 1], scene.model.tip_shape)
+    times, half = interval * np.arange(len(rows)), n + scene.places
+    absorber = rows[:, n:half], rows[:, half + n :]
+    if not isinstance(scene.absorber, SeveralAbsorbers):
+        absorber = absorber[0][:, 0], absorber[1][:, 0]
+    return History(np.asarray(times), rows[:, :n], rows[:, half : half + n], *absorber, scene.model.tip_shape)
 
 
 def _energy(scene: Scene, energy: Energy | None, start: Array, end: Array) -> EnergyAccount | None:

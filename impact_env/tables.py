@@ -22,9 +22,12 @@ def table_reach(fastest: float, wanted: float) -> float:
     return min(wanted, TAYLOR_REACH * MAX_BASE**3 / fastest)
 
 
-def propagators(values: Complex, used: int, reach: float) -> tuple[int, float, Complex]:
-    """Return base, finest step (s) and exp(s h) (3, base, J) of the three-digit tables; slots from ``used`` on are empty."""
-    fastest = np.max(np.abs(values[:used]))
+def propagators(values: Complex, used: int, reach: float, speed: float | None = None) -> tuple[int, float, Complex]:
+    """Return base, finest step (s) and exp(s h) (3, base, J) of the three-digit tables; slots from ``used`` on are empty.
+
+    ``speed`` (1/s): the |s| that the steps are made for, None: the largest one.
+    """
+    fastest = np.max(np.abs(values[:used])) if speed is None else speed
     base = 4
     while base**3 * TAYLOR_REACH < reach * fastest * (1 - 1e-12):
         base *= 2
@@ -35,16 +38,16 @@ def propagators(values: Complex, used: int, reach: float) -> tuple[int, float, C
     return base, finest, table
 
 
-def ladder(values: Complex, used: int, reach: float) -> tuple[Real, Real, Real, Real]:
+def ladder(values: Complex, used: int, reach: float, speed: float | None = None) -> tuple[Real, Real, Real, Real]:
     """Return steps (L, 2), waves (L, J, 2, POINTS), turns (L, POINTS, 2, J) and errors (L, J) of the event search, the finest level first.
 
-    ``errors``: a slot's largest share of y - H, relative to its amplitude (see kernels/search.py).
+    ``errors``: a slot's largest share of y - H, relative to its amplitude (see kernels/search.py). ``speed`` as in `propagators`.
     """
-    speed = np.abs(values)
-    fastest = np.max(speed[:used])
+    speeds = np.abs(values)
+    fastest = np.max(speeds[:used]) if speed is None else speed
     count = 1 + max(0, int(np.ceil(np.log(fastest * reach / COARSEST / FINEST_PHASE) / np.log(LEVEL_RATIO))))
     h = reach / COARSEST / LEVEL_RATIO ** np.arange(count - 1, -1, -1.0)
-    share = (speed * h[:, None]) ** 4 / 384
+    share = (speeds * h[:, None]) ** 4 / 384
     share[:, used:] = 0
     summed = np.sum(share[:, :used] < 1, axis=1)
     wave = np.exp(values[:, None] * (h[:, None, None] * np.arange(1, POINTS + 1)))

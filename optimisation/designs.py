@@ -21,14 +21,17 @@ from impact_env.parameters import (
     TunedAbsorber,
     friction_damper,
     impact_absorber,
+    impact_absorbers,
     require,
 )
-from impact_env.scene import Scene
+from impact_env.scene import Scene, beam_scene
 
 Values = Mapping[str, float]
-IMPACT, FRICTION, TUNED = "impact", "friction", "tuned"
+IMPACT, FRICTION, TUNED, SEVERAL = "impact", "friction", "tuned", "several"
+WITH_IMPACTS = (IMPACT, SEVERAL)  # chaotic, and so with noisy levels
 GAP, RESTITUTION, FRICTION_LIMIT, STIFFNESS, DAMPING = "gap", "restitution", "friction_limit", "stiffness", "damping"
-MASS_RATIO, POSITION = "mass_ratio", "position"
+MASS_RATIO, POSITION, SHARE = "mass_ratio", "position", "share"
+MEMBERS = (1, 2)  # numbers of the absorbers of SEVERAL
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,19 @@ PAPER_RESTITUTION, PAPER_FRICTION = 0.7, 0.1  # the paper's absorber of section 
 _DAMPER = friction_damper().friction
 assert isinstance(_DAMPER, CoulombFriction)
 
+
+def of_absorber(name: str, which: int) -> str:
+    """Return the name of a variable of one of several absorbers."""
+    return f"{name}_{which}"
+
+
+def _one_of_several(which: int) -> tuple[Variable, ...]:
+    """Return the variables of one of the two absorbers of SEVERAL. Each has half the paper's friction, as it has half the mass."""
+    own = {variable.name: variable for variable in VARIABLES[IMPACT]}
+    friction = replace(own[FRICTION_LIMIT], low=own[FRICTION_LIMIT].low / 2, default=PAPER_FRICTION / len(MEMBERS))
+    return tuple(replace(v, name=of_absorber(v.name, which)) for v in (own[GAP], own[RESTITUTION], friction, own[POSITION]))
+
+
 VARIABLES: dict[str, tuple[Variable, ...]] = {
     IMPACT: (
         Variable(GAP, "m", 1e-4, 4e-3, RigidWalls.gap, log=True),
@@ -81,14 +97,21 @@ VARIABLES: dict[str, tuple[Variable, ...]] = {
         _POSITION,
     ),
 }
+# two impact absorbers on one mass budget: ``mass_ratio`` is that of both, of which the first has ``share``
+VARIABLES[SEVERAL] = (*(v for which in MEMBERS for v in _one_of_several(which)), Variable(SHARE, "of the mass", 0.1, 0.9, 0.5), _MASS)
 # raised when variables, their meaning or their defaults change: a study of another version is not continued
-VERSIONS = {IMPACT: 1, FRICTION: 1, TUNED: 1}
-FREE = {IMPACT: (GAP, RESTITUTION, FRICTION_LIMIT), FRICTION: (FRICTION_LIMIT,), TUNED: (STIFFNESS, DAMPING)}
+VERSIONS = {IMPACT: 1, FRICTION: 1, TUNED: 1, SEVERAL: 1}
+FREE = {
+    IMPACT: (GAP, RESTITUTION, FRICTION_LIMIT),
+    FRICTION: (FRICTION_LIMIT,),
+    TUNED: (STIFFNESS, DAMPING),
+    SEVERAL: (of_absorber(GAP, 1), of_absorber(GAP, 2), of_absorber(POSITION, 2), SHARE),
+}
 
 
 @dataclass(frozen=True)
 class Design:
-    """One absorber of a concept: a value for each of the concept's variables, in SI units."""
+    """One absorber of a concept, or two: a value for each of the concept's variables, in SI units."""
 
     concept: str
     values: Values
@@ -96,14 +119,28 @@ class Design:
     def absorber(self) -> Absorber:
         """Return the absorber; a friction limit of 0 leaves friction out."""
         v = self.values
+        if self.concept == SEVERAL:
+            gaps, positions, restitutions, limits = ([v[of_absorber(n, k)] for k in MEMBERS] for n in (GAP, POSITION, RESTITUTION, FRICTION_LIMIT))
+            frictions = [limit if limit != 0 else None for limit in limits]
+            return impact_absorbers(gaps, positions, restitutions, frictions, v[MASS_RATIO], (v[SHARE], 1 - v[SHARE]))
         if self.concept == IMPACT:
             return impact_absorber(v[GAP], v[RESTITUTION], v[FRICTION_LIMIT] if v[FRICTION_LIMIT] != 0 else None, v[MASS_RATIO])
         if self.concept == FRICTION:
             return friction_damper(v[FRICTION_LIMIT], v[MASS_RATIO])
         return TunedAbsorber(v[MASS_RATIO], v[STIFFNESS], v[DAMPING])
 
+    @property
+    def reads_free_end(self) -> bool:
+        """Whether the model's tip shape, and so the level that a run streams, is that of the beam's free end."""
+        return self.concept == SEVERAL or self.values[POSITION] == 1.0
+
     def scene(self, beam: Beam) -> Scene:
-        """Return the absorber on a beam, at the design's position. The model's tip shape is the shape at that position."""
+        """Return the absorber on a beam, at the design's position.
+
+        The model's tip shape is the shape at that position, or at the free end if there are several absorbers.
+        """
+        if self.concept == SEVERAL:
+            return beam_scene(replace(beam, absorber_position=1.0), self.absorber())
         return Scene(modal_model(replace(beam, absorber_position=self.values[POSITION])), self.absorber())
 
     def __str__(self) -> str:
@@ -131,7 +168,7 @@ class DesignSpace:
         for share in (0.0, 1.0):  # bounds and fixed values that the simulator refuses are named now, not in the middle of a search
             design = self.design({variable.name: variable.value_at(share) for variable in self.free})
             design.absorber()
-            Beam(absorber_position=design.values[POSITION])
+            Beam(absorber_position=design.values.get(POSITION, 1.0))
 
     @property
     def version(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -46,6 +47,25 @@ class Threads:
                 yield futures[future], future.result()
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+@dataclass
+class Clocked:
+    """An executor that counts the ``seconds`` that its caller waits for runs: the rest of a search is overhead."""
+
+    executor: Executor
+    seconds: float = 0.0
+
+    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
+        """See `Executor`."""
+        results = iter(self.executor.run(chunks))
+        while True:
+            began = time.perf_counter()
+            result = next(results, None)
+            self.seconds += time.perf_counter() - began
+            if result is None:
+                return
+            yield result
 
 
 def evaluate(

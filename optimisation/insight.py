@@ -47,6 +47,21 @@ def levels(
     rate: float | None = None,
 ) -> Levels:
     """Run designs under other conditions than a problem's own, for some of its members, at its sweep rate or another ``rate``."""
+    worse, without = member_levels(problem, designs, conditions, members, executor, progress, rate)
+    low, median, high = np.quantile(worse, (BAND[0], 0.5, BAND[1]), axis=1)
+    return Levels(tuple(conditions), median, low, high, np.median(without, axis=0))
+
+
+def member_levels(
+    problem: Problem,
+    designs: Sequence[Design],
+    conditions: Sequence[Condition],
+    members: int,
+    executor: Executor,
+    progress: Progress | None = None,
+    rate: float | None = None,
+) -> tuple[Array, Array]:
+    """Return what `levels` is made of: each member's level in m, (designs, members, conditions), and that without absorber, (members, conditions)."""
     count("members", members, 1)
     wider = replace(problem, conditions=tuple(conditions), objectives=(Objective(),), constraints=(), members=members)
     at = wider.measures.index(LEVEL)
@@ -54,9 +69,7 @@ def levels(
     worse = np.empty((len(designs), members, len(conditions)))
     for k, measured in evaluate(wider, designs, wider.phases, chosen, executor, progress):
         worse[k] = measured[..., at].max(axis=2)
-    low, median, high = np.quantile(worse, (BAND[0], 0.5, BAND[1]), axis=1)
-    without = np.median(wider.reference(wider.phases, chosen)[..., at].max(axis=2), axis=0)
-    return Levels(tuple(conditions), median, low, high, without)
+    return worse, np.asarray(wider.reference(wider.phases, chosen)[..., at].max(axis=2))
 
 
 def over_force(condition: Condition, forces: ArrayLike) -> list[Condition]:

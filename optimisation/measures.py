@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from impact_env.ensemble import Lane
 from impact_env.level import response_level
 from impact_env.modes import modal_model
-from impact_env.parameters import Beam, ParameterError, SlidingAbsorber, require
+from impact_env.parameters import Beam, ParameterError, SeveralAbsorbers, SlidingAbsorber, require
 from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from impact_env.sweep import IntegrationError, simulate
 
@@ -107,15 +107,18 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
         return fatigue_damage(np.asarray(history.modal_displacement @ chunk.gauges.clamp_moment), chunk.fatigue_exponent)
     if response.scene.absorber is None:
         return 0.0
+    shapes, samples = response.scene.absorber_shapes.T, len(history.time)
     if name == STROKE:
-        return float(np.max(np.abs(history.absorber_displacement - history.tip_displacement)))
-    return _friction_limit(response) * float(np.mean(np.abs(history.absorber_velocity - history.tip_velocity)))
+        return float(np.max(np.abs(history.absorber_displacement.reshape(samples, -1) - history.modal_displacement @ shapes)))
+    speed = np.abs(history.absorber_velocity.reshape(samples, -1) - history.modal_velocity @ shapes)
+    return float(np.mean(speed, axis=0) @ _friction_limits(response))
 
 
-def _friction_limit(response: Response) -> float:
-    """Return the force of sliding friction in N: times the mean relative speed it is the mean loss, as sticking has no relative speed."""
+def _friction_limits(response: Response) -> Array:
+    """Return each absorber's force of sliding friction in N: times its mean relative speed that is its mean loss, as sticking has none."""
     absorber = response.scene.absorber
-    return absorber.friction.limit if isinstance(absorber, SlidingAbsorber) and absorber.friction is not None else 0.0
+    every = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
+    return np.array([a.friction.limit if isinstance(a, SlidingAbsorber) and a.friction is not None else 0.0 for a in every])
 
 
 def _level(chunk: Chunk, response: Response) -> float:

@@ -16,7 +16,7 @@ from impact_env.ensemble import Lane, member_phases
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, count, positive, require
 from impact_env.scene import Scene
-from optimisation.designs import MASS_RATIO, POSITION, TUNED, Design, DesignSpace
+from optimisation.designs import MASS_RATIO, SEVERAL, TUNED, Design, DesignSpace
 from optimisation.measures import DAMAGE, LEVEL, MEASURES, Chunk, Gauges, gauges, measure
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score
 from optimisation.tuned import require_wide_range
@@ -116,7 +116,7 @@ class Problem:
     def _chunk(self, design: Design | None, scene: Scene, condition: Condition, phases: Array, rate: float) -> Chunk:
         force = 1.0 if design is None else condition.force
         drives = [Drive(force, schedule, float(phase)) for phase in phases for schedule in _up_and_down(scene.model, condition, rate)]
-        at_end = design is None or design.values[POSITION] == 1.0
+        at_end = design is None or design.reads_free_end
         lanes = tuple(Lane(scene, drive) for drive in drives)
         return Chunk(lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent, at_end)
 
@@ -124,7 +124,8 @@ class Problem:
         beam, _, model = self._beams[detuning]
         if design is None:
             return Scene(model)
-        return Scene(model, design.absorber()) if design.values[POSITION] == 1.0 else design.scene(beam)
+        alone = design.concept != SEVERAL and design.reads_free_end
+        return Scene(model, design.absorber()) if alone else design.scene(beam)
 
     @cached_property
     def _beams(self) -> dict[float, tuple[Beam, Gauges, ModalModel]]:

@@ -29,7 +29,8 @@ from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
 from optimisation.search.study import Progress
 
-INTERRUPTED = 130  # the shell's exit code after Ctrl-C
+KEPT = "Broken off; the study keeps what is finished."
+GOES_ON = "the same command goes on from here."
 QUICK_SPEED, QUICK_MEMBERS = 10.0, 2
 RANGE_FORCES = 8  # forces between a third and three times the given one, for the objective range
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}, {remaining} left]{postfix}"
@@ -148,12 +149,16 @@ def runs_bar(label: str) -> Iterator[Callable[[int, int], None]]:
         yield show
 
 
+def peak_memory() -> int:
+    """Return the largest resident memory that this process had, in bytes; worker processes of a cluster are not in it."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
 def conditions_of(given: dict[str, Any]) -> dict[str, object]:
     """Return what a result was computed with and how much memory it took."""
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     versions = {"python": platform.python_version()} | {module.__name__: module.__version__ for module in (np, scipy, numba, optuna)}
     where = {"cluster": given["cluster"]} if given["cluster"] else {"threads": given["threads"] or available_cores()}
-    return {"versions": versions, **where, "memory_bytes": memory}
+    return {"versions": versions, **where, "memory_bytes": peak_memory()}
 
 
 def journal_of(study: Path | None, folder: Path) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import TypeVar
@@ -20,17 +20,32 @@ T = TypeVar("T")
 ROOT = Path(__file__).resolve().parents[1]
 
 
+def require_markers(path: Path, template: Path, names: Iterable[str]) -> str:
+    """Return the text of the page that `fill` starts from; raises BadInput unless it has the markers of each section, once and in order."""
+    source = path if path.exists() else template
+    try:
+        text = source.read_text(encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"{source} is not allowed: a page that can be read ({error})") from error
+    for name in names:
+        start, end = _markers(name)
+        if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):
+            raise BadInput(f"{source} is not allowed: a page with one pair of markers {start} and {end}")
+    return text
+
+
+def _markers(name: str) -> tuple[str, str]:
+    return f"<!-- {name} -->", f"<!-- /{name} -->"
+
+
 def fill(path: Path, template: Path, sections: Mapping[str, str]) -> None:
     """Write ``template`` (or ``path`` itself where it exists) to ``path`` with the text between the markers of each section replaced.
 
     A marker is a line ``<!-- NAME -->``, its end ``<!-- /NAME -->``. Raises BadInput, before anything is written, if one is missing.
     """
-    source = path if path.exists() else template
-    text = source.read_text(encoding="utf-8")
+    text = require_markers(path, template, sections)
     for name, body in sections.items():
-        start, end = f"<!-- {name} -->", f"<!-- /{name} -->"
-        if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):
-            raise BadInput(f"{source} is not allowed: a page with one pair of markers {start} and {end}")
+        start, end = _markers(name)
         head, rest = text.split(start)
         text = head + start + "\n" + body.strip("\n") + "\n" + end + rest.split(end)[1]
     with replacing(path) as temporary:

@@ -7,17 +7,16 @@ The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciP
 
 from __future__ import annotations
 
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from _command_line import BadInput
+from _command_line import end_early, plain_errors
 from _design_options import (
-    INTERRUPTED,
+    GOES_ON,
+    KEPT,
     At,
     conditions_of,
     executor_of,
@@ -26,9 +25,9 @@ from _design_options import (
     make_problem,
     runs_bar,
     shared_options,
-    study_bar,
     variables_help,
 )
+from _design_search import SCIPY, Plan, find
 
 from impact_env.parameters import ParameterError
 from optimisation.designs import GAP, IMPACT, VARIABLES
@@ -41,7 +40,6 @@ from optimisation.report.design_tables import (
     LEVEL_COLUMNS,
     PAPER,
     WINNER,
-    Cost,
     Findings,
     design_columns,
     design_rows,
@@ -49,59 +47,15 @@ from optimisation.report.design_tables import (
     summary,
     text,
 )
-from optimisation.search.judge import audit, verdict
+from optimisation.search.judge import AUDITED
 from optimisation.search.samplers import SAMPLERS
-from optimisation.search.settings import FAST, default_settings
-from optimisation.search.smooth import MEMBERS, smooth_search
-from optimisation.search.study import opened
+from optimisation.search.settings import FAST
 
-ALL, SCIPY = "all", "scipy"
+ALL = "all"
 DESIGNS, QUICK_DESIGNS = 400, 80
 FEW = 4  # members of the figures
 FORCES, DETUNINGS, MAP = 10, 9, 16
 SOBOL, QUICK_SOBOL = 64, 16
-
-
-def search(problem: Problem, given: dict[str, Any], journal: Path, executor: Executor) -> Findings:
-    """Search, choose and judge; what a Ctrl-C breaks off is left out."""
-    designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
-    concept = problem.space.concept
-    if (given["sampler"] or (None if concept == IMPACT else SCIPY)) == SCIPY:
-        return search_smoothly(problem, given, designs, executor)
-    settings = default_settings(problem, given["sampler"], given["batch"], given["seed"], not given["no_screening"], given["from_scratch"])
-    with opened(problem, settings, journal) as study:
-        with study_bar(f"{concept}: search", settings.whole_batches(designs)) as show_study:
-            finished = study.run(designs, executor, show_study)
-        overhead = 1 - study.evaluating / study.seconds if study.runs else 0.0
-        findings = Findings(problem, study.told, finished, Cost(len(study.told), study.runs, study.seconds, overhead))
-        if not finished:
-            return findings
-        findings = judge(findings, study.complete, executor)
-        if len(settings.rungs) > 1 and findings.finished and given["audit"]:
-            with runs_bar(f"{concept}: designs left behind, in full") as show:
-                findings = replace(findings, audit=audit(study, executor, given["audit"], show))
-    return findings
-
-
-def search_smoothly(problem: Problem, given: dict[str, Any], designs: int, executor: Executor) -> Findings:
-    began, runs = time.perf_counter(), 2 * min(MEMBERS, problem.members) * len(problem.conditions)
-    with runs_bar(f"{problem.space.concept}: search") as show:
-        told, finished = smooth_search(
-            problem, designs, executor, given["seed"], given["from_scratch"], lambda done: show(runs * done, runs * max(done, designs))
-        )
-    cost = Cost(len(told), runs * len(told), time.perf_counter() - began, 0.0)
-    findings = Findings(problem, told, finished, cost)
-    return judge(findings, [e for e in told if e.score.feasible], executor) if finished else findings
-
-
-def judge(findings: Findings, candidates: list[Any], executor: Executor) -> Findings:
-    if not candidates:
-        return findings
-    with runs_bar(f"{findings.problem.space.concept}: judging on fresh members") as show:
-        found = verdict(findings.problem, candidates, executor, progress=show)
-        both = [found.winner.design, found.paper.design]
-        own = levels(findings.problem, both, findings.problem.conditions, findings.problem.members, executor, show)
-    return replace(findings, verdict=found, own=own)
 
 
 def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Findings:
@@ -166,7 +120,9 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
     conditions = make_conditions(concept, given["at"], given["objective"] == "range")
     objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])
     problem = make_problem(concept, conditions, (objective,), given)
-    findings = search(problem, given, journal_of(given["study"], out), executor)
+    designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
+    plan = Plan(designs, given["sampler"], given["batch"], given["seed"], not given["no_screening"], given["from_scratch"], given["audit"])
+    findings = find(problem, plan, journal_of(given["study"], out), executor)
     try:
         findings = explain(findings, given, executor)
     except KeyboardInterrupt:
@@ -188,7 +144,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 @click.option("--sampler", type=click.Choice([*SAMPLERS, SCIPY]), help="Method.  [default: scipy without walls; cma; random for one variable]")
 @click.option("--from-scratch", is_flag=True, help="Do not begin with the paper's design.")
 @click.option("--no-screening", is_flag=True, help="Run every design in full instead of leaving hopeless ones behind.")
-@click.option("--audit", type=click.IntRange(min=0), default=8, show_default=True, help="Designs left behind to run in full all the same.")
+@click.option("--audit", type=click.IntRange(min=0), default=AUDITED, show_default=True, help="Designs left behind to run in full all the same.")
 @click.option("--no-figures", is_flag=True, help="Search and judge only.")
 @click.option("--study", type=click.Path(path_type=Path, dir_okay=False), help="Study file.  [default: study.journal in the folder]")
 @click.option(
@@ -205,7 +161,7 @@ def main(**given: Any) -> None:
     concepts = list(VARIABLES) if given["concept"] == ALL else [given["concept"]]
     given["every"] = len(concepts) > 1
     finished = True
-    try:
+    with plain_errors(KEPT):
         if given["every"] and given["study"] is not None:
             raise ParameterError(f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own")
         with executor_of(given) as executor:
@@ -213,14 +169,7 @@ def main(**given: Any) -> None:
                 out = given["out"] / concept
                 require_writable("--out", out)
                 finished = finished and run_concept(concept, given, executor, out)
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except KeyboardInterrupt:  # while finalists are judged or files are written
-        click.echo("Broken off; the study keeps what is finished.", err=True)
-        sys.exit(INTERRUPTED)
-    if not finished:
-        click.echo("Stopped early: the same command goes on from here.", err=True)
-        sys.exit(INTERRUPTED)
+    end_early(finished, GOES_ON)
 
 
 if __name__ == "__main__":

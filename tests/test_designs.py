@@ -3,7 +3,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from impact_env import Beam, ParameterError, RigidWalls, SlidingAbsorber, TunedAbsorber, friction_damper, impact_absorber, modal_model
+from impact_env import (
+    Beam,
+    ParameterError,
+    RigidWalls,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    TunedAbsorber,
+    friction_damper,
+    impact_absorber,
+    modal_model,
+)
 from optimisation.designs import FREE, VARIABLES, Design, DesignSpace, Variable, design_space
 
 
@@ -11,7 +21,9 @@ def test_defaults_are_the_papers() -> None:
     assert design_space("impact").default.absorber() == impact_absorber(1e-3, 0.7, 0.1, 0.02)
     assert design_space("friction").default.absorber() == friction_damper()
     assert design_space("tuned").default.absorber() == TunedAbsorber()
-    assert all(design_space(concept).default.values["position"] == 1.0 for concept in VARIABLES)
+    half = impact_absorber(1e-3, 0.7, 0.05, 0.01)
+    assert design_space("several").default.absorber() == SeveralAbsorbers((half, half), (1.0, 1.0))
+    assert all(design_space(concept).default.values["position"] == 1.0 for concept in ("impact", "friction", "tuned"))
 
 
 @pytest.mark.parametrize("concept", VARIABLES)
@@ -28,6 +40,16 @@ def test_position_is_where_the_absorber_acts() -> None:
     model = space.design({"position": 0.5}).scene(Beam(modes=3)).model
     np.testing.assert_allclose(model.tip_shape, modal_model(Beam(modes=3, absorber_position=0.5)).tip_shape)
     assert abs(model.tip_shape[0]) < 0.5 * modal_model(Beam(modes=3)).tip_shape[0]
+
+
+def test_several_absorbers_have_their_own_values_and_one_budget() -> None:
+    values = {"gap_1": 5e-4, "gap_2": 2e-4, "position_2": 0.6, "share": 0.25}
+    design = design_space("several", fixed={"friction_limit_2": 0, "restitution_2": 0.5, "mass_ratio": 0.04}).design(values)
+    assert design.absorber() == SeveralAbsorbers((impact_absorber(5e-4, 0.7, 0.05, 0.01), impact_absorber(2e-4, 0.5, None, 0.03)), (1.0, 0.6))
+    scene = design.scene(Beam(modes=3, absorber_position=0.5))
+    assert design.reads_free_end
+    np.testing.assert_allclose(scene.model.tip_shape, modal_model(Beam(modes=3)).tip_shape)
+    np.testing.assert_allclose(scene.absorber_shapes[1], modal_model(Beam(modes=3, absorber_position=0.6)).tip_shape)
 
 
 def test_no_friction_is_no_part() -> None:

@@ -5,7 +5,7 @@ import pytest
 import scipy.integrate
 from core import OMEGA, PERIOD, Array, drive_of, first_order, linear_truth, run, scene_of, still
 
-from impact_env import Drive, FrequencySchedule, InitialState, Scene, StuckAbsorber, TunedAbsorber
+from impact_env import Beam, Drive, FrequencySchedule, InitialState, ParameterError, Scene, StuckAbsorber, TunedAbsorber
 from impact_env.parameters import Absorber
 from impact_env.response import Response
 
@@ -131,6 +131,27 @@ def test_tuned_absorber_between_limits_of_its_spring() -> None:
     alone, soft = (run(scene_of(a), drive).end_state for a in (None, TunedAbsorber(stiffness=1e-6, damping=0.0)))
     np.testing.assert_allclose(stiff[:3], stuck[:3], rtol=0, atol=1e-3 * np.max(np.abs(stuck[:3])))
     np.testing.assert_allclose(soft[:3], alone[:3], rtol=0, atol=1e-8 * np.max(np.abs(alone[:3])))
+
+
+@pytest.mark.parametrize(
+    ("absorber", "own"),
+    [
+        (TunedAbsorber(1e-9, 1e9, 0.0), r"5\.64e-10 kg on 1e\+09 N/m and 0 N s/m has rates from 5\.3e\+06 to 5\.3e\+06 times"),
+        (TunedAbsorber(1e-4, 1e-2, 1e4), r"N s/m has rates from 4e-09 to 7e\+05 times"),
+    ],
+)
+def test_spring_whose_modes_have_no_digits_is_refused_with_what_is_allowed(absorber: TunedAbsorber, own: str) -> None:
+    with pytest.raises(ParameterError, match=rf"1e-06 of the beam's mass or more, with rates from 0\.001 to 1000 times .*{own}"):
+        run(scene_of(absorber), drive_of(1.0, 1.0))
+
+
+def test_light_and_heavy_absorbers_within_the_allowed_range_run() -> None:
+    for mass_ratio, frequency, ratio in ((1e-6, 900.0, 0.0), (1e3, 1.1e-3, 0.0), (1e-6, 1.0, 450.0)):
+        mass, omega = mass_ratio * Beam().mass, frequency * OMEGA
+        absorber = TunedAbsorber(mass_ratio, mass * omega**2, 2 * mass * omega * ratio)
+        response = run(scene_of(absorber), drive_of(1.0, 1.0, periods=3))
+        assert response.energy is not None
+        assert abs(response.energy.relative_error) < 1e-9
 
 
 def test_stuck_absorber_moves_with_the_tip() -> None:

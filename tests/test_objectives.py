@@ -8,9 +8,10 @@ from core import drive_of, run, scene_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impact_env import Beam, ParameterError, Record, impact_absorber, modal_model
+from impact_env import Beam, ParameterError, Record, impact_absorber, modal_model, simulate
 from impact_env.level import response_level
-from optimisation.designs import design_space
+from optimisation.bounds import design_gap
+from optimisation.designs import Design, design_space
 from optimisation.evaluation import Threads, evaluate
 from optimisation.measures import MEASURES, Chunk, _value, fatigue_damage, gauges, rainflow_amplitudes, turning_points
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score, range_width
@@ -157,6 +158,36 @@ def test_scaling_law_makes_scaled_designs_alike() -> None:
         ((_, measured),) = evaluate(problem, [own], problem.phases, problem.rate, Threads(1))
         scores.append(problem.score(own, measured, problem.phases, problem.rate).values[0])
     assert scores[0] == pytest.approx(scores[1], rel=1e-9)
+
+
+def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
+    """The scaling law as an oracle: twice the force, twice the best gap and friction, with the same scores; and the design rule near it."""
+    model = modal_model(Beam(modes=3))
+    rule = design_gap(model, 0.02 * model.beam_mass, 3.5)
+    factors, found = np.geomspace(1 / 2.5, 2.5, 9), []
+    for scale in (1, 2):
+        problem = small(conditions=(Condition(1, 3.5 * scale),), beam=Beam(modes=3), members=1, rate=10.0)
+        values = {"restitution": 0.7, "friction_limit": 0.05 * scale, "mass_ratio": 0.02, "position": 1.0}
+        designs = [Design("impact", {"gap": rule * factor * scale, **values}) for factor in factors]
+        scores = dict(evaluate(problem, designs, problem.phases, problem.rate, Threads(1)))
+        found.append([problem.score(d, scores[k], problem.phases, problem.rate).values[0] for k, d in enumerate(designs)])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
+    assert 0.75 < factors[np.argmin(found[0])] < 1.35
+    assert min(found[0]) < 0.6 * max(found[0])
+
+
+def test_level_is_that_of_the_free_end_wherever_the_absorber_sits() -> None:
+    """An absorber that slides freely and meets no wall is not there: the level is that without absorber, and not the smaller one at its place."""
+    space = design_space("impact", ["gap", "position"], {"gap": (1e-3, 1.0)}, {"friction_limit": 1e-9})
+    problem = small(space=space, conditions=(FIRST,), members=1)
+    for position in (0.6, 1.0):
+        design = space.design({"gap": 1.0, "position": position})
+        ((_, measured),) = evaluate(problem, [design], problem.phases, problem.rate, Threads(1))
+        assert problem.score(design, measured, problem.phases, problem.rate).values[0] == pytest.approx(1.0, rel=1e-5)
+        chunk = problem.chunks(design, problem.phases, problem.rate)[0]
+        at_its_place = simulate(chunk.lanes[0].scene, chunk.lanes[0].drive).level
+        assert at_its_place is not None
+        assert (at_its_place.value < 0.6 * measured[0, 0, 0, 0]) == (position < 1)
 
 
 def test_detuning_shifts_the_beam_and_not_the_absorber() -> None:

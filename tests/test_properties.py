@@ -119,9 +119,9 @@ def test_energy_and_walls(data: st.DataObject, scene: Scene, drive: Drive) -> No
     try:
         response = run(scene, drive, initial=initial)
     except ParameterError as refusal:
-        if "double eigenvalue" not in str(refusal):
+        if "modal basis off" not in str(refusal):
             raise
-        reject()  # eigenvalues that (almost) coincide have no modal basis
+        reject()  # eigenvalues that (almost) coincide, or lie many decades apart, have no modal basis
     check(response)
 
 

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import importlib.util
 import json
+import tracemalloc
 from collections import Counter
 from dataclasses import replace
 
@@ -14,7 +16,7 @@ from design_studies import BATCH, Model, problem, settings
 
 from impact_env import Beam, ParameterError
 from optimisation.designs import design_space
-from optimisation.evaluation import Threads
+from optimisation.evaluation import Threads, evaluate
 from optimisation.objectives import Condition, Constraint
 from optimisation.problem import Problem
 from optimisation.search.front import hypervolume, nondominated
@@ -50,6 +52,33 @@ def test_searches_find_the_bottom_of_a_bowl() -> None:
             best = min(study.complete, key=lambda e: e.score.values[0])
             off = np.hypot(np.log(best.design.values["gap"] / 6e-4), best.design.values["restitution"] - 0.5)
             assert off < (0.02 if sampler == "cma" else 0.3)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="the Gaussian process needs torch")
+def test_gaussian_process_needs_few_designs() -> None:
+    """Seventeen designs: the model knows the bowl, a random search of the same budget does not."""
+    one = problem(conditions=(Condition(1, 3.5),), members=1)
+    off = {}
+    for sampler in ("gp", "random"):
+        with opened(one, Settings(sampler, 4, (Rung(1),), 1)) as study:
+            study.run(17, Model())
+            best = min(study.complete, key=lambda e: e.score.values[0]).design.values
+        off[sampler] = np.hypot(np.log(best["gap"] / 6e-4), best["restitution"] - 0.5)
+    assert off["gp"] < 0.15
+    assert off["gp"] < off["random"]
+
+
+def test_large_batches_take_little_memory() -> None:
+    """50 designs of 16 members in one call: 3,200 runs, of which no more than their plain numbers are held."""
+    many = problem(members=16)
+    generator = np.random.default_rng(0)
+    designs = [many.space.at(shares) for shares in generator.random((50, 2))]
+    tracemalloc.start()
+    results = dict(evaluate(many, designs, many.phases, many.rate, Model()))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(results) == 50
+    assert peak < 50e6
 
 
 def test_broken_constraints_cannot_win() -> None:
@@ -128,6 +157,19 @@ def test_friction_damper_optimum_follows_the_energy_argument() -> None:
     assert scene.absorber_mass is not None
     argued = np.pi / 4 * scene.absorber_mass * omega**2 * q / np.sqrt(2)
     assert best.design.values["friction_limit"] == pytest.approx(argued, rel=0.25)
+
+
+def test_friction_optimum_scales_with_the_force() -> None:
+    """The scaling law as an oracle: twice the force, twice the best friction limit, and the same relative level."""
+    found = []
+    for scale in (1.0, 2.0):
+        space = design_space("friction", bounds={"friction_limit": (0.1 * scale, 2.0 * scale)})
+        damped = Problem(space, (Condition(1, 3.5 * scale),), beam=Beam(modes=2), members=1, rate=20.0)
+        told, finished = smooth_search(damped, 30, Threads(), from_scratch=True)
+        assert finished
+        best = min(told, key=lambda e: e.score.values[0])
+        found.append((best.design.values["friction_limit"] / scale, best.score.values[0]))
+    assert found[0] == pytest.approx(found[1], rel=1e-3)
 
 
 def test_tuned_absorber_is_tuned_as_the_minimax_says() -> None:

@@ -132,6 +132,9 @@ def test_front_is_written_and_compared(pareto: ModuleType, tmp_path: Path, again
     assert [b for _, b in scores] == sorted((b for _, b in scores), reverse=True)
     assert sum(row["on_front"] == "1" for row in rows) == len(scores)
     assert len(content["against_random"]) == (2 if compared else 0)
+    won = sum(entry["method"] > entry["random"] for entry in content["against_random"])
+    assert content["seeds_won_against_random"] == (won if compared else None)
+    assert (f"in {won} of 2 seeds" in result.stdout) == bool(compared)
     assert all(set(entry) == {"seed", "method", "random"} for entry in content["against_random"])
 
 

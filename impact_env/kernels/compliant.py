@@ -107,11 +107,11 @@ def run_to_event(regime, forced, window, contact, gap, limit, reach, losses, now
     low, high = guard_bounds(gap, reach, now)
     tau, length, side = now[TAU], window.half - now[TAU], int(now[SIDE])
     if limit is None:
-        found = search(slots, forced, omega, signal, tau, length, low, high, side, None, False)
+        found = search(slots, forced, omega, signal, tau, length, window.half, low, high, side, None, False)
     elif now[STICK] == 0.0:
-        found = search(slots, forced, omega, signal, tau, length, low, high, side, now[SIGN], now[AT_REST] > 0.0)
+        found = search(slots, forced, omega, signal, tau, length, window.half, low, high, side, now[SIGN], now[AT_REST] > 0.0)
     else:
-        found = search(slots, forced, omega, signal, tau, length, low, high, side, None, False)
+        found = search(slots, forced, omega, signal, tau, length, window.half, low, high, side, None, False)
     counters.values[EVALUATIONS] += found.evaluations
     offset = found.offset
     end = tau + offset

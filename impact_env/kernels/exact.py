@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.forced import Forced, add_forced, new_forced, signal_value, solve_forced
-from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.observers import (
     DONE,
     EVALUATIONS,
@@ -58,8 +58,9 @@ class Contact(NamedTuple):
 
 # rows of a lane's `now`: regime, time from the window's centre, absorber displacement, velocity, acceleration, constant relative
 # force, sign of the relative velocity, wall touched (-1, 0, 1), relative velocity is zero (0, 1), joined offset absorber - tip, start of phase,
-# largest relative acceleration by a unit impulse
-REGIME, TAU, Q, V, A, FORCE, SIGN, SIDE, AT_REST, OFFSET, SINCE, KICK = range(12)
+# largest relative acceleration by a unit impulse, number of the absorber
+REGIME, TAU, Q, V, A, FORCE, SIGN, SIDE, AT_REST, OFFSET, SINCE, KICK, WHICH = range(13)
+NOW = 13
 
 
 @jit
@@ -111,11 +112,11 @@ def free_state(free, forced, omega, now, work, state):  # type: ignore[no-untype
 @jit
 def tip_motion(contact, state):  # type: ignore[no-untyped-def]
     """Return displacement and velocity of the tip."""
-    modes = contact.tip_shape.shape[0]
+    half = state.shape[0] // 2
     q, v = 0.0, 0.0
-    for i in range(modes):
+    for i in range(contact.tip_shape.shape[0]):
         q += contact.tip_shape[i] * state[i]
-        v += contact.tip_shape[i] * state[modes + 1 + i]
+        v += contact.tip_shape[i] * state[half + i]
     return q, v
 
 
@@ -144,28 +145,42 @@ def try_join(joined, forced, window, contact, limit, now, state, work, centre): 
     return False
 
 
-@jit
-def fly(free, forced, window, contact, walls, limit, losses, now, work, signal, state, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
-    """Advance the free regime to its next event or to the window's end; return what the search found."""
-    slots, omega = free.slots, window.omega
-    weigh(slots.rows, GUARD, work.z, signal.u)
-    p = signal.polynomial
-    now[A] = now[FORCE] / contact.mass
-    p[0], p[1], p[2] = now[Q] - free.tip_rest * now[FORCE], now[V], now[A]
-    tau, length = now[TAU], window.half - now[TAU]
+@jit_inline
+def end_of_flight(slots, forced, window, walls, limit, now, bent, length, z, signal):  # type: ignore[no-untyped-def]
+    """Return the first event within ``length`` (s) of an absorber apart from the beam, which constant forces have bent by ``bent`` (m) there."""
+    omega, tau, p = window.omega, now[TAU], signal.polynomial
+    weigh(slots.rows, GUARD, z, signal.u)
+    p[0], p[1], p[2] = now[Q] - bent, now[V], now[A]
     gap = 0.0
     if walls is not None:
         gap = walls.gap
     if limit is None:
-        found = search(slots, forced, omega, signal, tau, length, -gap, gap, int(now[SIDE]), None, False)
-    else:
-        zero = now[AT_REST] > 0.0
-        if walls is None:
-            found = search(slots, forced, omega, signal, tau, length, None, None, 0, now[SIGN], zero)
-        else:  # only the wall ahead can be reached before the relative velocity turns
-            low = -gap if now[SIGN] < 0.0 else -np.inf
-            high = gap if now[SIGN] > 0.0 else np.inf
-            found = search(slots, forced, omega, signal, tau, length, low, high, 0, now[SIGN], zero)
+        return search(slots, forced, omega, signal, tau, length, window.half, -gap, gap, int(now[SIDE]), None, False)
+    zero = now[AT_REST] > 0.0
+    if walls is None:
+        return search(slots, forced, omega, signal, tau, length, window.half, None, None, 0, now[SIGN], zero)
+    # only the wall ahead can be reached before the relative velocity turns
+    low = -gap if now[SIGN] < 0.0 else -np.inf
+    high = gap if now[SIGN] > 0.0 else np.inf
+    return search(slots, forced, omega, signal, tau, length, window.half, low, high, 0, now[SIGN], zero)
+
+
+@jit_inline
+def end_of_hold(slots, forced, window, limit, now, length, z, signal):  # type: ignore[no-untyped-def]
+    """Return the first event within ``length`` (s) of an absorber that moves with the beam: its joint force leaves what the joint can give."""
+    weigh(slots.rows, GUARD, z, signal.u)
+    signal.polynomial[:] = 0.0
+    low, high = joint_bounds(limit, now[SIDE])
+    return search(slots, forced, window.omega, signal, now[TAU], length, window.half, low, high, 0, None, False)
+
+
+@jit
+def fly(free, forced, window, contact, walls, limit, losses, now, work, signal, state, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
+    """Advance the free regime to its next event or to the window's end; return what the search found."""
+    slots, omega = free.slots, window.omega
+    now[A] = now[FORCE] / contact.mass
+    tau = now[TAU]
+    found = end_of_flight(slots, forced, window, walls, limit, now, free.tip_rest * now[FORCE], window.half - tau, work.z, signal)
     counters.values[EVALUATIONS] += found.evaluations
     offset = found.offset
     end = tau + offset
@@ -201,7 +216,7 @@ def turn(free, contact, limit, now, work, found):  # type: ignore[no-untyped-def
     if abs(needed) <= limit:
         return True
     old = now[FORCE]
-    now[SIGN], now[AT_REST] = -now[SIGN], 1.0
+    now[SIGN], now[AT_REST] = -1.0 if needed > 0.0 else 1.0, 1.0
     friction_force(limit, now)
     add(free.slots.rows, REST, old - now[FORCE], work.z)
     return False
@@ -229,7 +244,7 @@ def impact(free, forced, window, contact, walls, limit, now, work, signal, side,
         now[V] += rest / contact.mass
         impulse += rest
         loss += 0.5 * after * after / contact.compliance
-    push_impact(events, window.centre + now[TAU], v, impulse, loss)
+    push_impact(events, window.centre + now[TAU], v, impulse, loss, now[WHICH])
     if energy is not None:
         energy.totals[IMPACT_LOSS] += loss
     if limit is not None:
@@ -267,12 +282,9 @@ def chatter_is_complete(free, forced, window, walls, now, work, signal, side, af
 @jit
 def hold(joined, forced, window, limit, losses, now, work, signal, state, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
     """Advance the joined regime to where the joint force leaves its interval, or to the window's end; return the event."""
-    slots, omega = joined.slots, window.omega
-    weigh(slots.rows, GUARD, work.z, signal.u)
-    signal.polynomial[:] = 0.0
-    low, high = joint_bounds(limit, now[SIDE])
-    tau, length = now[TAU], window.half - now[TAU]
-    found = search(slots, forced, omega, signal, tau, length, low, high, 0, None, False)
+    slots = joined.slots
+    tau = now[TAU]
+    found = end_of_hold(slots, forced, window, limit, now, window.half - tau, work.z, signal)
     counters.values[EVALUATIONS] += found.evaluations
     offset = found.offset
     end = tau + offset
@@ -288,6 +300,13 @@ def hold(joined, forced, window, limit, losses, now, work, signal, state, clock,
 
 
 @jit
+def end_phase(events, now, time):  # type: ignore[no-untyped-def]
+    """Note a joined phase that ends."""
+    kind = STUCK_INSIDE if now[SIDE] == 0.0 else (HELD_UPPER if now[SIDE] > 0.0 else HELD_LOWER)
+    push_phase(events, now[SINCE], time, kind, now[WHICH])
+
+
+@jit
 def release(free, free_forced, joined, joined_forced, window, limit, now, work, state, event, events):  # type: ignore[no-untyped-def]
     """Leave the joined regime: the absorber lags where the joint force is above its bound, leads where it is below."""
     totals(joined, joined_forced, window.omega, now, work.z, work.rows[0])
@@ -295,8 +314,7 @@ def release(free, free_forced, joined, joined_forced, window, limit, now, work, 
     half = state.shape[0] // 2
     state[half - 1] += now[OFFSET]
     now[Q], now[V] = state[half - 1], state[2 * half - 1]
-    kind = STUCK_INSIDE if now[SIDE] == 0.0 else (HELD_UPPER if now[SIDE] > 0.0 else HELD_LOWER)
-    push_phase(events, now[SINCE], window.centre + now[TAU], kind)
+    end_phase(events, now, window.centre + now[TAU])
     now[REGIME] = FREE
     now[SIGN] = -1.0 if event == HIT_HIGH else 1.0
     now[AT_REST] = 1.0
@@ -305,16 +323,23 @@ def release(free, free_forced, joined, joined_forced, window, limit, now, work, 
 
 
 @jit
-def begin(free, free_forced, joined, joined_forced, window, contact, walls, limit, now, state, work):  # type: ignore[no-untyped-def]
-    """Set the first regime from the initial state: joined if the relative velocity is zero and friction or a wall can hold it."""
-    half = state.shape[0] // 2
+def touch(contact, walls, now, state):  # type: ignore[no-untyped-def]
+    """Find the wall that an absorber touches and the sign in which it slides; return its relative velocity."""
     q_tip, v_tip = tip_motion(contact, state)
-    now[Q], now[V] = state[half - 1], state[2 * half - 1]
     relative = now[V] - v_tip
     if walls is not None:
         if abs(now[Q] - q_tip) >= walls.gap * (1.0 - 4.0 * EPSILON):
             now[SIDE] = 1.0 if now[Q] > q_tip else -1.0
     now[SIGN] = 1.0 if relative > 0.0 else -1.0
+    return relative
+
+
+@jit
+def begin(free, free_forced, joined, joined_forced, window, contact, walls, limit, now, state, work):  # type: ignore[no-untyped-def]
+    """Set the first regime from the initial state: joined if the relative velocity is zero and friction or a wall can hold it."""
+    half = state.shape[0] // 2
+    now[Q], now[V] = state[half - 1], state[2 * half - 1]
+    relative = touch(contact, walls, now, state)
     if relative == 0.0 and (limit is not None or now[SIDE] != 0.0):
         if try_join(joined, joined_forced, window, contact, limit, now, state, work, window.centre):
             return
@@ -326,7 +351,7 @@ def begin(free, free_forced, joined, joined_forced, window, contact, walls, limi
 
 
 class Room(NamedTuple):
-    """What a lane carries from stretch to stretch, ``now`` (12,) and ``work.z``, and scratch for it."""
+    """What a lane carries from stretch to stretch, ``now`` (NOW,) and ``work.z``, and scratch for it."""
 
     now: NDArray[np.float64]
     work: Work
@@ -340,7 +365,7 @@ class Room(NamedTuple):
 def new_room(free, joined, state):  # type: ignore[no-untyped-def]
     """Return room for lanes of one scene."""
     size = free.slots.rows.shape[1]
-    now = np.zeros(12)
+    now = np.zeros(NOW)
     now[KICK] = largest_kick(free.slots.rows)
     return Room(now, new_work(size), new_signal(size), new_forced(free.slots), new_forced(joined.slots), np.zeros_like(state))
 
@@ -454,6 +479,5 @@ def finish(free, joined, now, work, state, schedule, clock, contact, level, even
     end = schedule.times[-1]
     current_state(free, joined, now, work, state)
     if now[REGIME] != FREE:
-        kind = STUCK_INSIDE if now[SIDE] == 0.0 else (HELD_UPPER if now[SIDE] > 0.0 else HELD_LOWER)
-        push_phase(events, now[SINCE], end, kind)
+        end_phase(events, now, end)
     last_sample(state, contact.tip_shape, end, clock, level, series)

@@ -177,7 +177,7 @@ def solve_response(slots, window, forced):  # type: ignore[no-untyped-def]
     back_substitute(rows, window.omega, -1.0, terms, 2, forced.slots)
     _at_resonance(rows, window, 1.0, terms, 0, forced.slots)
     _at_resonance(rows, window, -1.0, terms, 2, forced.slots)
-    _combine_all(rows, TIP, forced.slots, forced.signals, TIP_SIGNAL)
+    solve_place(slots, forced)
 
 
 @jit
@@ -188,6 +188,18 @@ def solve_forced(slots, window, absorber_mass, forced):  # type: ignore[no-untyp
     mass times the tip acceleration, whose direct share of the force only the displacement's derivatives contain.
     """
     solve_response(slots, window, forced)
+    solve_guard(slots, window, absorber_mass, forced)
+
+
+@jit
+def solve_place(slots, forced):  # type: ignore[no-untyped-def]
+    """Fill the signal of the displacement with the weights in row TIP; the slots' forced part is known."""
+    _combine_all(slots.rows, TIP, forced.slots, forced.signals, TIP_SIGNAL)
+
+
+@jit
+def solve_guard(slots, window, absorber_mass, forced):  # type: ignore[no-untyped-def]
+    """Fill the guard signal, its derivatives and bounds; slots' forced part and displacement are known, ``absorber_mass`` as in `solve_forced`."""
     signals = forced.signals
     if absorber_mass is None:
         _combine_all(slots.rows, GUARD, forced.slots, signals, 0)

@@ -66,6 +66,11 @@ def jit_inline(function: _F) -> _F:
     return _njit(**_PLAIN, forceinline=True)(function)  # type: ignore[no-any-return]
 
 
+def jit_view(function: _F) -> _F:
+    """Compile like `jit` and dissolve in the caller's own code: a function that only picks arrays out of larger ones, and so returns arrays."""
+    return _njit(**_PLAIN, inline="always")(function)  # type: ignore[no-any-return]
+
+
 def jit_sum_inline(function: _F) -> _F:
     """Compile like `jit_sum` and inline at every call."""
     return _njit(**_PLAIN, fastmath=set(SUM_FLAGS), forceinline=True)(function)  # type: ignore[no-any-return]

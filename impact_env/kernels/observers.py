@@ -42,8 +42,10 @@ class Level(NamedTuple):
 
 
 class Events(NamedTuple):
-    """``impacts`` (capacity, 4): time, relative velocity before, impulse on the absorber, energy lost. ``phases`` (capacity, 3): start, end, kind.
+    """What happened at the contacts, one row each.
 
+    ``impacts`` (capacity, 5): time, relative velocity before, impulse on the absorber, energy lost, which absorber. ``phases`` (capacity, 4): start,
+    end, kind, which absorber.
     ``counts`` (2,) goes on counting when the capacity is used up, so that the caller can run again with enough of it.
     """
 
@@ -146,8 +148,8 @@ def close_level(level):  # type: ignore[no-untyped-def]
 
 
 @jit
-def push_impact(events, time, relative_velocity, impulse, loss):  # type: ignore[no-untyped-def]
-    """Append an impact to the list, if one is kept."""
+def push_impact(events, time, relative_velocity, impulse, loss, absorber=None):  # type: ignore[no-untyped-def]
+    """Append an impact to the list, if one is kept. ``absorber`` None: there is only one."""
     if events is None:
         return
     k = events.counts[0]
@@ -156,12 +158,14 @@ def push_impact(events, time, relative_velocity, impulse, loss):  # type: ignore
         events.impacts[k, 1] = relative_velocity
         events.impacts[k, 2] = impulse
         events.impacts[k, 3] = loss
+        if absorber is not None:
+            events.impacts[k, 4] = absorber
     events.counts[0] = k + 1
 
 
 @jit
-def push_phase(events, start, end, kind):  # type: ignore[no-untyped-def]
-    """Append a contact phase to the list, if one is kept."""
+def push_phase(events, start, end, kind, absorber=None):  # type: ignore[no-untyped-def]
+    """Append a contact phase to the list, if one is kept. ``absorber`` None: there is only one."""
     if events is None:
         return
     k = events.counts[1]
@@ -169,4 +173,6 @@ def push_phase(events, start, end, kind):  # type: ignore[no-untyped-def]
         events.phases[k, 0] = start
         events.phases[k, 1] = end
         events.phases[k, 2] = kind
+        if absorber is not None:
+            events.phases[k, 3] = absorber
     events.counts[1] = k + 1

@@ -167,8 +167,8 @@ def is_far(b, h, low, high, direction, e0, e1):  # type: ignore[no-untyped-def]
 
 
 @jit
-def search(slots, forced, omega, signal, tau, length, low, high, side, direction, zero_rate):  # type: ignore[no-untyped-def]
-    """Return the first Event within ``length`` (s) from tau; its offset is ``length`` if there is none.
+def search(slots, forced, omega, signal, tau, length, half, low, high, side, direction, zero_rate):  # type: ignore[no-untyped-def]
+    """Return the first Event within ``length`` (s) from tau; its offset is ``length`` if there is none. ``half`` (s): half length of the window.
 
     ``low`` and ``high`` may be infinite; None: there are no walls at all. ``direction`` None: the rate is not watched; 1 or -1: the sign
     that it has at the start. ``side`` -1 or 1: the signal starts on the low or the high wall; ``zero_rate``: its rate starts at zero.
@@ -177,7 +177,7 @@ def search(slots, forced, omega, signal, tau, length, low, high, side, direction
     u, p, w, b, memory = signal.u, signal.polynomial, signal.moving, signal.block, signal.memory
     signals, bound, carrier = forced.signals, forced.bound, forced.carrier
     size, top = u.shape[1], steps.shape[0] - 1
-    while top > 0 and steps[top, 0] > 0.25 * (tau + length):  # bounds hold up to a quarter of half a window beyond it
+    while top > 0 and steps[top, 0] > 0.25 * half:  # bounds hold up to a quarter of half a window beyond it
         top -= 1
     level = min(int(memory[0]), top)
     c, s, offset, count, begin, up, careful, e0, e1 = 0.0, 0.0, 0.0, 0, True, False, 1.0, 0.0, 0.0

@@ -23,8 +23,8 @@ SAMPLE_ROUNDING = 1e-12  # of the sampling interval
 class Regime(NamedTuple):
     """Slots and the maps between them and the state (modal displacements, absorber displacement, modal velocities, absorber velocity).
 
-    ``out`` (2, 2 N_m + 2, J), real and imaginary: state = Re(out Z); ``into`` (2, 2 N_m + 2, J), transposed: Z = into^T state; ``tip_rest``: tip
-    displacement under a unit constant relative force.
+    With several absorbers the state has as many places for them. ``out`` (2, 2 N_m + 2, J), real and imaginary: state = Re(out Z); ``into``
+    (2, 2 N_m + 2, J), transposed: Z = into^T state; ``tip_rest``: tip displacement under a unit constant relative force.
     """
 
     slots: Slots
@@ -137,19 +137,20 @@ def state_at(regime, forced, omega, z, constant, tau, offset, w, state):  # type
 def sample_state(regime, forced, window, z, constant, absorber, tau, end, clock, w, series):  # type: ignore[no-untyped-def]
     """Write the state at the samples in [tau, end).
 
-    ``absorber`` (3,): displacement, velocity and acceleration at tau to be added to what the regime's map gives.
+    ``absorber`` (3 n,): for each absorber displacement, velocity and acceleration at tau, to be added to what the regime's map gives.
     """
     if series is None:
         return
     n, interval = int(clock[2]), clock[1]
     x = n * interval - window.centre
-    half = series.states.shape[1] // 2
+    half, absorbers = series.states.shape[1] // 2, absorber.shape[0] // 3
     while x < end and n < series.states.shape[0]:
         t = max(x - tau, 0.0)
         row = series.states[n]
         state_at(regime, forced, window.omega, z, constant, tau, t, w, row)
-        row[half - 1] += absorber[0] + t * (absorber[1] + 0.5 * t * absorber[2])
-        row[2 * half - 1] += absorber[1] + t * absorber[2]
+        for a in range(absorbers):
+            row[half - absorbers + a] += absorber[3 * a] + t * (absorber[3 * a + 1] + 0.5 * t * absorber[3 * a + 2])
+            row[2 * half - absorbers + a] += absorber[3 * a + 1] + t * absorber[3 * a + 2]
         n += 1
         x = n * interval - window.centre
     clock[2] = n
@@ -193,11 +194,11 @@ def _active_speed(rows, omega, z):  # type: ignore[no-untyped-def]
 def add_energy(regime, forced, window, losses, z, constant, absorber, tau, end, scratch, state, energy):  # type: ignore[no-untyped-def]
     """Add work and losses of the stretch [tau, end] by Gauss-Legendre quadrature, in panels that resolve every slot still active.
 
-    ``absorber`` (3,) as in `sample_state`; ``scratch`` (2, 2, J).
+    ``absorber`` as in `sample_state`, of which only a tuned one has a damper; ``scratch`` (2, 2, J).
     """
     if energy is None:
         return
-    modes = losses.rate.shape[0]
+    modes, half = losses.rate.shape[0], state.shape[0] // 2
     slots, p = regime.slots, scratch[0]
     copy(z, p)
     force_size = np.sqrt(window.force_r**2 + window.force_i**2)
@@ -215,12 +216,12 @@ def add_energy(regime, forced, window, losses, z, constant, absorber, tau, end, 
             weight = 0.5 * h * _WEIGHTS[k]
             power, tip = 0.0, 0.0
             for i in range(modes):
-                v = state[modes + 1 + i]
+                v = state[half + i]
                 power += losses.force_shape[i] * v
                 tip += losses.tip_shape[i] * v
                 energy.modal[i] += weight * losses.rate[i] * v * v
             energy.totals[WORK] += weight * f * power
-            relative = state[2 * modes + 1] + absorber[1] + absorber[2] * (c - tau) - tip
+            relative = state[half + modes] + absorber[1] + absorber[2] * (c - tau) - tip
             energy.totals[ABSORBER_DAMPING] += weight * losses.damper * relative * relative
         advance(slots.rows, slots.table, slots.scale, h, p)
         x += h

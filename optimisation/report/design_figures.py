@@ -30,23 +30,27 @@ def _title(condition: Condition) -> str:
     return f"{ORDINALS.get(condition.resonance, condition.resonance)} resonance"
 
 
-def _log_axis(axis: object) -> None:
+def force_axis(axis: object) -> None:
+    """Put 1, 2 and 5 of each decade on a logarithmic axis."""
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))  # type: ignore[attr-defined]
     axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))  # type: ignore[attr-defined]
     axis.set_minor_locator(NullLocator())  # type: ignore[attr-defined]
     axis.set_minor_formatter(NullFormatter())  # type: ignore[attr-defined]
 
 
-def _panels(count: int, height: float = 4.6) -> tuple[Figure, list[Axes]]:
+def figure_with(count: int, height: float = 4.6) -> tuple[Figure, list[Axes]]:
+    """Return a figure with this many panels side by side."""
     figure = Figure(figsize=(max(5.4 * count, 6.4), height), layout="constrained")
     return figure, list(figure.subplots(1, count, squeeze=False)[0])
 
 
-def _save(figure: Figure, path: Path) -> None:
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure; the ending of ``path`` chooses the format."""
     figure.savefig(path, dpi=DPI, format=path.suffix[1:])
 
 
-def _grid(panel: Axes) -> None:
+def draw_grid(panel: Axes) -> None:
+    """Draw a light grid behind all else."""
     panel.grid(True, color="0.9", lw=0.7)
     panel.set_axisbelow(True)
 
@@ -61,7 +65,7 @@ def save_curves(path: Path, findings: Findings) -> None:
     """Draw the response level over the force: winner, paper's design, no absorber, and the limit of the winner's cavity."""
     assert findings.curves is not None
     assert findings.verdict is not None
-    figure, panels = _panels(len(findings.curves))
+    figure, panels = figure_with(len(findings.curves))
     for panel, levels, own in zip(panels, findings.curves, findings.problem.conditions, strict=True):
         forces = np.array([condition.force for condition in levels.conditions])
         panel.plot(forces, MM * levels.without, color=BLACK, lw=1.2, label="no absorber")
@@ -79,15 +83,16 @@ def save_curves(path: Path, findings: Findings) -> None:
         panel.axvline(own.force, color=GREY, lw=1, ls=":", label="force of the study")
         panel.set_ylim(bottom, 1.3 * MM * float(np.max(levels.without)))
         panel.set_title(_title(own))
-        _log_axis(panel.xaxis)
-        _log_axis(panel.yaxis)
-        _grid(panel)
+        force_axis(panel.xaxis)
+        force_axis(panel.yaxis)
+        draw_grid(panel)
     panels[0].set_ylabel("response level of the free end in mm (RMS)")
-    _legend(figure, panels[0])
-    _save(figure, path)
+    draw_legend(figure, panels[0])
+    write_figure(figure, path)
 
 
-def _legend(figure: Figure, panel: Axes, columns: int = 5) -> None:
+def draw_legend(figure: Figure, panel: Axes, columns: int = 5) -> None:
+    """Put one panel's legend below the figure."""
     handles, labels = panel.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, len(labels)), frameon=False, fontsize=9)
 
@@ -96,7 +101,7 @@ def save_map(path: Path, findings: Findings) -> None:
     """Draw the relative level over gap and force: straight lines of one gap over force are what the scaling law demands."""
     assert findings.gap_map is not None
     assert findings.verdict is not None
-    figure, panels = _panels(len(findings.gap_map), 5.0)
+    figure, panels = figure_with(len(findings.gap_map), 5.0)
     winner, problem = findings.verdict.winner.design, findings.problem
     gaps = MM * np.array(findings.gaps)
     for panel, levels, own in zip(panels, findings.gap_map, problem.conditions, strict=True):
@@ -111,8 +116,8 @@ def save_map(path: Path, findings: Findings) -> None:
         panel.plot(own.force, MM * winner.values[GAP], "o", ms=9, mfc=ORANGE, mec="white", mew=1.5, label="winner")
         panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), ylim=(gaps[0], gaps[-1]), xlabel="amplitude of the force in N")
         panel.set_title(_title(own))
-        _log_axis(panel.xaxis)
-        _log_axis(panel.yaxis)
+        force_axis(panel.xaxis)
+        force_axis(panel.yaxis)
     bar = figure.colorbar(mesh, ax=panels, label="response level in % of no absorber", ticks=[10, 20, 50, 100], shrink=0.9)
     bar.ax.set_yticklabels(["10", "20", "50", "100"])
     bar.ax.yaxis.set_minor_locator(NullLocator())
@@ -120,7 +125,7 @@ def save_map(path: Path, findings: Findings) -> None:
     handles, labels = panels[0].get_legend_handles_labels()
     legend = figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=9, facecolor="0.75", edgecolor="none")
     legend.set_title("thin lines: force over gap constant", prop=FontProperties(size=8))
-    _save(figure, path)
+    write_figure(figure, path)
 
 
 def _rule(findings: Findings, resonance: int, force: float) -> float | None:
@@ -142,24 +147,24 @@ def _diagonals(forces: Array, gaps: Array) -> Array:
 def save_robustness(path: Path, findings: Findings) -> None:
     """Draw the relative level over a detuning of the beam's frequencies that the design does not know of."""
     assert findings.detuned is not None
-    figure, panels = _panels(len(findings.detuned))
+    figure, panels = figure_with(len(findings.detuned))
     for panel, levels, own in zip(panels, findings.detuned, findings.problem.conditions, strict=True):
         _lines(panel, 100 * np.array([condition.detuning for condition in levels.conditions]), levels, 100 / levels.without)
         panel.axvline(0, color=GREY, lw=1, ls=":")
         panel.set_title(f"{_title(own)}, {own.force:g} N")
         panel.set_xlabel("shift of the beam's frequencies in %")
         panel.set_ylim(bottom=0)
-        _grid(panel)
+        draw_grid(panel)
     panels[0].set_ylabel("response level in % of no absorber")
-    _legend(figure, panels[0])
-    _save(figure, path)
+    draw_legend(figure, panels[0])
+    write_figure(figure, path)
 
 
 def save_sensitivity(path: Path, findings: Findings) -> None:
     """Draw the Sobol indices with their 95 % intervals."""
     found = findings.sensitivity
     assert found is not None
-    figure, (panel,) = _panels(1, 4.2)
+    figure, (panel,) = figure_with(1, 4.2)
     at = np.arange(len(found.names))
     for shift, colour, label, values, band in (
         (-0.19, BLUE, "alone (first order)", found.first, found.first_band),
@@ -171,9 +176,9 @@ def save_sensitivity(path: Path, findings: Findings) -> None:
     panel.set_ylabel("share of the variance")
     panel.axhline(0, color=BLACK, lw=0.8)
     panel.set_title(f"Sobol indices around the winner, standard deviation {found.spread:.3g}", fontsize=10)
-    _grid(panel)
-    _legend(figure, panel)
-    _save(figure, path)
+    draw_grid(panel)
+    draw_legend(figure, panel)
+    write_figure(figure, path)
 
 
 def save_front(
@@ -190,7 +195,7 @@ def save_front(
 
     ``paper`` (2,) is the paper's design, ``bound`` (K, 2) the stationary limits of the cavities of the designs on the front; NaN where there is none.
     """
-    figure, (panel,) = _panels(1, 5.6)
+    figure, (panel,) = figure_with(1, 5.6)
     figure.set_figwidth(7.6)
     panel.plot(*searched.T, ".", color="0.75", ms=4, label="designs of the search")
     if bound is not None and np.isfinite(bound).any():
@@ -206,6 +211,6 @@ def save_front(
         panel.set_xlim(0, 1.05 * max(high[0], paper[0], fresh[:, 0].max()))
     if scales[1] == "linear":
         panel.set_ylim(0, 1.05 * max(high[1], paper[1], fresh[:, 1].max()))
-    _grid(panel)
-    _legend(figure, panel, 2)
-    _save(figure, path)
+    draw_grid(panel)
+    draw_legend(figure, panel, 2)
+    write_figure(figure, path)

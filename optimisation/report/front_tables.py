@@ -41,6 +41,11 @@ class Front:
         """The designs that are not dominated, by the first objective."""
         return [self.told[k] for k in self.index]
 
+    @property
+    def won(self) -> int:
+        """In how many seeds the method's hypervolume is larger than that of the random search."""
+        return sum(mine > random for _, mine, random in self.against)
+
 
 def costs(problem: Problem, told: Sequence[Evaluated]) -> Array:
     """Return what is minimised of both objectives, (designs, 2); infinite for designs that break a constraint."""
@@ -87,6 +92,7 @@ def front_summary(front: Front) -> Json:
         "paper": None if front.paper is None else [number(x) for x in front.paper.score.values],
         "hypervolume": {"corner": list(front.corner), "front": front.volume},
         "against_random": [{"seed": seed, "method": mine, "random": random} for seed, mine, random in front.against],
+        "seeds_won_against_random": front.won if front.against else None,
     }
 
 
@@ -106,4 +112,6 @@ def front_text(front: Front) -> str:
     lines.append(f"  hypervolume {front.volume:.4g} up to the corner {front.corner[0]:g}, {front.corner[1]:g}")
     for seed, mine, random in front.against:
         lines.append(f"  seed {seed}: {mine:.4g}, random search {random:.4g}, {100 * (mine / random - 1):+.1f} %" if random > 0 else f"  seed {seed}")
+    if front.against:
+        lines.append(f"  larger hypervolume than a random search with the same budget in {front.won} of {len(front.against)} seeds")
     return "\n".join(lines)

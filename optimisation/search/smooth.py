@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from impact_env.parameters import count, require
-from optimisation.designs import IMPACT, Design
+from optimisation.designs import WITH_IMPACTS, Design
 from optimisation.evaluation import Executor, evaluate
 from optimisation.problem import Problem
 from optimisation.search.study import Evaluated
@@ -40,7 +40,7 @@ def smooth_search(
     for several objectives and for impact absorbers.
     """
     count("designs", designs, 2)
-    require(problem.space.concept != IMPACT, "sampler", "scipy", "a concept without walls: impacts are chaotic, and their levels noisy")
+    require(problem.space.concept not in WITH_IMPACTS, "sampler", "scipy", "a concept without walls: impacts are chaotic, and their levels noisy")
     require(len(problem.objectives) == 1, "sampler", "scipy", "one objective")
     problem = replace(problem, members=min(MEMBERS, problem.members))
     seen: list[Evaluated] = []

@@ -1,0 +1,32 @@
+"""The friction limit of a damper in closed form, from the energy of one cycle.
+
+A mass m_a slides on a tip that moves with amplitude q at Omega. It is driven by the friction alone, whose first harmonic is F = 4 mu f_N/pi, so
+its own amplitude is F/(m_a Omega^2) at right angles to the sliding, which therefore has the amplitude X with X^2 + (F/(m_a Omega^2))^2 = q^2. The
+energy lost in a cycle, pi F X, is largest for F = m_a Omega^2 q/sqrt(2): then X = q/sqrt(2), the loss is pi m_a Omega^2 q^2/2, and half of the mass
+moves with the tip. With one mode (damping ratio D, shapes phi_t at the tip and phi_f at the force) in resonance, force and losses balance:
+
+    f phi_f/phi_t = q Omega^2 (m_a/2 + 2 D/phi_t^2),        Omega^2 = omega_r^2/(1 + m_a phi_t^2/2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impact_env.modes import ModalModel
+from impact_env.parameters import positive, require
+
+
+def best_friction(model: ModalModel, mass: float, force: float, resonance: int = 1) -> tuple[float, float]:
+    """Return (friction limit mu f_N in N, RMS of the tip in m) that the energy argument gives for a ``force`` in N at a resonance.
+
+    ``mass`` m_a in kg. Only the resonance's own mode counts. Raises ParameterError for numbers out of range, and where the mode does not move the
+    tip or the force does not reach it.
+    """
+    omega, k = model.resonance_omega(resonance), resonance - 1
+    tip, at_force, damping = float(model.tip_shape[k]), float(model.force_shape[k]), float(model.damping_ratio[k])
+    require(tip != 0, f"tip_shape of mode {resonance}", tip, "not 0: a damper at a node of a mode cannot act on it")
+    require(at_force != 0, f"force_shape of mode {resonance}", at_force, "not 0: a force at a node of a mode does not move it")
+    own = positive("mass", mass)
+    square = omega**2 / (1 + own * tip**2 / 2)
+    amplitude = positive("force", force) * abs(at_force / tip) / (square * (own / 2 + 2 * damping / tip**2))
+    return float(np.pi / 4 * own * square * amplitude / np.sqrt(2)), float(amplitude / np.sqrt(2))

@@ -1,0 +1,77 @@
+"""What a Pareto study does: search, run the front again on fresh members, and compare with random search of the same budget."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from _design_options import runs_bar
+from _design_search import searched
+from numpy.typing import NDArray
+
+from optimisation.evaluation import Executor
+from optimisation.measures import LEVEL
+from optimisation.objectives import Objective
+from optimisation.problem import Problem
+from optimisation.report.design_tables import limit
+from optimisation.report.front_tables import Front, costs
+from optimisation.search.front import hypervolume, nondominated
+from optimisation.search.judge import judged
+from optimisation.search.samplers import NSGA2, RANDOM, SAMPLERS
+from optimisation.search.settings import Settings, default_settings
+
+FORCES = ((1, 3.5), (2, 15.0))  # in N: each the design force of its resonance for one gap would leave nothing to trade
+BY_RESONANCE = (Objective(resonance=1), Objective(resonance=2))
+CORNER = (1.1, 1.1)  # relative levels: what hypervolumes refer to
+
+
+def search_front(problem: Problem, settings: Settings, designs: int, corner: tuple[float, float], journal: Path | None, executor: Executor) -> Front:
+    """Search; the front is that of all designs that were run, by the members of the search."""
+    with searched("search", problem, settings, designs, journal, executor) as (study, finished, cost):
+        told = study.told
+    rows = costs(problem, told)
+    best = {tuple(rows[k]): int(k) for k in np.flatnonzero(nondominated(rows))[::-1] if np.isfinite(rows[k]).all()}  # NSGA-II repeats designs
+    index = [best[values] for values in sorted(best)]
+    return Front(problem, told, finished, cost, index, corner, hypervolume(rows, corner))
+
+
+def judge_front(front: Front, executor: Executor) -> Front:
+    """Run the front and the paper's design again, on twice as many members as the search had, none of which it has seen."""
+    problem = front.problem
+    designs = [e.design for e in front.members]
+    with runs_bar("front on fresh members") as show:
+        *fresh, paper = judged(problem, [*designs, problem.space.default], problem.fresh_phases(2 * problem.members, 0), executor, show)
+    return replace(front, fresh=fresh, paper=paper)
+
+
+def compare_with_random(front: Front, settings: Settings, seeds: int, executor: Executor) -> Front:
+    """Search again with other seeds, by the method and at random, with the same budget; the members stay the same."""
+    problem, wanted = front.problem, len(front.told)
+    batch = settings.batch if settings.sampler != RANDOM else default_settings(problem, NSGA2).batch
+    rows = []
+    for seed in range(settings.seed, settings.seed + seeds):
+        found = []
+        for sampler in (settings.sampler, RANDOM):
+            own = default_settings(problem, sampler, batch, seed)
+            with searched(f"seed {seed}, {SAMPLERS[sampler]}", problem, own, wanted, None, executor) as (study, finished, _cost):
+                if not finished:
+                    return replace(front, against=tuple(rows), finished=False)
+                found.append(hypervolume(costs(problem, study.told), front.corner))
+        rows.append((seed, found[0], found[1]))
+    return replace(front, against=tuple(rows))
+
+
+def bounds_of(front: Front) -> NDArray[np.float64]:
+    """Return the stationary limits of the designs on the front, (designs, 2), as relative levels; NaN where the closed form does not apply."""
+    problem = front.problem
+    without = problem.reference(problem.phases[:1], problem.rate)[0, :, :, problem.measures.index(LEVEL)].max(axis=1)
+    rows = []
+    for judge in front.fresh or []:
+        relative = [limit(problem, judge.design, c) / float(w) for c, w in zip(problem.conditions, without, strict=True)]
+        own = [
+            max(relative[k] for k in o.chosen(problem.conditions)) if o.kind == "level" else x
+            for o, x in zip(problem.objectives, judge.score.values, strict=True)
+        ]
+        rows.append(own)
+    return np.array(rows)
