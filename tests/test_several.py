@@ -33,6 +33,8 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns
 from impact_env.energy import stored_energy
 from impact_env.ensemble import Lane, run_lanes
+from optimisation.designs import design_space
+from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
 
 BEAM = Beam(modes=3)
 
@@ -276,3 +278,13 @@ def test_budget_and_shares() -> None:
     assert scene.absorber_mass == pytest.approx(np.sum(scene.absorber_masses), rel=1e-14)
     np.testing.assert_allclose(scene.absorber_shapes[0], scene.model.tip_shape, rtol=1e-14)
     assert relative_displacement(run(beam_scene(BEAM, impact_absorber()), drive_of(1.0, 1.0, periods=0.1))).ndim == 1
+
+
+def test_measures_of_a_design_see_every_absorber() -> None:
+    design = design_space("several", fixed={"friction_limit_2": 0}).design({"gap_1": 3e-4, "gap_2": 2e-4, "position_2": 0.6, "share": 0.5})
+    response = run(design.scene(BEAM), drive_of(3.0, 0.98, periods=3))
+    assert response.history is not None
+    assert np.max(np.abs(relative(response)), axis=0) == pytest.approx([3e-4, 2e-4], rel=0.1)
+    assert of_motion(STROKE, response) == np.max(np.abs(relative(response)))
+    speed = response.history.absorber_velocity[:, 0] - response.history.tip_velocity
+    assert of_motion(FRICTION_HEAT, response) == pytest.approx(0.05 * np.mean(np.abs(speed)), rel=1e-12)
