@@ -105,6 +105,14 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
     assert history is not None
     if name == DAMAGE:
         return fatigue_damage(np.asarray(history.modal_displacement @ chunk.gauges.clamp_moment), chunk.fatigue_exponent)
+    return of_motion(name, response)
+
+
+def of_motion(name: str, response: Response) -> float:
+    """Return the stroke, the largest of all absorbers, or the friction heat of them all (`MEASURES`) of a run with samples of the state."""
+    history = response.history
+    require(history is not None, "history", history, "recorded: this measure is read from samples of the state")
+    assert history is not None
     if response.scene.absorber is None:
         return 0.0
     shapes, samples = response.scene.absorber_shapes.T, len(history.time)

@@ -33,6 +33,8 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns
 from impact_env.energy import stored_energy
 from impact_env.ensemble import Lane, run_lanes
+from optimisation.designs import design_space
+from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
 
 BEAM = Beam(modes=3)
 
@@ -165,6 +167,15 @@ def test_simultaneous_events_of_equal_absorbers() -> None:
     assert np.min(np.bincount(response.impacts.absorber)) >= 2
 
 
+def test_an_impact_turns_the_sliding_of_another_absorber() -> None:
+    """An impact that reverses another absorber's relative velocity must not let it stick for that: its kinetic energy would be lost."""
+    absorbers = (impact_absorber(1e-3, 0.0, None, 0.5), impact_absorber(1e-4, 0.0, None, 0.5), friction_damper(1.0, 0.25))
+    scene = beam_scene(Beam(modes=1, damping_ratio=0.0), SeveralAbsorbers(absorbers, (1.0, 1.0, 1.0)))
+    response = run(scene, drive_of(10.0, 1.0, periods=1.5))
+    check(response)
+    assert response.impact_count >= 2
+
+
 def test_absorbers_held_by_walls_set_each_other_free_only_finitely_often() -> None:
     """Both are pressed to their walls by a constant pull of the beam while they chatter; plastic contact is the hardest case."""
     for restitution in (0.0, 0.5):
@@ -193,7 +204,7 @@ def several(draw: st.DrawFn) -> SeveralAbsorbers:
     return SeveralAbsorbers(tuple(one() for _ in range(n)), tuple(draw(positions) for _ in range(n)))
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], deadline=None)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], deadline=None)
 @given(st.data(), several(), st.floats(-1, 1.5).map(lambda x: float(10**x)), st.floats(0.3, 8), st.integers(1, 8))
 def test_energy_and_walls(data: st.DataObject, absorbers: SeveralAbsorbers, force: float, ratio: float, modes: int) -> None:
     scene = beam_scene(Beam(modes=modes, elements=12, damping_ratio=data.draw(st.sampled_from([0.0, 0.01, 0.1]))), absorbers)
@@ -267,3 +278,13 @@ def test_budget_and_shares() -> None:
     assert scene.absorber_mass == pytest.approx(np.sum(scene.absorber_masses), rel=1e-14)
     np.testing.assert_allclose(scene.absorber_shapes[0], scene.model.tip_shape, rtol=1e-14)
     assert relative_displacement(run(beam_scene(BEAM, impact_absorber()), drive_of(1.0, 1.0, periods=0.1))).ndim == 1
+
+
+def test_measures_of_a_design_see_every_absorber() -> None:
+    design = design_space("several", fixed={"friction_limit_2": 0}).design({"gap_1": 3e-4, "gap_2": 2e-4, "position_2": 0.6, "share": 0.5})
+    response = run(design.scene(BEAM), drive_of(3.0, 0.98, periods=3))
+    assert response.history is not None
+    assert np.max(np.abs(relative(response)), axis=0) == pytest.approx([3e-4, 2e-4], rel=0.1)
+    assert of_motion(STROKE, response) == np.max(np.abs(relative(response)))
+    speed = response.history.absorber_velocity[:, 0] - response.history.tip_velocity
+    assert of_motion(FRICTION_HEAT, response) == pytest.approx(0.05 * np.mean(np.abs(speed)), rel=1e-12)

@@ -277,20 +277,28 @@ def set_free(sets, absorbers, window, s, a, found, state, room, events):  # type
 
 @jit
 def kick_others(sets, absorbers, window, s, a, impulse, state, room):  # type: ignore[no-untyped-def]
-    """Let absorbers that had no relative velocity slide with the one that an impulse on absorber a gave them."""
-    now = room.now
-    resting = 0
+    """Let the other absorbers that are apart slide in the sign of the relative velocity that they have after an impulse on absorber a."""
+    now, joints = room.now, room.joints
+    others = 0
     for b in range(now.shape[0]):
-        if b != a and now[b, REGIME] == FREE and now[b, AT_REST] > 0.0 and sets.compliance[s, b, a] * impulse != 0.0:
-            resting |= 1 << b
-    if resting == 0:
+        if b != a and now[b, REGIME] == FREE and (absorbers.limit[b] > 0.0 or now[b, AT_REST] > 0.0):
+            others |= 1 << b
+    if others == 0:
         return
     write_state(sets, window, s, now[0, TAU], room, state)
+    see_places(absorbers, state, joints)
+    turned = False
     for b in range(now.shape[0]):
-        if is_joined(resting, b):
-            now[b, SIGN], now[b, AT_REST] = 1.0 if sets.compliance[s, b, a] * impulse > 0.0 else -1.0, 0.0
-            friction_force(absorbers.limit[b], now[b])
-    go_to(sets, absorbers, window, state, room)
+        if is_joined(others, b):
+            # of one that had none it is what the impulse gave, free of rounding
+            speed = sets.compliance[s, b, a] * impulse if now[b, AT_REST] > 0.0 else now[b, V] - joints.speed[b]
+            if speed != 0.0:
+                sign = 1.0 if speed > 0.0 else -1.0
+                turned = turned or sign != now[b, SIGN]
+                now[b, SIGN], now[b, AT_REST] = sign, 0.0
+                friction_force(absorbers.limit[b], now[b])
+    if turned:
+        go_to(sets, absorbers, window, state, room)
 
 
 @jit
