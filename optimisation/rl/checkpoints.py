@@ -5,30 +5,15 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from impact_env.parameters import ParameterError
 from optimisation.files import write_json
 from optimisation.rl.models import Model, ScaledRewards, load_model, save_model
+from optimisation.rl.runs import Evaluation
 
 KEPT = 2
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """What an agent reached after ``steps`` of training, over the evaluation seeds.
-
-    ``score``: mean; ``iqm``: mean of the middle half; ``low``, ``high``: 10th and 90th percentile; ``intervals``: mean length of an episode.
-    """
-
-    leg: int
-    steps: int
-    score: float
-    iqm: float
-    low: float
-    high: float
-    intervals: float
 
 
 def save_checkpoint(folder: Path, leg: int, model: Model, env: ScaledRewards, evaluations: list[Evaluation]) -> None:

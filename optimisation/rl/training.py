@@ -12,7 +12,7 @@ import json
 import platform
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,21 +27,20 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from impact_env.envs.shells import TaskVectorEnv
-from impact_env.parameters import ParameterError, count, require
+from impact_env.parameters import ParameterError, count
 from optimisation.differences import difference
-from optimisation.files import require_writable, write_csv, write_json
+from optimisation.files import require_writable, write_json
 from optimisation.rl.agents import BEST, FINAL, actor_of, save_agent
-from optimisation.rl.checkpoints import Evaluation, forget_replay, last_checkpoint, save_checkpoint
+from optimisation.rl.checkpoints import forget_replay, last_checkpoint, save_checkpoint
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings
 from optimisation.rl.models import Model, ScaledRewards, begin_leg, make_lanes, make_model
 from optimisation.rl.play import play
 from optimisation.rl.policies import Policy
+from optimisation.rl.runs import SETTINGS, Evaluation, write_evaluations
 
 RUN_FORMAT = 1
 FIRST_EVALUATION_SEED = 1_000_000  # apart from the seeds on which baselines are tuned, and from those on which all are judged
 EVALUATION_EPISODES = 64
-SETTINGS, EVALUATIONS = "settings.json", "evaluations.csv"
-COLUMNS = tuple(f for f in Evaluation.__dataclass_fields__)
 Show = Callable[[int, list[Evaluation]], None]
 
 
@@ -102,7 +101,9 @@ def train(job: Job, folder: Path, show: Show | None = None, threads: int | None 
     """
     require_writable("folder", folder)
     with _alone(folder):
-        _agree(job, folder / SETTINGS)
+        check_folder(job, folder)
+        if not (folder / SETTINGS).exists():
+            write_json(folder / SETTINGS, job.describe() | {"versions": versions()})
         env = make_lanes(job.env_id, job.hyperparameters, job.arguments, threads)
         try:
             return _train(job, folder, env, show or (lambda _steps, _evaluations: None))
@@ -128,17 +129,12 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evalu
         if evaluations[-1].score == max(evaluation.score for evaluation in evaluations):
             save_agent(folder / BEST, agent)
         save_checkpoint(kept, leg, model, env, evaluations)
-        write_csv(folder / EVALUATIONS, COLUMNS, [list(asdict(evaluation).values()) for evaluation in evaluations])
+        write_evaluations(folder, evaluations)
         show(model.num_timesteps, evaluations)
     if not (folder / FINAL).exists():
         save_agent(folder / FINAL, actor_of(model, job.env_id, job.seed, job.arguments))
     forget_replay(kept)
     return evaluations
-
-
-def finished(folder: Path) -> bool:
-    """Tell whether a folder holds a run that came to its end."""
-    return (folder / FINAL).exists()
 
 
 def _log(model: Model, evaluation: Evaluation) -> None:
@@ -159,20 +155,20 @@ class _Watch(BaseCallback):
         return True
 
 
-def _agree(job: Job, file: Path) -> None:
-    """Write the settings of a new run; raise ParameterError if the folder has others."""
-    wanted = job.describe()
+def check_folder(job: Job, folder: Path) -> None:
+    """Raise ParameterError if a folder holds a run of other settings than the job's; a new one is fine."""
+    file = folder / SETTINGS
     if not file.exists():
-        write_json(file, wanted | {"versions": versions()})
         return
+    wanted = job.describe()
     try:
         held = json.loads(file.read_text(encoding="utf-8"))
         held.pop("versions", None)
     except (OSError, ValueError, AttributeError) as error:
-        raise ParameterError(f"folder = {str(file.parent)!r} is not allowed: its {SETTINGS} cannot be read ({error}); choose another") from error
-    require(
-        held == wanted, "folder", str(file.parent), f"one without a run of other settings: {difference(held, wanted)}; choose another or remove it"
-    )
+        raise ParameterError(f"folder = {str(folder)!r} is not allowed: its {SETTINGS} cannot be read ({error}); choose another") from error
+    if held != wanted:
+        other = difference(held, wanted)
+        raise ParameterError(f"folder = {str(folder)!r} is not allowed: it holds a run of other settings: {other}; choose another, or remove it")
 
 
 @contextmanager
