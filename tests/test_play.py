@@ -13,7 +13,7 @@ from optimisation.rl.policies import Constant, Random  # noqa: E402
 
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}
 SHORT: dict[str, dict[str, Any]] = {
-    SWEEP: RUBBING | {"limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0},
+    SWEEP: RUBBING | {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0},
     GAP: RUBBING | {"hold": (10.0, 30.0), "time_budget": 60.0, "force": (1.0, 6.0)},
 }
 
