@@ -215,7 +215,7 @@ def test_cavity_does_not_close_onto_the_absorber() -> None:
     seen = set()
     for action in actions(GAP, 99, 1)[:, 0]:
         *_, info = env.step(action)
-        wanted = 0.1e-3 + 0.5 * (float(action[0]) + 1) * 1.9e-3
+        wanted = 0.1e-3 + 0.5 * (float(action[0]) + 1) * (3e-3 - 0.1e-3)
         distance = abs(info["state"][2] - shape @ info["state"][:2])
         assert distance <= info["gap"] * (1 + 1e-9)
         assert info["gap"] >= wanted

@@ -24,9 +24,9 @@ OBJECTIVES = ("rms", "fatigue")
 class GapControl:
     """Arguments of the choice of the gap; `GapChoice` describes them."""
 
-    gap_limits: Range = (0.1e-3, 2e-3)
+    gap_limits: Range = (0.1e-3, 3e-3)
     hold: Range = (100.0, 300.0)
-    frequency_ratio: float | Range = 1.0
+    frequency_ratio: float | Range = (0.97, 1.01)
     time_budget: float = 1000.0
     objective: str = "rms"
     fatigue_exponent: float = 5.0
