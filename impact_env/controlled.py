@@ -102,6 +102,18 @@ class ControlledRuns:
             lane = int(np.flatnonzero(self.status != DONE)[0])
             raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
 
+    def snapshot(self) -> list[Array]:
+        """Return copies of all that the next `advance` depends on, for `restore`."""
+        return [values.copy() for values in self._variables()]
+
+    def restore(self, snapshot: list[Array]) -> None:
+        """Go on from a snapshot of runs that were made with the same arguments."""
+        for values, kept in zip(self._variables(), snapshot, strict=True):
+            values[...] = kept
+
+    def _variables(self) -> list[NDArray[Any]]:
+        return [self.orders, self.reports, self.status, *self._memory]
+
     def _threads(self, workers: int) -> ThreadPoolExecutor:
         if self._pool is None:
             self._pool = ThreadPoolExecutor(workers)

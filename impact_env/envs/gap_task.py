@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -111,6 +111,10 @@ class GapTask(Task):
         values = super().values()
         values[:, 9] = self.runs.orders[:, columns.GAP] / self.length
         return values
+
+    def describe(self) -> dict[str, Any]:
+        """Return the environment's arguments as plain values."""
+        return super().describe() | asdict(self.control)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""

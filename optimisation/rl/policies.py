@@ -17,7 +17,9 @@ Actions = NDArray[np.float32]
 class Policy(Protocol):
     """Chooses actions for a number of lanes at once."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """What figures and tables call it."""
 
     def start(self, lanes: int) -> None:
         """Get ready for the first interval of new episodes in all lanes."""
