@@ -17,7 +17,7 @@ from optimisation.rl.policies import Informed, Policy
 
 Array = NDArray[np.float64]
 SWEEP, GAP = "ImpactAbsorber/SweepRate-v0", "ImpactAbsorber/GapChoice-v0"
-ACTION = "action"
+ACTION, AMPLITUDE = "action", "amplitude"
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,9 @@ class Episodes:
 def play(policy: Policy, name: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None, record: Sequence[str] = ()) -> Episodes:
     """Play one episode a seed and return them; a lane equals the single environment ``name`` that is reset with its seed.
 
-    ``arguments`` are the environment's. ``record`` names what goes into the traces: names of info, and "action". A lane that is over is ignored
-    until the last one is. Raises ParameterError for an unknown environment, no seeds, a name that info does not have, or actions of a wrong shape.
+    ``arguments`` are the environment's. ``record`` names what goes into the traces: names of info, "action", and "amplitude" (the tip's over the
+    interval as the observation has it, in half-clearances). A lane that is over is ignored until the last one is. Raises ParameterError for an
+    unknown environment, no seeds, a name that info does not have, or actions of a wrong shape.
     """
     require(name in ENVIRONMENTS, "environment", name, f"one of {', '.join(ENVIRONMENTS)}")
     require(len(seeds) > 0, "seeds", seeds, "at least one seed")
@@ -56,7 +57,7 @@ def _play(policy: Policy, env: Any, seeds: list[int], record: Sequence[str]) -> 
     observations, info = env.reset(seed=seeds)
     known = [key for key in info if not key.startswith("_") and info[key].ndim == 1]
     for key in record:
-        require(key in known or key == ACTION, "record", key, f"{ACTION}, or one of {', '.join(known)}")
+        require(key in known or key in (ACTION, AMPLITUDE), "record", key, f"{ACTION}, {AMPLITUDE}, or one of {', '.join(known)}")
     scores, steps, going = np.zeros(lanes), np.zeros(lanes, dtype=np.int64), np.ones(lanes, dtype=np.bool_)
     last = {key: np.zeros(lanes) for key in known}
     rows: dict[str, list[Array]] = {key: [] for key in record}
@@ -66,14 +67,25 @@ def _play(policy: Policy, env: Any, seeds: list[int], record: Sequence[str]) -> 
         over = terminated | truncated
         final = info.get("final_info", {})
         now = {key: np.where(over, final[key], info[key]) if over.any() else info[key] for key in known}
+        now[ACTION] = actions[:, 0]
+        if AMPLITUDE in record:
+            now[AMPLITUDE] = _amplitudes(observations, info)
         for key in record:
-            rows[key].append(np.where(going, actions[:, 0] if key == ACTION else now[key], np.nan))
+            rows[key].append(np.where(going, now[key], np.nan))
         scores[going] += rewards[going]
         steps[going] += 1
         for key in known:
             last[key][going] = now[key][going]
         going &= ~over
     return Episodes(tuple(seeds), scores, steps, last, {key: np.stack(values) for key, values in rows.items()})
+
+
+def _amplitudes(observations: NDArray[np.float32], info: dict[str, Any]) -> Array:
+    """Return the amplitudes (L,) of the tip in the interval, from the last observation of an episode where it ended."""
+    seen = observations.astype(np.float64)
+    for lane in np.flatnonzero(info.get("_final_obs", [])).tolist():
+        seen[lane] = info["final_obs"][lane]
+    return np.hypot(seen[:, 0], seen[:, 1])
 
 
 def _actions(policy: Policy, observations: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float32]:
