@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from impact_env.envs.sweep_task import Passage
 from optimisation.report.comparison_figure import DPI, MM
 from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_SCHEDULE, TUNED_ESTIMATE, TUNED_TRUE
 from optimisation.rl.judging import Judged
@@ -28,6 +29,8 @@ COLOURS = {
     BEST_GAP: "#000000",
 }
 OTHER = "0.65"
+DIRECTION_COLOURS, WINDOW_COLOUR = ("#0072B2", "#D55E00"), "#009E73"
+FASTEST = Passage.rates[1]
 
 
 def _colour(name: str) -> str:
@@ -114,22 +117,36 @@ def save_gaps(path: Path, curves: Mapping[str, Any]) -> None:
     _finish(figure, [panels[1], panels[0], panels[2]], path)
 
 
-def save_tradeoff(path: Path, cases: Sequence[Mapping[str, Any]]) -> None:
-    """Draw relative level (median, 5 to 95 %), time and mean score over the constant rate, one column a task."""
-    figure = Figure(figsize=(3.3 * len(cases) + 1, 6.6), layout="constrained")
-    rows = figure.subplots(2, len(cases), sharex=True, sharey="row", squeeze=False)
-    for column, case in zip(rows.T, cases, strict=True):
-        rates = np.array(case["rates"])
-        for number, (direction, found) in enumerate(case["directions"].items()):
-            colour = ("#0072B2", "#D55E00")[number]
-            column[0].fill_between(rates, found["level_low"], found["level_high"], color=colour, alpha=0.18, lw=0)
-            column[0].plot(rates, found["level_median"], "o-", color=colour, lw=1.8, ms=3.5, label=f"{direction}")
-            column[1].plot(rates, found["score"], "o-", color=colour, lw=1.8, ms=3.5)
-        column[0].set_title(case["title"], fontsize=9.5)
-        column[1].set(xscale="log", xlabel="rate in % per 100 pseudo periods")
-        column[1].xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+def _band(panel: Axes, x: Any, found: Mapping[str, Any], colour: str, label: str | None = None) -> None:
+    panel.fill_between(x, found["level_low"], found["level_high"], color=colour, alpha=0.18, lw=0)
+    panel.plot(x, found["level_median"], "o-", color=colour, lw=1.8, ms=3.5, label=label)
+
+
+def save_tradeoff(path: Path, result: Mapping[str, Any]) -> None:
+    """Draw relative level (median, 5 to 95 %) and mean score over the constant rate, a column a scene, and over the place of a slow window."""
+    cases, slow = result["cases"], result["windows"]
+    figure = Figure(figsize=(3.1 * (len(cases) + 1) + 0.6, 6.4), layout="constrained")
+    rows = figure.subplots(2, len(cases) + 1, sharey="row", squeeze=False)
+    for column, case in zip(rows.T, cases, strict=False):
+        for direction, colour in zip(case["directions"], DIRECTION_COLOURS, strict=True):
+            found = case["directions"][direction]
+            _band(column[0], case["rates"], found, colour, f"constant rate, {direction}")
+            column[1].plot(case["rates"], found["score"], "o-", color=colour, lw=1.8, ms=3.5)
+        column[0].set_title(case["title"], fontsize=9)
+        column[1].set_xlabel("rate in % per 100 pseudo periods")
+        for panel in column:
+            panel.set_xscale("log")
+            panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    last = rows[:, -1]
+    _band(last[0], slow["centre"], slow, WINDOW_COLOUR)
+    last[1].plot(slow["centre"], slow["score"], "o-", color=WINDOW_COLOUR, lw=1.8, ms=3.5)
+    down = cases[0]["directions"]["down"]
+    allowed = [score for rate, score in zip(down["rate"], down["score"], strict=True) if rate <= FASTEST]
+    last[1].axhline(max(allowed), color="0.3", lw=1.2, ls="--")
+    last[1].annotate("best constant rate", (slow["centre"][-1], max(allowed)), xytext=(0, 4), textcoords="offset points", fontsize=8, ha="right")
+    last[0].set_title(slow["title"], fontsize=9)
+    last[1].set_xlabel("centre of the window over the resonance")
     rows[0, 0].set_ylabel("level over that without absorber\n(median, 5 to 95 %)")
     rows[1, 0].set_ylabel("mean score")
     rows[0, 0].set_ylim(bottom=0)
-    panels = list(rows.ravel())
-    _finish(figure, panels, path)
+    _finish(figure, list(rows.ravel()), path)
