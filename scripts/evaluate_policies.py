@@ -67,7 +67,7 @@ def curves_of(task: str, policies: list[Policy], agents: list[Agent], arguments:
 
 def draw(task: str, out: Path, results: list[Judged], curves: dict[str, Any], resamples: int) -> None:
     """Draw the figures of a task."""
-    words = {"sweep": "Passing a resonance", "gap": "Choosing the gap under a force that changes"}
+    words = {"sweep": "Passing a resonance", "gap": "Choosing the gap"}
     save_profiles(out / f"{task}_profile.png", results, f"{words[task]}: performance profile, {len(results[0].seeds)} held-out seeds", resamples)
     if task == "sweep":
         save_schedules(out / "sweep_schedules.png", curves, "What the policies do (median and 5 to 95 % over passages and agents)")
