@@ -38,7 +38,7 @@ def table(baselines: list[Baseline]) -> str:
 @click.option("--task", type=click.Choice([*TASKS, "both"]), default="both", show_default=True)
 @click.option("--quick", is_flag=True, help="A few candidates on a few seeds: a look, not a search.")
 @click.option("--effort", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True, help="Share of the generations.")
-@click.option("--seeds", type=click.IntRange(min=2), help=f"Number of training seeds.  [default: {Effort.seeds}]")
+@click.option("--seeds", type=click.IntRange(min=3), help=f"Number of training seeds.  [default: {Effort.seeds}]")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("results/tune_baselines"), show_default=True)
 def main(task: str, quick: bool, effort: float, seeds: int | None, out: Path) -> None:
     """Choose the numbers of all baselines and write them to OUT/TASK_baselines.json.

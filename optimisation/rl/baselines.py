@@ -20,7 +20,7 @@ from optimisation.rl.families import Array, ConstantAction, Family, FrequencyWin
 from optimisation.rl.gap_rules import EstimatedForceRule, GapOverFrequency, GapScale, TrueForceRule
 from optimisation.rl.play import GAP, SWEEP
 from optimisation.rl.policies import Policy, Random
-from optimisation.rl.tuning import Search, Tuned, best_of, evolve
+from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores, searched
 
 TASKS = {"sweep": SWEEP, "gap": GAP}
 KNOTS = 21
@@ -43,14 +43,20 @@ class Baseline:
     training: Tuned | None = None
 
 
-RULES, SCHEDULES = Search(generations=12, population=10), Search(generations=40, population=16)
+RULES, SCHEDULES = Search(generations=12, population=10, sigma=0.1), Search(generations=40, population=16, sigma=0.2)
+WINDOW_EDGES, WINDOW_WIDTHS, SLOW_ACTIONS = (
+    np.arange(0.25, 0.56, 0.05),
+    (0.1, 0.15, 0.2, 0.3),
+    (-0.9, -0.7, -0.5),
+)  # a first look, in shares of the range
 
 
 @dataclass(frozen=True)
 class Effort:
     """How much is spent on choosing numbers: training seeds, points of a grid, searches for rules and for schedules."""
 
-    seeds: int = 48
+    seeds: int = 96
+    windows: bool = True
     grid: int = 25
     rule: Search = RULES
     schedule: Search = SCHEDULES
@@ -109,19 +115,29 @@ def _sweep(kinds: Mapping[str, Family], rest: Rest, effort: Effort, advance: Adv
     rates = window.rates
     found = [Baseline(f"paper's rate, {rate:.3g} %", "constant", (float(rates.action(rate)),)) for rate in (PAPER_RATE, PAPER_SLOW_RATE)]
     constant = best_of(kinds["constant"], _grid(effort), *rest, advance)
-    starts = [(low, low + 0.2, inside, outside) for low in (0.1, 0.3, 0.5) for inside, outside in ((-0.8, 0.8),)] + [(0.3, 0.5, 0.8, -0.2)]
-    rule = evolve(window, starts, np.array([(0, 1), (0, 1), (-1, 1), (-1, 1)]), *rest, effort.rule, advance)
+    rule = evolve(window, _windows(window, rest, effort, advance), np.array([(0, 1), (0, 1), (-1, 1), (-1, 1)]), *rest, effort.rule, advance)
     knots = np.linspace(0, 1, schedule.knots)
     edges = np.sort(rule.parameters[:2])
-    from_rule = np.where((knots > edges[0]) & (knots <= edges[1]), rule.parameters[2], rule.parameters[3])
-    begin = [from_rule.tolist(), [constant.parameters[0]] * schedule.knots]
-    best = evolve(schedule, begin, np.array([(-1.0, 1.0)] * schedule.knots), *rest, effort.schedule, advance)
+    begin = np.where((knots > edges[0]) & (knots <= edges[1]), rule.parameters[2], rule.parameters[3]).tolist()
+    best = evolve(schedule, [begin] * 2, np.array([(-1.0, 1.0)] * schedule.knots), *rest, effort.schedule, advance)
     return [
         *found,
         Baseline(BEST_CONSTANT, "constant", constant.parameters, constant),
         Baseline("rule over the frequency", "window", rule.parameters, rule),
         Baseline(BEST_SCHEDULE, "open loop", best.parameters, best),
     ]
+
+
+def _windows(window: FrequencyWindow, rest: Rest, effort: Effort, advance: Advance | None) -> list[Array]:
+    """Return two starts for the search of a rule: the best of a coarse grid of slow windows, with the fastest rate outside."""
+    grid = np.array([(low, low + width, slow, 1.0) for low in WINDOW_EDGES for width in WINDOW_WIDTHS for slow in SLOW_ACTIONS])
+    if not effort.windows:
+        return [np.array([0.3, 0.5, -0.8, 1.0]), np.array([0.35, 0.5, -0.8, 1.0])]
+    name, seeds, arguments = rest
+    scores = mean_scores(window, grid, name, searched(seeds), arguments)
+    if advance is not None:
+        advance(len(grid))
+    return list(grid[np.argsort(-scores)[:2]])
 
 
 def _gap(kinds: Mapping[str, Family], rest: Rest, effort: Effort, advance: Advance | None) -> list[Baseline]:
@@ -153,7 +169,8 @@ def candidates_of(task: str, effort: Effort) -> int:
         return starts * (search.generations * search.population + search.finalists + 2)
 
     if task == "sweep":
-        return effort.grid + count(effort.rule, 4) + count(effort.schedule, 2)
+        windows = len(WINDOW_EDGES) * len(WINDOW_WIDTHS) * len(SLOW_ACTIONS) if effort.windows else 0
+        return effort.grid + windows + count(effort.rule, 2) + count(effort.schedule, 2)
     return effort.grid + count(effort.rule, 5)
 
 
