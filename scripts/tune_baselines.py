@@ -22,8 +22,11 @@ INTERRUPTED = 130
 
 def scaled(effort: Effort, share: float, seeds: int | None) -> Effort:
     """Return an effort with a share of the generations, at least one, and another number of seeds if one is given."""
-    rule, schedule = (replace(search, generations=max(1, round(share * search.generations))) for search in (effort.rule, effort.schedule))
-    return replace(effort, rule=rule, schedule=schedule, seeds=seeds or effort.seeds)
+    searches = {
+        name: replace(search, generations=max(1, round(share * search.generations)))
+        for name, search in (("rule", effort.rule), ("schedule", effort.schedule), ("fit", effort.fit))
+    }
+    return replace(effort, **searches, seeds=seeds or effort.seeds)
 
 
 def table(baselines: list[Baseline]) -> str:

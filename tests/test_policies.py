@@ -160,7 +160,7 @@ def test_results_come_back_from_their_file_and_are_summarised(tmp_path: Path) ->
 
 def test_the_command_judges_tells_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(baselines, "KNOTS", 3)
-    effort = Effort(seeds=3, windows=False, grid=2, rule=Search(1, 4, 0.4, 1), schedule=Search(1, 4, 0.4, 1))
+    effort = Effort(seeds=3, windows=False, grid=2, rule=Search(1, 4, 0.4, 1), schedule=Search(1, 4, 0.4, 1), fit=Search(1, 4, 0.4, 1))
     for task, arguments in (("sweep", SWIFT), ("gap", BRIEF)):
         counted: list[int] = []
         store(tmp_path / f"{task}_baselines.json", task, arguments, effort, tune(task, arguments, effort, counted.append))

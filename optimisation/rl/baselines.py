@@ -44,25 +44,25 @@ class Baseline:
 
 
 RULES, SCHEDULES = Search(generations=12, population=10, sigma=0.1), Search(generations=40, population=16, sigma=0.2)
-WINDOW_EDGES, WINDOW_WIDTHS, SLOW_ACTIONS = (
-    np.arange(0.25, 0.56, 0.05),
-    (0.1, 0.15, 0.2, 0.3),
-    (-0.9, -0.7, -0.5),
-)  # a first look, in shares of the range
+FITS = Search(generations=14, population=12, sigma=0.4)
+# a first look for slow windows, in shares of the range
+WINDOW_EDGES, WINDOW_WIDTHS, SLOW_ACTIONS = np.arange(0.25, 0.56, 0.05), (0.1, 0.15, 0.2, 0.3), (-0.9, -0.7, -0.5)
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is spent on choosing numbers: training seeds, points of a grid, searches for rules and for schedules."""
+    """How much is spent on choosing numbers: training seeds, a first look at windows, points of a grid, searches for window, schedule and gap rules."""
 
     seeds: int = 96
     windows: bool = True
     grid: int = 25
     rule: Search = RULES
     schedule: Search = SCHEDULES
+    fit: Search = FITS
 
 
-QUICK = Effort(seeds=8, grid=5, rule=Search(generations=2, population=6, finalists=2), schedule=Search(generations=2, population=8, finalists=2))
+FEW = Search(generations=2, population=6, finalists=2)
+QUICK = Effort(seeds=9, windows=False, grid=5, rule=FEW, schedule=FEW, fit=FEW)
 FIRST_TRAINING_SEED = 1000
 
 
@@ -128,22 +128,22 @@ def _sweep(kinds: Mapping[str, Family], rest: Rest, effort: Effort, advance: Adv
     ]
 
 
-def _windows(window: FrequencyWindow, rest: Rest, effort: Effort, advance: Advance | None) -> list[Array]:
+def _windows(window: FrequencyWindow, rest: Rest, effort: Effort, advance: Advance | None) -> list[list[float]]:
     """Return two starts for the search of a rule: the best of a coarse grid of slow windows, with the fastest rate outside."""
     grid = np.array([(low, low + width, slow, 1.0) for low in WINDOW_EDGES for width in WINDOW_WIDTHS for slow in SLOW_ACTIONS])
     if not effort.windows:
-        return [np.array([0.3, 0.5, -0.8, 1.0]), np.array([0.35, 0.5, -0.8, 1.0])]
+        return [[0.3, 0.5, -0.8, 1.0], [0.35, 0.5, -0.8, 1.0]]
     name, seeds, arguments = rest
     scores = mean_scores(window, grid, name, searched(seeds), arguments)
     if advance is not None:
         advance(len(grid))
-    return list(grid[np.argsort(-scores)[:2]])
+    return grid[np.argsort(-scores)[:2]].tolist()
 
 
 def _gap(kinds: Mapping[str, Family], rest: Rest, effort: Effort, advance: Advance | None) -> list[Baseline]:
     known, guessed = kinds["true force"], kinds["estimated force"]
     assert isinstance(known, TrueForceRule)
-    scale, search = known.scale, effort.rule
+    scale, search = known.scale, effort.fit
     constant = best_of(kinds["constant"], _grid(effort), *rest, advance)
     line = evolve(kinds["over frequency"], [(constant.parameters[0], 0.0)], np.array([(-1, 1), (-5, 5)]), *rest, search, advance)
     bounds = np.array([(0.2, 4.0), (-5.0, 5.0)])
@@ -171,7 +171,7 @@ def candidates_of(task: str, effort: Effort) -> int:
     if task == "sweep":
         windows = len(WINDOW_EDGES) * len(WINDOW_WIDTHS) * len(SLOW_ACTIONS) if effort.windows else 0
         return effort.grid + windows + count(effort.rule, 2) + count(effort.schedule, 2)
-    return effort.grid + count(effort.rule, 5)
+    return effort.grid + count(effort.fit, 5)
 
 
 def store(path: Path, task: str, arguments: Mapping[str, Any], effort: Effort, baselines: Sequence[Baseline]) -> None:
