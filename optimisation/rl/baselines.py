@@ -51,7 +51,7 @@ WINDOW_EDGES, WINDOW_WIDTHS, SLOW_ACTIONS = np.arange(0.25, 0.56, 0.05), (0.1, 0
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is spent on choosing numbers: training seeds, a first look at windows, points of a grid, searches for window, schedule and gap rules."""
+    """How much is spent on choosing numbers: training seeds, a first look at windows, points of a grid, searches."""
 
     seeds: int = 96
     windows: bool = True
