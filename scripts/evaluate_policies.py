@@ -76,7 +76,10 @@ def draw(task: str, out: Path, results: list[Judged], curves: dict[str, Any], re
 
 
 def _cell(estimate: Estimate | None, digits: int = 3) -> str:
-    return "-" if estimate is None else f"{estimate.value:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
+    if estimate is None:
+        return "-"
+    value, low, high = (f"{round(x, digits) + 0.0:.{digits}f}" for x in (estimate.value, estimate.low, estimate.high))  # no -0.00
+    return value if low == high else f"{value} [{low}, {high}]"
 
 
 def table(task: str, lines: list[Line]) -> str:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
+from impact_env.envs.sweep_task import Passage
 from optimisation.report.comparison_figure import DPI, MM
 from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_SCHEDULE, TUNED_ESTIMATE, TUNED_TRUE
 from optimisation.rl.judging import Judged
@@ -28,6 +31,7 @@ COLOURS = {
     BEST_GAP: "#000000",
 }
 OTHER = "0.65"
+DIRECTION_COLOURS, WINDOW_COLOUR = ("#0072B2", "#D55E00"), "#009E73"
 
 
 def _colour(name: str) -> str:
@@ -50,25 +54,18 @@ def save_profiles(path: Path, results: Sequence[Judged], title: str, resamples: 
     pooled = np.concatenate([np.ravel(r.scores) for r in results if r.name in COLOURS])
     low, high = np.quantile(pooled, 0.002), pooled.max()
     thresholds = np.linspace(low - 0.03 * (high - low), high + 0.01 * (high - low), THRESHOLDS)
+    greys = cycle({"color": grey, "ls": style} for style in ((0, (4, 2)), (0, (1, 1)), (0, (6, 2, 1, 2))) for grey in ("0.35", "0.6"))
     for result in sorted(results, key=lambda r: r.name in COLOURS):
         label = result.name if len(result.runs) == 1 else f"{result.name}, {len(result.runs)} agents"
-        known = result.name in COLOURS
-        if known:
-            band = interval(lambda scores: profile(scores, thresholds), result.scores, resamples=resamples)
+        if result.name in COLOURS:
+            band = interval(partial(profile, thresholds=thresholds), result.scores, resamples=resamples)
             panel.fill_between(thresholds, *band, color=_colour(result.name), alpha=0.15, lw=0)
-        style: dict[str, Any] = {"lw": 2.0} if known else {"lw": 1.0, "ls": (0, (4, 2))}
-        panel.plot(thresholds, profile(result.scores, thresholds), color=_colour(result.name), label=label if known else None, **style)
-        if not known:
-            _tag(panel, thresholds, profile(result.scores, thresholds), result.name)
+            style: dict[str, Any] = {"lw": 2.0, "color": _colour(result.name)}
+        else:
+            style = {"lw": 1.2, **next(greys)}
+        panel.plot(thresholds, profile(result.scores, thresholds), label=label, **style)
     panel.set(xlim=(thresholds[0], thresholds[-1]), ylim=(0, 1.02), xlabel="score s", ylabel="share of episodes with a score above s", title=title)
     _finish(figure, [panel], path)
-
-
-def _tag(panel: Axes, thresholds: Any, values: Any, name: str) -> None:
-    """Write a name beside a thin line, where it crosses the middle."""
-    at = int(np.argmin(np.abs(values - 0.5)))
-    if 0.02 * THRESHOLDS < at < 0.98 * THRESHOLDS:
-        panel.annotate(name, (thresholds[at], values[at]), xytext=(-3, 3), textcoords="offset points", fontsize=7, color="0.4", ha="right")
 
 
 def _number(values: Sequence[float | None]) -> Any:
@@ -83,8 +80,8 @@ def save_schedules(path: Path, curves: Mapping[str, Any], title: str) -> None:
     for name, found in curves["policies"].items():
         for panel, key in zip(panels, ("rate", "amplitude"), strict=True):
             low, median, high = map(_number, found[key])
-            panel.fill_between(ratio, low, high, color=_colour(name), alpha=0.13, lw=0, step="mid" if key == "rate" else None)
-            panel.plot(ratio, median, color=_colour(name), lw=1.9, label=name, drawstyle="steps-mid" if key == "rate" else "default")
+            panel.fill_between(ratio, low, high, color=_colour(name), alpha=0.13, lw=0)
+            panel.plot(ratio, median, color=_colour(name), lw=1.9, label=name)
     panels[0].set(yscale="log", ylabel="rate in % per 100 pseudo periods", title=title)
     panels[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     panels[0].yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
@@ -114,22 +111,39 @@ def save_gaps(path: Path, curves: Mapping[str, Any]) -> None:
     _finish(figure, [panels[1], panels[0], panels[2]], path)
 
 
-def save_tradeoff(path: Path, cases: Sequence[Mapping[str, Any]]) -> None:
-    """Draw relative level (median, 5 to 95 %), time and mean score over the constant rate, one column a task."""
-    figure = Figure(figsize=(3.3 * len(cases) + 1, 6.6), layout="constrained")
-    rows = figure.subplots(2, len(cases), sharex=True, sharey="row", squeeze=False)
-    for column, case in zip(rows.T, cases, strict=True):
-        rates = np.array(case["rates"])
-        for number, (direction, found) in enumerate(case["directions"].items()):
-            colour = ("#0072B2", "#D55E00")[number]
-            column[0].fill_between(rates, found["level_low"], found["level_high"], color=colour, alpha=0.18, lw=0)
-            column[0].plot(rates, found["level_median"], "o-", color=colour, lw=1.8, ms=3.5, label=f"{direction}")
-            column[1].plot(rates, found["score"], "o-", color=colour, lw=1.8, ms=3.5)
-        column[0].set_title(case["title"], fontsize=9.5)
-        column[1].set(xscale="log", xlabel="rate in % per 100 pseudo periods")
-        column[1].xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+def _band(panel: Axes, x: Any, found: Mapping[str, Any], colour: str, label: str | None = None) -> None:
+    panel.fill_between(x, found["level_low"], found["level_high"], color=colour, alpha=0.18, lw=0)
+    panel.plot(x, found["level_median"], "o-", color=colour, lw=1.8, ms=3.5, label=label)
+
+
+def save_tradeoff(path: Path, result: Mapping[str, Any]) -> None:
+    """Draw relative level (median, 5 to 95 %) and mean score over the constant rate, a column a scene, and over the place of a slow window."""
+    cases, slow = result["cases"], result["windows"]
+    figure = Figure(figsize=(3.1 * (len(cases) + 1) + 0.6, 6.4), layout="constrained")
+    rows = figure.subplots(2, len(cases) + 1, sharey="row", squeeze=False)
+    for column, case in zip(rows.T, cases, strict=False):
+        for direction, colour in zip(case["directions"], DIRECTION_COLOURS, strict=True):
+            found = case["directions"][direction]
+            _band(column[0], case["rates"], found, colour, f"constant rate, {direction}")
+            column[1].plot(case["rates"], found["score"], "o-", color=colour, lw=1.8, ms=3.5)
+        column[0].set_title(case["title"], fontsize=9)
+        column[1].set_xlabel("rate in % per 100 pseudo periods")
+        for panel in column:
+            panel.set_xscale("log")
+            panel.xaxis.set_major_locator(FixedLocator([0.06, 0.25, 1, 4]))
+            panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+            panel.xaxis.set_minor_formatter(NullFormatter())
+    last = rows[:, -1]
+    _band(last[0], slow["centre"], slow, WINDOW_COLOUR)
+    last[1].plot(slow["centre"], slow["score"], "o-", color=WINDOW_COLOUR, lw=1.8, ms=3.5)
+    down = cases[0]["directions"]["down"]
+    points = zip(down["rate"], down["time"], down["score"], strict=True)
+    allowed = [score for rate, time, score in points if rate <= Passage.rates[1] and time <= Passage.time_budget]
+    last[1].axhline(max(allowed), color="0.3", lw=1.2, ls="--")
+    last[1].annotate("best constant rate", (slow["centre"][-1], max(allowed)), xytext=(0, 4), textcoords="offset points", fontsize=8, ha="right")
+    last[0].set_title(slow["title"], fontsize=9)
+    last[1].set_xlabel("centre of the window over the resonance")
     rows[0, 0].set_ylabel("level over that without absorber\n(median, 5 to 95 %)")
     rows[1, 0].set_ylabel("mean score")
     rows[0, 0].set_ylim(bottom=0)
-    panels = list(rows.ravel())
-    _finish(figure, panels, path)
+    _finish(figure, list(rows.ravel()), path)

@@ -131,7 +131,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Line:
-    """What the statistics say of one policy; ``normalised`` and ``improvement`` are None where what they refer to was not judged."""
+    """What the statistics say of one policy.
+
+    ``normalised`` and ``improvement`` are None where what they refer to was not judged, or (a quick look) the yardsticks came out in the wrong order.
+    """
 
     name: str
     kind: str
@@ -156,7 +159,7 @@ def summarise(task: str, results: Sequence[Judged], resamples: int = RESAMPLES, 
     rival = scores.get(RIVAL[task])
     lines = []
     for r in results:
-        scaled = None if zero is None or one is None else _estimate(normalised, r.scores, zero, one, resamples=resamples)
+        scaled = None if zero is None or one is None or one.mean() <= zero.mean() else _estimate(normalised, r.scores, zero, one, resamples=resamples)
         better = None if rival is None else _estimate(improvement, r.scores, rival, resamples=resamples)
         mean = _estimate(lambda x: float(x.mean()), r.scores, resamples=resamples)
         middle = _estimate(interquartile_mean, r.scores, resamples=resamples)

@@ -12,36 +12,38 @@ from optimisation.rl.gap_rules import GapScale
 from optimisation.rl.play import ACTION, AMPLITUDE, GAP, SWEEP, Episodes, play
 from optimisation.rl.policies import Policy
 
-BINS = 50
+POINTS = 99
 QUANTILES = (0.05, 0.5, 0.95)
 Curves = dict[str, Any]
 
 
-def _binned(values: Array, at: Array, edges: Array) -> list[list[float | None]]:
-    """Return the quantiles of values in each bin, (quantiles, bins); None where nothing was seen."""
-    which = np.digitize(at, edges) - 1
-    groups = [values[which == k] for k in range(len(edges) - 1)]
-    return [[float(np.quantile(group, q)) if group.size else None for group in groups] for q in QUANTILES]
+def _quantiles(values: Array) -> list[list[float | None]]:
+    """Return the quantiles over the lanes of values (lanes, points), (quantiles, points); None where no lane has been."""
+    columns = [column[np.isfinite(column)] for column in values.T]
+    return [[float(np.quantile(column, q)) if column.size else None for column in columns] for q in QUANTILES]
 
 
 def passage_curves(policies: Mapping[str, Sequence[Policy]], seeds: Sequence[int], arguments: Mapping[str, Any]) -> Curves:
     """Return quantiles over all runs of each policy of the rate (% per 100 pseudo periods) and amplitude (half-clearances) over the frequency."""
     rates = Rates.of(task_of(SWEEP, arguments))
-    edges = np.linspace(rates.low, rates.high, BINS + 1)
-    curves: Curves = {"frequency_ratio": (0.5 * (edges[1:] + edges[:-1])).tolist(), "quantiles": list(QUANTILES), "policies": {}}
+    at = np.linspace(rates.low, rates.high, POINTS + 2)[1:-1]
+    curves: Curves = {"frequency_ratio": at.tolist(), "quantiles": list(QUANTILES), "policies": {}}
     for name, runs in policies.items():
-        parts = [_passage(play(policy, SWEEP, seeds, arguments, (ACTION, AMPLITUDE, "frequency_ratio")), rates) for policy in runs]
-        ratio, rate, amplitude = (np.concatenate(values) for values in zip(*parts, strict=True))
-        curves["policies"][name] = {"rate": _binned(rate, ratio, edges), "amplitude": _binned(amplitude, ratio, edges)}
+        parts = [_at_frequencies(play(policy, SWEEP, seeds, arguments, (ACTION, AMPLITUDE, "frequency_ratio")), rates, at) for policy in runs]
+        rate, amplitude = (np.concatenate(values) for values in zip(*parts, strict=True))
+        curves["policies"][name] = {"rate": _quantiles(rate), "amplitude": _quantiles(amplitude)}
     return curves
 
 
-def _passage(episodes: Episodes, rates: Rates) -> tuple[Array, Array, Array]:
+def _at_frequencies(episodes: Episodes, rates: Rates, at: Array) -> tuple[Array, Array]:
+    """Return rates and amplitudes (lanes, points) of the intervals in which each lane first passed the frequency ratios ``at``; NaN where never."""
     ratio = episodes.traces["frequency_ratio"]
-    start = np.where(ratio[:1] > 0.5 * (rates.low + rates.high), rates.high, rates.low)
-    middle = 0.5 * (ratio + np.concatenate([start, ratio[:-1]]))  # of the interval
-    seen = np.isfinite(ratio)
-    return middle[seen], rates.rate(episodes.traces[ACTION])[seen], episodes.traces[AMPLITUDE][seen]
+    middle = 0.5 * (rates.low + rates.high)
+    passed = np.where((ratio[0] > middle)[:, None, None], ratio.T[:, :, None] <= at, ratio.T[:, :, None] >= at)  # (lanes, steps, points)
+    first, lanes = passed.argmax(axis=1), np.arange(ratio.shape[1])[:, None]
+    reached = passed.any(axis=1)
+    speed = rates.rate(episodes.traces[ACTION])
+    return np.where(reached, speed[first, lanes], np.nan), np.where(reached, episodes.traces[AMPLITUDE][first, lanes], np.nan)
 
 
 def gap_curves(policies: Mapping[str, Policy], seed: int, arguments: Mapping[str, Any]) -> Curves:
