@@ -13,8 +13,8 @@ from typing import Any
 
 import click
 from _command_line import BadInput
+from _policy_tables import short_table, table
 from _report_page import ROOT, fill
-from _table import markdown
 from tqdm import tqdm
 
 from impact_env.parameters import ParameterError, require
@@ -22,12 +22,12 @@ from optimisation.files import replacing, require_writable, write_json
 from optimisation.report.policy_figures import save_gaps, save_profiles, save_schedules
 from optimisation.rl.agents import Agent
 from optimisation.rl.baselines import BEST_GAP, RIVAL, TASKS, ZERO_AND_ONE, families, load, policy
-from optimisation.rl.judging import FIRST_HELD_OUT_SEED, Estimate, Judged, Line, agents_for, contenders, judge, read_results, summarise, write_results
+from optimisation.rl.judging import FIRST_HELD_OUT_SEED, Judged, Line, agents_for, contenders, judge, read_results, summarise, write_results
 from optimisation.rl.policies import Policy
 from optimisation.rl.statistics import RESAMPLES
 from optimisation.rl.traces import gap_curves, passage_curves
 
-OUT, PAGE = ROOT / "docs" / "policies", ROOT / "docs" / "agents.md"
+OUT, PAGE, README = ROOT / "docs" / "policies", ROOT / "docs" / "agents.md", ROOT / "README.md"
 QUICK_OUT = Path("results/evaluate_policies")
 AGENTS = (ROOT / "docs" / "agents", Path("results/train_sweep_agent"))
 SEEDS, QUICK_SEEDS, QUICK_RESAMPLES, SHOWN = 128, 16, 100, 16  # SHOWN: passages a run in the figure of schedules
@@ -67,7 +67,7 @@ def curves_of(task: str, policies: list[Policy], agents: list[Agent], arguments:
 
 def draw(task: str, out: Path, results: list[Judged], curves: dict[str, Any], resamples: int) -> None:
     """Draw the figures of a task."""
-    words = {"sweep": "Passing a resonance", "gap": "Choosing the gap under a force that changes"}
+    words = {"sweep": "Passing a resonance", "gap": "Choosing the gap"}
     save_profiles(out / f"{task}_profile.png", results, f"{words[task]}: performance profile, {len(results[0].seeds)} held-out seeds", resamples)
     if task == "sweep":
         save_schedules(out / "sweep_schedules.png", curves, "What the policies do (median and 5 to 95 % over passages and agents)")
@@ -75,44 +75,17 @@ def draw(task: str, out: Path, results: list[Judged], curves: dict[str, Any], re
         save_gaps(out / "gap_episode.png", curves)
 
 
-def _cell(estimate: Estimate | None, digits: int = 3) -> str:
-    if estimate is None:
-        return "-"
-    value, low, high = (f"{round(x, digits) + 0.0:.{digits}f}" for x in (estimate.value, estimate.low, estimate.high))  # no -0.00
-    return value if low == high else f"{value} [{low}, {high}]"
-
-
-def table(task: str, lines: list[Line]) -> str:
-    """Return the table of a task, best first."""
-    extra = ("level", "pseudo periods") if task == "sweep" else ()
-    header = ("policy", "runs", "mean score", "interquartile mean", "normalised", f"better than {RIVAL[task]}", *extra)
-    rows = [
-        (
-            line.name,
-            str(line.runs),
-            _cell(line.mean),
-            _cell(line.middle),
-            _cell(line.normalised, 2),
-            "-" if line.name == RIVAL[task] else _cell(line.improvement, 2),
-            *((f"{line.level:.3f}", f"{line.time:,.0f}") if task == "sweep" else ()),
-        )
-        for line in sorted(lines, key=lambda line: -line.mean.value)
-    ]
-    return markdown(header, rows)
-
-
-def report(task: str, out: Path, results: list[Judged], curves: dict[str, Any], resamples: int) -> str:
-    """Write table and figures; return the table."""
+def report(task: str, out: Path, results: list[Judged], curves: dict[str, Any], resamples: int) -> list[Line]:
+    """Write table and figures; return the table's lines."""
     with tqdm(total=len(results), desc=f"{task}: intervals", unit="policy", leave=False, disable=None) as bar:
         lines = summarise(task, results, resamples, bar.update)
     zero, one = ZERO_AND_ONE[task]
     about = {"task": task, "evaluation_seeds": len(results[0].seeds), "resamples": resamples, "normalised_0": zero, "normalised_1": one}
     write_json(out / f"{task}_table.json", {**about, "rival": RIVAL[task], "policies": [asdict(line) for line in lines]})
-    text = table(task, lines)
     with replacing(out / f"{task}_table.md") as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+        temporary.write_text(table(task, lines) + "\n", encoding="utf-8")
     draw(task, out, results, curves, resamples)
-    return text
+    return lines
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
@@ -146,7 +119,7 @@ def main(
     """
     folder = out or (QUICK_OUT if quick else OUT)
     resamples, count = (QUICK_RESAMPLES, seeds or QUICK_SEEDS) if quick else (RESAMPLES, seeds or SEEDS)
-    tables = {}
+    lines = {}
     try:
         require_writable("--out", folder)
         for name in TASKS if task == "both" else (task,):
@@ -156,10 +129,12 @@ def main(
                 results, curves = _judged(name, agents, without_agents, baselines, names, range(FIRST_HELD_OUT_SEED, FIRST_HELD_OUT_SEED + count))
                 write_results(folder / f"{name}_results.csv", results)
                 write_json(folder / f"{name}_curves.json", curves)
-            tables[f"{name} table"] = report(name, folder, results, curves, resamples)
-            click.echo(f"{name}:\n{tables[f'{name} table']}\n")
+            lines[name] = report(name, folder, results, curves, resamples)
+            click.echo(f"{name}:\n{table(name, lines[name])}\n")
         if folder.resolve() == OUT.resolve():
-            fill(PAGE, PAGE, tables)
+            fill(PAGE, PAGE, {f"{name} table": table(name, found) for name, found in lines.items()})
+            if task == "both":
+                fill(README, README, {"policies": short_table(lines)})
     except ParameterError as error:
         raise BadInput(str(error)) from error
     except KeyboardInterrupt:

@@ -253,7 +253,7 @@ def test_tradeoff_study_and_tuning_write_what_they_measure(tmp_path: Path, monke
     np.testing.assert_allclose(down["time"], [250.0, 125.0])
     assert call(sweep_tradeoff.main, "--redraw", "--quick", "--out", tmp_path).output == result.output
     scaled = tune_baselines.scaled(Effort(), 0.5, 10)
-    assert (scaled.seeds, scaled.rule.generations, scaled.schedule.generations) == (10, 10, 30)
+    assert (scaled.seeds, scaled.rule.generations, scaled.schedule.generations) == (10, 6, 20)
     assert call(tune_baselines.main, "--effort", 0).exit_code == 2
 
 

@@ -43,14 +43,14 @@ class Baseline:
     training: Tuned | None = None
 
 
-RULES, SCHEDULES = Search(generations=20, population=12), Search(generations=60, population=16)
+RULES, SCHEDULES = Search(generations=12, population=10), Search(generations=40, population=16)
 
 
 @dataclass(frozen=True)
 class Effort:
     """How much is spent on choosing numbers: training seeds, points of a grid, searches for rules and for schedules."""
 
-    seeds: int = 64
+    seeds: int = 48
     grid: int = 25
     rule: Search = RULES
     schedule: Search = SCHEDULES

@@ -39,7 +39,7 @@ def play(policy: Policy, name: str, seeds: Sequence[int], arguments: Mapping[str
     """Play one episode a seed and return them; a lane equals the single environment ``name`` that is reset with its seed.
 
     ``arguments`` are the environment's. ``record`` names what goes into the traces: names of info, "action", and "amplitude" (the tip's over the
-    interval as the observation has it, in half-clearances). A lane that is over is ignored until the last one is. Raises ParameterError for an
+    interval as the observation has it, in half-clearances). A lane that is over rests until the last one is. Raises ParameterError for an
     unknown environment, no seeds, a name that info does not have, or actions of a wrong shape.
     """
     require(name in ENVIRONMENTS, "environment", name, f"one of {', '.join(ENVIRONMENTS)}")
@@ -77,6 +77,7 @@ def _play(policy: Policy, env: Any, seeds: list[int], record: Sequence[str]) -> 
         for key in known:
             last[key][going] = now[key][going]
         going &= ~over
+        env.unwrapped.task.runs.idle = ~going
     return Episodes(tuple(seeds), scores, steps, last, {key: np.stack(values) for key, values in rows.items()})
 
 
