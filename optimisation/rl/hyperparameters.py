@@ -23,7 +23,7 @@ class Hyperparameters:
     ``steps`` of the environment, counted over all ``lanes``, trained in ``legs`` of equal length: after each the agent is evaluated and a
     checkpoint is written. The learning rate falls from ``learning_rate`` to
     ``final_learning_rate``, linearly from leg to leg. Rewards are multiplied by ``reward_scale`` for the algorithm alone. ``hidden``: widths of
-    the layers of actor and critic. ``gamma`` is the discount for one step.
+    the layers of actor and critic. ``gamma`` is the discount for one step. The first policy does about ``initial_action`` wherever it is.
     """
 
     steps: int
@@ -35,6 +35,7 @@ class Hyperparameters:
     final_learning_rate: float
     gamma: float
     batch_size: int
+    initial_action: float
 
     def __post_init__(self) -> None:
         for name in ("steps", "legs", "lanes", "batch_size"):
@@ -46,6 +47,8 @@ class Hyperparameters:
         for name in ("reward_scale", "learning_rate", "final_learning_rate"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
         object.__setattr__(self, "gamma", fraction("gamma", self.gamma))
+        inside = -1 < finite("initial_action", self.initial_action) < 1
+        require(inside, "initial_action", self.initial_action, "a number between -1 and 1")
 
     def rate_of(self, leg: int) -> float:
         """Return the learning rate of a leg, counted from 0."""
@@ -73,6 +76,7 @@ class PPOSettings(Hyperparameters):
     clip_range: float
     ent_coef: float
     log_std_init: float
+    use_sde: bool
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -84,6 +88,7 @@ class PPOSettings(Hyperparameters):
         object.__setattr__(self, "clip_range", positive("clip_range", self.clip_range))
         object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
         object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
+        require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,7 @@ class SACSettings(Hyperparameters):
     n_steps: int
     tau: float
     ent_coef: float | str
+    use_sde: bool
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,6 +115,7 @@ class SACSettings(Hyperparameters):
         count("learning_starts", self.learning_starts, 0)
         require(self.buffer_size >= self.lanes, "buffer_size", self.buffer_size, f"not less than lanes = {self.lanes}")
         object.__setattr__(self, "tau", fraction("tau", self.tau))
+        require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
         if isinstance(self.ent_coef, str):
             ok = re.fullmatch(r"auto(_\d*\.?\d+(e-?\d+)?)?", self.ent_coef) is not None
             require(ok, "ent_coef", self.ent_coef, "a number, auto, or auto_ and the value to start from, as auto_0.1")
@@ -128,19 +135,19 @@ def read(file: Path = PACKAGED) -> dict[str, dict[str, dict[str, Any]]]:
         require(False, name, str(file), f"a file that can be read ({error})")
     except yaml.YAMLError as error:
         require(False, name, str(file), f"a file in YAML ({' '.join(str(error).split())})")
-    _mapping(file, "", content, ENVIRONMENTS, "environment")
+    _mapping(file, "", content, ENVIRONMENTS, "an environment")
     for environment, algorithms in content.items():
-        _mapping(file, environment, algorithms, ALGORITHMS, "algorithm")
+        _mapping(file, environment, algorithms, ALGORITHMS, "an algorithm")
         for algorithm, values in algorithms.items():
-            _mapping(file, f"{environment}: {algorithm}", values, [f.name for f in fields(ALGORITHMS[algorithm])], "hyperparameter")
+            _mapping(file, f"{environment}: {algorithm}", values, [f.name for f in fields(ALGORITHMS[algorithm])], "a hyperparameter")
     return dict(content)
 
 
 def _mapping(file: Path, where: str, value: Any, known: Mapping[str, Any] | Sequence[str], kind: str) -> None:
     place = f"hyperparameters in {file}" + (f", {where}" if where else "")
-    require(isinstance(value, Mapping) and len(value) > 0, place, value, f"a mapping with one key or more, each the name of an {kind}")
+    require(isinstance(value, Mapping) and len(value) > 0, place, value, f"a mapping with one key or more, each the name of {kind}")
     for key in value:
-        require(key in known, place, key, f"an {kind} of {', '.join(known)}")
+        require(key in known, place, key, f"{kind} of {', '.join(known)}")
 
 
 def settings_for(environment: str, algorithm: str, file: Path | None = None, **given: Any) -> PPOSettings | SACSettings:

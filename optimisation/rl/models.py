@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Mapping
 from pathlib import Path
@@ -76,10 +77,17 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
     net: dict[str, Any] = {"net_arch": list(chosen.hidden)}
     torch.set_num_threads(1)  # the networks are so small that more threads only wait for one another
     if isinstance(chosen, PPOSettings):
-        own = {name: getattr(chosen, name) for name in ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef")}
-        return PPO("MlpPolicy", env, policy_kwargs=net | {"log_std_init": chosen.log_std_init}, **own, **common)
-    own = {name: getattr(chosen, name) for name in ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "n_steps", "tau", "ent_coef")}
-    return SAC("MlpPolicy", env, policy_kwargs=net, **own, **common)
+        own = {name: getattr(chosen, name) for name in ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef", "use_sde")}
+        ppo = PPO("MlpPolicy", env, policy_kwargs=net | {"log_std_init": chosen.log_std_init}, **own, **common)
+        torch.nn.init.constant_(ppo.policy.action_net.bias, chosen.initial_action)
+        return ppo
+    own = {
+        name: getattr(chosen, name)
+        for name in ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "n_steps", "tau", "ent_coef", "use_sde")
+    }
+    sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0}, **own, **common)
+    torch.nn.init.constant_(sac.actor.mu.bias, math.atanh(chosen.initial_action))
+    return sac
 
 
 def begin_leg(model: Model, seed: int, leg: int, learning_rate: float) -> None:
