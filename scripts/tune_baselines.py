@@ -22,8 +22,11 @@ INTERRUPTED = 130
 
 def scaled(effort: Effort, share: float, seeds: int | None) -> Effort:
     """Return an effort with a share of the generations, at least one, and another number of seeds if one is given."""
-    rule, schedule = (replace(search, generations=max(1, round(share * search.generations))) for search in (effort.rule, effort.schedule))
-    return replace(effort, rule=rule, schedule=schedule, seeds=seeds or effort.seeds)
+    searches = {
+        name: replace(search, generations=max(1, round(share * search.generations)))
+        for name, search in (("rule", effort.rule), ("schedule", effort.schedule), ("fit", effort.fit))
+    }
+    return replace(effort, **searches, seeds=seeds or effort.seeds)
 
 
 def table(baselines: list[Baseline]) -> str:
@@ -38,7 +41,7 @@ def table(baselines: list[Baseline]) -> str:
 @click.option("--task", type=click.Choice([*TASKS, "both"]), default="both", show_default=True)
 @click.option("--quick", is_flag=True, help="A few candidates on a few seeds: a look, not a search.")
 @click.option("--effort", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True, help="Share of the generations.")
-@click.option("--seeds", type=click.IntRange(min=2), help=f"Number of training seeds.  [default: {Effort.seeds}]")
+@click.option("--seeds", type=click.IntRange(min=3), help=f"Number of training seeds.  [default: {Effort.seeds}]")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("results/tune_baselines"), show_default=True)
 def main(task: str, quick: bool, effort: float, seeds: int | None, out: Path) -> None:
     """Choose the numbers of all baselines and write them to OUT/TASK_baselines.json.

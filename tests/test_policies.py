@@ -117,7 +117,7 @@ def test_candidates_are_scored_as_if_each_played_alone() -> None:
 
 def test_a_searched_schedule_beats_the_constant_it_starts_from() -> None:
     schedule, constant = OpenLoop(Rates.of(_task(SWIFT)), 5), families("sweep", SWIFT)["constant"]
-    seeds, counted = range(8), []
+    seeds, counted = range(12), []
     search = Search(generations=6, population=8, finalists=4)
     found = evolve(schedule, [[-0.5] * 5], np.array([(-1.0, 1.0)] * 5), SWEEP, seeds, SWIFT, search, counted.append)
     before = mean_scores(constant, np.array([[-0.5]]), SWEEP, seeds[4:], SWIFT)[0]
@@ -160,7 +160,7 @@ def test_results_come_back_from_their_file_and_are_summarised(tmp_path: Path) ->
 
 def test_the_command_judges_tells_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(baselines, "KNOTS", 3)
-    effort = Effort(seeds=2, grid=2, rule=Search(1, 4, 0.4, 1), schedule=Search(1, 4, 0.4, 1))
+    effort = Effort(seeds=3, windows=False, grid=2, rule=Search(1, 4, 0.4, 1), schedule=Search(1, 4, 0.4, 1), fit=Search(1, 4, 0.4, 1))
     for task, arguments in (("sweep", SWIFT), ("gap", BRIEF)):
         counted: list[int] = []
         store(tmp_path / f"{task}_baselines.json", task, arguments, effort, tune(task, arguments, effort, counted.append))

@@ -20,7 +20,7 @@ from optimisation.rl.families import Array, ConstantAction, Family, FrequencyWin
 from optimisation.rl.gap_rules import EstimatedForceRule, GapOverFrequency, GapScale, TrueForceRule
 from optimisation.rl.play import GAP, SWEEP
 from optimisation.rl.policies import Policy, Random
-from optimisation.rl.tuning import Search, Tuned, best_of, evolve
+from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores, searched
 
 TASKS = {"sweep": SWEEP, "gap": GAP}
 KNOTS = 21
@@ -43,20 +43,26 @@ class Baseline:
     training: Tuned | None = None
 
 
-RULES, SCHEDULES = Search(generations=12, population=10), Search(generations=40, population=16)
+RULES, SCHEDULES = Search(generations=12, population=10, sigma=0.1), Search(generations=40, population=16, sigma=0.2)
+FITS = Search(generations=14, population=12, sigma=0.4)
+# a first look for slow windows, in shares of the range
+WINDOW_EDGES, WINDOW_WIDTHS, SLOW_ACTIONS = np.arange(0.25, 0.56, 0.05), (0.1, 0.15, 0.2, 0.3), (-0.9, -0.7, -0.5)
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is spent on choosing numbers: training seeds, points of a grid, searches for rules and for schedules."""
+    """How much is spent on choosing numbers: training seeds, a first look at windows, points of a grid, searches."""
 
-    seeds: int = 48
+    seeds: int = 96
+    windows: bool = True
     grid: int = 25
     rule: Search = RULES
     schedule: Search = SCHEDULES
+    fit: Search = FITS
 
 
-QUICK = Effort(seeds=8, grid=5, rule=Search(generations=2, population=6, finalists=2), schedule=Search(generations=2, population=8, finalists=2))
+FEW = Search(generations=2, population=6, finalists=2)
+QUICK = Effort(seeds=9, windows=False, grid=5, rule=FEW, schedule=FEW, fit=FEW)
 FIRST_TRAINING_SEED = 1000
 
 
@@ -109,13 +115,11 @@ def _sweep(kinds: Mapping[str, Family], rest: Rest, effort: Effort, advance: Adv
     rates = window.rates
     found = [Baseline(f"paper's rate, {rate:.3g} %", "constant", (float(rates.action(rate)),)) for rate in (PAPER_RATE, PAPER_SLOW_RATE)]
     constant = best_of(kinds["constant"], _grid(effort), *rest, advance)
-    starts = [(low, low + 0.2, inside, outside) for low in (0.1, 0.3, 0.5) for inside, outside in ((-0.8, 0.8),)] + [(0.3, 0.5, 0.8, -0.2)]
-    rule = evolve(window, starts, np.array([(0, 1), (0, 1), (-1, 1), (-1, 1)]), *rest, effort.rule, advance)
+    rule = evolve(window, _windows(window, rest, effort, advance), np.array([(0, 1), (0, 1), (-1, 1), (-1, 1)]), *rest, effort.rule, advance)
     knots = np.linspace(0, 1, schedule.knots)
     edges = np.sort(rule.parameters[:2])
-    from_rule = np.where((knots > edges[0]) & (knots <= edges[1]), rule.parameters[2], rule.parameters[3])
-    begin = [from_rule.tolist(), [constant.parameters[0]] * schedule.knots]
-    best = evolve(schedule, begin, np.array([(-1.0, 1.0)] * schedule.knots), *rest, effort.schedule, advance)
+    begin = np.where((knots > edges[0]) & (knots <= edges[1]), rule.parameters[2], rule.parameters[3]).tolist()
+    best = evolve(schedule, [begin] * 2, np.array([(-1.0, 1.0)] * schedule.knots), *rest, effort.schedule, advance)
     return [
         *found,
         Baseline(BEST_CONSTANT, "constant", constant.parameters, constant),
@@ -124,10 +128,22 @@ def _sweep(kinds: Mapping[str, Family], rest: Rest, effort: Effort, advance: Adv
     ]
 
 
+def _windows(window: FrequencyWindow, rest: Rest, effort: Effort, advance: Advance | None) -> list[list[float]]:
+    """Return two starts for the search of a rule: the best of a coarse grid of slow windows, with the fastest rate outside."""
+    grid = np.array([(low, low + width, slow, 1.0) for low in WINDOW_EDGES for width in WINDOW_WIDTHS for slow in SLOW_ACTIONS])
+    if not effort.windows:
+        return [[0.3, 0.5, -0.8, 1.0], [0.35, 0.5, -0.8, 1.0]]
+    name, seeds, arguments = rest
+    scores = mean_scores(window, grid, name, searched(seeds), arguments)
+    if advance is not None:
+        advance(len(grid))
+    return grid[np.argsort(-scores)[:2]].tolist()
+
+
 def _gap(kinds: Mapping[str, Family], rest: Rest, effort: Effort, advance: Advance | None) -> list[Baseline]:
     known, guessed = kinds["true force"], kinds["estimated force"]
     assert isinstance(known, TrueForceRule)
-    scale, search = known.scale, effort.rule
+    scale, search = known.scale, effort.fit
     constant = best_of(kinds["constant"], _grid(effort), *rest, advance)
     line = evolve(kinds["over frequency"], [(constant.parameters[0], 0.0)], np.array([(-1, 1), (-5, 5)]), *rest, search, advance)
     bounds = np.array([(0.2, 4.0), (-5.0, 5.0)])
@@ -153,8 +169,9 @@ def candidates_of(task: str, effort: Effort) -> int:
         return starts * (search.generations * search.population + search.finalists + 2)
 
     if task == "sweep":
-        return effort.grid + count(effort.rule, 4) + count(effort.schedule, 2)
-    return effort.grid + count(effort.rule, 5)
+        windows = len(WINDOW_EDGES) * len(WINDOW_WIDTHS) * len(SLOW_ACTIONS) if effort.windows else 0
+        return effort.grid + windows + count(effort.rule, 2) + count(effort.schedule, 2)
+    return effort.grid + count(effort.fit, 5)
 
 
 def store(path: Path, task: str, arguments: Mapping[str, Any], effort: Effort, baselines: Sequence[Baseline]) -> None:

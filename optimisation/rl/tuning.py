@@ -67,6 +67,12 @@ class Search:
     finalists: int = 8
 
 
+def searched(seeds: Sequence[int]) -> Sequence[int]:
+    """Return the seeds that a search sees: the first third."""
+    require(len(seeds) >= 3, "seeds", seeds, "at least three")
+    return seeds[: len(seeds) // 3]
+
+
 def evolve(
     family: Family,
     starts: Sequence[Sequence[float]],
@@ -79,11 +85,11 @@ def evolve(
 ) -> Tuned:
     """Return the best numbers that CMA-ES finds from each of several starts (P,) within ``bounds`` (P, 2).
 
-    It sees half of the seeds; the means of the distributions, the starts, and the best candidates of all generations (``finalists`` a start) are then
-    compared on the other half, which was not searched on, so that the luckiest candidate has no advantage.
+    It sees a third of the seeds; the means of the distributions, the starts, and the best candidates of all generations (``finalists`` a start) are
+    then compared on the others, which were not searched on, so that the luckiest candidate has no advantage.
     """
-    require(len(seeds) >= 2, "seeds", seeds, "at least two")
-    shown, kept = seeds[: len(seeds) // 2], seeds[len(seeds) // 2 :]
+    shown = searched(seeds)
+    kept = seeds[len(shown) :]
     finalists: list[Array] = []
     tried = 0
     for number, start in enumerate(starts):
