@@ -76,7 +76,7 @@ def learning_rows(runs: Sequence[Run]) -> list[list[object]]:
 
 def table_rows(runs: Sequence[Run], baselines: Mapping[str, float]) -> list[tuple[str, ...]]:
     """Return the lines of the table under `HEADER`: baselines, then algorithms at the last evaluation that all their seeds have."""
-    rows = [(name, "", "", f"{score:.4f}", "", "") for name, score in sorted(baselines.items(), key=lambda entry: entry[1])]
+    rows: list[tuple[str, ...]] = [(name, "", "", f"{score:.4f}", "", "") for name, score in sorted(baselines.items(), key=lambda entry: entry[1])]
     for algorithm, group in sorted(by_algorithm(runs).items()):
         steps, scores = curves(group)
         last = scores[:, -1]

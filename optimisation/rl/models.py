@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -79,15 +80,20 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
     if isinstance(chosen, PPOSettings):
         own = {name: getattr(chosen, name) for name in ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef", "use_sde")}
         ppo = PPO("MlpPolicy", env, policy_kwargs=net | {"log_std_init": chosen.log_std_init}, **own, **common)
-        torch.nn.init.constant_(ppo.policy.action_net.bias, chosen.initial_action)
+        _start_at(ppo.policy.action_net, chosen.initial_action)
         return ppo
     own = {
         name: getattr(chosen, name)
         for name in ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "n_steps", "tau", "ent_coef", "use_sde")
     }
     sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0}, **own, **common)
-    torch.nn.init.constant_(sac.actor.mu.bias, math.atanh(chosen.initial_action))
+    _start_at(sac.actor.mu, math.atanh(chosen.initial_action))
     return sac
+
+
+def _start_at(layer: Any, action: float) -> None:
+    """Set the last layer of an actor so that its first actions lie around ``action``."""
+    torch.nn.init.constant_(layer.bias, action)
 
 
 def begin_leg(model: Model, seed: int, leg: int, learning_rate: float) -> None:
@@ -119,7 +125,9 @@ def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
     """Return what `save_model` wrote, with its lanes where they were. Raises ParameterError for files that are damaged or missing."""
     try:
         kind: type[PPO] | type[SAC] = PPO if algorithm == "ppo" else SAC
-        model: Model = kind.load(folder / "model.zip", env=env, device="cpu", force_reset=False)
+        with warnings.catch_warnings():  # the library warns of the memory that it chose itself
+            warnings.filterwarnings("ignore", message="`n_steps=")
+            model: Model = kind.load(folder / "model.zip", env=env, device="cpu", force_reset=False)
         env.reset()
         env.restore(pickle.loads((folder / "lanes.pickle").read_bytes()))
         if isinstance(model, SAC):
