@@ -6,6 +6,7 @@ What a lane does is the run that `simulate` makes with the same schedule; see `i
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -30,9 +31,9 @@ class ControlledRuns:
     """Lanes of one scene, each at its own time.
 
     ``orders`` (L, ORDERS) is what the next `advance` does, ``reports`` (L, REPORTS) what the last one saw; columns are named in
-    `impact_env.kernels.interval`. ``reference`` is the circular frequency (rad/s) that defines the pseudo period, ``interval`` the longest
-    interval in pseudo periods, ``exponent`` that of the damage in the reports (0: not computed) with displacements in ``unit`` (m). The result is
-    the same for any number of ``threads`` (default: all cores).
+    `impact_env.kernels.interval`. Lanes in the mask ``idle`` (L,) rest: they cost nothing and keep state and report. ``reference`` is the circular
+    frequency (rad/s) that defines the pseudo period, ``interval`` the longest interval in pseudo periods, ``exponent`` that of the reports' damage
+    (0: not computed) with displacements in ``unit`` (m). The result is the same for any number of ``threads`` (default: all cores).
 
     Raises ParameterError if the method cannot do the scene in intervals.
     """
@@ -60,6 +61,7 @@ class ControlledRuns:
         self.duration = samples * period / samples_per_period
         self.orders, self.reports = np.zeros((lanes, ORDERS)), np.zeros((lanes, REPORTS))
         self.status = np.zeros(lanes, dtype=np.int64)
+        self.idle = np.zeros(lanes, dtype=np.bool_)
         slots = slot_count(scene, period) if isinstance(method, Exact) else 1
         ring = HALF_WINDOW_PERIODS * samples_per_period + 1
         self._memory = Lanes(
@@ -90,18 +92,34 @@ class ControlledRuns:
         self.orders[which, FRESH] = 1.0
 
     def advance(self) -> None:
-        """Advance all lanes by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
+        """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
         workers = min(self.threads, self.lanes // FEWEST) if self._compiled else 1
+        # more parts than threads: lanes differ in their number of impacts
+        parts = np.linspace(0, self.lanes, 1 + (1 if workers <= 1 else 4 * workers)).astype(int)
+        if self.idle.any():
+            parts = np.union1d(parts, np.flatnonzero(np.diff(self.idle)) + 1)
+        cuts = [(low, high) for low, high in pairwise(parts.tolist()) if not self.idle[low]]
         if workers <= 1:
-            self._kernel(0, self.lanes)
+            for low, high in cuts:
+                self._kernel(low, high)
         else:
-            # more parts than threads: lanes differ in their number of impacts
-            cuts = np.linspace(0, self.lanes, 4 * workers + 1).astype(int).tolist()
-            list(self._threads(workers).map(self._kernel, cuts[:-1], cuts[1:]))
+            list(self._threads(workers).map(lambda cut: self._kernel(*cut), cuts))
         self._compiled = True
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
             raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
+
+    def snapshot(self) -> list[Array]:
+        """Return copies of all that the next `advance` depends on, for `restore`."""
+        return [values.copy() for values in self._variables()]
+
+    def restore(self, snapshot: list[Array]) -> None:
+        """Go on from a snapshot of runs that were made with the same arguments."""
+        for values, kept in zip(self._variables(), snapshot, strict=True):
+            values[...] = kept
+
+    def _variables(self) -> list[NDArray[Any]]:
+        return [self.orders, self.reports, self.status, *self._memory]
 
     def _threads(self, workers: int) -> ThreadPoolExecutor:
         if self._pool is None:

@@ -7,6 +7,7 @@ import pytest
 from core import run, scene_of
 
 from impact_env import (
+    Beam,
     CompliantWalls,
     Drive,
     ElasticCoulombFriction,
@@ -20,6 +21,7 @@ from impact_env import (
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
+    beam_scene,
     impact_absorber,
 )
 from impact_env.controlled import ControlledRuns
@@ -191,3 +193,25 @@ def test_a_lane_that_breaks_down_is_named() -> None:
     runs.orders[1, columns.FORCE] = np.nan
     with pytest.raises(IntegrationError, match="lane 1"):
         runs.advance()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_idle_lanes_rest_and_the_others_go_on_as_before(threads: int) -> None:
+    scene, lanes = beam_scene(Beam(modes=2), impact_absorber(friction_limit=0.025)), 160
+    omega = scene.model.resonance_omega(1)
+    idle = np.zeros(lanes, dtype=np.bool_)
+    idle[[0, 3, 4, 5, 90, 159]] = True
+    free, partly = (ControlledRuns(scene, lanes, omega, 2.0, samples_per_period=32, threads=threads) for _ in range(2))
+    for runs in (free, partly):
+        runs.orders[:, columns.FORCE] = np.linspace(0.5, 3.0, lanes)
+        runs.orders[:, [columns.OMEGA_START, columns.OMEGA_STOP]] = omega
+        runs.advance()
+    before = partly.state.copy()
+    partly.idle = idle
+    for _ in range(3):
+        free.advance()
+        partly.advance()
+    np.testing.assert_array_equal(partly.state[idle], before[idle])
+    np.testing.assert_array_equal(partly.state[~idle], free.state[~idle])
+    np.testing.assert_array_equal(partly.reports[~idle], free.reports[~idle])
+    assert not np.array_equal(free.state[idle], before[idle])

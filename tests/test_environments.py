@@ -23,7 +23,7 @@ from impact_env.envs.reference import passage, steady_amplitude  # noqa: E402
 SWEEP, GAP, PASSIVE = ENVIRONMENTS
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}  # one kind of scene for most tests: one kernel to compile
 SHORT = {
-    SWEEP: RUBBING | {"limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "force": (1.0, 2.0), "time_budget": 60.0},
+    SWEEP: RUBBING | {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "force": (1.0, 2.0), "time_budget": 60.0},
     GAP: {"hold": (10.0, 30.0), "time_budget": 60.0, "force": (1.0, 6.0), "frequency_ratio": (0.97, 1.03)} | RUBBING,
     PASSIVE: {"limits": (0.96, 0.98), "rate": 4.0, "direction": "random", "force": (1.0, 2.0)} | RUBBING,
 }
@@ -143,7 +143,9 @@ def test_native_vector_agrees_with_gymnasiums_own(name: str) -> None:
 
 def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
     """Against `simulate` on the schedule that the actions made, and the closed form of the same passage at the paper's rate."""
-    env = gymnasium.make(SWEEP, limits=(0.965, 0.985), rates=(1.0, 10.0), direction="up", force=0.9, time_price=0.03, raw_state=True, **RUBBING)
+    env = gymnasium.make(
+        SWEEP, interval=5.0, limits=(0.965, 0.985), rates=(1.0, 10.0), direction="up", force=0.9, time_price=0.03, raw_state=True, **RUBBING
+    )
     _, info = env.reset(seed=4)
     phase = env.unwrapped.task.runs.orders[0, 4]
     times, ratios, rewards, end = [0.0], [info["frequency_ratio"]], [], False
@@ -213,7 +215,7 @@ def test_cavity_does_not_close_onto_the_absorber() -> None:
     seen = set()
     for action in actions(GAP, 99, 1)[:, 0]:
         *_, info = env.step(action)
-        wanted = 0.1e-3 + 0.5 * (float(action[0]) + 1) * 1.9e-3
+        wanted = 0.1e-3 + 0.5 * (float(action[0]) + 1) * (3e-3 - 0.1e-3)
         distance = abs(info["state"][2] - shape @ info["state"][:2])
         assert distance <= info["gap"] * (1 + 1e-9)
         assert info["gap"] >= wanted
@@ -256,6 +258,20 @@ def test_time_budget_truncates_and_the_far_end_terminates() -> None:
         if env is slow:
             assert len(left) == 12
             assert left[-1] == 0.0
+
+
+def test_a_passage_that_is_cut_off_pays_for_it_and_one_that_ends_does_not() -> None:
+    for action, paid in ((-1.0, True), (1.0, False)):
+        scores = []
+        for price in (0.0, 0.7):
+            env = make(SWEEP, unfinished_price=price)
+            env.reset(seed=0)
+            over = False
+            while not over:
+                *_, end, cut, info = env.step(np.array([action], np.float32))
+                over = end or cut
+            scores.append(info["score"])
+        assert scores[0] - scores[1] == pytest.approx(0.7 if paid else 0.0, abs=1e-12)
 
 
 def test_reset_mask_restarts_some_lanes_only() -> None:
@@ -376,6 +392,7 @@ def test_impossible_passive_actions_are_refused(bad: Any) -> None:
         (SWEEP, {"direction": "left"}, "direction = 'left'"),
         (SWEEP, {"time_budget": 0.0}, "time_budget = 0.0"),
         (SWEEP, {"time_price": -1.0}, "time_price = -1.0"),
+        (SWEEP, {"unfinished_price": -1.0}, "unfinished_price = -1.0"),
         (SWEEP, {"backward_rate": -1.0}, "backward_rate = -1.0"),
         (SWEEP, {"objective": "rms"}, "objective = 'rms'"),
         (SWEEP, {"observation_noise": -0.1}, "observation_noise = -0.1"),

@@ -19,7 +19,7 @@ from impact_env.parameters import ParameterError  # noqa: E402
 from optimisation.rl.vec_env import NativeVecEnv, make_native  # noqa: E402
 
 SWEEP = "ImpactAbsorber/SweepRate-v0"
-SHORT: dict[str, Any] = {"limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0}
+SHORT: dict[str, Any] = {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0}
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)

@@ -20,8 +20,8 @@ class GapChoiceEnv(TaskEnv):
     """Which clearance to give the cavity under a force that changes.
 
     ## Description
-    A machine runs at one frequency near a resonance, and its force changes from time to time without notice. An impact absorber works best where its
-    clearance fits the force (paper, section 4), and the agent sets the clearance.
+    A machine runs at one frequency near a resonance (another one in each episode), and its force changes from time to time without notice. An
+    impact absorber works best where its clearance fits the force (paper, section 4), and the agent sets the clearance.
 
     ## Action Space
     A ``Box`` of one float32 number a in [-1, 1]: the half-clearance for the next control interval, from the low to the high one of ``gap_limits``.
@@ -57,8 +57,8 @@ class GapChoiceEnv(TaskEnv):
     Truncated when the time budget is spent.
 
     ## Arguments
-    - ``gap_limits`` (default 0.1 mm to 2 mm): half-clearances in m; ``hold`` (default 100 to 300): range of pseudo periods for which a force lasts
-    - ``frequency_ratio`` (default 1) to the resonance, or a pair (low, high) from which each episode draws
+    - ``gap_limits`` (default 0.1 mm to 3 mm): half-clearances in m; ``hold`` (default 100 to 300): range of pseudo periods for which a force lasts
+    - ``frequency_ratio`` to the resonance, or a pair (low, high) from which each episode draws (default 0.97 to 1.01)
     - ``time_budget`` (default 1000) in pseudo periods, rounded up to whole intervals
     - ``objective``: "rms" or "fatigue"; ``fatigue_exponent``
     - ``absorber``: "impact" (default), "friction", "tuned", "stuck" or "none"; ``absorber_options``: its values in SI units, by name: ``mass_ratio``,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -24,9 +24,9 @@ OBJECTIVES = ("rms", "fatigue")
 class GapControl:
     """Arguments of the choice of the gap; `GapChoice` describes them."""
 
-    gap_limits: Range = (0.1e-3, 2e-3)
+    gap_limits: Range = (0.1e-3, 3e-3)
     hold: Range = (100.0, 300.0)
-    frequency_ratio: float | Range = 1.0
+    frequency_ratio: float | Range = (0.97, 1.01)
     time_budget: float = 1000.0
     objective: str = "rms"
     fatigue_exponent: float = 5.0
@@ -111,6 +111,10 @@ class GapTask(Task):
         values = super().values()
         values[:, 9] = self.runs.orders[:, columns.GAP] / self.length
         return values
+
+    def describe(self) -> dict[str, Any]:
+        """Return the environment's arguments as plain values."""
+        return super().describe() | asdict(self.control)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""

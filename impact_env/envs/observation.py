@@ -57,6 +57,14 @@ class Sensors:
             seen = self._delayed(seen, fresh)
         return np.clip(seen, -LIMIT, LIMIT).astype(np.float32)
 
+    def snapshot(self) -> tuple[Array, int]:
+        """Return what the delay holds."""
+        return self._past.copy(), self._at
+
+    def restore(self, snapshot: tuple[Array, int]) -> None:
+        """Go on from a snapshot."""
+        self._past[...], self._at = snapshot
+
     def _delayed(self, seen: Array, fresh: NDArray[np.bool_] | None) -> Array:
         size = len(self._past)
         if fresh is None:

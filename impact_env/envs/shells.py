@@ -224,6 +224,23 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             masked[name], masked[f"_{name}"] = values, which.copy()
         return masked
 
+    def snapshot(self) -> dict[str, Any]:
+        """Return all that the next steps depend on, for `restore`: plain values and arrays, which can be pickled."""
+        if self._observations is None:
+            raise ResetNeeded("call reset() before snapshot()")
+        generators = [generator.bit_generator.state for generator in self._generators]
+        return {"task": self.task.snapshot(), "generators": generators, "seeds": list(self._seeds), "observations": self._observations.copy()}
+
+    def restore(self, snapshot: dict[str, Any]) -> Observation:
+        """Go on from the snapshot of an environment with the same arguments, bit for bit; return the observations (num_envs, features)."""
+        require(len(snapshot["seeds"]) == self.num_envs, "lanes of the snapshot", len(snapshot["seeds"]), f"num_envs = {self.num_envs}")
+        self._seed(snapshot["seeds"], np.ones(self.num_envs, dtype=np.bool_))
+        for generator, state in zip(self._generators, snapshot["generators"], strict=True):
+            generator.bit_generator.state = state
+        self.task.restore(snapshot["task"])
+        self._observations = snapshot["observations"].copy()
+        return self._observations.copy()
+
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return an image of each lane."""
         if self.render_mode is None:

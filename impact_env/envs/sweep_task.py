@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -31,10 +31,11 @@ class Passage:
 
     direction: str = "down"
     limits: Range = PAPER_LIMITS
-    rates: Range = (0.125, 5.0)
+    rates: Range = (0.05, 4.0)
     backward_rate: float = 0.0
-    time_budget: float = 6400.0
-    time_price: float = 0.005
+    time_budget: float = 4000.0
+    time_price: float = 0.002
+    unfinished_price: float = 1.0
     objective: str = "level"
     fatigue_exponent: float = 5.0
 
@@ -50,6 +51,7 @@ class Passage:
         non_negative("backward_rate", self.backward_rate)
         positive("time_budget", self.time_budget)
         non_negative("time_price", self.time_price)
+        non_negative("unfinished_price", self.unfinished_price)
         positive("fatigue_exponent", self.fatigue_exponent)
 
 
@@ -103,8 +105,9 @@ class SweepTask(Task):
         return duration, ratio, terminated
 
     def reward(self) -> Array:
-        """Return the fall of the relative level (or damage) in the interval, less the price of its time."""
-        price = self.duration * (self.passage.time_price / 100)
+        """Return the fall of the relative level (or damage) in the interval, less the price of its time and of a passage cut off here."""
+        late = (self.elapsed >= self.steps) & (self.ratio != self.far)
+        price = self.duration * (self.passage.time_price / 100) + late * self.passage.unfinished_price
         if self.fatigue:
             gain = self.runs.reports[:, columns.DAMAGE] / self.damage_scale
             self._potential = self._potential + gain
@@ -127,6 +130,10 @@ class SweepTask(Task):
         values = super().values()
         values[:, 9] = (self.far - self.ratio) / FREQUENCY_SCALE
         return values
+
+    def describe(self) -> dict[str, Any]:
+        """Return the environment's arguments as plain values."""
+        return super().describe() | asdict(self.passage)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""

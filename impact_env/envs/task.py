@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -139,6 +140,22 @@ class Task(ABC):
         if self.settings.raw_state:
             info["state"] = self.runs.state.copy()
         return info
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return copies of all that the next steps depend on, but for the random generators."""
+        own = {name: values.copy() for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        return {"lanes": own, "runs": self.runs.snapshot(), "sensors": self.sensors.snapshot()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot of a task that was made with the same arguments."""
+        for name, values in snapshot["lanes"].items():
+            setattr(self, name, values.copy())
+        self.runs.restore(snapshot["runs"])
+        self.sensors.restore(snapshot["sensors"])
+
+    def describe(self) -> dict[str, Any]:
+        """Return the environment's arguments as plain values, also those left at their defaults; without ``threads``, which change no number."""
+        return {name: value for name, value in asdict(self.settings).items() if name != "threads"}
 
     def close(self) -> None:
         """End the threads."""

@@ -26,6 +26,7 @@ from optuna.trial import FrozenTrial, Trial, TrialState
 
 from impact_env.parameters import ParameterError
 from optimisation.designs import Design
+from optimisation.differences import difference
 from optimisation.evaluation import Executor, evaluate
 from optimisation.objectives import Score
 from optimisation.problem import Problem
@@ -248,18 +249,5 @@ def _study(problem: Problem, settings: Settings, storage: optuna.storages.BaseSt
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             study.set_metric_names([objective.label for objective in problem.objectives])
     elif held != identity:
-        raise StudyError(f"study file = {journal} is not allowed: it is another study: {_difference(held, identity)}; choose another file")
+        raise StudyError(f"study file = {journal} is not allowed: it is another study: {difference(held, identity)}; choose another file")
     return study
-
-
-def _difference(held: object, wanted: object, path: str = "") -> str:
-    """Name the first place where two descriptions differ."""
-    if isinstance(held, dict) and isinstance(wanted, dict):
-        for key in sorted({*held, *wanted}):
-            if held.get(key) != wanted.get(key):
-                return _difference(held.get(key), wanted.get(key), f"{path}.{key}" if path else key)
-    if isinstance(held, list) and isinstance(wanted, list) and len(held) == len(wanted):
-        for k, (a, b) in enumerate(zip(held, wanted, strict=True)):
-            if a != b:
-                return _difference(a, b, f"{path}[{k}]")
-    return f"{path or 'identity'} is {held!r} there and {wanted!r} here"

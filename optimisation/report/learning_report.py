@@ -1,0 +1,85 @@
+"""What training came to: a curve of the evaluation score over the steps of each algorithm, and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.stats import trim_mean
+
+from optimisation.report.comparison_figure import DPI
+from optimisation.report.design_figures import BLACK, BLUE, GREEN, GREY, ORANGE
+from optimisation.rl.runs import Run
+
+Array = NDArray[np.float64]
+COLOURS = {"ppo": BLUE, "sac": ORANGE}
+LINES = (GREY, BLACK, GREEN, "#CC79A7", "#56B4E9")
+STYLES = (":", "--", "-.", (0, (5, 1)), (0, (1, 1)))
+COLUMNS = ("algorithm", "seed", "leg", "steps", "score", "iqm", "low", "high", "intervals")
+HEADER = ("agent", "seeds", "steps", "score (IQM over seeds)", "worst seed", "best seed")
+
+
+def by_algorithm(runs: Sequence[Run]) -> dict[str, list[Run]]:
+    """Return the runs that have an evaluation, by algorithm."""
+    groups: dict[str, list[Run]] = {}
+    for run in runs:
+        if run.evaluations:
+            groups.setdefault(run.algorithm, []).append(run)
+    return groups
+
+
+def curves(runs: Sequence[Run]) -> tuple[Array, Array]:
+    """Return steps (n,) and mean evaluation scores (runs, n) up to the last evaluation that all runs have."""
+    length = min(len(run.evaluations) for run in runs)
+    steps = np.array([evaluation.steps for evaluation in runs[0].evaluations[:length]], dtype=float)
+    return steps, np.array([[evaluation.score for evaluation in run.evaluations[:length]] for run in runs])
+
+
+def save_learning_curve(path: Path, title: str, runs: Sequence[Run], baselines: Mapping[str, float]) -> None:
+    """Draw evaluation scores over the steps: seeds thinly, an algorithm's mean of the middle half with 10 to 90 % of its seeds, and baselines."""
+    figure = Figure(figsize=(7.4, 4.6), layout="constrained")
+    panel = figure.subplots()
+    ends = list(baselines.values())
+    for algorithm, group in sorted(by_algorithm(runs).items()):
+        steps, scores = curves(group)
+        colour = COLOURS.get(algorithm, BLACK)
+        panel.plot(steps, scores.T, color=colour, lw=0.5, alpha=0.35)
+        if len(group) > 1:
+            low, high = np.percentile(scores, (10, 90), axis=0)
+            panel.fill_between(steps, low, high, color=colour, alpha=0.15, lw=0)
+        panel.plot(steps, trim_mean(scores, 0.25, axis=0), color=colour, lw=2.2, label=f"{algorithm.upper()}, {_seeds(len(group))}")
+        ends += [float(scores[:, -1].max()), float(np.median(scores))]
+    for (name, score), colour, style in zip(baselines.items(), LINES, STYLES, strict=False):
+        panel.axhline(score, color=colour, ls=style, lw=1.3, label=name)
+    if ends:
+        room = 0.08 * (max(ends) - min(ends)) or 0.01
+        panel.set_ylim(min(ends) - room, max(ends) + room)
+    panel.set(xlabel="steps of the environment", ylabel="mean score on the evaluation seeds", title=title, xlim=(0, None))
+    panel.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
+    panel.grid(True, color="0.9", lw=0.7)
+    panel.set_axisbelow(True)
+    panel.legend(loc="lower right", fontsize=9, framealpha=0.9)
+    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+
+
+def _seeds(count: int) -> str:
+    return "1 seed" if count == 1 else f"{count} seeds"
+
+
+def learning_rows(runs: Sequence[Run]) -> list[list[object]]:
+    """Return every evaluation of every run, under `COLUMNS`."""
+    return [[run.algorithm, run.seed, *vars(evaluation).values()] for run in runs for evaluation in run.evaluations]
+
+
+def table_rows(runs: Sequence[Run], baselines: Mapping[str, float]) -> list[tuple[str, ...]]:
+    """Return the lines of the table under `HEADER`: baselines, then algorithms at the last evaluation that all their seeds have."""
+    rows: list[tuple[str, ...]] = [(name, "", "", f"{score:.4f}", "", "") for name, score in sorted(baselines.items(), key=lambda entry: entry[1])]
+    for algorithm, group in sorted(by_algorithm(runs).items()):
+        steps, scores = curves(group)
+        last = scores[:, -1]
+        numbers = (f"{trim_mean(last, 0.25):.4f}", f"{last.min():.4f}", f"{last.max():.4f}")
+        rows.append((algorithm.upper(), str(len(group)), f"{steps[-1]:,.0f}", *numbers))
+    return rows

@@ -1,0 +1,151 @@
+"""Figures of judged policies: performance profiles, what they do over the frequency of a passage, what they do over the time of an episode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
+
+from impact_env.envs.sweep_task import Passage
+from optimisation.report.comparison_figure import DPI, MM
+from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_SCHEDULE, TUNED_ESTIMATE, TUNED_TRUE
+from optimisation.rl.judging import Judged
+from optimisation.rl.statistics import interval, profile
+
+THRESHOLDS = 200
+COLOURS = {
+    "PPO": "#0072B2",
+    "SAC": "#009E73",
+    BEST_SCHEDULE: "#D55E00",
+    "rule over the frequency": "#CC79A7",
+    BEST_CONSTANT: "#000000",
+    TUNED_TRUE: "#D55E00",
+    TUNED_ESTIMATE: "#CC79A7",
+    BEST_GAP: "#000000",
+}
+OTHER = "0.65"
+DIRECTION_COLOURS, WINDOW_COLOUR = ("#0072B2", "#D55E00"), "#009E73"
+
+
+def _colour(name: str) -> str:
+    return COLOURS.get(name, OTHER)
+
+
+def _finish(figure: Figure, panels: Sequence[Axes], path: Path, columns: int = 3) -> None:
+    for panel in panels:
+        panel.grid(True, color="0.9", lw=0.7)
+        panel.set_axisbelow(True)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+
+
+def save_profiles(path: Path, results: Sequence[Judged], title: str, resamples: int) -> None:
+    """Draw the share of episodes above each score, with its 95 % band for the policies that have a colour."""
+    figure = Figure(figsize=(8, 5.4), layout="constrained")
+    panel = figure.subplots()
+    pooled = np.concatenate([np.ravel(r.scores) for r in results if r.name in COLOURS])
+    low, high = np.quantile(pooled, 0.002), pooled.max()
+    thresholds = np.linspace(low - 0.03 * (high - low), high + 0.01 * (high - low), THRESHOLDS)
+    greys = cycle({"color": grey, "ls": style} for style in ((0, (4, 2)), (0, (1, 1)), (0, (6, 2, 1, 2))) for grey in ("0.35", "0.6"))
+    for result in sorted(results, key=lambda r: r.name in COLOURS):
+        label = result.name if len(result.runs) == 1 else f"{result.name}, {len(result.runs)} agents"
+        if result.name in COLOURS:
+            band = interval(partial(profile, thresholds=thresholds), result.scores, resamples=resamples)
+            panel.fill_between(thresholds, *band, color=_colour(result.name), alpha=0.15, lw=0)
+            style: dict[str, Any] = {"lw": 2.0, "color": _colour(result.name)}
+        else:
+            style = {"lw": 1.2, **next(greys)}
+        panel.plot(thresholds, profile(result.scores, thresholds), label=label, **style)
+    panel.set(xlim=(thresholds[0], thresholds[-1]), ylim=(0, 1.02), xlabel="score s", ylabel="share of episodes with a score above s", title=title)
+    _finish(figure, [panel], path)
+
+
+def _number(values: Sequence[float | None]) -> Any:
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def save_schedules(path: Path, curves: Mapping[str, Any], title: str) -> None:
+    """Draw rate and amplitude over the frequency: median and 5 to 95 % over all passages of each policy. The passage runs as the axis does."""
+    figure = Figure(figsize=(8.6, 7), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    ratio = np.array(curves["frequency_ratio"])
+    for name, found in curves["policies"].items():
+        for panel, key in zip(panels, ("rate", "amplitude"), strict=True):
+            low, median, high = map(_number, found[key])
+            panel.fill_between(ratio, low, high, color=_colour(name), alpha=0.13, lw=0)
+            panel.plot(ratio, median, color=_colour(name), lw=1.9, label=name)
+    panels[0].set(yscale="log", ylabel="rate in % per 100 pseudo periods", title=title)
+    panels[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    panels[0].yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    panels[0].yaxis.set_minor_formatter(NullFormatter())
+    panels[1].set(ylabel="amplitude of the tip over the gap", xlabel="frequency over the resonance (the machine runs down: from left to right)")
+    panels[1].set_ylim(bottom=0)
+    panels[1].set_xlim(float(ratio[-1]), float(ratio[0]))
+    _finish(figure, list(panels), path, 4)
+
+
+def save_gaps(path: Path, curves: Mapping[str, Any]) -> None:
+    """Draw the force, the gaps, and the tip's RMS over one episode."""
+    figure = Figure(figsize=(8.6, 8), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True, height_ratios=(0.6, 1, 1))
+    time = np.array(curves["time"])
+    panels[0].plot(time, curves["force"], color="0.2", lw=1.6, drawstyle="steps-pre")
+    panels[0].set_ylim(bottom=0)
+    panels[0].set(ylabel="force in N", title=f"One episode at {curves['frequency_ratio']:.3f} times the resonance, seed {curves['seed']}")
+    for name, found in curves["policies"].items():
+        panels[1].plot(time, MM * np.array(found["gap"]), color=_colour(name), lw=1.5, label=name, drawstyle="steps-pre")
+        panels[2].plot(time, MM * np.array(found["rms"]), color=_colour(name), lw=1.3, drawstyle="steps-pre")
+    panels[1].set_ylabel("half-clearance in mm")
+    panels[2].set(ylabel="RMS of the tip in mm", xlabel="time in pseudo periods", xlim=(0, float(time[-1])))
+    panels[2].set_ylim(bottom=0)
+    for panel in panels[[0, 2]]:
+        panel.grid(True, color="0.9", lw=0.7)
+    _finish(figure, [panels[1], panels[0], panels[2]], path)
+
+
+def _band(panel: Axes, x: Any, found: Mapping[str, Any], colour: str, label: str | None = None) -> None:
+    panel.fill_between(x, found["level_low"], found["level_high"], color=colour, alpha=0.18, lw=0)
+    panel.plot(x, found["level_median"], "o-", color=colour, lw=1.8, ms=3.5, label=label)
+
+
+def save_tradeoff(path: Path, result: Mapping[str, Any]) -> None:
+    """Draw relative level (median, 5 to 95 %) and mean score over the constant rate, a column a scene, and over the place of a slow window."""
+    cases, slow = result["cases"], result["windows"]
+    figure = Figure(figsize=(3.1 * (len(cases) + 1) + 0.6, 6.4), layout="constrained")
+    rows = figure.subplots(2, len(cases) + 1, sharey="row", squeeze=False)
+    for column, case in zip(rows.T, cases, strict=False):
+        for direction, colour in zip(case["directions"], DIRECTION_COLOURS, strict=True):
+            found = case["directions"][direction]
+            _band(column[0], case["rates"], found, colour, f"constant rate, {direction}")
+            column[1].plot(case["rates"], found["score"], "o-", color=colour, lw=1.8, ms=3.5)
+        column[0].set_title(case["title"], fontsize=9)
+        column[1].set_xlabel("rate in % per 100 pseudo periods")
+        for panel in column:
+            panel.set_xscale("log")
+            panel.xaxis.set_major_locator(FixedLocator([0.06, 0.25, 1, 4]))
+            panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+            panel.xaxis.set_minor_formatter(NullFormatter())
+    last = rows[:, -1]
+    _band(last[0], slow["centre"], slow, WINDOW_COLOUR)
+    last[1].plot(slow["centre"], slow["score"], "o-", color=WINDOW_COLOUR, lw=1.8, ms=3.5)
+    down = cases[0]["directions"]["down"]
+    points = zip(down["rate"], down["time"], down["score"], strict=True)
+    allowed = [score for rate, time, score in points if rate <= Passage.rates[1] and time <= Passage.time_budget]
+    last[1].axhline(max(allowed), color="0.3", lw=1.2, ls="--")
+    last[1].annotate(
+        "best of the constant rates\nthat the task allows", (slow["centre"][0], max(allowed)), (0, 4), textcoords="offset points", fontsize=8
+    )
+    last[0].set_title(slow["title"], fontsize=9)
+    last[1].set_xlabel("centre of the window over the resonance")
+    rows[0, 0].set_ylabel("level over that without absorber\n(median, 5 to 95 %)")
+    rows[1, 0].set_ylabel("mean score")
+    rows[0, 0].set_ylim(bottom=0)
+    _finish(figure, list(rows.ravel()), path)

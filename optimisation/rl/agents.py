@@ -1,0 +1,106 @@
+"""A trained agent as one small file: the layers of its actor and what it was trained for. It needs neither torch nor stable-baselines3 to act."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.envs import ENVIRONMENTS
+from impact_env.parameters import ParameterError, require
+from optimisation.files import replacing
+
+AGENT_FORMAT = 1
+FINAL, BEST = "final.npz", "best.npz"
+Map = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+ACTIVATIONS: dict[str, Map] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0))}
+SQUASHES: dict[str, Map] = {"clip": lambda x: np.clip(x, np.float32(-1), np.float32(1)), "tanh": np.tanh}
+Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
+
+
+@dataclass(frozen=True, eq=False)
+class Agent:
+    """A policy that sees nothing but the observation: its mean action through fully connected layers, no memory, no chance.
+
+    ``layers``: weights (out, in) and biases (out,) from first to last, with ``activation`` between them and ``squash`` behind the last.
+    ``arguments`` are those of the environment ``env_id`` it was trained on with ``seed``, for ``steps`` steps.
+    """
+
+    env_id: str
+    algorithm: str
+    seed: int
+    steps: int
+    arguments: Mapping[str, Any]
+    activation: str
+    squash: str
+    layers: Sequence[Layer]
+
+    def __post_init__(self) -> None:
+        require(self.env_id in ENVIRONMENTS, "environment of the agent", self.env_id, f"one of {', '.join(ENVIRONMENTS)}")
+        require(self.activation in ACTIVATIONS, "activation", self.activation, f"one of {', '.join(ACTIVATIONS)}")
+        require(self.squash in SQUASHES, "squash", self.squash, f"one of {', '.join(SQUASHES)}")
+        widths = [weights.shape[1] for weights, _ in self.layers] + [1]
+        fits = all(w.shape == (n, w.shape[1]) and b.shape == (n,) for (w, b), n in zip(self.layers, widths[1:], strict=True))
+        require(len(self.layers) > 0 and fits, "layers", [weights.shape for weights, _ in self.layers], "layers that fit one another, to one action")
+
+    @property
+    def name(self) -> str:
+        """Algorithm and seed."""
+        return f"{self.algorithm.upper()}, seed {self.seed}"
+
+    def start(self, lanes: int) -> None:
+        """Do nothing: there is no memory."""
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return actions (L, 1) for observations (L, features)."""
+        values = np.asarray(observations, dtype=np.float32)
+        for number, (weights, biases) in enumerate(self.layers):
+            values = values @ weights.T + biases
+            values = (ACTIVATIONS[self.activation] if number + 1 < len(self.layers) else SQUASHES[self.squash])(values)
+        return values
+
+
+def save_agent(path: Path, agent: Agent) -> None:
+    """Write an agent; the file appears as a whole or not at all."""
+    about = {name: getattr(agent, name) for name in ("env_id", "algorithm", "seed", "steps", "activation", "squash")}
+    text = json.dumps({"format": AGENT_FORMAT, **about, "arguments": dict(agent.arguments)})
+    arrays = {f"{kind}{k}": values for k, layer in enumerate(agent.layers) for kind, values in zip(("weights", "biases"), layer, strict=True)}
+    with replacing(path) as temporary:
+        np.savez(temporary, about=np.array(text), **arrays)  # type: ignore[arg-type]
+
+
+def load_agent(path: Path) -> Agent:
+    """Return the agent of a file that `save_agent` wrote. Raises ParameterError for any other file."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            about = json.loads(str(file["about"]))
+            require(about.pop("format") == AGENT_FORMAT, "agent", str(path), f"a file of format {AGENT_FORMAT}, which this version reads")
+            layers = [(file[f"weights{k}"], file[f"biases{k}"]) for k in range(sum(name.startswith("weights") for name in file.files))]
+        return Agent(**about, layers=layers)
+    except ParameterError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+        raise ParameterError(f"agent = {str(path)!r} is not allowed: a file that train_sweep_agent wrote ({error})") from error
+
+
+def find_agents(folder: Path, name: str = FINAL, env_id: str | None = None) -> list[Agent]:
+    """Return the agents of all files called ``name`` under a folder, of one environment if it is named: by environment, algorithm and seed."""
+    agents = [load_agent(path) for path in sorted(folder.rglob(name))]
+    return sorted((a for a in agents if env_id in (None, a.env_id)), key=lambda a: (a.env_id, a.algorithm, a.seed))
+
+
+def actor_of(model: Any, env_id: str, seed: int, arguments: Mapping[str, Any]) -> Agent:
+    """Return the agent that acts as a PPO or SAC model of stable-baselines3 does when it is deterministic."""
+    stochastic_squash = hasattr(model, "actor")
+    policy = model.policy
+    hidden, last = (model.actor.latent_pi, model.actor.mu) if stochastic_squash else (policy.mlp_extractor.policy_net, policy.action_net)
+    linear = [layer for layer in hidden if hasattr(layer, "weight")] + [last]
+    layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
+    algorithm, squash = type(model).__name__.lower(), "tanh" if stochastic_squash else "clip"
+    return Agent(env_id, algorithm, seed, int(model.num_timesteps), dict(arguments), policy.activation_fn.__name__.lower(), squash, layers)

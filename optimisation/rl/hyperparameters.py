@@ -1,0 +1,162 @@
+"""Hyperparameters of the agents: read from YAML by environment and algorithm, and checked before anything is trained."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from impact_env.envs import ENVIRONMENTS
+from impact_env.parameters import count, finite, fraction, non_negative, positive, require
+
+PACKAGED = Path(__file__).with_name("hyperparameters.yaml")
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """What all algorithms have.
+
+    ``steps`` of the environment, counted over all ``lanes``, trained in ``legs`` of equal length: after each the agent is evaluated and a
+    checkpoint is written. The learning rate falls from ``learning_rate`` to
+    ``final_learning_rate``, linearly from leg to leg. Rewards are multiplied by ``reward_scale`` for the algorithm alone. ``hidden``: widths of
+    the layers of actor and critic. ``gamma`` is the discount for one step. The first policy does about ``initial_action`` wherever it is.
+    """
+
+    steps: int
+    legs: int
+    lanes: int
+    reward_scale: float
+    hidden: tuple[int, ...]
+    learning_rate: float
+    final_learning_rate: float
+    gamma: float
+    batch_size: int
+    initial_action: float
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "legs", "lanes", "batch_size"):
+            count(name, getattr(self, name), 1)
+        require(self.legs <= self.steps, "legs", self.legs, f"not more than steps = {self.steps}")
+        listed = isinstance(self.hidden, Sequence) and not isinstance(self.hidden, str) and len(self.hidden) > 0
+        require(listed, "hidden", self.hidden, "a list of widths, as [64, 64]")
+        object.__setattr__(self, "hidden", tuple(count("hidden", width, 1) for width in self.hidden))
+        for name in ("reward_scale", "learning_rate", "final_learning_rate"):
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
+        object.__setattr__(self, "gamma", fraction("gamma", self.gamma))
+        inside = -1 < finite("initial_action", self.initial_action) < 1
+        require(inside, "initial_action", self.initial_action, "a number between -1 and 1")
+
+    def rate_of(self, leg: int) -> float:
+        """Return the learning rate of a leg, counted from 0."""
+        share = leg / max(1, self.legs - 1)
+        return (1 - share) * self.learning_rate + share * self.final_learning_rate
+
+    def end_of(self, leg: int) -> int:
+        """Return the number of steps after which a leg, counted from 0, ends; a round of the algorithm is never broken off, so it may end later."""
+        return -(-self.steps * (leg + 1) // self.legs)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the hyperparameters as JSON values."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+
+@dataclass(frozen=True)
+class PPOSettings(Hyperparameters):
+    """Proximal policy optimisation: ``n_steps`` of each lane a round; names are those of stable-baselines3."""
+
+    log_interval = 1  # rounds
+
+    n_steps: int
+    n_epochs: int
+    gae_lambda: float
+    clip_range: float
+    ent_coef: float
+    log_std_init: float
+    use_sde: bool
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("n_steps", "n_epochs"):
+            count(name, getattr(self, name), 1)
+        whole = self.n_steps * self.lanes % self.batch_size == 0 and self.batch_size > 1
+        require(whole, "batch_size", self.batch_size, f"a divisor of n_steps * lanes = {self.n_steps * self.lanes}, above 1")
+        object.__setattr__(self, "gae_lambda", fraction("gae_lambda", self.gae_lambda))
+        object.__setattr__(self, "clip_range", positive("clip_range", self.clip_range))
+        object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
+        object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
+        require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
+
+
+@dataclass(frozen=True)
+class SACSettings(Hyperparameters):
+    """Soft actor-critic: ``gradient_steps`` after every ``train_freq`` steps of all lanes, with targets that hold the rewards of ``n_steps`` steps;
+    names are those of stable-baselines3.
+    """  # noqa: D205
+
+    log_interval = 100  # episodes
+
+    buffer_size: int
+    learning_starts: int
+    train_freq: int
+    gradient_steps: int
+    n_steps: int
+    tau: float
+    ent_coef: float | str
+    use_sde: bool
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("buffer_size", "train_freq", "gradient_steps", "n_steps"):
+            count(name, getattr(self, name), 1)
+        count("learning_starts", self.learning_starts, 0)
+        require(self.buffer_size >= self.lanes, "buffer_size", self.buffer_size, f"not less than lanes = {self.lanes}")
+        object.__setattr__(self, "tau", fraction("tau", self.tau))
+        require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
+        if isinstance(self.ent_coef, str):
+            ok = re.fullmatch(r"auto(_\d*\.?\d+(e-?\d+)?)?", self.ent_coef) is not None
+            require(ok, "ent_coef", self.ent_coef, "a number, auto, or auto_ and the value to start from, as auto_0.1")
+        else:
+            object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
+
+
+ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettings, "sac": SACSettings}
+
+
+def read(file: Path = PACKAGED) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return what a YAML file holds: values by environment, algorithm and name. Raises ParameterError for anything else."""
+    name = "hyperparameters"
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        require(False, name, str(file), f"a file that can be read ({error})")
+    except yaml.YAMLError as error:
+        require(False, name, str(file), f"a file in YAML ({' '.join(str(error).split())})")
+    _mapping(file, "", content, ENVIRONMENTS, "an environment")
+    for environment, algorithms in content.items():
+        _mapping(file, environment, algorithms, ALGORITHMS, "an algorithm")
+        for algorithm, values in algorithms.items():
+            _mapping(file, f"{environment}: {algorithm}", values, [f.name for f in fields(ALGORITHMS[algorithm])], "a hyperparameter")
+    return dict(content)
+
+
+def _mapping(file: Path, where: str, value: Any, known: Mapping[str, Any] | Sequence[str], kind: str) -> None:
+    place = f"hyperparameters in {file}" + (f", {where}" if where else "")
+    require(isinstance(value, Mapping) and len(value) > 0, place, value, f"a mapping with one key or more, each the name of {kind}")
+    for key in value:
+        require(key in known, place, key, f"{kind} of {', '.join(known)}")
+
+
+def settings_for(environment: str, algorithm: str, file: Path | None = None, **given: Any) -> PPOSettings | SACSettings:
+    """Return the hyperparameters of an algorithm on an environment: those of the package, replaced by those of ``file``, and by those ``given``.
+
+    Raises ParameterError for an unknown environment or algorithm, and for a value that is not allowed.
+    """
+    require(algorithm in ALGORITHMS, "algorithm", algorithm, f"one of {', '.join(ALGORITHMS)}")
+    packaged = read()
+    require(environment in packaged, "environment", environment, f"one of {', '.join(packaged)}")
+    own = read(file).get(environment, {}).get(algorithm, {}) if file is not None else {}
+    return ALGORITHMS[algorithm](**{**packaged[environment][algorithm], **own, **given})

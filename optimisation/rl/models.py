@@ -1,0 +1,144 @@
+"""PPO and SAC of stable-baselines3 on a native vector environment, made from hyperparameters, and taken up again from their files."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvStepReturn
+
+from impact_env.envs.shells import TaskVectorEnv
+from impact_env.parameters import ParameterError
+from optimisation.rl.hyperparameters import PPOSettings, SACSettings
+from optimisation.rl.vec_env import NativeVecEnv, make_native
+
+Model = PPO | SAC
+REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+
+
+class ScaledRewards(VecEnvWrapper):
+    """Rewards times a factor, for algorithms whose step sizes suit rewards of order one."""
+
+    def __init__(self, venv: VecEnv, factor: float) -> None:
+        super().__init__(venv)
+        self.factor = factor
+
+    def reset(self) -> NDArray[Any]:
+        """Start episodes in all lanes."""
+        return np.asarray(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Advance all lanes."""
+        observations, rewards, done, infos = self.venv.step_wait()
+        return observations, rewards * np.float32(self.factor), done, infos
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return all that the next steps depend on."""
+        monitor, lanes = self._parts()
+        return {"returns": monitor.episode_returns.copy(), "lengths": monitor.episode_lengths.copy(), "lanes": lanes.snapshot()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot."""
+        monitor, lanes = self._parts()
+        monitor.episode_returns, monitor.episode_lengths = snapshot["returns"].copy(), snapshot["lengths"].copy()
+        lanes.restore(snapshot["lanes"])
+
+    def _parts(self) -> tuple[VecMonitor, TaskVectorEnv]:
+        assert isinstance(self.venv, VecMonitor)
+        assert isinstance(self.venv.venv, NativeVecEnv)
+        assert isinstance(self.venv.venv.venv, TaskVectorEnv)
+        return self.venv, self.venv.venv.venv
+
+
+def make_lanes(env_id: str, chosen: PPOSettings | SACSettings, arguments: Mapping[str, Any], threads: int | None) -> ScaledRewards:
+    """Return the environment to train on; `VecMonitor` lies inside, so episode statistics are in units of the score."""
+    native = make_native(env_id, chosen.lanes, **{"threads": threads, **arguments})
+    return ScaledRewards(VecMonitor(native), chosen.reward_scale)
+
+
+def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Model:
+    """Return a fresh model."""
+    common: dict[str, Any] = {
+        "learning_rate": chosen.learning_rate,
+        "gamma": chosen.gamma,
+        "batch_size": chosen.batch_size,
+        "seed": seed,
+        "device": "cpu",
+    }
+    net: dict[str, Any] = {"net_arch": list(chosen.hidden)}
+    torch.set_num_threads(1)  # the networks are so small that more threads only wait for one another
+    if isinstance(chosen, PPOSettings):
+        own = {name: getattr(chosen, name) for name in ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef", "use_sde")}
+        ppo = PPO("MlpPolicy", env, policy_kwargs=net | {"log_std_init": chosen.log_std_init}, **own, **common)
+        _start_at(ppo.policy.action_net, chosen.initial_action)
+        return ppo
+    own = {
+        name: getattr(chosen, name)
+        for name in ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "n_steps", "tau", "ent_coef", "use_sde")
+    }
+    sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0}, **own, **common)
+    _start_at(sac.actor.mu, math.atanh(chosen.initial_action))
+    return sac
+
+
+def _start_at(layer: Any, action: float) -> None:
+    """Set the last layer of an actor so that its first actions lie around ``action``."""
+    torch.nn.init.constant_(layer.bias, action)
+
+
+def begin_leg(model: Model, seed: int, leg: int, learning_rate: float) -> None:
+    """Seed all generators anew, so that what follows depends on the model and its lanes alone, and set the leg's learning rate."""
+    torch.set_num_threads(1)
+    own = int(np.random.SeedSequence((seed, leg)).generate_state(1)[0] >> 1)
+    if leg == 0:
+        model.set_random_seed(own)  # the lanes' seeds, too
+    else:
+        set_random_seed(own)
+        model.action_space.seed(own)
+    model.learning_rate = learning_rate
+    model._setup_lr_schedule()
+
+
+def save_model(folder: Path, model: Model, env: ScaledRewards) -> None:
+    """Write networks, optimisers and counters, where the lanes are in their episodes, and for SAC what it remembers."""
+    model.save(folder / "model.zip")
+    (folder / "lanes.pickle").write_bytes(pickle.dumps(env.snapshot()))
+    if isinstance(model, SAC):
+        memory = model.replay_buffer
+        assert memory is not None
+        filled = memory.size()
+        arrays = {name: getattr(memory, name)[:filled] for name in REPLAY}
+        np.savez(folder / "replay.npz", position=memory.pos, full=memory.full, **arrays)
+
+
+def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
+    """Return what `save_model` wrote, with its lanes where they were. Raises ParameterError for files that are damaged or missing."""
+    try:
+        kind: type[PPO] | type[SAC] = PPO if algorithm == "ppo" else SAC
+        with warnings.catch_warnings():  # the library warns of the memory that it chose itself
+            warnings.filterwarnings("ignore", message="`n_steps=")
+            model: Model = kind.load(folder / "model.zip", env=env, device="cpu", force_reset=False)
+        env.reset()
+        env.restore(pickle.loads((folder / "lanes.pickle").read_bytes()))
+        if isinstance(model, SAC):
+            memory = model.replay_buffer
+            assert memory is not None
+            with np.load(folder / "replay.npz") as file:
+                for name in REPLAY:
+                    getattr(memory, name)[: len(file[name])] = file[name]
+                memory.pos, memory.full = int(file["position"]), bool(file["full"])
+    except Exception as error:  # whatever a torn zip file, pickle or array makes the readers raise
+        raise ParameterError(
+            f"checkpoint = {str(folder)!r} is not allowed: a folder whose files are whole ({type(error).__name__}: {error})"
+        ) from error
+    return model

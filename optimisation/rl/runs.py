@@ -1,0 +1,104 @@
+"""Training runs on disk: where their files are, and what their evaluations say. No torch is needed to read them."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from impact_env.parameters import ParameterError
+from optimisation.files import replacing, write_csv
+from optimisation.rl.agents import BEST, FINAL
+
+SETTINGS, EVALUATIONS = "settings.json", "evaluations.csv"
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What an agent reached after ``steps`` of training, over the evaluation seeds.
+
+    ``score``: mean; ``iqm``: mean of the middle half; ``low``, ``high``: 10th and 90th percentile; ``intervals``: mean length of an episode.
+    """
+
+    leg: int
+    steps: int
+    score: float
+    iqm: float
+    low: float
+    high: float
+    intervals: float
+
+
+COLUMNS = tuple(f.name for f in fields(Evaluation))
+
+
+@dataclass(frozen=True)
+class Run:
+    """A training run: its ``folder``, ``settings`` as JSON values, evaluations from first to last, and whether it came to its end."""
+
+    folder: Path
+    settings: dict[str, Any]
+    evaluations: tuple[Evaluation, ...]
+    finished: bool
+
+    @property
+    def algorithm(self) -> str:
+        """Name of the algorithm."""
+        return str(self.settings["algorithm"])
+
+    @property
+    def seed(self) -> int:
+        """The run's seed."""
+        return int(self.settings["seed"])
+
+
+def run_folder(out: Path, task: str, algorithm: str, seed: int) -> Path:
+    """Return the folder of a run."""
+    return out / task / algorithm / f"seed-{seed}"
+
+
+def write_evaluations(folder: Path, evaluations: Sequence[Evaluation]) -> None:
+    """Write a run's evaluations as CSV."""
+    write_csv(folder / EVALUATIONS, COLUMNS, [list(asdict(evaluation).values()) for evaluation in evaluations])
+
+
+def read_evaluations(folder: Path) -> tuple[Evaluation, ...]:
+    """Return a run's evaluations, none if it has not come to one. Raises ParameterError for a file that is damaged."""
+    file = folder / EVALUATIONS
+    if not file.exists():
+        return ()
+    try:
+        with file.open(newline="", encoding="utf-8") as lines:
+            rows = list(csv.DictReader(lines))
+        return tuple(Evaluation(int(row["leg"]), int(row["steps"]), *(float(row[name]) for name in COLUMNS[2:])) for row in rows)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ParameterError(f"evaluations = {str(file)!r} is not allowed: a table that a training wrote ({error})") from error
+
+
+def find_runs(folder: Path) -> list[Run]:
+    """Return all runs under a folder, by algorithm and seed."""
+    runs = []
+    for file in folder.rglob(SETTINGS):
+        try:
+            settings = json.loads(file.read_text(encoding="utf-8"))
+            run = Run(file.parent, settings, read_evaluations(file.parent), (file.parent / FINAL).exists())
+            runs.append((run.algorithm, run.seed, run))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ParameterError(f"settings = {str(file)!r} is not allowed: a file that a training wrote ({error})") from error
+    return [run for _, _, run in sorted(runs, key=lambda entry: entry[:2])]
+
+
+def collect(runs: Sequence[Run], source: Path, target: Path) -> int:
+    """Copy what is worth keeping of finished runs under ``source`` to the same places under ``target``; return the number of runs."""
+    done = [run for run in runs if run.finished]
+    for run in done:
+        folder = target / run.folder.relative_to(source)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in (SETTINGS, EVALUATIONS, FINAL, BEST):
+            with replacing(folder / name) as temporary:
+                shutil.copyfile(run.folder / name, temporary)
+    return len(done)

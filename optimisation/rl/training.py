@@ -1,0 +1,182 @@
+"""Training of one agent, leg by leg: learn, evaluate, write a checkpoint. A killed run goes on from its last checkpoint.
+
+A checkpoint holds the model, where its lanes are in their episodes, and for SAC what it remembers; a leg seeds all generators anew from the
+run's seed and the leg's number. So a run that was resumed equals one that never stopped, number by number (on one machine, with the same
+versions and compiled kernels).
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import platform
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numba
+import numpy as np
+import scipy
+import stable_baselines3
+import torch
+from scipy.stats import trim_mean
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+
+from impact_env.envs.shells import TaskVectorEnv
+from impact_env.parameters import ParameterError, count
+from optimisation.differences import difference
+from optimisation.files import require_writable, write_json
+from optimisation.rl.agents import BEST, FINAL, actor_of, save_agent
+from optimisation.rl.checkpoints import forget_replay, last_checkpoint, save_checkpoint
+from optimisation.rl.hyperparameters import PPOSettings, SACSettings
+from optimisation.rl.models import Model, ScaledRewards, begin_leg, make_lanes, make_model
+from optimisation.rl.play import play
+from optimisation.rl.policies import Policy
+from optimisation.rl.runs import SETTINGS, Evaluation, write_evaluations
+
+RUN_FORMAT = 1
+FIRST_EVALUATION_SEED = 1_000_000  # apart from the seeds on which baselines are tuned, and from those on which all are judged
+EVALUATION_EPISODES = 64
+Show = Callable[[int, list[Evaluation]], None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One agent to train: on an environment with its ``arguments``, with an algorithm's hyperparameters and a seed."""
+
+    env_id: str
+    algorithm: str
+    seed: int
+    hyperparameters: PPOSettings | SACSettings
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    episodes: int = EVALUATION_EPISODES
+
+    def __post_init__(self) -> None:
+        count("seed", self.seed, 0)
+        count("episodes", self.episodes, 1)
+
+    @property
+    def evaluation_seeds(self) -> range:
+        """The seeds of the episodes that the agent is evaluated on; the same for all agents."""
+        return range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + self.episodes)
+
+    def describe(self) -> dict[str, Any]:
+        """Return all that the result depends on as JSON values; the environment with every argument, also those left at their defaults."""
+        env = gymnasium.make_vec(self.env_id, num_envs=1, vectorization_mode="vector_entry_point", **self.arguments)
+        try:
+            assert isinstance(env, TaskVectorEnv)
+            environment = env.task.describe()
+        finally:
+            env.close()
+        own = {"environment": self.env_id, "environment_arguments": environment, "algorithm": self.algorithm, "seed": self.seed}
+        evaluation = {"first_seed": FIRST_EVALUATION_SEED, "episodes": self.episodes}
+        whole = {"format": RUN_FORMAT, **own, "hyperparameters": self.hyperparameters.describe(), "evaluation": evaluation}
+        return dict(json.loads(json.dumps(whole)))
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what a training's digits may depend on."""
+    modules = (np, scipy, numba, torch, gymnasium, stable_baselines3)
+    return {"python": platform.python_version()} | {module.__name__: str(module.__version__) for module in modules}
+
+
+def evaluate(policy: Policy, job: Job, leg: int, steps: int) -> Evaluation:
+    """Return what a policy reaches on the job's evaluation seeds."""
+    played = play(policy, job.env_id, job.evaluation_seeds, job.arguments)
+    low, high = np.percentile(played.scores, (10, 90)).tolist()
+    return Evaluation(leg, steps, float(played.scores.mean()), float(trim_mean(played.scores, 0.25)), low, high, float(played.steps.mean()))
+
+
+def train(job: Job, folder: Path, show: Show | None = None, threads: int | None = None) -> list[Evaluation]:
+    """Train an agent in a folder, or go on where that stopped, and return its evaluations; one that is finished is not trained again.
+
+    The folder gets settings.json, evaluations.csv, final.npz and best.npz (`load_agent`), checkpoints/ and tensorboard/. ``show`` is called
+    with the number of steps done and the evaluations so far. A KeyboardInterrupt costs the leg that was under way.
+
+    Raises ParameterError if the folder holds a run of other settings, or is in use.
+    """
+    require_writable("folder", folder)
+    with _alone(folder):
+        check_folder(job, folder)
+        if not (folder / SETTINGS).exists():
+            write_json(folder / SETTINGS, job.describe() | {"versions": versions()})
+        env = make_lanes(job.env_id, job.hyperparameters, job.arguments, threads)
+        try:
+            return _train(job, folder, env, show or (lambda _steps, _evaluations: None))
+        finally:
+            env.close()
+
+
+def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evaluation]:
+    chosen, kept = job.hyperparameters, folder / "checkpoints"
+    found = last_checkpoint(kept, job.algorithm, env)
+    model, evaluations = found or (make_model(chosen, env, job.seed), [])
+    show(model.num_timesteps, evaluations)
+    if len(evaluations) < chosen.legs:
+        model.set_logger(Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
+    for leg in range(len(evaluations), chosen.legs):
+        begin_leg(model, job.seed, leg, chosen.rate_of(leg))
+        todo = chosen.end_of(leg) - model.num_timesteps
+        if todo > 0:
+            model.learn(todo, callback=_Watch(show, evaluations), log_interval=chosen.log_interval, reset_num_timesteps=False)
+        agent = actor_of(model, job.env_id, job.seed, job.arguments)
+        evaluations = [*evaluations, evaluate(agent, job, leg, model.num_timesteps)]
+        _log(model, evaluations[-1])
+        if evaluations[-1].score == max(evaluation.score for evaluation in evaluations):
+            save_agent(folder / BEST, agent)
+        save_checkpoint(kept, leg, model, env, evaluations)
+        write_evaluations(folder, evaluations)
+        show(model.num_timesteps, evaluations)
+    if not (folder / FINAL).exists():
+        save_agent(folder / FINAL, actor_of(model, job.env_id, job.seed, job.arguments))
+    forget_replay(kept)
+    return evaluations
+
+
+def _log(model: Model, evaluation: Evaluation) -> None:
+    for name in ("score", "iqm", "intervals"):
+        model.logger.record(f"evaluation/{name}", getattr(evaluation, name))
+    model.logger.dump(model.num_timesteps)
+
+
+class _Watch(BaseCallback):
+    """Tells how far a leg is."""
+
+    def __init__(self, show: Show, evaluations: list[Evaluation]) -> None:
+        super().__init__()
+        self.show, self.evaluations = show, evaluations
+
+    def _on_step(self) -> bool:
+        self.show(self.num_timesteps, self.evaluations)
+        return True
+
+
+def check_folder(job: Job, folder: Path) -> None:
+    """Raise ParameterError if a folder holds a run of other settings than the job's; a new one is fine."""
+    file = folder / SETTINGS
+    if not file.exists():
+        return
+    wanted = job.describe()
+    try:
+        held = json.loads(file.read_text(encoding="utf-8"))
+        held.pop("versions", None)
+    except (OSError, ValueError, AttributeError) as error:
+        raise ParameterError(f"folder = {str(folder)!r} is not allowed: its {SETTINGS} cannot be read ({error}); choose another") from error
+    if held != wanted:
+        other = difference(held, wanted)
+        raise ParameterError(f"folder = {str(folder)!r} is not allowed: it holds a run of other settings: {other}; choose another, or remove it")
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Hold a folder for this process; the system lets go of it however the process ends."""
+    with (folder / ".lock").open("ab") as handle:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ParameterError(f"folder = {str(folder)!r} is not allowed: one that no other process trains in") from error
+        yield

@@ -1,0 +1,68 @@
+"""Rules and schedules without learning, their numbers chosen on training seeds: what agents are compared with."""
+
+# needs: rl optimise
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from _command_line import BadInput
+from _table import markdown
+from tqdm import tqdm
+
+from impact_env.parameters import ParameterError
+from optimisation.files import require_writable
+from optimisation.rl.baselines import QUICK, TASKS, Baseline, Effort, candidates_of, store, tune
+
+INTERRUPTED = 130
+
+
+def scaled(effort: Effort, share: float, seeds: int | None) -> Effort:
+    """Return an effort with a share of the generations, at least one, and another number of seeds if one is given."""
+    searches = {
+        name: replace(search, generations=max(1, round(share * search.generations)))
+        for name, search in (("rule", effort.rule), ("schedule", effort.schedule), ("fit", effort.fit))
+    }
+    return replace(effort, **searches, seeds=seeds or effort.seeds)
+
+
+def table(baselines: list[Baseline]) -> str:
+    rows = [
+        (b.name, "-" if b.training is None else f"{b.training.score:.4f}", "-" if b.training is None else str(b.training.candidates))
+        for b in baselines
+    ]
+    return markdown(("policy", "mean score, training seeds", "candidates"), rows)
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--task", type=click.Choice([*TASKS, "both"]), default="both", show_default=True)
+@click.option("--quick", is_flag=True, help="A few candidates on a few seeds: a look, not a search.")
+@click.option("--effort", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True, help="Share of the generations.")
+@click.option("--seeds", type=click.IntRange(min=3), help=f"Number of training seeds.  [default: {Effort.seeds}]")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("results/tune_baselines"), show_default=True)
+def main(task: str, quick: bool, effort: float, seeds: int | None, out: Path) -> None:
+    """Choose the numbers of all baselines and write them to OUT/TASK_baselines.json.
+
+    docs/policies holds the ones that evaluate_policies uses; they are made by --out docs/policies.
+    """
+    spent = scaled(QUICK if quick else Effort(), effort, seeds)
+    tasks = list(TASKS) if task == "both" else [task]
+    try:
+        require_writable("--out", out)
+        for name in tasks:
+            with tqdm(total=candidates_of(name, spent), desc=f"{name}: searching", unit="candidate", leave=False, disable=None) as bar:
+                found = tune(name, {}, spent, bar.update)
+            store(out / f"{name}_baselines.json", name, {}, spent, found)
+            click.echo(f"{name}:\n{table(found)}\n")
+    except ParameterError as error:
+        raise BadInput(str(error)) from error
+    except KeyboardInterrupt:
+        click.echo("Stopped; what is finished is written.", err=True)
+        sys.exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main(prog_name="scripts/run tune_baselines")
