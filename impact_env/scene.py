@@ -110,7 +110,8 @@ class InitialState:
         for name, at in (("absorber_displacement", n), ("absorber_velocity", half + n)):
             given = getattr(self, name)
             values = beam if given is None else np.asarray(given, dtype=float)
-            require(values.shape in {(), (places,)} and bool(np.all(np.isfinite(values))), name, given, "a finite number, or one for each absorber")
+            ok = values.shape in {(), (places,)} and bool(np.all(np.isfinite(values)))
+            require(ok, f"absorber start, {name}", given, "a finite number, or one for each absorber")
             state[at : at + places] = values
         for a in range(places):
             walls = scene.cavity(a)

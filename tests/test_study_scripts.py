@@ -65,7 +65,12 @@ def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path) -> N
     assert result.exit_code == 0, result.output
     common = {"designs.csv", "summary.json", "curves.csv", "curves.png", "detuned.csv", "detuned.png"}
     impact = {"map.csv", "map.png", "sensitivity.png", "study.journal"}
-    for concept, own in (("impact", impact), ("friction", set()), ("tuned", {"sensitivity.png"})):
+    for concept, own in (
+        ("impact", impact),
+        ("friction", set()),
+        ("tuned", {"sensitivity.png"}),
+        ("several", {"sensitivity.png", "study.journal"}),
+    ):
         folder = tmp_path / concept
         assert {file.name for file in folder.iterdir()} == common | own
         assert all(file.read_bytes().startswith(b"\x89PNG") for file in folder.glob("*.png"))
