@@ -1,6 +1,6 @@
 """Train agents for the environments with PPO and SAC: learning curves, checkpoints that resume, one small file an agent."""
 
-# needs: rl
+# needs: rl, optimise
 
 from __future__ import annotations
 
@@ -18,12 +18,16 @@ from tqdm import tqdm
 from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
 from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_SCHEDULE, RANDOM, TASKS, TUNED_ESTIMATE, TUNED_TRUE, families, load, policy
 from optimisation.rl.hyperparameters import ALGORITHMS, settings_for
-from optimisation.rl.play import GAP, SWEEP
 from optimisation.rl.policies import Constant, Random
 from optimisation.rl.runs import Evaluation, collect, find_runs, run_folder
 
-TASKS = {"sweep": SWEEP, "gap": GAP}
+POLICIES = Path("docs/policies")
+SHOWN = {
+    "sweep": (RANDOM, BEST_CONSTANT, BEST_SCHEDULE),
+    "gap": (RANDOM, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE),
+}
 BOTH, INTERRUPTED = "both", 130
 SEEDS, CONSTANTS = 10, 17
 QUICK_SHARE, QUICK_LEGS, QUICK_CONSTANTS = 0.25, 10, 5
@@ -51,13 +55,20 @@ def plan(task: str, given: dict[str, Any]) -> list[Any]:
     return runs
 
 
-def simple_policies(job: Any, count: int) -> dict[str, float]:
-    """Return the mean scores of chance and of the best constant action on the evaluation seeds."""
+def beside(task: str, job: Any, count: int, folder: Path) -> dict[str, float]:
+    """Return mean scores on the evaluation seeds: of chance, and of the tuned policies in a folder or else of the best constant action."""
     from optimisation.rl.training import evaluate
 
+    file = folder / f"{task}_baselines.json"
+    if file.exists():
+        stored, arguments = load(file, task)
+        if arguments == job.arguments:
+            kinds = families(task, arguments)
+            chosen = [policy(baseline, kinds) for baseline in stored if baseline.name in SHOWN[task]]
+            return {p.name: evaluate(p, job, 0, 0).score for p in tqdm(chosen, desc="baselines", leave=False, disable=None)}
     scores = {}
-    for policy in tqdm([Random(), *(Constant(float(a)) for a in np.linspace(-1, 1, count))], desc="constant actions", leave=False, disable=None):
-        scores[policy.name if isinstance(policy, Random) else f"{policy.action:g}"] = evaluate(policy, job, 0, 0).score
+    for simple in tqdm([Random(), *(Constant(float(a)) for a in np.linspace(-1, 1, count))], desc="constant actions", leave=False, disable=None):
+        scores[simple.name if isinstance(simple, Random) else f"{simple.action:g}"] = evaluate(simple, job, 0, 0).score
     chance = scores.pop("random")
     best = max(scores, key=scores.__getitem__)
     return {"random": chance, f"best constant action ({float(best):+.2f})": scores[best]}
@@ -107,7 +118,7 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
 
     runs, finished, failures = plan(task, given), True, []
     count = QUICK_CONSTANTS if given["quick"] else CONSTANTS
-    baselines = simple_policies(runs[0].job, count)
+    baselines = beside(task, runs[0].job, count, given["baselines"])
     for name, score in baselines.items():
         click.echo(f"{task}, {name}: score {score:.4f}")
     try:
@@ -129,6 +140,7 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
 @click.option("--argument", "arguments", multiple=True, type=(str, str), metavar="NAME VALUE", help="Argument of the environment; may be repeated.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes to train in, each on one core.  [default: all cores]")
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder.  [default: {OUT}, with --quick {OUT}_quick]")
+@click.option("--baselines", type=click.Path(path_type=Path), default=POLICIES, show_default=True, help="Folder of tune_baselines to compare with.")
 @click.option("--collect", "target", type=click.Path(path_type=Path), metavar="FOLDER", help="Copy agents and evaluations there in the end.")
 def main(**given: Any) -> None:
     """Train agents, seed by seed, and draw their learning curves.

@@ -106,6 +106,7 @@ class SACSettings(Hyperparameters):
     n_steps: int
     tau: float
     ent_coef: float | str
+    target_entropy: float
     use_sde: bool
 
     def __post_init__(self) -> None:
@@ -116,6 +117,7 @@ class SACSettings(Hyperparameters):
         require(self.buffer_size >= self.lanes, "buffer_size", self.buffer_size, f"not less than lanes = {self.lanes}")
         object.__setattr__(self, "tau", fraction("tau", self.tau))
         require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
+        object.__setattr__(self, "target_entropy", finite("target_entropy", self.target_entropy))
         if isinstance(self.ent_coef, str):
             ok = re.fullmatch(r"auto(_\d*\.?\d+(e-?\d+)?)?", self.ent_coef) is not None
             require(ok, "ent_coef", self.ent_coef, "a number, auto, or auto_ and the value to start from, as auto_0.1")

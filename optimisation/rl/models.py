@@ -84,7 +84,7 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
         return ppo
     own = {
         name: getattr(chosen, name)
-        for name in ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "n_steps", "tau", "ent_coef", "use_sde")
+        for name in ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "n_steps", "tau", "ent_coef", "target_entropy", "use_sde")
     }
     sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0}, **own, **common)
     _start_at(sac.actor.mu, math.atanh(chosen.initial_action))
