@@ -56,7 +56,7 @@ def check(response: Response, error: float = 1e-10) -> None:
     assert energy.friction_loss >= -1e-15 * scale
     assert np.all(impacts.energy_lost >= 0)
     assert len(impacts.time) == response.impact_count
-    assert np.all(np.diff(impacts.time) >= 0)
+    assert np.all(np.diff(impacts.time) >= -1e-13 * PERIOD)  # impacts at one time, within the resolution of time
     assert np.all(phases.end >= phases.start)
     assert np.sum(phases.end - phases.start) == pytest.approx(response.stuck_time, rel=1e-9, abs=1e-15)
     assert isinstance(response.scene.absorber, SeveralAbsorbers)
@@ -204,7 +204,7 @@ def several(draw: st.DrawFn) -> SeveralAbsorbers:
     return SeveralAbsorbers(tuple(one() for _ in range(n)), tuple(draw(positions) for _ in range(n)))
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], deadline=None)
+@settings(max_examples=30, derandomize=True, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], deadline=None)
 @given(st.data(), several(), st.floats(-1, 1.5).map(lambda x: float(10**x)), st.floats(0.3, 8), st.integers(1, 8))
 def test_energy_and_walls(data: st.DataObject, absorbers: SeveralAbsorbers, force: float, ratio: float, modes: int) -> None:
     scene = beam_scene(Beam(modes=modes, elements=12, damping_ratio=data.draw(st.sampled_from([0.0, 0.01, 0.1]))), absorbers)
