@@ -21,7 +21,7 @@ from impact_env.parameters import ParameterError, require
 from optimisation.files import replacing, require_writable, write_json
 from optimisation.report.policy_figures import save_gaps, save_profiles, save_schedules
 from optimisation.rl.agents import Agent
-from optimisation.rl.baselines import BEST_GAP, RIVAL, TASKS, ZERO_AND_ONE, families, load, policy
+from optimisation.rl.baselines import BEST_GAP, KNOTTED, RIVAL, TASKS, WINDOWED, ZERO_AND_ONE, families, load, policy
 from optimisation.rl.judging import FIRST_HELD_OUT_SEED, Judged, Line, agents_for, contenders, judge, read_results, summarise, write_results
 from optimisation.rl.policies import Policy
 from optimisation.rl.statistics import RESAMPLES
@@ -56,7 +56,7 @@ def played(task: str, policies: list[Policy], agents: list[Agent], arguments: di
 
 def curves_of(task: str, policies: list[Policy], agents: list[Agent], arguments: dict[str, Any], seeds: Sequence[int]) -> dict[str, Any]:
     """Return what the figure of schedules shows: the yardsticks, the rival and the agents."""
-    wanted = (*ZERO_AND_ONE[task], RIVAL[task], *(() if task == "gap" else ("rule over the frequency",)))
+    wanted = (*ZERO_AND_ONE[task], RIVAL[task], *(() if task == "gap" else (WINDOWED, KNOTTED)))
     shown: dict[str, list[Policy]] = {p.name: [p] for p in policies if p.name in wanted}
     for agent in agents:
         shown.setdefault(agent.algorithm.upper(), []).append(agent)

@@ -46,7 +46,7 @@ def plan(task: str, given: dict[str, Any]) -> list[Any]:
         for algorithm in algorithms:
             chosen = settings_for(TASKS[task], algorithm, given["hyperparameters"])
             steps = given["steps"] or (round(QUICK_SHARE * chosen.steps) if given["quick"] else chosen.steps)
-            legs = min(QUICK_LEGS if given["quick"] else chosen.legs, steps)
+            legs = max(1, min(QUICK_LEGS if given["quick"] else chosen.legs, steps // chosen.round))
             chosen = settings_for(TASKS[task], algorithm, given["hyperparameters"], steps=steps, legs=legs)
             job = Job(TASKS[task], algorithm, seed, chosen, given["arguments"])
             folder = run_folder(given["out"], task, algorithm, seed)

@@ -81,7 +81,13 @@ def test_wheel_holds_both_packages(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)], cwd=ROOT, check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
-    assert {"impact_env/py.typed", "optimisation/py.typed", "impact_env/parameters.py", "impact_env/kernels/jit.py"} <= names
+    assert {
+        "impact_env/py.typed",
+        "optimisation/py.typed",
+        "impact_env/parameters.py",
+        "impact_env/kernels/jit.py",
+        "optimisation/rl/hyperparameters.yaml",
+    } <= names
     assert {name.split("/")[0] for name in names if ".dist-info" not in name} == {"impact_env", "optimisation"}
 
 

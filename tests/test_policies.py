@@ -21,7 +21,7 @@ from optimisation.rl.gap_rules import GapScale  # noqa: E402
 from optimisation.rl.judging import Judged, agents_for, contenders, judge, read_results, summarise, write_results  # noqa: E402
 from optimisation.rl.play import GAP, SWEEP, play  # noqa: E402
 from optimisation.rl.traces import gap_curves, passage_curves  # noqa: E402
-from optimisation.rl.tuning import Search, best_of, evolve, mean_scores  # noqa: E402
+from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
@@ -255,6 +255,12 @@ def test_tradeoff_study_and_tuning_write_what_they_measure(tmp_path: Path, monke
     scaled = tune_baselines.scaled(Effort(), 0.5, 10)
     assert (scaled.seeds, scaled.rule.generations, scaled.schedule.generations) == (10, 6, 20)
     assert call(tune_baselines.main, "--effort", 0).exit_code == 2
+
+
+def test_the_better_of_two_schedules_is_the_best() -> None:
+    worse, better = Tuned((0.0,) * 4, -0.6, 1), Tuned((1.0,) * 21, -0.5, 1)
+    assert [(b.name, b.kind) for b in baselines._schedules(worse, better)] == [("rule over the frequency", "window"), (BEST_SCHEDULE, "open loop")]
+    assert [(b.name, b.kind) for b in baselines._schedules(better, worse)] == [(BEST_SCHEDULE, "window"), ("schedule by knots", "open loop")]
 
 
 def test_agents_are_found_by_task(tmp_path: Path) -> None:

@@ -265,9 +265,9 @@ def test_command_goes_on_after_kill_and_reports(tmp_path: Path) -> None:
     (run,) = find_runs(out)
     assert 2 <= len(run.evaluations) < 10
     assert not run.finished
-    refused = call(*command, "--steps", 500, "--out", out)
+    refused = call(*command, "--steps", 1280, "--out", out)
     assert refused.exit_code == 2
-    assert "steps is 2560 there and 500 here" in refused.output
+    assert "steps is 2560 there and 1280 here" in refused.output
     result = call(*command, "--out", out, "--collect", tmp_path / "kept")
     assert result.exit_code == 0, result.output
     assert "| PPO " in result.output

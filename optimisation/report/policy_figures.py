@@ -15,7 +15,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 
 from impact_env.envs.sweep_task import Passage
 from optimisation.report.comparison_figure import DPI, MM
-from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_SCHEDULE, TUNED_ESTIMATE, TUNED_TRUE
+from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_SCHEDULE, KNOTTED, TUNED_ESTIMATE, TUNED_TRUE, WINDOWED
 from optimisation.rl.judging import Judged
 from optimisation.rl.statistics import interval, profile
 
@@ -24,7 +24,8 @@ COLOURS = {
     "PPO": "#0072B2",
     "SAC": "#009E73",
     BEST_SCHEDULE: "#D55E00",
-    "rule over the frequency": "#CC79A7",
+    WINDOWED: "#CC79A7",
+    KNOTTED: "#CC79A7",
     BEST_CONSTANT: "#000000",
     TUNED_TRUE: "#D55E00",
     TUNED_ESTIMATE: "#CC79A7",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -17,7 +18,7 @@ PACKAGED = Path(__file__).with_name("hyperparameters.yaml")
 
 
 @dataclass(frozen=True)
-class Hyperparameters:
+class Hyperparameters(ABC):
     """What all algorithms have.
 
     ``steps`` of the environment, counted over all ``lanes``, trained in ``legs`` of equal length: after each the agent is evaluated and a
@@ -59,6 +60,11 @@ class Hyperparameters:
         """Return the number of steps after which a leg, counted from 0, ends; a round of the algorithm is never broken off, so it may end later."""
         return -(-self.steps * (leg + 1) // self.legs)
 
+    @property
+    @abstractmethod
+    def round(self) -> int:
+        """Steps that the algorithm makes between two updates, over all lanes."""
+
     def describe(self) -> dict[str, Any]:
         """Return the hyperparameters as JSON values."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
@@ -89,6 +95,11 @@ class PPOSettings(Hyperparameters):
         object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
         object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
         require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
+
+    @property
+    def round(self) -> int:
+        """Steps between two updates."""
+        return self.n_steps * self.lanes
 
 
 @dataclass(frozen=True)
@@ -123,6 +134,11 @@ class SACSettings(Hyperparameters):
             require(ok, "ent_coef", self.ent_coef, "a number, auto, or auto_ and the value to start from, as auto_0.1")
         else:
             object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
+
+    @property
+    def round(self) -> int:
+        """Steps between two updates."""
+        return self.train_freq * self.lanes
 
 
 ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettings, "sac": SACSettings}
