@@ -73,21 +73,24 @@ def modal_model(beam: Beam, positions: Iterable[float] | None = None) -> ModalMo
     eigenvalues and keep more digits than from K v = omega^2 M v. The frequencies follow from the shapes.
     """
     mass, stiffness = matrices(beam)
-    inverse_squares, vectors = scipy.linalg.eigh(mass, stiffness)
-    order = np.argsort(inverse_squares)[::-1][: beam.modes]
-    inverse_squares, vectors = inverse_squares[order], vectors[:, order]
+    vectors = scipy.linalg.eigh(mass, stiffness)[1][:, ::-1]
+    # all modes, of which some are kept at the end: products of other sizes round differently, and a truncation would not be the start of the whole
     vectors = vectors / np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
     # Rayleigh's quotient squares the error of the shapes, and its strain energy has nothing to cancel: all digits, for any number of elements
-    omega = np.sqrt(2 * strain_energy(beam, vectors))
+    omega = np.sqrt(2 * strain_energy(beam, vectors))[: beam.modes]
     for mode, ratio in beam.modal_frequency_ratio.items():
         omega[mode - 1] = ratio * omega[0]
     tip = deflection_row(beam, 1.0) @ vectors
     vectors = vectors * np.where(tip < 0, -1.0, 1.0)  # the tip moves up in every mode
+
+    def shape(position: float) -> NDArray[np.float64]:
+        return (deflection_row(beam, position) @ vectors)[: beam.modes]
+
     return ModalModel(
         omega=omega,
         damping_ratio=np.broadcast_to(np.asarray(beam.damping_ratio, dtype=float), omega.shape),
-        force_shape=deflection_row(beam, beam.force_position) @ vectors,
-        tip_shape=deflection_row(beam, beam.absorber_position) @ vectors,
+        force_shape=shape(beam.force_position),
+        tip_shape=shape(beam.absorber_position),
         beam_mass=beam.mass,
-        absorber_shapes=None if positions is None else np.array([deflection_row(beam, x) @ vectors for x in positions]),
+        absorber_shapes=None if positions is None else np.array([shape(x) for x in positions]),
     )

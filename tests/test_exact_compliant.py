@@ -184,7 +184,7 @@ def test_a_start_in_the_spring_of_a_wall(place: float) -> None:
 def test_truncations_and_dampings(modes: int, damping: float) -> None:
     for absorber in (walls(1e3 * BEAM, 2e-4), both(0.1, 10 * BEAM, 2e-4)):
         response = balanced(run(scene_of(absorber, modes=modes, damping_ratio=damping), drive_of(20.0, 1.0, periods=3)), 1e-10)
-        assert response.impact_count > 0
+        assert (response.impact_count > 0) == (damping < 1)  # an overdamped beam does not reach the walls
 
 
 def test_mirror_symmetry() -> None:
