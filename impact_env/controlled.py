@@ -5,7 +5,7 @@ What a lane does is the run that `simulate` makes with the same schedule; see `i
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
 from typing import Any
 
@@ -99,11 +99,19 @@ class ControlledRuns:
         if self.idle.any():
             parts = np.union1d(parts, np.flatnonzero(np.diff(self.idle)) + 1)
         cuts = [(low, high) for low, high in pairwise(parts.tolist()) if not self.idle[low]]
-        if workers <= 1:
-            for low, high in cuts:
+        turns = iter(cuts)
+
+        def work() -> None:
+            for low, high in turns:  # whoever is done takes the next part
                 self._kernel(low, high)
-        else:
-            list(self._threads(workers).map(lambda cut: self._kernel(*cut), cuts))
+
+        others = [self._helpers(workers - 1).submit(work) for _ in range(workers - 1)]
+        try:
+            work()
+        finally:
+            wait(others)
+        for other in others:
+            other.result()
         self._compiled = True
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
@@ -121,9 +129,10 @@ class ControlledRuns:
     def _variables(self) -> list[NDArray[Any]]:
         return [self.orders, self.reports, self.status, *self._memory]
 
-    def _threads(self, workers: int) -> ThreadPoolExecutor:
+    def _helpers(self, number: int) -> ThreadPoolExecutor:
+        """Return the threads beside the calling one."""
         if self._pool is None:
-            self._pool = ThreadPoolExecutor(workers)
+            self._pool = ThreadPoolExecutor(number)
         return self._pool
 
     def close(self) -> None:

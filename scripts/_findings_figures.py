@@ -41,7 +41,7 @@ def save_concepts(path: Path, result: Json) -> None:
         for concept, found in result.items():
             curve = found["curves"][i]
             force, without = np.array(curve["force_n"]), np.array(curve["without"])
-            low, middle, high = (100 * np.array(curve[name]) / without for name in ("low", "median", "high"))
+            low, middle, high = (100 * np.array(curve[name], dtype=float) / without for name in ("low", "median", "high"))
             axis.fill_between(force, low[0], high[0], color=_colour(concept), alpha=0.2, lw=0)
             axis.plot(force, middle[0], color=_colour(concept), lw=2.2, label=f"{concept}: found")
             axis.plot(force, middle[1], color=_colour(concept), lw=1.4, ls=PAPER_STYLE, label=f"{concept}: paper's choice")

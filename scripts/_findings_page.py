@@ -110,7 +110,7 @@ def _concepts(result: Json) -> str:
     others = []
     for concept, found in result.items():
         if concept != "impact":
-            ratio = np.quantile(np.array(found["members_winner"]) / best, (0.5, 0.05, 0.95))
+            ratio = np.quantile(np.array(found["members_winner"], dtype=float) / best, (0.5, 0.05, 0.95))
             others.append(f"{ratio[0]:.2f} ({_band(ratio[1:], 1.0, '.2f')}) times for the concept {concept}")
     lines = [f"{found['designs']} designs, {found['problem']['members']} members" for found in result.values()]
     text = f"The worse level over that of the impact absorber found, member by member: {'; '.join(others)}."

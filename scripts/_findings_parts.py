@@ -65,9 +65,14 @@ class Study:
         return found
 
 
+def _numbers(values: np.ndarray) -> list[Any]:
+    """Return an array as nested lists, None where a run broke down."""
+    return [_numbers(row) for row in values] if values.ndim > 1 else [number(x) for x in values.tolist()]
+
+
 def _found(found: Findings) -> Json:
     assert found.verdict is not None
-    members = {"members_winner": found.verdict.winner.members[0].tolist(), "members_paper": found.verdict.paper.members[0].tolist()}
+    members = {"members_winner": _numbers(found.verdict.winner.members[0]), "members_paper": _numbers(found.verdict.paper.members[0])}
     return summary(found) | members
 
 
@@ -83,7 +88,7 @@ def _listed(part: Levels) -> Json:
         "resonance": own.resonance,
         "force_n": [c.force for c in part.conditions],
         "detuning": [c.detuning for c in part.conditions],
-        **{name: getattr(part, name).tolist() for name in ("median", "low", "high", "without")},
+        **{name: _numbers(getattr(part, name)) for name in ("median", "low", "high", "without")},
     }
 
 

@@ -256,7 +256,8 @@ def _stiffness() -> Iterator[Case]:
         yield _case("contact stiffness", name, both, periods=4, impacts=2 if power < 6 else 1)
     for stiffness, ratio in ((5e8, 1e-4), (5e8, 1e-6), (5e10, 1e-4), (1e12, 1e-8)):
         name = f"{stiffness:g} N/m, mass ratio {ratio:g}"
-        yield _case("contact stiffness", name, lambda k=stiffness, r=ratio: soft(k, r), modes=10, periods=4, impacts=1)
+        slow = (EXACT,) if stiffness / ratio > 1e15 else METHODS  # more than 1e9 steps a pseudo period
+        yield _case("contact stiffness", name, lambda k=stiffness, r=ratio: soft(k, r), modes=10, periods=4, impacts=1, methods=slow)
         rubbed = lambda k=stiffness, r=ratio: SlidingAbsorber(r, CompliantWalls(k), ElasticCoulombFriction(1e-3, STATIC))  # noqa: E731
         yield _case("contact stiffness", f"{name}, elastic friction", rubbed, modes=10, periods=4, impacts=1, methods=(EXACT,))
         damped = {"damping_ratio": 0.0}

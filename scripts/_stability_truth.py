@@ -7,7 +7,7 @@ sign at most once, which the grid's fineness makes likely and nothing proves. Wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
@@ -19,6 +19,7 @@ from impact_env.kernels.contact_law import Walls
 
 Array = NDArray[np.float64]
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
+SLIDER_TURN = 0.125  # rad; the same where a spring gives way at the very peak of its force
 TURN = 0.5  # rad by which the fastest motion turns in a step of the grid
 COARSE_TURN, COARSE_FROM = 1.0, 30  # the same for scenes of so many modes: their highest modes hardly move
 FINER, FINEST = 32, 32**3  # where an event seems to follow another within a step
@@ -26,9 +27,10 @@ TAYLOR_TERMS = 20
 FORCE_WEIGHT = 6.0  # the force alone may turn a relative velocity twice in a step that would do for a mode
 SAME_STEP = 1e-12  # two steps that differ by less, relatively, differ by the rounding of their ends
 # guards that a value just beyond them does not pass, after an event that left them behind
-FRESH = {"wall": {"upper", "lower"}, "turn": {"turn"}, "wall turn": {"upper", "lower", "turn"}}
+FRESH = {"wall": {"upper", "lower"}, "turn": {"turn"}, "wall turn": {"upper", "lower", "turn"}, "slip": {"turn"}}
+FIRST_SLIP = 64  # steps within TURN of the spring that gives way: a stiff one holds again soon
 MOST_STEPS = 3_000_000
-MOST_AT_ONCE = 50  # events without progress in time
+MOST_EVENTS = 50  # between two samples
 
 
 @dataclass(frozen=True)
@@ -245,6 +247,7 @@ class Walk:
     contact: Contact
     time: float = 0.0
     steps: int = 0
+    events: int = 0
     impacts: list[float] = field(default_factory=list)
     kept: tuple[Law, float, Array, Array, Array] | None = None
     joined_at: float | None = None  # relative displacement since both are joined
@@ -260,21 +263,20 @@ class Walk:
 
     def to(self, end: float) -> bool:
         """Advance to a time in s; return False where the reference cannot go on."""
-        at_once = 0
+        before = self.events
         while self.time < end:
-            before = self.time
-            at_once += 1
-            if at_once > MOST_AT_ONCE or not self._stretch(end):
+            if self.events - before > MOST_EVENTS or not self._stretch(end):
                 return False
-            if self.time > before:
-                at_once = 0
         return True
 
-    def _stretch(self, end: float, finer: int = 1) -> bool:
-        """Advance to ``end`` or to the next event, on a grid ``finer`` times finer than usual."""
+    def _stretch(self, end: float, finer: int = 1, least: int = 1) -> bool:
+        """Advance to ``end`` or to the next event, on a grid ``finer`` times finer than usual and of ``least`` steps."""
         system, law = self.rules.system, self.rules.law(self.contact)
-        turn = COARSE_TURN if system.n >= COARSE_FROM else TURN
-        count = max(1, int(np.ceil((end - self.time) * system.fastest(law) * finer / turn)))
+        if self.contact.fresh == "slip" and least == 1:
+            held = replace(self.contact, sliding=None)
+            return self._stretch(min(end, self.time + TURN / system.fastest(self.rules.law(held)) / finer), finer, FIRST_SLIP)
+        turn = COARSE_TURN if system.n >= COARSE_FROM else SLIDER_TURN if self.rules.slider else TURN
+        count = max(least, int(np.ceil((end - self.time) * system.fastest(law) * finer / turn)))
         h = (end - self.time) / count
         if self.steps + count > MOST_STEPS:
             return False
@@ -312,7 +314,7 @@ class Walk:
         first: dict[str, int] = {}
         for name, values in self.rules.guards(self.contact, xs, times).items():
             past = values[1:] > 0
-            if name in ("upper", "lower", "contact") and self.contact.side == 0:
+            if name == "slip" or (name in ("upper", "lower", "contact") and self.contact.side == 0):
                 past |= self._humps(name, xs, h)
             at = np.flatnonzero(past)
             if len(at):
@@ -323,9 +325,11 @@ class Walk:
         return [name for name, k in first.items() if k == step], step
 
     def _humps(self, name: str, xs: Array, h: float) -> NDArray[np.bool_]:
-        """Return (steps,) whether the cubic through values and slopes at a step's ends passes a wall in between and comes back."""
-        sign = -1.0 if name == "lower" else np.ones(xs.shape[1]) if name == "upper" else np.sign(self.rules.system.relative_row @ xs)
-        value, slope = sign * (self.rules.system.relative_row @ xs) - self.rules.gap, sign * (self.rules.system.rate_row @ xs)
+        """Return (steps,) whether the cubic through values and slopes at a step's ends passes a wall or a slider's limit and comes back."""
+        rules, slips = self.rules, name == "slip"
+        distance = rules.system.relative_row @ xs - (self.contact.rest if slips else 0.0)
+        sign = -1.0 if name == "lower" else np.ones(xs.shape[1]) if name == "upper" else np.sign(distance)
+        value, slope = sign * distance - (rules.limit / rules.slider if slips else rules.gap), sign * (rules.system.rate_row @ xs)
         turns = (slope[:-1] > 0) & (slope[1:] <= 0)
         past = np.zeros(xs.shape[1] - 1, dtype=bool)
         s = np.linspace(0, 1, 65)[1:-1]
@@ -358,6 +362,7 @@ class Walk:
 
     def _jump(self, name: str) -> None:
         self.joined_at = None
+        self.events += 1
         rules, contact = self.rules, self.contact
         relative = float(rules.system.relative_row @ self.x)
         if name in ("upper", "lower"):
@@ -373,7 +378,7 @@ class Walk:
                 self.impacts.append(self.time)
             self.contact = Contact(side, contact.sliding, contact.rest)
         elif name == "slip":
-            self.contact = Contact(contact.side, int(np.sign(relative - contact.rest)), 0.0)
+            self.contact = Contact(contact.side, int(np.sign(relative - contact.rest)), 0.0, fresh="slip")
         elif rules.rigid:
             self.contact = rules.rest(self.x, self.time, 0)
         else:

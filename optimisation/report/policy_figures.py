@@ -142,7 +142,7 @@ def save_tradeoff(path: Path, result: Mapping[str, Any]) -> None:
     allowed = [score for rate, time, score in points if rate <= Passage.rates[1] and time <= Passage.time_budget]
     last[1].axhline(max(allowed), color="0.3", lw=1.2, ls="--")
     last[1].annotate(
-        "best of the constant rates\nthat the task allows", (slow["centre"][0], max(allowed)), (0, 4), textcoords="offset points", fontsize=8
+        "best constant rate\nthat the task allows", (slow["centre"][-1], max(allowed)), (0, 4), textcoords="offset points", fontsize=8, ha="right"
     )
     last[0].set_title(slow["title"], fontsize=9)
     last[1].set_xlabel("centre of the window over the resonance")
