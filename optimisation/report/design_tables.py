@@ -142,9 +142,9 @@ def _condition(findings: Findings, k: int) -> Json:
         level, bound = float(own.median[d, k]), limit(problem, judged.design, condition)
         share = float(reduction_share(level, without, bound)) if bound < without else math.nan
         rows[name] = {
-            "level_m": level,
-            "level_5_to_95_percent_m": [float(own.low[d, k]), float(own.high[d, k])],
-            "relative": level / without,
+            "level_m": number(level),
+            "level_5_to_95_percent_m": [number(own.low[d, k]), number(own.high[d, k])],
+            "relative": number(level / without),
             "limit_m": number(bound),
             "share_of_possible_reduction": number(share),
         }
