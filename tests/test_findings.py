@@ -24,15 +24,12 @@ from optimisation.evaluation import Clocked
 from optimisation.friction_rule import best_friction
 from optimisation.problem import Problem
 
+CONCEPTS = (IMPACT, FRICTION, TUNED)
 PARTS = ("concepts", "optima", "place", "robustness", "front", "scaling", "full")
 PAGE = "# Findings\n" + "".join(f"<!-- findings:{part} -->\n<!-- /findings:{part} -->\n" for part in PARTS)
 
 
 @pytest.fixture
-
-CONCEPTS = (IMPACT, FRICTION, TUNED)
-
-
 def findings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     module = load("findings", monkeypatch)
     import _findings_parts as parts
