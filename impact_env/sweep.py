@@ -29,7 +29,7 @@ class IntegrationError(RuntimeError):
 
 
 REASONS = {
-    observers.TOO_MANY_EVENTS: "more events than the integration allows",
+    observers.TOO_MANY_EVENTS: "more events than the integration allows (restitution 1 bounces for ever where the absorber is pressed to its wall)",
     observers.NOT_FINITE: "the state is not finite: the step is above its stability limit, or a parameter is extreme",
     observers.NO_PROGRESS: "events pile up without progress in time",
 }

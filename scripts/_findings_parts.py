@@ -14,7 +14,7 @@ from _design_search import Plan, find
 from impact_env.drive import PAPER_RATE
 from impact_env.parameters import RigidWalls
 from optimisation.bounds import design_force, design_gap
-from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, TUNED, Design, design_space
+from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, TUNED, VARIABLES, Design, design_space
 from optimisation.evaluation import Executor
 from optimisation.friction_rule import best_friction
 from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
@@ -24,7 +24,6 @@ from optimisation.report.design_tables import Findings, limit, number, summary
 from optimisation.tuned import minimax
 
 Json = dict[str, Any]
-CONCEPTS = (IMPACT, FRICTION, TUNED)
 AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at either
 Bounds = Mapping[str, tuple[float, float]]
 WIDE = (0.02, 100.0)  # N: from a damper that slides all the time to one that sticks
@@ -96,7 +95,7 @@ def _listed(part: Levels) -> Json:
 def concepts(study: Study) -> Json:
     """The best design of each concept for both resonances at the paper's mass, from scratch, and its levels over the force."""
     result: Json = {}
-    for concept in CONCEPTS:
+    for concept in VARIABLES:
         problem = study.problem(concept, AT)
         found = study.find(f"concepts-{concept}", problem)
         assert found.verdict is not None
@@ -181,7 +180,7 @@ def place(study: Study) -> Json:
 def robustness(study: Study, known: Json) -> Json:
     """Levels near the first resonance where the beam's frequencies are not what they were thought to be, for winners and paper's designs."""
     rows: list[Json] = []
-    for concept in CONCEPTS:
+    for concept in VARIABLES:
         problem = study.problem(concept, AT[:1], members=study.few)
         named = {"winner": Design(concept, known[concept]["winner"]["values"]), "paper": problem.space.default}
         if concept == TUNED:

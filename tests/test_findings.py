@@ -19,12 +19,11 @@ pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
 
 from impact_env import Beam, modal_model
-from optimisation.designs import FRICTION, IMPACT, TUNED
+from optimisation.designs import VARIABLES
 from optimisation.evaluation import Clocked
 from optimisation.friction_rule import best_friction
 from optimisation.problem import Problem
 
-CONCEPTS = (IMPACT, FRICTION, TUNED)
 PARTS = ("concepts", "optima", "place", "robustness", "front", "scaling", "full")
 PAGE = "# Findings\n" + "".join(f"<!-- findings:{part} -->\n<!-- /findings:{part} -->\n" for part in PARTS)
 
@@ -60,14 +59,14 @@ def test_parts_write_numbers_figures_and_page(findings: ModuleType, tmp_path: Pa
     data, page = tmp_path / "findings", (tmp_path / "findings.md").read_text()
     for part in chosen[:-1]:
         assert (data / f"{part}.png").read_bytes().startswith(b"\x89PNG")
-    for concept in CONCEPTS:
+    for concept in VARIABLES:
         assert f"\n| {concept} " in page
     concepts = result(tmp_path, "concepts")
-    assert set(concepts) == set(CONCEPTS)
+    assert set(concepts) == set(VARIABLES)
     with (data / "concepts.csv").open(newline="") as file:
-        assert len(list(csv.DictReader(file))) == len(CONCEPTS) * 2 * 2 * 3
+        assert len(list(csv.DictReader(file))) == len(VARIABLES) * 2 * 2 * 3
     assert page.count("| resonance 1") == 2
-    assert len(result(tmp_path, "robustness")["designs"]) == 2 * len(CONCEPTS) + 1  # type: ignore[arg-type]
+    assert len(result(tmp_path, "robustness")["designs"]) == 2 * len(VARIABLES) + 1  # type: ignore[arg-type]
     full = result(tmp_path, "full")
     assert full["designs"] == 41
     assert 0 <= full["overhead"] < 1  # type: ignore[operator]

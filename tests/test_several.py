@@ -17,6 +17,7 @@ from impact_env import (
     InitialState,
     Moreau,
     ParameterError,
+    Record,
     Response,
     RigidWalls,
     RungeKutta,
@@ -28,6 +29,7 @@ from impact_env import (
     friction_damper,
     impact_absorber,
     impact_absorbers,
+    linear_sweep,
     simulate,
 )
 from impact_env.controlled import ControlledRuns
@@ -37,6 +39,7 @@ from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
 
 BEAM = Beam(modes=3)
+GAPS, LIGHT = (0.00042526125170046344, 0.0006163855559120178), 0.14864217036644486  # no round numbers: what went wrong was rounding
 
 
 def relative(response: Response) -> Array:
@@ -45,14 +48,15 @@ def relative(response: Response) -> Array:
     return np.asarray(history.absorber_displacement - history.modal_displacement @ response.scene.absorber_shapes.T)
 
 
-def check(response: Response, error: float = 1e-10) -> None:
-    """Energy is balanced, losses are losses, and no wall is penetrated."""
+def check(response: Response, error: float = 1e-10) -> float:
+    """Energy is balanced, losses are losses, and no wall is penetrated; return the largest of what may be 1 at most."""
     energy, impacts, phases = response.energy, response.impacts, response.phases
     assert energy is not None
     assert impacts is not None
     assert phases is not None
     scale = max(abs(energy.work), float(np.sum(energy.modal_loss)), energy.stored_at_start, energy.stored_at_end)
-    assert abs(energy.balance_error) <= error * scale + 1e-25
+    shares = [abs(energy.balance_error) / (error * scale + 1e-25)]
+    assert shares[0] <= 1
     assert energy.friction_loss >= -1e-15 * scale
     assert np.all(impacts.energy_lost >= 0)
     assert len(impacts.time) == response.impact_count
@@ -65,7 +69,9 @@ def check(response: Response, error: float = 1e-10) -> None:
     for a, distance in enumerate(relative(response).T):
         walls = response.scene.cavity(a)
         if walls is not None:
-            assert np.max(np.abs(distance)) <= walls.gap + 1e-13 * (walls.gap + size)
+            shares.append(float(np.max(np.abs(distance)) - walls.gap) / (1e-13 * (walls.gap + size)))
+            assert shares[-1] <= 1
+    return max(shares)
 
 
 def test_impact_times_agree_with_an_adaptive_integrator() -> None:
@@ -187,6 +193,17 @@ def test_absorbers_held_by_walls_set_each_other_free_only_finitely_often() -> No
         assert response.steps < 20_000
 
 
+def test_bounces_of_one_die_out_beside_one_that_is_held() -> None:
+    """A light absorber chatters with friction while a heavy one rests on its wall: each event must leave the bounces smaller, down to rounding."""
+    scene = beam_scene(Beam(), impact_absorbers(GAPS, (1.0, 0.7736825462817463), 0.7, 0.05, 0.02, (LIGHT, 1 - LIGHT)))
+    reference = scene.model.resonance_omega(1)
+    schedule = linear_sweep(reference, 0.9, 0.98, percent_per_100_periods=10.0)
+    response = simulate(scene, Drive(17.5, schedule, 4.698951511487796), record=Record(energy=True, events=True))
+    assert response.steps < 100_000
+    assert response.energy is not None
+    assert abs(response.energy.balance_error) < 1e-11 * response.energy.work
+
+
 unit = st.floats(-1, 1)
 positions = st.one_of(st.just(1.0), st.floats(0.2, 1.0))
 
@@ -212,7 +229,8 @@ def test_energy_and_walls(data: st.DataObject, absorbers: SeveralAbsorbers, forc
     shares = [data.draw(st.one_of(st.sampled_from([0.0, 1.0, -1.0]), unit)) for _ in absorbers.absorbers]
     gaps = [getattr(scene.cavity(a), "gap", 1e-3) for a in range(scene.places)]
     start = InitialState(q, None, scene.absorber_shapes @ q + np.array(shares) * np.array(gaps), [0.1 * data.draw(unit) for _ in shares])
-    check(run(scene, drive_of(force, ratio, periods=1.5), initial=data.draw(st.sampled_from([InitialState(), start]))), 1e-9)
+    response = run(scene, drive_of(force, ratio, periods=1.5), initial=data.draw(st.sampled_from([InitialState(), start])))
+    assert check(response, 1e-9) <= 1
 
 
 def test_lanes_and_level() -> None:

@@ -74,6 +74,7 @@ from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
 
 Array = NDArray[np.float64]
 UNKNOWN = 1e300  # as a bound: none
+NO_SET = -1  # before a run's first regime
 
 
 class Room(NamedTuple):
@@ -188,11 +189,20 @@ def write_absorbers(now, s, half, state):  # type: ignore[no-untyped-def]
 
 
 @jit
-def go_to(sets, absorbers, window, state, room):  # type: ignore[no-untyped-def]
-    """Go on in the regime of the absorbers that are joined now, from a state."""
-    s = joined_set(room.now)
-    solve_set(sets, absorbers, window, s, room.flow)
-    enter_set(sets, room.flow, window, room.now, s, room.own, room.bent, room.now[0, TAU], state, room.work.z)
+def go_to(sets, absorbers, window, before, state, room):  # type: ignore[no-untyped-def]
+    """Go on in the regime of the absorbers that are joined now, from a state that was left in set ``before``.
+
+    In the same set only the constant forces change: a way through the state and back would leave the rounding of the two maps, and bounces that
+    are as small as that would never end.
+    """
+    s, z = joined_set(room.now), room.work.z
+    if s == before:
+        add(room.own[s], REST, 1.0, z)
+        bend(sets, room.now, s, room.own, room.bent)
+        add(room.own[s], REST, -1.0, z)
+    else:
+        solve_set(sets, absorbers, window, s, room.flow)
+        enter_set(sets, room.flow, window, room.now, s, room.own, room.bent, room.now[0, TAU], state, z)
 
 
 @jit
@@ -202,7 +212,7 @@ def settle_waiting(sets, absorbers, losses, window, s, state, room, events):  # 
     for a in range(room.now.shape[0]):
         room.joints.waits[a] = is_joined(s, a) or (room.now[a, AT_REST] > 0.0 and (absorbers.limit[a] > 0.0 or room.now[a, SIDE] != 0.0))
     settle(absorbers, losses, sets.compliance[0], window, room.now, state, room.joints, events)
-    go_to(sets, absorbers, window, state, room)
+    go_to(sets, absorbers, window, s, state, room)
 
 
 @jit
@@ -212,7 +222,7 @@ def release(sets, absorbers, window, s, a, event, state, room, events):  # type:
     see_places(absorbers, state, room.joints)
     time = window.centre + room.now[0, TAU]
     part(absorbers.limit[a], room.now[a], room.joints.speed[a], -1.0 if event == HIT_HIGH else 1.0, time, events)
-    go_to(sets, absorbers, window, state, room)
+    go_to(sets, absorbers, window, s, state, room)
 
 
 @jit
@@ -271,7 +281,7 @@ def set_free(sets, absorbers, window, s, a, found, state, room, events):  # type
         if is_joined(freed, b):
             part(absorbers.limit[b], now[b], room.joints.speed[b], 1.0, time, events)
     if freed != 0:
-        go_to(sets, absorbers, window, state, room)
+        go_to(sets, absorbers, window, s, state, room)
     return freed != 0
 
 
@@ -298,7 +308,7 @@ def kick_others(sets, absorbers, window, s, a, impulse, state, room):  # type: i
                 now[b, SIGN], now[b, AT_REST] = sign, 0.0
                 friction_force(absorbers.limit[b], now[b])
     if turned:
-        go_to(sets, absorbers, window, state, room)
+        go_to(sets, absorbers, window, s, state, room)
 
 
 @jit
@@ -335,7 +345,7 @@ def begin(sets, absorbers, losses, window, state, room, events):  # type: ignore
             row[SIDE] = 0.0  # on a wall and moving into it: the search reports the impact at once
         friction_force(limit, row)
     settle(absorbers, losses, sets.compliance[0], window, now, state, room.joints, events)
-    go_to(sets, absorbers, window, state, room)
+    go_to(sets, absorbers, window, NO_SET, state, room)
 
 
 @jit
