@@ -19,11 +19,10 @@ from impact_env.parameters import (
     count,
     require,
 )
+from impact_env.regimes import MOST_HEAVINESS
 from impact_env.scene import Scene
 
 LEAST_STEPS = 4  # per period of the highest mode, and of the force
-# stuck mass times sum tip_shape^2: how many times less the tip moves than without it, and so how many digits its motion loses
-MOST_HEAVINESS = 1e7
 ROUNDING = 1e-9  # a step this close to its limit counts as at it
 SURE_REACH = 2.5  # |s| h up to which the classical Runge-Kutta method is stable for every damping
 PAPER_STEPS = 20  # per period of the highest mode (paper, section 2.3), and per contact (paper, appendix A)

@@ -28,6 +28,8 @@ CRITICAL = 1e-8  # a damping ratio this close to 1 is moved to 1 + CRITICAL: two
 LIGHT, EXTREME = 1e-6, 1e3  # mass over the beam's, and own rates over the beam's first frequency: far beyond, modes on a spring lose their digits
 DISTINCT = "damping and stiffness away from a double eigenvalue"
 COMPLETE = 1e-8  # the modes of a regime span the state up to this; at 1e-6 a run has lost all but four digits
+# mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
+MOST_HEAVINESS = 1e7
 UNCOUPLED = 1e-9  # of the largest tip shape: a mode with a node at the absorber
 
 Complex = NDArray[np.complex128]
@@ -214,12 +216,18 @@ def slot_tables(eigenvalues: Complex, size: int, reach: float, speed: float | No
     return parted(table), scale, *ladder(s, used, reach, speed)
 
 
-def check_basis(modes: Modes, states: Index, allowed: str = DISTINCT) -> None:
+def check_basis(modes: Modes, states: Index, allowed: str) -> None:
     """Raise ParameterError, saying what is ``allowed``, if the eigenvectors do not span the state."""
     block = np.real(modes.out @ modes.into)[np.ix_(states, states)]
     scale = np.sqrt(np.outer(np.diag(block), 1 / np.diag(block))) if np.all(np.diag(block) > 0) else np.full_like(block, np.nan)
     error = np.max(np.abs(np.diag(block) - 1))
     require(bool(np.isfinite(scale).all()) and error < COMPLETE, "scene", f"modal basis off by {error:.1e}", allowed)
+
+
+def _needed_of_mass(model: ModalModel, mass: float) -> str:
+    """Return how heavy a mass on the tip may be for its modes to have digits, or that no two eigenvalues may be alike where it is not too heavy."""
+    most = MOST_HEAVINESS / float(np.sum(model.tip_shape**2))
+    return DISTINCT if mass <= most else f"an absorber of at most {most / model.beam_mass:.1e} times the beam's mass: a tip that hardly moves has no digits"
 
 
 def _needed_of_spring(model: ModalModel, mass: float, stiffness: float, damper: float) -> str:
@@ -250,7 +258,7 @@ def free_regime(model: ModalModel, size: int, reach: float) -> Regime:
 def joined_regime(model: ModalModel, mass: float, size: int, reach: float) -> Regime:
     """Return the regime of an absorber (kg) that moves with the tip. Guard signal: the force on the absorber, mass times tip acceleration."""
     modes = _coupled_modes(model, mass, None)
-    check_basis(modes, _state_index(model, False))
+    check_basis(modes, _state_index(model, False), _needed_of_mass(model, mass))
     tip = model.tip_shape @ modes.out[: model.modes]
     return _regime(modes, mass * modes.values**2 * tip, tip, size, reach)
 
