@@ -225,9 +225,11 @@ def check_basis(modes: Modes, states: Index, allowed: str) -> None:
 
 
 def _needed_of_mass(model: ModalModel, mass: float) -> str:
-    """Return how heavy a mass on the tip may be for its modes to have digits, or that no two eigenvalues may be alike where it is not too heavy."""
+    """Return how heavy a mass on the tip may be for its modes to have digits, or what else is needed where it is not too heavy."""
     most = MOST_HEAVINESS / float(np.sum(model.tip_shape**2))
-    return DISTINCT if mass <= most else f"an absorber of at most {most / model.beam_mass:.1e} times the beam's mass: a tip that hardly moves has no digits"
+    if mass <= most:
+        return DISTINCT
+    return f"an absorber of at most {most / model.beam_mass:.1e} times the beam's mass: a tip that hardly moves has no digits"
 
 
 def _needed_of_spring(model: ModalModel, mass: float, stiffness: float, damper: float) -> str:

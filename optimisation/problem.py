@@ -29,6 +29,11 @@ FAILED = 1e6  # what a design costs whose runs the integrator gives up
 PENALTY = 1e3  # what a broken constraint costs where a method knows no constraints, and more the worse it is broken
 
 
+def detuned_beam(beam: Beam, share: float) -> Beam:
+    """Return a beam whose frequencies are shifted by a share, by its stiffness, with the free end as the absorber's place."""
+    return replace(beam, bending_stiffness=beam.bending_stiffness * (1 + share) ** 2, absorber_position=1.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Which design of a ``space`` is best under ``conditions``. ``rate`` is the sweep's, in percent per 100 pseudo periods."""
@@ -132,7 +137,7 @@ class Problem:
         """The beam of each detuning, with its gauges and its modal model with the free end as the absorber's place."""
         every = {}
         for detuning in {condition.detuning for condition in self.conditions}:
-            beam = replace(self.beam, bending_stiffness=self.beam.bending_stiffness * (1 + detuning) ** 2, absorber_position=1.0)
+            beam = detuned_beam(self.beam, detuning)
             every[detuning] = (beam, gauges(beam), modal_model(beam))
         return every
 

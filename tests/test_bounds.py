@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, StuckAbsorber
 from optimisation.bounds import NEAR, design_force, design_gap, resonance_limit, stroke_limit_rms
+from optimisation.bounds.lines import lines, places
 from optimisation.response import receptance, tip_response
 
 MODEL = modal_model(Beam())
@@ -50,6 +51,52 @@ def test_every_admissible_line_obeys_the_limit(angle: float, size: float, force:
     kappa = receptance(MODEL, omega, MODEL.tip_shape, MODEL.tip_shape) * MASS * omega**2
     tip = (force * receptance(MODEL, omega, MODEL.tip_shape, MODEL.force_shape) + kappa * stroke) / (1 - kappa)
     assert abs(tip) / np.sqrt(2) >= stroke_limit_rms(MODEL, MASS, GAP, force, omega) * (1 - 1e-12) - 1e-18
+
+
+def moved(model: ModalModel, masses: list[float], strokes: list[complex], force: float, omega: float, at: np.ndarray) -> complex:
+    """Return the line of a place by solving for the places' own lines, with the free beam's receptances."""
+    shapes, inertia = places(model), np.array(masses) * omega**2
+    between = np.array([[complex(receptance(model, omega, a, b)) for b in shapes] for a in shapes])
+    driven = force * np.array([complex(receptance(model, omega, a, model.force_shape)) for a in shapes])
+    own = np.linalg.solve(np.eye(len(masses)) - between * inertia, driven + between @ (inertia * strokes))
+    to_place = np.array([complex(receptance(model, omega, at, b)) for b in shapes])
+    return complex(force * receptance(model, omega, at, model.force_shape)) + complex(to_place @ (inertia * (own + strokes)))
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.2, 1), st.floats(0.001, 0.3), st.floats(0, 1), st.floats(0, 2 * np.pi)), min_size=1, max_size=3),
+    st.floats(0.2, 1),
+    st.floats(0, 50),
+    st.floats(0.3, 8),
+)
+@settings(max_examples=100, deadline=None)
+def test_lines_of_several_masses_read_anywhere(devices: list[tuple[float, ...]], place: float, force: float, at: float) -> None:
+    """The line of any admissible strokes follows from receptances too, and its RMS is not below the limit."""
+    beam = Beam(modes=4)
+    model = modal_model(beam, [x for x, *_ in devices])
+    end = modal_model(Beam(modes=4, absorber_position=place)).tip_shape
+    omega, masses = at * model.omega[0], [ratio * model.beam_mass for _, ratio, *_ in devices]
+    strokes = [size * 4 * GAP / np.pi * np.exp(1j * angle) for *_, size, angle in devices]
+    found = lines(model, np.array(masses), omega, end)
+    line = force * complex(found.force) + complex(found.strokes @ strokes)
+    expected = moved(model, masses, strokes, force, omega, end)
+    assert abs(line - expected) <= 1e-9 * (abs(expected) + force * abs(complex(found.force)) + 1e-6)
+    limit = stroke_limit_rms(model, masses, [GAP] * len(masses), force, omega, end)
+    assert abs(line) / np.sqrt(2) >= limit * (1 - 1e-12) - 1e-15
+
+
+def test_two_halves_at_one_place_are_one_mass() -> None:
+    both = modal_model(Beam(), [1.0, 1.0])
+    halves = stroke_limit_rms(both, [MASS / 2, MASS / 2], [GAP, GAP], 10.0, OMEGA, MODEL.tip_shape)
+    np.testing.assert_allclose(halves, stroke_limit_rms(MODEL, MASS, GAP, 10.0, OMEGA), rtol=1e-9, atol=1e-12)
+
+
+def test_an_undamped_joined_resonance_is_infinite() -> None:
+    """At the resonance with the mass stuck a force is answered without bound, unless the device can cancel it."""
+    undamped = ModalModel([100.0], [0.0], [1.0], [2.0], 1.0)
+    omega = 100.0 / np.sqrt(1 + 0.25 * 4)
+    assert stroke_limit_rms(undamped, 0.25, 1e-3, 1e4, omega) == np.inf
+    assert stroke_limit_rms(undamped, 0.25, 1e3, 1.0, omega) == 0
 
 
 @given(factor=st.floats(1e-3, 1e3), force=st.floats(0, 50))
@@ -117,6 +164,9 @@ def test_bad_input() -> None:
         (lambda: design_force(MODEL, 10 * MASS, GAP, low=0.93), "range"),
         (lambda: design_gap(MODEL, MASS, 0.0), "force"),
         (lambda: design_force(bare, 0.01, GAP), "force_shape"),
+        (lambda: stroke_limit_rms(MODEL, [MASS, MASS], GAP, 1.0, OMEGA), "mass"),
+        (lambda: stroke_limit_rms(modal_model(Beam(), [1.0, 0.5]), [MASS, MASS], GAP, 1.0, OMEGA), "gap"),
+        (lambda: stroke_limit_rms(MODEL, MASS, GAP, 1.0, OMEGA, [1.0]), "tip_shape"),
     ):
         with pytest.raises(ParameterError, match=name):
             call()

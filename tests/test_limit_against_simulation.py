@@ -8,7 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impact_env import Beam, Drive, Scene, TunedAbsorber, constant_frequency, friction_damper, impact_absorber, modal_model
+from impact_env import (
+    Beam,
+    Drive,
+    Scene,
+    TunedAbsorber,
+    beam_scene,
+    constant_frequency,
+    friction_damper,
+    impact_absorber,
+    impact_absorbers,
+    modal_model,
+)
 from impact_env.modes import ModalModel
 from optimisation.bounds import design_force, stroke_limit_rms
 from optimisation.response import receptance, tip_response
@@ -19,12 +30,15 @@ DESIGNS = 60  # for each of four seeds
 
 
 def stationary(scene: Scene, force: float, omega: float, reference: float) -> tuple[float, np.ndarray]:
-    """Return the tip's RMS and the absorber's displacement relative to the tip in m after the start-up."""
+    """Return the tip's RMS and the absorber's displacement relative to the tip in m after the start-up; of several absorbers, none."""
     drive = Drive(force, constant_frequency(reference, omega / reference, SETTLED + MEASURED))
     history = core.run(scene, drive, samples=SAMPLES).history
     assert history is not None
     part = slice(-MEASURED * SAMPLES, None)
-    return float(np.sqrt(np.mean(history.tip_displacement[part] ** 2))), (history.absorber_displacement - history.tip_displacement)[part]
+    rms = float(np.sqrt(np.mean(history.tip_displacement[part] ** 2)))
+    if history.absorber_displacement.ndim > 1:
+        return rms, np.zeros(0)
+    return rms, (history.absorber_displacement - history.tip_displacement)[part]
 
 
 def random_model(random: np.random.Generator) -> ModalModel:
@@ -51,6 +65,31 @@ def test_stationary_runs_of_random_designs_obey_the_limit(seed: int) -> None:
         margins.append(rms / limit if limit > 0 else np.inf)
     assert np.sum(np.isfinite(margins)) >= DESIGNS // 2  # the limit says something
     assert min(margins) < 1.25  # and is not far away
+
+
+def test_several_absorbers_anywhere_obey_the_limit_of_the_free_end() -> None:
+    random = np.random.default_rng(0)
+    margins = []
+    for k in range(16):
+        resonance, n = 1 + k % 2, 2 + k % 3 // 2
+        positions = [float(random.choice([1.0, random.uniform(0.5, 1.0)])) for _ in range(n)]
+        shares = random.dirichlet(np.ones(n))
+        ratio, gaps, e = 0.01 * 10 ** random.random(), 10 ** random.uniform(-4, -2.5, n), random.uniform(0.3, 0.9, n)
+        friction = [float(x) if x > 1e-3 else None for x in 10 ** random.uniform(-4, -1, n)]
+        absorbers = impact_absorbers(gaps, positions, e, friction, ratio, shares / shares.sum())
+        scene = beam_scene(Beam(modes=3, damping_ratio=float(random.uniform(0.01, 0.03))), absorbers)
+        model, masses = scene.model, scene.absorber_masses
+        reference = model.resonance_omega(resonance)
+        omega = random.uniform(0.93, 1.03) * reference
+        # a force at which the limit is some way above zero
+        reach = float(stroke_limit_rms(model, masses, 1e-9 * np.ones(n), 1.0, omega, model.tip_shape))
+        force = 10 ** random.uniform(0.1, 0.5) * float(np.sum(masses * gaps)) / float(np.sum(masses)) / reach
+        rms, _ = stationary(scene, force, omega, reference)
+        limit = float(stroke_limit_rms(model, masses, gaps, force, omega, model.tip_shape))
+        assert rms >= limit * (1 - SLACK), (absorbers, force, omega)
+        margins.append(rms / limit if limit > 0 else np.inf)
+    assert np.sum(np.isfinite(margins)) >= 8
+    assert min(margins) < 1.5
 
 
 def test_stationary_friction_dampers_obey_the_limit_of_their_own_stroke() -> None:

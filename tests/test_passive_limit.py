@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from hypothesis import strategies as st  # noqa: E402
 from impact_env.modes import ModalModel, modal_model  # noqa: E402
 from impact_env.parameters import Beam, ParameterError  # noqa: E402
 from optimisation.bounds import design_force, resonance_limit, stroke_limit_rms  # noqa: E402
+from optimisation.bounds.lines import lines as line_terms  # noqa: E402
 from optimisation.bounds.relaxation import dual_bound, passive_limit, passive_resonance_limit  # noqa: E402
 from optimisation.convex import NotOptimalError  # noqa: E402
 from optimisation.response import receptance  # noqa: E402
@@ -79,6 +82,49 @@ def test_any_multipliers_give_a_lower_bound(real: float, imag: float, stroke: fl
     admissible = (r * (1 + b * r).conj()).imag <= 0
     smallest = float(np.min(np.abs(1 + b * r[admissible]) ** 2))
     assert dual_bound(b, largest, stroke, power) <= smallest + 1e-9
+
+
+@given(
+    force=st.floats(0, 2),
+    gap=st.floats(-4, -2),
+    mass_ratio=st.floats(-2.5, 0),
+    at=st.floats(0.3, 8),
+    place=st.floats(0.3, 0.95),
+    phase=st.floats(0, 1),
+)
+@settings(max_examples=60, deadline=None)
+def test_read_elsewhere_no_admissible_passive_stroke_is_below_it(
+    force: float, gap: float, mass_ratio: float, at: float, place: float, phase: float
+) -> None:
+    model, end = modal_model(Beam(modes=3, absorber_position=place)), modal_model(Beam(modes=3)).tip_shape
+    mass, amplitude, omega, size = 10**mass_ratio * model.beam_mass, 10**force, at * model.omega[0], 4 * 10**gap / np.pi
+    limit = passive_limit(model, mass, 10**gap, amplitude, omega, end)
+    level, own = (line_terms(model, np.array([mass]), omega, row) for row in (end, model.tip_shape))
+    r = size * np.linspace(0, 1, 201)[:, None] * np.exp(2j * np.pi * (phase + np.arange(1440)) / 1440)
+    passive = (r * (amplitude * complex(own.force) + complex(own.strokes[0]) * r).conj()).imag <= 0
+    found = float(np.min(np.abs(amplitude * complex(level.force) + complex(level.strokes[0]) * r)[passive])) / np.sqrt(2)
+    stuck = amplitude * abs(complex(level.force))
+    assert limit.rms <= found * (1 + 1e-9) + 1e-12 * stuck
+    assert found - limit.rms <= 1e-2 * abs(complex(level.strokes[0])) * size + 1e-4 * stuck  # the grid's spacing
+    assert limit.rms >= float(stroke_limit_rms(model, mass, 10**gap, amplitude, omega, end)) - 3e-5 * stuck
+
+
+def test_read_elsewhere_being_passive_can_cost_most() -> None:
+    """Between two resonances, with the force farther out than the absorber: to calm the end a device there would have to feed power into the beam."""
+    beam = Beam(modes=3, absorber_position=0.55, force_position=0.94)
+    model, end = modal_model(beam), modal_model(replace(beam, absorber_position=1.0)).tip_shape
+    mass, omega = 0.02 * model.beam_mass, 4.57 * model.omega[0]
+    stuck = float(stroke_limit_rms(model, mass, 1e-15, 1.0, omega, end))
+    line = line_terms(model, np.array([mass]), omega, end)
+    gap = np.pi / 4 * 0.5 * abs(complex(line.force) / complex(line.strokes[0]))  # half of what an active device would need to bring the end to rest
+    assert float(stroke_limit_rms(model, mass, gap, 1.0, omega, end)) == pytest.approx(0.5 * stuck, rel=1e-6)
+    assert passive_limit(model, mass, gap, 1.0, omega, end).rms > 0.8 * stuck
+
+
+def test_several_absorbers_have_no_passive_limit() -> None:
+    both = modal_model(Beam(), [1.0, 0.5])
+    with pytest.raises(ParameterError, match="one absorber"):
+        passive_limit(both, MASS, GAP, 1.0, 250.0)
 
 
 def test_largest_over_the_sweep() -> None:

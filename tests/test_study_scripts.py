@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import json
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -178,12 +179,18 @@ def test_bad_input_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, nam
     assert all(part in result.stderr for part in names), result.stderr
 
 
-def test_limit_is_for_cavities_at_the_free_end() -> None:
-    problem = Problem(design_space("impact", ["gap", "position"]), (Condition(1, 10.0),), beam=Beam(modes=2))
-    end = problem.space.design({"gap": 1e-3, "position": 1.0})
-    inside = problem.space.design({"gap": 1e-3, "position": 0.9})
-    assert limit(problem, end, problem.conditions[0]) > 1e-3
-    assert limit(problem, inside, problem.conditions[0]) != limit(problem, inside, problem.conditions[0])  # NaN
+def test_limit_is_that_of_the_free_end_for_any_place_and_any_number_of_cavities() -> None:
+    beam = Beam(modes=3)
+    conditions = (Condition(1, 10.0), Condition(1, 10.0, detuning=0.05))
+    problem = Problem(design_space("impact", ["gap", "position"]), conditions, beam=beam)
+    end, near, inside = (problem.space.design({"gap": 1e-3, "position": x}) for x in (1.0, 1 - 1e-9, 0.7))
+    both = design_space("several", ["gap_1", "gap_2"]).design({"gap_1": 1e-3, "gap_2": 1e-3})
+    own, other = (limit(problem, end, condition) for condition in conditions)
+    assert own > other > 1e-3  # a stiffer beam answers less
+    assert limit(problem, near, conditions[0]) == pytest.approx(own, rel=1e-6)
+    assert limit(problem, both, conditions[0]) == pytest.approx(own, rel=1e-9)  # two halves of the mass, one place, one gap
+    assert limit(problem, inside, conditions[0]) > 1.2 * own
+    assert math.isnan(limit(problem, design_space("friction").default, conditions[0]))  # no cavity
 
 
 def test_sobol_indices_find_what_matters() -> None:

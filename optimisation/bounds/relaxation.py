@@ -1,16 +1,18 @@
 """The limit of a passive device by semidefinite programming, certified by its multipliers.
 
-One complex unknown, the line r of the stroke; the tip's line is q = A + B r (see `optimisation.bounds.stroke`). The problem
+One complex unknown, the line r of the stroke; the level's line is f A + B r, that of the device's own place q = f A_a + B_a r (see
+`optimisation.bounds.lines`). The problem
 
-    minimise |A + B r|^2    subject to    |r| <= R,    Im(r conj(q)) <= 0
+    minimise |f A + B r|^2    subject to    |r| <= R,    Im(r conj(q)) <= 0
 
 is a quadratic programme with quadratic constraints. Its relaxation replaces |r|^2 by the corner of a matrix [[1, conj(r)], [r, x]] that is
-positive semidefinite, x >= |r|^2. It is exact here: since Im(B) <= 0 both constraints are convex, so r of the relaxation itself is admissible.
+positive semidefinite, x >= |r|^2. It is exact here: since Im(B_a) <= 0 both constraints are convex, so r of the relaxation itself is admissible.
+Where the level is that of the device's own place the limit is the closed form of `optimisation.bounds.stroke`; elsewhere it may be higher.
 
 The solver's number is not taken at its word. For any multipliers a >= 0 and c >= 0 the smallest value of the Lagrangian over all r is a lower
 bound (weak duality), and it has a closed form. So the number given back is a limit whatever the solver's accuracy.
 
-Everything is dimensionless: q over |A|, r over R, turned so that A is 1.
+Everything is dimensionless: the level's line over |f A|, r over R, turned so that f A is 1; the power's constraint is divided by |f A_a|.
 """
 
 from __future__ import annotations
@@ -21,10 +23,12 @@ from typing import Any
 
 import cvxpy
 import numpy as np
+from numpy.typing import ArrayLike
 
 from impact_env.modes import ModalModel
-from impact_env.parameters import non_negative, positive
-from optimisation.bounds.stroke import SWEPT, line_amplitude, line_responses, worst_frequency
+from impact_env.parameters import non_negative, positive, require
+from optimisation.bounds.lines import lines, masses_of, places, strokes_of, watched
+from optimisation.bounds.stroke import SWEPT, worst_frequency
 from optimisation.convex import NotOptimalError, solve
 
 _TOLERANCE = 1e-9
@@ -45,68 +49,99 @@ class PassiveLimit:
     slack: float
 
 
+@dataclass(frozen=True)
+class _Problem:
+    """The level's line is 1 + b u for strokes |u| <= largest, the line of the device's own place, but for a factor, a + c u."""
+
+    b: complex
+    a: complex
+    c: complex
+    largest: float
+
+    def level(self, u: complex) -> float:
+        return abs(1 + self.b * u)
+
+    def power(self, u: complex) -> float:
+        return (u * np.conj(self.a + self.c * u)).imag
+
+
 @lru_cache(maxsize=1)
 def _programme() -> tuple[Any, Any, Any, list[Any]]:
-    """Return problem, matrix over (1, Re r, Im r), parameters (Re b, Im b, |b|^2, 1/R^2) and constraints; so cvxpy compiles it only once."""
-    matrix, data = cvxpy.Variable((3, 3), PSD=True), cvxpy.Parameter(4)
+    """Return problem, matrix over (1, Re u, Im u), its parameters and constraints; so cvxpy compiles it only once."""
+    matrix, data = cvxpy.Variable((3, 3), PSD=True), cvxpy.Parameter(7)
     real, imag, square = matrix[0, 1], matrix[0, 2], matrix[1, 1] + matrix[2, 2]
-    # stroke at most R; no power into the beam: Im(r conj(1 + b r)) = Im(r) - Im(b) |r|^2
-    constraints = [data[3] * square <= 1, imag - data[1] * square <= 0, matrix[0, 0] == 1]
+    # stroke at most R; no power into the beam: Im(u conj(a + c u)) = Im(u) Re(a) - Re(u) Im(a) - Im(c) |u|^2
+    constraints = [data[3] * square <= 1, data[4] * imag - data[5] * real - data[6] * square <= 0, matrix[0, 0] == 1]
     objective = 1 + 2 * (data[0] * real - data[1] * imag) + data[2] * square
     return cvxpy.Problem(cvxpy.Minimize(objective), constraints), matrix, data, constraints
 
 
-def dual_bound(b: complex, largest: float, stroke: float, power: float) -> float:
-    """Return min over r of |1 + b r|^2 + stroke (|r/largest|^2 - 1) + power Im(r conj(1 + b r)), a lower bound for multipliers 0 or above."""
-    square = abs(b) ** 2 + stroke / largest**2 - power * b.imag
-    slope = abs(2 * b - 1j * power)
+def dual_bound(b: complex, largest: float, stroke: float, power: float, own: tuple[complex, complex] | None = None) -> float:
+    """Return min over u of |1 + b u|^2 + stroke (|u/largest|^2 - 1) + power Im(u conj(a + c u)), a lower bound for multipliers 0 or above.
+
+    ``own``: (a, c), by default (1, b).
+    """
+    a, c = (1.0 + 0j, b) if own is None else own
+    square = abs(b) ** 2 + stroke / largest**2 - power * c.imag
+    slope = float(np.hypot(2 * b.real - power * a.imag, 2 * b.imag - power * a.real))
     if slope == 0:
         return 1.0 - stroke
     return 1.0 - stroke - slope**2 / (4 * square) if square > 0 else -np.inf
 
 
-def passive_limit(model: ModalModel, mass: float, gap: float, force: float, omega: float) -> PassiveLimit:
+def passive_limit(model: ModalModel, mass: float, gap: float, force: float, omega: float, at: ArrayLike | None = None) -> PassiveLimit:
     """Return the limit of passive devices at one frequency.
 
-    ``mass`` m_a in kg, ``gap`` g0 in m, ``force`` in N, ``omega`` in rad/s; assumptions as in `optimisation.bounds.stroke`. Raises ParameterError for
-    numbers out of range, NotOptimalError if the solver's status is not ``optimal`` or its solution does not stand the checks.
+    ``mass`` m_a in kg, ``gap`` g0 in m, ``force`` in N, ``omega`` in rad/s, ``at``: mode shape (N_m,) of the place where the level is read;
+    assumptions as in `optimisation.bounds.stroke`, for one absorber. Raises ParameterError for numbers out of range, NotOptimalError if the solver's
+    status is not ``optimal`` or its solution does not stand the checks.
     """
     amplitude, omega = non_negative("force", force), positive("omega", omega)
-    size = line_amplitude(gap)
-    by_force, kappa, joined = (complex(x) for x in line_responses(model, positive("mass", mass), omega))
-    if amplitude * abs(by_force) == 0:
+    own_place = places(model)
+    require(len(own_place) == 1, "model", f"with the places of {len(own_place)} absorbers", "one absorber: the passive limit is for a single device")
+    masses, size = masses_of(model, mass), float(strokes_of(model, gap)[0])
+    level, own = (lines(model, masses, omega, place) for place in (watched(model, at), own_place[0]))
+    by_force = amplitude * complex(level.force)
+    if by_force == 0:
         return PassiveLimit(0.0, omega, 0j, 0.0)
-    # b = B R/|A| with the phase of B = kappa/(1 - kappa); the joined beam's undamped resonance, 1 - kappa = 0, leaves any phase
-    turn = abs(joined) / joined if joined != 0 else 1.0
-    b = kappa * size / (amplitude * abs(by_force)) * turn
-    unit, bound, slack = _solve(b)
-    with np.errstate(divide="ignore"):
-        scale = float(np.float64(amplitude * abs(by_force)) / np.float64(abs(joined)))
-    phase = by_force / abs(by_force) * turn
-    return PassiveLimit(float(scale * bound / np.sqrt(2)) if bound > 0 else 0.0, omega, size * unit * phase, slack)
+    turn, place = by_force / abs(by_force), amplitude * complex(own.force)
+    unit = abs(place) or 1.0
+    # at an undamped resonance both lines grow along the same eigenvector, and only ratios of what is left are used
+    problem = _Problem(complex(level.strokes[0]) * size / abs(by_force), place / turn / unit, complex(own.strokes[0]) * size / unit, 1.0)
+    stroke, bound, slack = _solve(problem)
+    rms = float(level.scale) * abs(by_force) * bound / np.sqrt(2) if bound > 0 else 0.0
+    return PassiveLimit(float(rms), omega, size * stroke * turn, slack)
 
 
-def _solve(b: complex) -> tuple[complex, float, float]:
-    """Return for A = 1 and R = 1 the stroke, the certified least amplitude, and the slack of the relaxation."""
-    problem, matrix, data, constraints = _programme()
-    largest = max(1.0, abs(b))  # where rest is in reach the stroke that gives it, 1/|b|, is the unit instead of R
-    b = b / largest
-    data.value = np.array([b.real, b.imag, abs(b) ** 2, 1 / largest**2])
-    solve(problem, f"passive limit (ratio of strokes {largest:.6g})", _TOLERANCE)
+def _solve(given: _Problem) -> tuple[complex, float, float]:
+    """Return the stroke over R, the certified least level over |f A|, and the slack of the relaxation."""
+    programme, matrix, data, constraints = _programme()
+    largest = max(1.0, abs(given.b))  # where rest is in reach the stroke that gives it, 1/|b|, is the unit instead of R
+    b, a, c = given.b / largest, given.a, given.c / largest
+    scaled = _Problem(b, a, c, largest)
+    data.value = np.array([b.real, b.imag, abs(b) ** 2, 1 / largest**2, a.real, a.imag, c.imag])
+    solve(programme, f"passive limit (ratio of strokes {largest:.6g})", _TOLERANCE)
     stroke, power = (max(0.0, float(constraint.dual_value)) for constraint in constraints[:2])
-    bound = float(np.sqrt(max(0.0, dual_bound(b, largest, stroke, power))))
-    r = complex(matrix.value[0, 1], matrix.value[0, 2])
-    reached, flow = abs(1 + b * r), (r * np.conj(1 + b * r)).imag
-    if abs(r) > largest + _ADMISSIBLE or flow > _ADMISSIBLE or reached - bound > _AGREEMENT:
+    bound = float(np.sqrt(max(0.0, dual_bound(b, largest, stroke, power, (a, c)))))
+    u = complex(matrix.value[0, 1], matrix.value[0, 2])
+    reached, flow = scaled.level(u), scaled.power(u)
+    if abs(u) > largest + _ADMISSIBLE or flow > _ADMISSIBLE or reached - bound > _AGREEMENT:
         raise NotOptimalError(f"passive limit: the multipliers prove {bound:.9g}, and the stroke found reaches {reached:.9g} (power {flow:.3g})")
-    return r / largest, bound, float(matrix.value[1, 1] + matrix.value[2, 2] - abs(r) ** 2) / largest**2
+    return u / largest, bound, float(matrix.value[1, 1] + matrix.value[2, 2] - abs(u) ** 2) / largest**2
 
 
 def passive_resonance_limit(
-    model: ModalModel, mass: float, gap: float, force: float, resonance: int = 1, low: float = SWEPT[0], high: float = SWEPT[1]
+    model: ModalModel,
+    mass: float,
+    gap: float,
+    force: float,
+    resonance: int = 1,
+    low: float = SWEPT[0],
+    high: float = SWEPT[1],
+    at: ArrayLike | None = None,
 ) -> PassiveLimit:
     """Return the passive limit at the frequency in low..high times omega_r where the closed-form limit is largest.
 
     Whatever the frequency, it is a limit of the largest stationary level over the range; arguments and errors as in `passive_limit`.
     """
-    return passive_limit(model, mass, gap, force, worst_frequency(model, mass, gap, force, resonance, low, high))
+    return passive_limit(model, mass, gap, force, worst_frequency(model, mass, gap, force, resonance, low, high, at), at)

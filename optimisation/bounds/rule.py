@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, StuckAbsorber, positive, require
-from optimisation.bounds.stroke import GRID, line_amplitude, line_terms, smallest
+from optimisation.bounds.stroke import GRID, line_terms, smallest
 from optimisation.response import frequency_range, natural_frequencies
 
 Real = NDArray[np.float64]
@@ -48,13 +48,13 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
     """
     omega_r, default = model.resonance_omega(resonance), near_range(model, mass, resonance)
     low, high = frequency_range(default[0] if low is None else low, default[1] if high is None else high)
-    size, stuck = line_amplitude(gap), _stuck_ratio(model, mass, resonance)
+    stuck = _stuck_ratio(model, mass, resonance)
     require(low <= stuck <= high, "range (low, high)", (low, high), f"a range that holds the resonance with the mass stuck, at {stuck:.4f}")
 
     def needed(ratio: Real) -> Real:
-        by_force, kappa, _ = line_terms(model, mass, ratio * omega_r)
+        by_force, reach, _ = line_terms(model, mass, gap, ratio * omega_r)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(by_force > 0, kappa * size / by_force, np.inf))
+            return np.asarray(np.where(by_force > 0, reach / by_force, np.inf))
 
     grid = np.linspace(low, high, GRID)
     forces = needed(grid)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from impact_env.parameters import ParameterError
 from optimisation.bounds import design_gap
 from optimisation.designs import GAP, MASS_RATIO, POSITION
-from optimisation.insight import Levels
+from optimisation.insight import Levels, over_force
 from optimisation.objectives import Condition
 from optimisation.report.comparison_figure import DPI, MM, ORDINALS
 from optimisation.report.design_tables import Findings, limit
@@ -72,7 +72,7 @@ def save_curves(path: Path, findings: Findings) -> None:
         _lines(panel, forces, levels, np.full(len(forces), MM))
         panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), xlabel="amplitude of the force in N")
         bottom = 0.5 * MM * float(np.min(levels.low))
-        dense = [Condition(own.resonance, float(f), own.limits) for f in np.geomspace(forces[0], forces[-1], 60)]
+        dense = over_force(own, np.geomspace(forces[0], forces[-1], 60))
         bound = np.array([limit(findings.problem, findings.verdict.winner.design, condition) for condition in dense])
         if np.isfinite(bound).all():
             top = np.maximum(MM * bound, bottom)

@@ -6,13 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from impact_env.parameters import RigidWalls
-from impact_env.scene import Scene
+from impact_env.modes import modal_model
 from optimisation.bounds import reduction_share, resonance_limit
-from optimisation.designs import IMPACT, POSITION, Design
+from optimisation.designs import Design
 from optimisation.insight import Levels, Sensitivity
 from optimisation.objectives import Condition
-from optimisation.problem import Problem
+from optimisation.problem import Problem, detuned_beam
 from optimisation.search.judge import Audit, Judged, Verdict
 from optimisation.search.study import Evaluated
 
@@ -54,15 +53,18 @@ def number(value: float) -> float | None:
 
 
 def limit(problem: Problem, design: Design, condition: Condition) -> float:
-    """Return the stationary limit in m that no device in this design's cavity beats; NaN where the closed form does not apply.
+    """Return the stationary limit in m of the free end's level that no device in this design's cavities beats; NaN if an absorber has none.
 
-    It applies to an impact absorber at the free end (`optimisation.bounds`); a sweep's level is near it, not bound by it.
+    See `optimisation.bounds`; a sweep's level is near it, not bound by it.
     """
-    scene: Scene = design.scene(problem.beam)
-    walls = getattr(scene.absorber, "walls", None)
-    if design.concept != IMPACT or design.values[POSITION] != 1.0 or not isinstance(walls, RigidWalls) or scene.absorber_mass is None:
+    beam = detuned_beam(problem.beam, condition.detuning)
+    scene = design.scene(beam)
+    cavities = [scene.cavity(which) for which in range(scene.places)]
+    gaps = [cavity.gap for cavity in cavities if cavity is not None]
+    if len(gaps) < len(cavities):
         return math.nan
-    return float(resonance_limit(scene.model, scene.absorber_mass, walls.gap, condition.force, condition.resonance, *condition.limits))
+    end = modal_model(beam).tip_shape
+    return float(resonance_limit(scene.model, scene.absorber_masses, gaps, condition.force, condition.resonance, *condition.limits, at=end))
 
 
 def design_columns(problem: Problem) -> list[str]:
