@@ -489,3 +489,17 @@ def test_defaults_and_short_cases_end_within_their_budget(name: str, arguments: 
         _, _, end, cut, _ = env.step(env.action_space.sample())
         steps, over = steps + 1, end or cut
     assert 1 < steps <= 60
+
+
+def test_a_window_shows_what_rgb_array_gives(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    window, picture = make(GAP, render_mode="human"), make(GAP, render_mode="rgb_array")
+    for env in (window, picture):
+        env.reset(seed=0)
+        env.render()  # the strips have a point for each picture; a window draws one by itself after each step
+        env.step(actions(GAP, 1, 1)[0, 0])
+    shown = np.swapaxes(pygame.surfarray.array3d(pygame.display.get_surface()), 0, 1)
+    np.testing.assert_array_equal(shown, picture.render())
+    window.close()
+    assert pygame.display.get_surface() is None
