@@ -102,6 +102,10 @@ def save_place(path: Path, result: Json) -> None:
     left.plot(at, relative[:, :, 0].min(axis=1), "o-", color=BLUE, lw=1.6, ms=4, label="first resonance alone, best gap for it")
     left.plot(at, relative[:, :, 1].min(axis=1), "o-", color=GREEN, lw=1.6, ms=4, label="second resonance alone, best gap for it")
     left.plot(at, worse.min(axis=1), "o-", color=BLACK, lw=2.2, ms=5, label="worse of both, best gap for that")
+    best, limits = worse.argmin(axis=1), 100 * np.array(result["limit"]).max(axis=2)
+    reach = limits[np.arange(len(at)), best]
+    label = "out of stationary reach with that gap"
+    left.fill_between(at, 0, reach, facecolor="0.93", edgecolor="0.7", hatch="////", lw=0.6, zorder=0.4, label=label)
     found = result["free"]["winner"]
     left.plot(found["values"]["position"], 100 * found["score"][0], "*", ms=14, color=ORANGE, label="search with the position free")
     left.set(ylim=(0, 108), xlabel="position of the absorber over the beam's length", ylabel="response level of the free end in % of no absorber")

@@ -164,13 +164,16 @@ def _impact_optima(impact: Sequence[Json]) -> str:
 
 
 def _place(result: Json) -> str:
-    header = ("position x/l", "mass ratio to mode 1", "to mode 2", "best gap, mm", "worse of both, %", "first alone, %", "second alone, %")
-    gaps, relative = 1e3 * np.array(result["gaps_m"]), np.array(result["relative"])
+    levels_of = ("worse of both, %", "limit, %", "first alone, %", "second alone, %")
+    header = ("position x/l", "mass ratio to mode 1", "to mode 2", "best gap, mm", *levels_of)
+    gaps, relative, limits = 1e3 * np.array(result["gaps_m"]), np.array(result["relative"]), np.array(result["limit"])
     rows = []
-    for x, shapes, levels in zip(result["positions"], result["shapes"], relative, strict=True):
+    for x, shapes, levels, bounds in zip(result["positions"], result["shapes"], relative, limits, strict=True):
         worse = levels.max(axis=1)
+        best = int(worse.argmin())
         ratios = [f"{result['mass_kg'] * shape**2:.4f}" for shape in shapes]
-        rows.append((f"{x:g}", *ratios, f"{gaps[worse.argmin()]:.2f}", _percent(worse.min()), *(_percent(v) for v in levels.min(axis=0))))
+        bound = _percent(bounds[best].max())
+        rows.append((f"{x:g}", *ratios, f"{gaps[best]:.2f}", _percent(worse[best]), bound, *(_percent(v) for v in levels.min(axis=0))))
     found = result["free"]
     place = found["winner"]["values"]["position"]
     text = f"With the position free among four variables the search ends at x/l = {place:.3g} ({_design(found)}): {_judged(found['winner'])} %."

@@ -164,6 +164,7 @@ def place(study: Study) -> Json:
     with runs_bar("levels over position and gap") as show:
         part = levels(problem, designs, problem.conditions, least, study.executor, show)
     relative = part.relative.reshape(len(positions), len(gaps), len(AT))
+    bounds = np.array([[limit(problem, design, condition) for condition in problem.conditions] for design in designs]) / part.without
     shapes = [problem.space.design({GAP: 1e-3, POSITION: float(x)}).scene(problem.beam).model.tip_shape[:2].tolist() for x in positions]
     free = study.problem(IMPACT, AT, (GAP, "restitution", FRICTION_LIMIT, POSITION), members=2 * study.few)
     found = study.find("place", free, max(2, 3 * study.designs // 4))
@@ -171,6 +172,7 @@ def place(study: Study) -> Json:
         "positions": positions.tolist(),
         "gaps_m": gaps.tolist(),
         "relative": relative.tolist(),
+        "limit": bounds.reshape(relative.shape).tolist(),
         "shapes": shapes,
         "mass_kg": problem.space.default.values[MASS_RATIO] * problem.model.beam_mass,
         "free": _found(found),
