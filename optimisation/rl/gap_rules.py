@@ -1,7 +1,7 @@
 """The gap by the design rule: for the true force, and for a force that is estimated from the response.
 
 The rule (`optimisation.bounds.rule`) says that a gap serves a force in proportion to it, g0 = force/f* for a gap of 1 m. Where the force is not
-known it follows from what is seen, by the balance of the spectral line at the forcing frequency that `optimisation.bounds.stroke` derives:
+known it follows from what is seen, by the balance of the spectral line at the forcing frequency that `optimisation.bounds.lines` derives:
 
     f G_f = (1 - kappa) q - kappa r.
 
