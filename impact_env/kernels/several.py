@@ -69,7 +69,7 @@ from impact_env.kernels.sets import (
     solve_set,
 )
 from impact_env.kernels.settle import Joints, new_joints, part, see_places, settle
-from impact_env.kernels.signals import HIT_HIGH, NOTHING, REVERSAL, Event
+from impact_env.kernels.signals import HIT_HIGH, NOTHING, REVERSAL, Event, at_offset
 from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
 
 Array = NDArray[np.float64]
@@ -192,17 +192,54 @@ def write_absorbers(now, s, half, state):  # type: ignore[no-untyped-def]
 def go_to(sets, absorbers, window, before, state, room):  # type: ignore[no-untyped-def]
     """Go on in the regime of the absorbers that are joined now, from a state that was left in set ``before``.
 
-    In the same set only the constant forces change: a way through the state and back would leave the rounding of the two maps, and bounces that
-    are as small as that would never end.
+    The way through the state leaves the rounding of two maps. In the same set only the constant forces change, and that is all that is done; in
+    another one the absorbers' motion relative to the beam is kept. Else bounces and slips as small as that rounding would never end.
     """
     s, z = joined_set(room.now), room.work.z
     if s == before:
         add(room.own[s], REST, 1.0, z)
         bend(sets, room.now, s, room.own, room.bent)
         add(room.own[s], REST, -1.0, z)
-    else:
-        solve_set(sets, absorbers, window, s, room.flow)
-        enter_set(sets, room.flow, window, room.now, s, room.own, room.bent, room.now[0, TAU], state, z)
+        return
+    if before != NO_SET:
+        note_relative(sets, absorbers, window, before, room)
+    solve_set(sets, absorbers, window, s, room.flow)
+    enter_set(sets, room.flow, window, room.now, s, room.own, room.bent, room.now[0, TAU], state, z)
+    if before != NO_SET:
+        keep_relative(sets, window, s, room)
+
+
+@jit
+def relative(sets, window, s, a, room):  # type: ignore[no-untyped-def]
+    """Return displacement and velocity of absorber a, which is apart in set s, less those of the beam at its place."""
+    now, slots, signal = room.now[a], slots_with(sets, s, sets.rows[s, a]), signal_of(room.signals, a)
+    weigh(slots.rows, GUARD, room.work.z, signal.u)
+    signal.polynomial[0], signal.polynomial[1], signal.polynomial[2] = now[Q] - room.bent[a], now[V], now[A]
+    value, rate, _ = at_offset(slots, forced_of(room.flow, s, a).signals, window.omega, signal, now[TAU], 0.0)
+    return value, rate
+
+
+@jit
+def note_relative(sets, absorbers, window, s, room):  # type: ignore[no-untyped-def]
+    """Write the relative motion of the absorbers that are apart from now on, as set s has it, which is being left."""
+    now, motion = room.now, room.motion
+    for a in range(now.shape[0]):
+        if now[a, REGIME] == FREE:
+            value, rate = (now[a, OFFSET], 0.0) if is_joined(s, a) else relative(sets, window, s, a, room)
+            if absorbers.limit[a] > 0.0 and rate * now[a, SIGN] <= 0.0:
+                now[a, AT_REST] = 1.0  # it has just begun to slide, and not yet by more than rounding
+            motion[2 * a], motion[2 * a + 1] = value, 0.0 if now[a, AT_REST] > 0.0 else rate
+
+
+@jit
+def keep_relative(sets, window, s, room):  # type: ignore[no-untyped-def]
+    """Shift the absorbers that are apart in set s by what the way through the state has changed in their relative motion."""
+    now, motion = room.now, room.motion
+    for a in range(now.shape[0]):
+        if now[a, REGIME] == FREE:
+            value, rate = relative(sets, window, s, a, room)
+            now[a, Q] += motion[2 * a] - value
+            now[a, V] += motion[2 * a + 1] - rate
 
 
 @jit
