@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impact_env.drive import Drive
+from impact_env.modes import MOST_HEAVINESS
 from impact_env.parameters import (
     CompliantWalls,
     CoulombFriction,
@@ -19,7 +20,6 @@ from impact_env.parameters import (
     count,
     require,
 )
-from impact_env.regimes import MOST_HEAVINESS
 from impact_env.scene import Scene
 
 LEAST_STEPS = 4  # per period of the highest mode, and of the force

@@ -20,6 +20,10 @@ def _frozen(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return array
 
 
+# mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
+MOST_HEAVINESS = 1e7
+
+
 @dataclass(frozen=True, eq=False)
 class ModalModel:
     """Mass-normalised modes of the free beam (paper, Eq. eqmmod); every array is (N_m,), read-only.

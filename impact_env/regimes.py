@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.segments import Regime
 from impact_env.kernels.slots import REST, TAYLOR_TERMS, Slots
-from impact_env.modes import ModalModel
+from impact_env.modes import MOST_HEAVINESS, ModalModel
 from impact_env.parameters import ParameterError, require
 from impact_env.tables import ladder, propagators
 
@@ -28,8 +28,6 @@ CRITICAL = 1e-8  # a damping ratio this close to 1 is moved to 1 + CRITICAL: two
 LIGHT, EXTREME = 1e-6, 1e3  # mass over the beam's, and own rates over the beam's first frequency: far beyond, modes on a spring lose their digits
 DISTINCT = "damping and stiffness away from a double eigenvalue"
 COMPLETE = 1e-8  # the modes of a regime span the state up to this; at 1e-6 a run has lost all but four digits
-# mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
-MOST_HEAVINESS = 1e7
 UNCOUPLED = 1e-9  # of the largest tip shape: a mode with a node at the absorber
 
 Complex = NDArray[np.complex128]
@@ -226,9 +224,10 @@ def check_basis(modes: Modes, states: Index, allowed: str) -> None:
 
 def _needed_of_mass(model: ModalModel, mass: float) -> str:
     """Return how heavy a mass on the tip may be for its modes to have digits, or what else is needed where it is not too heavy."""
-    most = MOST_HEAVINESS / float(np.sum(model.tip_shape**2))
-    if mass <= most:
+    mobility = float(np.sum(model.tip_shape**2))
+    if mass * mobility <= MOST_HEAVINESS:
         return DISTINCT
+    most = MOST_HEAVINESS / mobility
     return f"an absorber of at most {most / model.beam_mass:.1e} times the beam's mass: a tip that hardly moves has no digits"
 
 

@@ -104,7 +104,7 @@ def save_place(path: Path, result: Json) -> None:
     left.plot(at, worse.min(axis=1), "o-", color=BLACK, lw=2.2, ms=5, label="worse of both, best gap for that")
     best, limits = worse.argmin(axis=1), 100 * np.array(result["limit"]).max(axis=2)
     reach = limits[np.arange(len(at)), best]
-    label = "out of stationary reach with that gap"
+    label = "worse of both: out of stationary reach with that gap"
     left.fill_between(at, 0, reach, facecolor="0.93", edgecolor="0.7", hatch="////", lw=0.6, zorder=0.4, label=label)
     found = result["free"]["winner"]
     left.plot(found["values"]["position"], 100 * found["score"][0], "*", ms=14, color=ORANGE, label="search with the position free")

@@ -204,6 +204,19 @@ def test_bounces_of_one_die_out_beside_one_that_is_held() -> None:
     assert abs(response.energy.balance_error) < 1e-11 * response.energy.work
 
 
+def test_equal_absorbers_at_one_place_break_loose_at_once() -> None:
+    """Both stick by friction and reach its limit at the same time; what rounding makes of that must not be stick and slip without end."""
+    beam = Beam(bending_stiffness=0.81 * Beam.bending_stiffness)
+    scene = beam_scene(beam, impact_absorbers((1e-3, 1e-3), (1.0, 1.0), 0.7, 0.05, 0.02))
+    reference = scene.model.resonance_omega(1)
+    response = simulate(scene, Drive(3.5, linear_sweep(reference, 0.9, 0.906)), record=Record(events=True))
+    assert response.phases is not None
+    assert set(response.phases.absorber.tolist()) == {0, 1}
+    assert response.steps < 2000
+    for quantity in (response.end_state[10:12], response.end_state[22:24]):
+        assert quantity[0] == pytest.approx(quantity[1], rel=1e-6)
+
+
 unit = st.floats(-1, 1)
 positions = st.one_of(st.just(1.0), st.floats(0.2, 1.0))
 

@@ -70,7 +70,7 @@ from impact_env.kernels.sets import (
 )
 from impact_env.kernels.settle import Joints, new_joints, part, see_places, settle
 from impact_env.kernels.signals import HIT_HIGH, NOTHING, REVERSAL, Event, at_offset
-from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
+from impact_env.kernels.slots import GUARD, REST, SPEED, add, advance, copy, weigh
 
 Array = NDArray[np.float64]
 UNKNOWN = 1e300  # as a bound: none
@@ -220,13 +220,22 @@ def relative(sets, window, s, a, room):  # type: ignore[no-untyped-def]
 
 
 @jit
+def rate_scale(sets, s, a, room):  # type: ignore[no-untyped-def]
+    """Return the size of the terms that the relative velocity of absorber a in set s is the sum of, once `relative` has written its signal."""
+    u, scale = room.signals.u[a], abs(room.now[a, V]) + room.flow.bound[s, a, 1]
+    for j in range(u.shape[1]):
+        scale += sets.rows[s, a, SPEED, j] * (abs(u[0, j]) + abs(u[1, j]))
+    return scale
+
+
+@jit
 def note_relative(sets, absorbers, window, s, room):  # type: ignore[no-untyped-def]
     """Write the relative motion of the absorbers that are apart from now on, as set s has it, which is being left."""
     now, motion = room.now, room.motion
     for a in range(now.shape[0]):
         if now[a, REGIME] == FREE:
             value, rate = (now[a, OFFSET], 0.0) if is_joined(s, a) else relative(sets, window, s, a, room)
-            if absorbers.limit[a] > 0.0 and rate * now[a, SIGN] <= 0.0:
+            if absorbers.limit[a] > 0.0 and abs(rate) <= ROUNDING * rate_scale(sets, s, a, room):
                 now[a, AT_REST] = 1.0  # it has just begun to slide, and not yet by more than rounding
             motion[2 * a], motion[2 * a + 1] = value, 0.0 if now[a, AT_REST] > 0.0 else rate
 
