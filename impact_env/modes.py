@@ -12,16 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from impact_env.beam import deflection_row, matrices, strain_energy
 from impact_env.parameters import Beam, positive, require
 
+# mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
+MOST_HEAVINESS = 1e7
+
 
 def _frozen(name: str, values: ArrayLike) -> NDArray[np.float64]:
     array = np.array(values, dtype=np.float64, ndmin=1)
     require(array.ndim == 1 and bool(np.all(np.isfinite(array))), name, values, "a row of finite numbers")
     array.setflags(write=False)
     return array
-
-
-# mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
-MOST_HEAVINESS = 1e7
 
 
 @dataclass(frozen=True, eq=False)
