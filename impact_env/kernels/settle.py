@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.exact import (
+from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.rigid_contact import (
     AT_REST,
     FORCE,
     FREE,
@@ -31,7 +32,6 @@ from impact_env.kernels.exact import (
     friction_force,
     joint_bounds,
 )
-from impact_env.kernels.jit import jit, jit_room
 
 MOST_ROUNDS = 1000
 SETTLED = 1e-15  # of the largest force: change in a round that ends it

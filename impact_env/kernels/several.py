@@ -1,4 +1,4 @@
-"""Several absorbers on one beam: the events of `exact.py`, for any set of joined absorbers (sets.py).
+"""Several absorbers on one beam: the events of rigid contact, for any set of joined absorbers (sets.py).
 
 Each absorber has its own guard signal in the regime of the current set, and the next event is the earliest one. Signals, searches, impact law and
 friction are those of the single absorber. What is added here is what one absorber's event does to the others:
@@ -18,20 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.contact_law import Walls
-from impact_env.kernels.exact import (
+from impact_env.kernels.forced import add_forced, signal_value
+from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.next_event import MOST_EVENTS, STALLED, end_of_flight, end_of_hold
+from impact_env.kernels.observers import DONE, EVALUATIONS, NO_PROGRESS, NOT_FINITE, STEPS, STUCK_TIME, TOO_MANY_EVENTS
+from impact_env.kernels.rigid_contact import (
     AT_REST,
     FORCE,
     FREE,
     JOINED,
     KICK,
-    MOST_EVENTS,
     NOW,
     OFFSET,
     REGIME,
     ROUNDING,
     SIDE,
     SIGN,
-    STALLED,
     TAU,
     WHICH,
     A,
@@ -39,8 +41,6 @@ from impact_env.kernels.exact import (
     Q,
     V,
     add_friction_loss,
-    end_of_flight,
-    end_of_hold,
     end_phase,
     friction_force,
     impact,
@@ -48,9 +48,6 @@ from impact_env.kernels.exact import (
     touch,
     turn,
 )
-from impact_env.kernels.forced import add_forced, signal_value
-from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.observers import DONE, EVALUATIONS, NO_PROGRESS, NOT_FINITE, STEPS, STUCK_TIME, TOO_MANY_EVENTS
 from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, state_at, to_state, window_count, window_of
 from impact_env.kernels.sets import (
     Flow,
@@ -80,8 +77,8 @@ NO_SET = -1  # before a run's first regime
 class Room(NamedTuple):
     """What a lane of n absorbers carries from stretch to stretch, and scratch.
 
-    ``now`` (n, NOW): one row for each absorber as in exact.py; ``own`` (2^n, 28, J): rows of weights of the level's place, with the rest part of all
-    forces; ``bent`` (n + 1,): displacement of the places under them; ``motion`` (3 n,) as in `segments.sample_state`; ``kicks`` (2^n, n).
+    ``now`` (n, NOW): one row for each absorber as in rigid_contact.py; ``own`` (2^n, 28, J): rows of weights of the level's place, with the rest
+    part of all forces; ``bent`` (n + 1,): displacement of the places under them; ``motion`` (3 n,) as in `segments.sample_state`; ``kicks`` (2^n, n).
     """
 
     now: Array
