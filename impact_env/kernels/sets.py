@@ -117,8 +117,7 @@ def slots_with(sets, s, rows):  # type: ignore[no-untyped-def]
 @jit_view
 def regime_with(sets, s, rows):  # type: ignore[no-untyped-def]
     """Return the regime of set s with these rows of weights."""
-    slots = Slots(rows, sets.table[s], sets.scale[s], sets.steps[s], sets.waves[s], sets.turns[s], sets.errors[s])
-    return Regime(slots, sets.out[s], sets.into[s], 0.0)
+    return Regime(slots_with(sets, s, rows), sets.out[s], sets.into[s], 0.0)
 
 
 @jit_view

@@ -48,7 +48,7 @@ from impact_env.kernels.rigid_contact import (
     touch,
     turn,
 )
-from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, state_at, to_state, window_count, window_of
+from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, to_state, window_count, window_of
 from impact_env.kernels.sets import (
     Flow,
     Signals,
@@ -167,16 +167,18 @@ def pass_time(sets, absorbers, window, losses, s, offset, clock, counters, level
 @jit
 def write_state(sets, window, s, tau, room, state):  # type: ignore[no-untyped-def]
     """Write the state at the current time."""
-    now, n, half = room.now, room.now.shape[0], state.shape[0] // 2
-    regime, forced = regime_with(sets, s, room.own[s]), forced_of(room.flow, s, n)
-    state_at(regime, forced, window.omega, room.work.z, 1.0, tau, 0.0, room.work.rows[0], state)
-    write_absorbers(now, s, half, state)
+    w = room.work.rows[0]
+    copy(room.work.z, w)
+    add_forced(room.flow.slots[s], window.omega, tau, 1.0, w)
+    write_from(sets, s, w, room, state)
 
 
 @jit
-def write_absorbers(now, s, half, state):  # type: ignore[no-untyped-def]
-    """Write displacement and velocity of the absorbers into a state that holds what the regime's map gives."""
-    n = now.shape[0]
+def write_from(sets, s, w, room, state):  # type: ignore[no-untyped-def]
+    """Write the state from free and forced part of the slots of set s, and displacement and velocity of the absorbers; w is changed."""
+    add(room.own[s], REST, 1.0, w)
+    to_state(sets.out[s], w, state)
+    now, n, half = room.now, room.now.shape[0], state.shape[0] // 2
     for a in range(n):
         if is_joined(s, a):
             state[half - n + a] += now[a, OFFSET]
@@ -410,9 +412,7 @@ def finish(sets, absorbers, schedule, room, state, clock, level, events, series)
     """Write the end state, close open phases, and take the sample that falls on the end."""
     now, end, s, w = room.now, schedule.times[-1], joined_set(room.now), room.work.rows[0]
     copy(room.work.z, w)
-    add(room.own[s], REST, 1.0, w)
-    to_state(sets.out[s], w, state)
-    write_absorbers(now, s, state.shape[0] // 2, state)
+    write_from(sets, s, w, room, state)
     for a in range(now.shape[0]):
         if now[a, REGIME] == JOINED:
             end_phase(events, now[a], end)
