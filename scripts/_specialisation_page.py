@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 COLOURS = {"exact": "#0072B2", "moreau": "#D55E00", "runge-kutta": "#009E73"}
 PARTS = (
-    "search", "forced", "slots", "segments", "exact", "rigid_contact", "compliant", "linear", "moreau", "contact_law", "runge_kutta", "feedback",
-    "observers",
+    "search", "forced", "slots", "segments", "exact", "free_and_joined", "rigid_contact", "compliant", "linear", "moreau", "contact_law",
+    "runge_kutta", "feedback", "observers",
 )  # fmt: skip
 
 
@@ -142,7 +142,8 @@ def _draw_code(ax: Axes, entries: list[dict[str, Any]]) -> None:
     y = np.arange(len(entries))[::-1]
     left = np.zeros(len(entries))
     colours = (
-        "#D55E00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#332288", "#882255", "#999999", "#E69F00", "#F0E442", "#44AA99", "#117733", "#000000",
+        "#D55E00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#AA4499", "#332288", "#882255", "#999999", "#E69F00", "#F0E442", "#44AA99", "#117733",
+        "#000000",
     )  # fmt: skip
     for part, colour in zip(PARTS, colours, strict=True):
         width = np.array([_counts(entry)[part] for entry in entries], dtype=float)

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from impact_env.kernels.contact_law import Walls
 from impact_env.kernels.forced import add_forced, signal_value
 from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.next_event import MOST_EVENTS, STALLED, end_of_flight, end_of_hold
-from impact_env.kernels.observers import DONE, EVALUATIONS, NO_PROGRESS, NOT_FINITE, STEPS, STUCK_TIME, TOO_MANY_EVENTS
+from impact_env.kernels.next_event import end_of_flight, end_of_hold, progress
+from impact_env.kernels.observers import DONE, EVALUATIONS, NOT_FINITE, STEPS, STUCK_TIME
 from impact_env.kernels.rigid_contact import (
     AT_REST,
     FORCE,
@@ -366,7 +366,7 @@ def several_stretch(sets, absorbers, losses, schedule, k, started, room, state, 
             s = joined_set(now)
             solve_set(sets, absorbers, window, s, flow)
             add_forced(flow.slots[s], window.omega, -window.half, -1.0, z)
-        last, stalled, events_here = now[0, TAU], 0, 0
+        last, stalled, passed = now[0, TAU], 0, 0
         while now[0, TAU] < window.half:
             s = joined_set(now)
             a, found = earliest(sets, absorbers, window, s, counters, room)
@@ -379,12 +379,9 @@ def several_stretch(sets, absorbers, losses, schedule, k, started, room, state, 
                 else:
                     hit(sets, absorbers, losses, window, s, a, found, state, counters, events, energy, room)
             counters.values[STEPS] += 1.0
-            stalled = stalled + 1 if now[0, TAU] == last else 0
-            if stalled > STALLED:
-                return NO_PROGRESS
-            events_here += 1
-            if events_here > MOST_EVENTS:
-                return TOO_MANY_EVENTS
+            stalled, passed, status = progress(now[0, TAU], last, stalled, passed)
+            if status != DONE:
+                return status
             last = now[0, TAU]
         add_forced(flow.slots[joined_set(now)], window.omega, window.half, 1.0, z)
         if not np.isfinite(z[0, 0] + np.sum(now[:, Q])):
