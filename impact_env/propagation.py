@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive
 from impact_env.kernels.compliant import Springs, compliant_lane
 from impact_env.kernels.contact_law import Walls
-from impact_env.kernels.exact import Contact, exact_lane
+from impact_env.kernels.exact import exact_lane
 from impact_env.kernels.interval import Lanes, Watch
 from impact_env.kernels.lanes import compliant_lanes, linear_lanes, rigid_lanes
 from impact_env.kernels.linear import linear_lane
 from impact_env.kernels.observers import Counters, Energy, Events, Level, Series
+from impact_env.kernels.rigid_contact import Contact
 from impact_env.kernels.segments import Losses, Regime, Schedule
 from impact_env.kernels.sets import Absorbers, Sets
 from impact_env.kernels.several import several_lane

@@ -16,6 +16,7 @@ import numba
 import numpy as np
 import optuna
 import scipy
+from _progress import UNIT_BAR
 from tqdm import tqdm
 
 from impact_env.curve import DEFAULT_MEMBERS
@@ -33,7 +34,6 @@ KEPT = "Broken off; the study keeps what is finished."
 GOES_ON = "the same command goes on from here."
 QUICK_SPEED, QUICK_MEMBERS = 10.0, 2
 RANGE_FORCES = 8  # forces between a third and three times the given one, for the objective range
-BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}, {remaining} left]{postfix}"
 
 Command = Callable[..., Any]
 
@@ -126,25 +126,12 @@ def executor_of(given: dict[str, Any]) -> Iterator[Executor]:
 
 @contextmanager
 def study_bar(label: str, wanted: int) -> Iterator[Callable[[Progress], None]]:
-    with tqdm(total=wanted, desc=label, unit="designs", bar_format=BAR, disable=None) as bar:
+    with tqdm(total=wanted, desc=label, unit="designs", bar_format=UNIT_BAR, disable=None) as bar:
 
         def show(progress: Progress) -> None:
             bar.set_postfix_str(f"{progress.runs} runs", refresh=False)
             bar.update(progress.designs - bar.n)
             bar.refresh()
-
-        yield show
-
-
-@contextmanager
-def runs_bar(label: str) -> Iterator[Callable[[int, int], None]]:
-    with tqdm(total=0, desc=label, unit="runs", bar_format=BAR, disable=None, leave=False) as bar:
-
-        def show(done: int, total: int) -> None:
-            if done < bar.n:
-                bar.n = 0
-            bar.total = total
-            bar.update(done - bar.n)
 
         yield show
 

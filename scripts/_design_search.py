@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from _design_options import runs_bar, study_bar
+from _design_options import study_bar
+from _progress import runs_bar
 
 from optimisation.designs import WITH_IMPACTS
 from optimisation.evaluation import Clocked, Executor

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _design_options import make_conditions, runs_bar
+from _design_options import make_conditions
 from _design_search import Plan, find
+from _progress import runs_bar
 
 from impact_env.drive import PAPER_RATE
 from impact_env.parameters import RigidWalls

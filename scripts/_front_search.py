@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _design_options import runs_bar
 from _design_search import searched
+from _progress import runs_bar
 from numpy.typing import NDArray
 
 from optimisation.evaluation import Executor

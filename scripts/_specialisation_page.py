@@ -13,7 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 COLOURS = {"exact": "#0072B2", "moreau": "#D55E00", "runge-kutta": "#009E73"}
-PARTS = ("search", "forced", "slots", "segments", "exact", "compliant", "linear", "moreau", "contact_law", "runge_kutta", "feedback", "observers")
+PARTS = (
+    "search", "forced", "slots", "segments", "exact", "free_and_joined", "rigid_contact", "compliant", "linear", "moreau", "contact_law",
+    "runge_kutta", "feedback", "observers",
+)  # fmt: skip
 
 
 def _name(entry: dict[str, Any]) -> str:
@@ -138,7 +141,10 @@ def _draw_compile(ax: Axes, entries: list[dict[str, Any]]) -> None:
 def _draw_code(ax: Axes, entries: list[dict[str, Any]]) -> None:
     y = np.arange(len(entries))[::-1]
     left = np.zeros(len(entries))
-    colours = ("#D55E00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#882255", "#999999", "#E69F00", "#F0E442", "#44AA99", "#117733", "#000000")
+    colours = (
+        "#D55E00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#AA4499", "#332288", "#882255", "#999999", "#E69F00", "#F0E442", "#44AA99", "#117733",
+        "#000000",
+    )  # fmt: skip
     for part, colour in zip(PARTS, colours, strict=True):
         width = np.array([_counts(entry)[part] for entry in entries], dtype=float)
         if width.any():

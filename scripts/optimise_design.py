@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import end_early, plain_errors
+from _command_line import end_early, name_files, plain_errors
 from _design_options import (
     GOES_ON,
     KEPT,
@@ -23,11 +23,11 @@ from _design_options import (
     journal_of,
     make_conditions,
     make_problem,
-    runs_bar,
     shared_options,
     variables_help,
 )
 from _design_search import SCIPY, Plan, find
+from _progress import runs_bar
 
 from impact_env.parameters import ParameterError
 from optimisation.designs import GAP, IMPACT, VARIABLES
@@ -129,7 +129,8 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
         findings = replace(findings, finished=False)
     files = write(out, findings, given)
     click.echo(text(findings))
-    click.echo("  written: " + ", ".join(str(file) for file in files) + "\n")
+    name_files(files)
+    click.echo()
     return findings.finished
 
 

@@ -46,9 +46,9 @@ def entry(absorber: str, *functions: dict[str, Any], record: str = "level", grow
 def measured(**others: Any) -> results.Measured:
     good = {
         "no absorber, exact": entry("no absorber", function("linear.linear_lane"), function("slots.advance")),
-        "impact, exact": entry("impact", function("search.search"), function("exact.friction_force", 0), function("exact.turn", 0)),
-        "impact and friction, exact": entry("impact and friction", function("search.search"), function("exact.friction_force", 1)),
-        "impact, exact, level and samples recorded": entry("impact", function("exact.turn", 0), record="level and samples", growth=1e4),
+        "impact, exact": entry("impact", function("search.search"), function("rigid_contact.friction_force", 0), function("rigid_contact.turn", 0)),
+        "impact and friction, exact": entry("impact and friction", function("search.search"), function("rigid_contact.friction_force", 1)),
+        "impact, exact, level and samples recorded": entry("impact", function("rigid_contact.turn", 0), record="level and samples", growth=1e4),
     }
     pair = {
         "part": "friction (exact)",
@@ -69,7 +69,7 @@ def test_claims_hold_or_are_broken() -> None:
     assert broken(measured()) == []
     searching = entry("no absorber", function("search.search"))
     assert broken(measured(**{"no absorber, exact": searching})) == ["no absorber, exact, level: searches no events"]
-    rubbing = entry("impact", function("exact.friction_force", 2))
+    rubbing = entry("impact", function("rigid_contact.friction_force", 2))
     assert broken(measured(**{"impact, exact": rubbing})) == ["impact, exact, level: no friction arithmetic"]
     growing = entry("impact", growth=1e4)
     assert broken(measured(**{"impact, exact": growing})) == ["impact, exact, level: stores no time series"]

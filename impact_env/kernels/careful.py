@@ -22,7 +22,7 @@ import numpy as np
 
 from impact_env.kernels.forced import guard_values, signal_value
 from impact_env.kernels.jit import jit, jit_inline
-from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOISE, NOTHING, REVERSAL, Event, at_offset, refine, signal_scale, time_resolution
+from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOISE, NOTHING, REVERSAL, Event, at_offset, refine, signal_scale, time_resolution, wall_of
 from impact_env.kernels.slots import FASTEST, digits, high_derivatives, sum_and_bound
 
 MICRO_REACH = 0.01
@@ -181,22 +181,47 @@ def nearest_event(low, high, direction, y, v, a):  # type: ignore[no-untyped-def
     return HIT_HIGH if to_high < to_low else HIT_LOW
 
 
+@jit_inline
+def bounded_at(slots, forced, omega, signal, tau, offset):  # type: ignore[no-untyped-def]
+    """Return a signal with its first two derivatives at an offset, and bounds of the second and third that hold for ever after."""
+    p, bound = signal.polynomial, forced.bound
+    d1, d2, d3, x = digits(slots.scale, offset)
+    f0, f1, f2 = guard_values(forced.signals, omega, tau + offset)
+    y, v, a, b2, b3 = sum_and_bound(slots.rows, slots.table, signal.u, d1, d2, d3, x)
+    y, v, a = y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]), v + f1 + p[1] + offset * p[2], a + f2 + p[2]
+    return y, v, a, b2 + bound[2] + abs(p[2]), b3 + bound[3]
+
+
+@jit_inline
+def at_guard(low, high, direction, noise, y, v):  # type: ignore[no-untyped-def]
+    """Return (kind, y): the event that the search has come to, NOTHING before one, and the signal, kept off the walls by its ``noise``."""
+    if direction is not None:
+        if direction * v <= 0.0:
+            return REVERSAL, y
+    if low is not None:
+        if high - y <= noise:
+            if v > 0.0:
+                return HIT_HIGH, y
+            y = high - noise
+        if y - low <= noise:
+            if v < 0.0:
+                return HIT_LOW, y
+            y = low + noise
+    return NOTHING, y
+
+
 @jit
 def careful_search(slots, forced, omega, signal, tau, start, stop, length, low, high, side, direction, zero_rate):  # type: ignore[no-untyped-def]
     """Return the first Event from the offset ``start`` on; NOTHING, with the offset ``stop``, if there is none up to there.
 
     Other arguments as in `search.search`. An event between ``stop`` and ``length`` may be returned.
     """
-    signals, p = forced.signals, signal.polynomial
+    signals = forced.signals
     resolution = time_resolution(slots.rows, omega, length)
     noise, offset, count, reach = NOISE * signal_scale(signal, forced.bound), start, 0, stop - start
     while offset < stop and count < MAX_EVALUATIONS:
         count += 1
-        d1, d2, d3, x = digits(slots.scale, offset)
-        f0, f1, f2 = guard_values(signals, omega, tau + offset)
-        y, v, a, b2, b3 = sum_and_bound(slots.rows, slots.table, signal.u, d1, d2, d3, x)
-        y, v, a = y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]), v + f1 + p[1] + offset * p[2], a + f2 + p[2]
-        b2, b3 = b2 + forced.bound[2] + abs(p[2]), b3 + forced.bound[3]
+        y, v, a, b2, b3 = bounded_at(slots, forced, omega, signal, tau, offset)
         on_guard = False
         if offset == 0.0:
             if noise == 0.0 and v == 0.0 and a == 0.0:  # a signal that is zero for ever: an absorber at rest on a wall at rest
@@ -211,24 +236,13 @@ def careful_search(slots, forced, omega, signal, tau, start, stop, length, low, 
                 on_guard = True
                 y, v = exactly_on_guard(low, high, side, noise, y, v)
         if not on_guard:
-            if direction is not None:
-                if direction * v <= 0.0:
-                    return Event(REVERSAL, offset, y, v, a, count)
-            if low is not None:
-                if high - y <= noise:
-                    if v > 0.0:
-                        return Event(HIT_HIGH, offset, y, v, a, count)
-                    y = high - noise
-                if y - low <= noise:
-                    if v < 0.0:
-                        return Event(HIT_LOW, offset, y, v, a, count)
-                    y = low + noise
+            kind, y = at_guard(low, high, direction, noise, y, v)
+            if kind != NOTHING:
+                return Event(kind, offset, y, v, a, count)
             kind, step = root_ahead(low, high, direction, y, v, a, b2, b3)
             if kind != NOTHING:
                 if offset + 2.0 * step < length:
-                    wall = 0.0
-                    if low is not None:
-                        wall = high if kind == HIT_HIGH else low
+                    wall, p = wall_of(kind, low, high), signal.polynomial
                     found = refine(slots.rows, slots.table, slots.scale, signals, omega, signal.u, p, tau, offset + step, kind, wall, b3, resolution)
                     return Event(kind, found.offset, found.value, found.rate, found.bend, count + found.evaluations)
         step = guards_step(low, high, direction, y, v, a, b2, b3, reach)

@@ -27,6 +27,7 @@ from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.linear import linear_stretch, new_room
 from impact_env.kernels.moreau import moreau_lane
 from impact_env.kernels.observers import Series, push_block
+from impact_env.kernels.rigid_contact import FREE, KICK, OFFSET, REGIME, SIDE, tip_motion
 from impact_env.kernels.runge_kutta import runge_kutta_lane
 from impact_env.kernels.segments import Schedule, samples_before, to_slots, to_state
 
@@ -36,18 +37,18 @@ def move_walls(restitution, order, now, gap, relative):  # type: ignore[no-untyp
     """Set the half-clearance in use; return True if an absorber that a wall held is set free and its regime must be found anew."""
     if restitution is None:
         return False
-    order[GAP] = possible_gap(order[GAP], gap, abs(relative), now[exact.SIDE] != 0.0)
-    if order[GAP] == gap or now[exact.SIDE] == 0.0:
+    order[GAP] = possible_gap(order[GAP], gap, abs(relative), now[SIDE] != 0.0)
+    if order[GAP] == gap or now[SIDE] == 0.0:
         return False
-    now[exact.SIDE] = 0.0
-    return now[exact.REGIME] != exact.FREE
+    now[SIDE] = 0.0
+    return now[REGIME] != FREE
 
 
 @jit_room
 def rigid_lanes(free, joined, contact, restitution, limit, losses, reach, watch, lanes, orders, reports, status, start, stop):  # type: ignore[no-untyped-def]
     """Advance lanes [start, stop) of a scene with rigid contact; ``restitution`` None: no walls, ``limit`` None: no friction."""
     desk, room = new_desk(watch), exact.new_room(free, joined, lanes.state[start])
-    now, work, kick = room.now, room.work, room.now[exact.KICK]
+    now, work, kick = room.now, room.work, room.now[KICK]
     size = now.shape[0]
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
@@ -60,7 +61,7 @@ def rigid_lanes(free, joined, contact, restitution, limit, losses, reach, watch,
         room.signal.memory[0] = lanes.now[i, SEARCH_LEVEL]
         if begins:
             now[:] = 0.0
-            now[exact.KICK] = kick
+            now[KICK] = kick
             room.signal.memory[0] = 0.0
         walls = with_gap(restitution, order[GAP])
         schedule = Schedule(desk.times, desk.omegas, desk.phases, order[FORCE], reach)
@@ -68,11 +69,11 @@ def rigid_lanes(free, joined, contact, restitution, limit, losses, reach, watch,
             free, joined, contact, walls, limit, losses, schedule, 0, not begins, room, state, desk.clock, desk.counters, level, None, None, None
         )
         exact.current_state(free, joined, now, work, state)
-        tip, tip_velocity = exact.tip_motion(watch, state)
+        tip, tip_velocity = tip_motion(watch, state)
         half = state.shape[0] // 2
-        if now[exact.REGIME] != exact.FREE:
+        if now[REGIME] != FREE:
             state[2 * half - 1] = tip_velocity  # to the last digit: `begin` then knows that they move as one
-            report_state(watch, state, now[exact.OFFSET], 0.0, report)
+            report_state(watch, state, now[OFFSET], 0.0, report)
         else:
             report_state(watch, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report)
         close_interval(desk, watch, level, state, order, report)
@@ -107,7 +108,7 @@ def report_relative(watch, state, report):  # type: ignore[no-untyped-def]
     """Report the state's share with the relative motion read from it; there is none without an absorber."""
     half = state.shape[0] // 2
     if watch.mass > 0.0:
-        tip, tip_velocity = exact.tip_motion(watch, state)
+        tip, tip_velocity = tip_motion(watch, state)
         report_state(watch, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report)
     else:
         report_state(watch, state, 0.0, 0.0, report)

@@ -13,7 +13,7 @@ import numpy as np
 from impact_env.kernels.chirp import RESET, phasor, stretch_at, turns_left
 from impact_env.kernels.contact_law import solve_contact
 from impact_env.kernels.grid import FREE, close_phase, rows_wanted, step_of_row
-from impact_env.kernels.jit import jit, jit_room, jit_sum
+from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_sum
 from impact_env.kernels.observers import (
     ABSORBER_DAMPING,
     DONE,
@@ -120,6 +120,28 @@ def _account_contact(energy, spring, friction, before, after, dt):  # type: igno
         energy.totals[ABSORBER_DAMPING] += spring.damping * before * mean * dt
 
 
+@jit_inline
+def _note_impact(normal, distance, before, after, time, counters, events, energy):  # type: ignore[no-untyped-def]
+    """Add an impulse's loss to the energies; it is listed as an impact where the absorber came towards the wall."""
+    loss = -0.5 * normal * (before + after)
+    if energy is not None:
+        energy.totals[IMPACT_LOSS] += loss
+    if distance * before > 0.0:
+        counters.values[IMPACTS] += 1
+        push_impact(events, time, before, normal, loss)
+
+
+@jit_inline
+def _take_sample(row, part, start, end, table, n, wide, dt, level, series):  # type: ignore[no-untyped-def]
+    """Take a sample at ``part`` (0 to 1) of a step from tip displacement, absorber displacement and velocity at its two ends."""
+    if level is not None:
+        push_level(level, start[0] + part * (end[0] - start[0]))
+    if series is not None:
+        _store_row(series.states[row], table, n, wide, part, dt)
+        series.states[row, n] = start[1] + part * (end[1] - start[1])
+        series.states[row, 2 * n + 1] = start[2] + part * (end[2] - start[2])
+
+
 @jit
 def _store_row(target, table, n, wide, part, dt):  # type: ignore[no-untyped-def]
     """Write the modes' state at ``part`` (0 to 1) of the step into a row of the series."""
@@ -208,7 +230,7 @@ def moreau_lane(  # type: ignore[no-untyped-def]
         while i < stop:
             if energy is not None or (series is not None and i == row_step):
                 _keep_before(table, n, wide, dt)
-            tip_start, q_a_start, v_a_start = tip_q - 0.5 * dt * tip_u, q_a - 0.5 * dt * v_a, v_a
+            start = (tip_q - 0.5 * dt * tip_u, q_a - 0.5 * dt * v_a, v_a)
             distance = q_a - tip_q
             push = _spring_percussion(spring, distance, gamma, dt)
             tip_u, tip_q = _swing(table, lanes, wide, force, push, dt)
@@ -216,8 +238,7 @@ def moreau_lane(  # type: ignore[no-untyped-def]
                 if spring is not None:
                     v_a -= push / m_a
                 before = gamma
-                free = v_a - tip_u
-                gamma, friction, normal, kind = solve_contact(before, free, distance, walls, slip, compliance)
+                gamma, friction, normal, kind = solve_contact(before, v_a - tip_u, distance, walls, slip, compliance)
                 percussion = friction + normal
                 if percussion != 0.0:
                     _kick(table, lanes, wide, percussion, dt)
@@ -225,12 +246,7 @@ def moreau_lane(  # type: ignore[no-untyped-def]
                     tip_u = v_a - gamma
                     tip_q -= dt * (compliance - 1.0 / m_a) * percussion
                 if normal != 0.0:
-                    loss = -0.5 * normal * (before + gamma)
-                    if energy is not None:
-                        energy.totals[IMPACT_LOSS] += loss
-                    if distance * before > 0.0:
-                        counters.values[IMPACTS] += 1
-                        push_impact(events, (i + 1) * dt, before, normal, loss)
+                    _note_impact(normal, distance, before, gamma, (i + 1) * dt, counters, events, energy)
                 if kind != held:
                     close_phase(held, held_since, i * dt, counters, events)
                     held, held_since = kind, i * dt
@@ -241,12 +257,8 @@ def moreau_lane(  # type: ignore[no-untyped-def]
                 _account_modes(energy, table, n, wide, force)
             while i == row_step:
                 part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
-                if level is not None:
-                    push_level(level, tip_start + part * (tip_q - 0.5 * dt * tip_u - tip_start))
-                if series is not None:
-                    _store_row(series.states[row], table, n, wide, part, dt)
-                    series.states[row, n] = q_a_start + part * (q_a - 0.5 * dt * v_a - q_a_start)
-                    series.states[row, 2 * n + 1] = v_a_start + part * (v_a - v_a_start)
+                end = (tip_q - 0.5 * dt * tip_u, q_a - 0.5 * dt * v_a, v_a)
+                _take_sample(row, part, start, end, table, n, wide, dt, level, series)
                 row += 1
                 row_step = step_of_row(row, rows, sample_dt, dt, steps)
             force, quadrature = force * turn_c - quadrature * turn_s, force * turn_s + quadrature * turn_c

@@ -46,7 +46,7 @@ from impact_env.kernels.feedback import (
     textbook_step,
 )
 from impact_env.kernels.grid import close_phase, rows_wanted, step_of_row
-from impact_env.kernels.jit import jit, jit_room, jit_sum
+from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_sum
 from impact_env.kernels.observers import (
     ABSORBER_DAMPING,
     DONE,
@@ -92,6 +92,14 @@ def _swing(table, lanes, wide, forces, at, push, watched):  # type: ignore[no-un
             y3 += table[(Y + 4) * stride + j] * q_next + table[(Y + 5) * stride + j] * u_next
             y4 += table[(Y + 6) * stride + j] * q_next + table[(Y + 7) * stride + j] * u_next
     return y1, y2, y3, y4
+
+
+@jit_inline
+def _swing_watched(table, lanes, wide, forces, at, push):  # type: ignore[no-untyped-def]
+    """Advance as `_swing` does, with the four feedbacks; most steps are without any."""
+    if push[0] == 0.0 and push[1] == 0.0 and push[2] == 0.0 and push[3] == 0.0:
+        return _swing(table, lanes, wide, forces, at, None, 0.0)
+    return _swing(table, lanes, wide, forces, at, push, 0.0)
 
 
 @jit_room
@@ -241,6 +249,16 @@ def _store(target, table, n, wide, part, m_a, added_mass, offset):  # type: igno
         target[n], target[2 * n + 1] = tip_q + offset, tip_u
 
 
+@jit_inline
+def _take_sample(row, part, tip_start, table, n, wide, m_a, added_mass, offset, state, level, series):  # type: ignore[no-untyped-def]
+    """Take a sample at ``part`` (0 to 1) of a step; where there is no absorber its place in the series keeps what ``state`` has there."""
+    if level is not None:
+        push_level(level, tip_start + part * (_tip(table, n, wide) - tip_start))
+    if series is not None:
+        series.states[row, n], series.states[row, 2 * n + 1] = state[n], state[2 * n + 1]
+        _store(series.states[row], table, n, wide, part, m_a, added_mass, offset)
+
+
 @jit_room
 def runge_kutta_lane(  # type: ignore[no-untyped-def]
     omega, damping_ratio, force_shape, tip_shape, m_a, added_mass, stops, slider, spring, times, omegas, phases, amplitude, phase,
@@ -288,11 +306,7 @@ def runge_kutta_lane(  # type: ignore[no-untyped-def]
                 seen, push = _stages(y, mix, forces, at, rest, stops, slider, spring, added_mass, joined_mass)
                 if energy is not None:
                     _account(energy, table, wide, omega, damping_ratio, force_shape, amplitude, m_a, spring, slider, rest, forces, at, seen, push, dt)
-                before = y
-                if push[0] == 0.0 and push[1] == 0.0 and push[2] == 0.0 and push[3] == 0.0:
-                    y = _swing(table, lanes, wide, forces, at, None, 0.0)
-                else:
-                    y = _swing(table, lanes, wide, forces, at, push, 0.0)
+                before, y = y, _swing_watched(table, lanes, wide, forces, at, push)
                 if stops is not None:
                     if touch[0] != 0.0 or abs(y[0]) > stops.gap:
                         g0, g1 = 2.0 * (before[1] - before[0]) / dt, 2.0 * (y[1] - y[0]) / dt
@@ -300,11 +314,7 @@ def runge_kutta_lane(  # type: ignore[no-untyped-def]
                 rest = move_slider(y[0], rest, slider)
             while i == row_step:
                 part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
-                if level is not None:
-                    push_level(level, tip_start + part * (_tip(table, n, wide) - tip_start))
-                if series is not None:
-                    series.states[row, n], series.states[row, 2 * n + 1] = state[n], state[2 * n + 1]
-                    _store(series.states[row], table, n, wide, part, m_a, added_mass, offset)
+                _take_sample(row, part, tip_start, table, n, wide, m_a, added_mass, offset, state, level, series)
                 row += 1
                 row_step = step_of_row(row, rows, sample_dt, dt, steps)
             i += 1

@@ -27,7 +27,7 @@ import numpy as np
 from impact_env.kernels.careful import careful_search
 from impact_env.kernels.forced import DERIVATIVES, guard_values
 from impact_env.kernels.jit import jit, jit_inline, jit_sum
-from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL, Event, refine, time_resolution
+from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL, Event, refine, time_resolution, wall_of
 from impact_env.kernels.slots import FASTEST, SPEED_SQUARE, cos_sin, digits, turned
 from impact_env.kernels.vector import (
     BEND,
@@ -235,9 +235,7 @@ def search(slots, forced, omega, signal, tau, length, half, low, high, side, dir
             slope_error = SLOPE_ERROR + h * scale[FASTEST] / 3.0
             kind, x = event_in_step(b, k, h, low, high, direction, near_wall, near_rest, e0, e1, slope_error)
             if kind != NOTHING:
-                wall = 0.0
-                if low is not None:
-                    wall = high if kind == HIT_HIGH else low
+                wall = wall_of(kind, low, high)
                 _, b3 = weighted_sizes(rows, SPEED_SQUARE * size, w, size)
                 b3, resolution = b3 + bound[3], time_resolution(rows, omega, length)
                 found = refine(rows, table, scale, signals, omega, u, p, tau, offset + (k + x) * h, kind, wall, b3, resolution)

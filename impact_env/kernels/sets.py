@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.exact import FORCE, JOINED, REGIME, largest_kick
 from impact_env.kernels.forced import DERIVATIVES, SCANNED, Forced, add_forced, solve_guard, solve_place, solve_response
 from impact_env.kernels.jit import jit, jit_room, jit_view
+from impact_env.kernels.rigid_contact import FORCE, JOINED, REGIME, largest_kick
 from impact_env.kernels.segments import Regime, to_slots
 from impact_env.kernels.signals import Signal
 from impact_env.kernels.slots import REST, Slots, add
@@ -99,7 +99,7 @@ def new_signals(sets):  # type: ignore[no-untyped-def]
 
 @jit_room
 def all_kicks(sets):  # type: ignore[no-untyped-def]
-    """Return `exact.largest_kick` (2^n, n) of every absorber in every set."""
+    """Return `rigid_contact.largest_kick` (2^n, n) of every absorber in every set."""
     count, n = sets.rows.shape[0], sets.bent.shape[2]
     kicks = np.zeros((count, n))
     for s in range(count):
@@ -117,8 +117,7 @@ def slots_with(sets, s, rows):  # type: ignore[no-untyped-def]
 @jit_view
 def regime_with(sets, s, rows):  # type: ignore[no-untyped-def]
     """Return the regime of set s with these rows of weights."""
-    slots = Slots(rows, sets.table[s], sets.scale[s], sets.steps[s], sets.waves[s], sets.turns[s], sets.errors[s])
-    return Regime(slots, sets.out[s], sets.into[s], 0.0)
+    return Regime(slots_with(sets, s, rows), sets.out[s], sets.into[s], 0.0)
 
 
 @jit_view

@@ -3,7 +3,7 @@
 With the forces f of their joints the relative accelerations are c + G f, G being symmetric and positive definite (masses, and the beam's mobility
 between the places). Each force lies in the interval that friction and the wall touched can give. Inside it the relative acceleration is zero; at its
 upper end the absorber lags, at its lower end it leads. These are the conditions for the minimum of f G f/2 + c f in a box, which is unique,
-so that no set of absorbers needs to be tried: Gauss-Seidel, force by force, converges to it. For one absorber it is `exact.try_join`.
+so that no set of absorbers needs to be tried: Gauss-Seidel, force by force, converges to it. For one absorber it is `free_and_joined.try_join`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.exact import (
+from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.rigid_contact import (
     AT_REST,
     FORCE,
     FREE,
@@ -31,7 +32,6 @@ from impact_env.kernels.exact import (
     friction_force,
     joint_bounds,
 )
-from impact_env.kernels.jit import jit, jit_room
 
 MOST_ROUNDS = 1000
 SETTLED = 1e-15  # of the largest force: change in a round that ends it

@@ -1,4 +1,4 @@
-"""Several absorbers on one beam: the events of `exact.py`, for any set of joined absorbers (sets.py).
+"""Several absorbers on one beam: the events of rigid contact, for any set of joined absorbers (sets.py).
 
 Each absorber has its own guard signal in the regime of the current set, and the next event is the earliest one. Signals, searches, impact law and
 friction are those of the single absorber. What is added here is what one absorber's event does to the others:
@@ -18,20 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.contact_law import Walls
-from impact_env.kernels.exact import (
+from impact_env.kernels.forced import add_forced, signal_value
+from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.next_event import end_of_flight, end_of_hold, progress
+from impact_env.kernels.observers import DONE, EVALUATIONS, NOT_FINITE, STEPS, STUCK_TIME
+from impact_env.kernels.rigid_contact import (
     AT_REST,
     FORCE,
     FREE,
     JOINED,
     KICK,
-    MOST_EVENTS,
     NOW,
     OFFSET,
     REGIME,
     ROUNDING,
     SIDE,
     SIGN,
-    STALLED,
     TAU,
     WHICH,
     A,
@@ -39,8 +41,6 @@ from impact_env.kernels.exact import (
     Q,
     V,
     add_friction_loss,
-    end_of_flight,
-    end_of_hold,
     end_phase,
     friction_force,
     impact,
@@ -48,10 +48,7 @@ from impact_env.kernels.exact import (
     touch,
     turn,
 )
-from impact_env.kernels.forced import add_forced, signal_value
-from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.observers import DONE, EVALUATIONS, NO_PROGRESS, NOT_FINITE, STEPS, STUCK_TIME, TOO_MANY_EVENTS
-from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, state_at, to_state, window_count, window_of
+from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, to_state, window_count, window_of
 from impact_env.kernels.sets import (
     Flow,
     Signals,
@@ -80,8 +77,8 @@ NO_SET = -1  # before a run's first regime
 class Room(NamedTuple):
     """What a lane of n absorbers carries from stretch to stretch, and scratch.
 
-    ``now`` (n, NOW): one row for each absorber as in exact.py; ``own`` (2^n, 28, J): rows of weights of the level's place, with the rest part of all
-    forces; ``bent`` (n + 1,): displacement of the places under them; ``motion`` (3 n,) as in `segments.sample_state`; ``kicks`` (2^n, n).
+    ``now`` (n, NOW): one row for each absorber as in rigid_contact.py; ``own`` (2^n, 28, J): rows of weights of the level's place, with the rest
+    part of all forces; ``bent`` (n + 1,): displacement of the places under them; ``motion`` (3 n,) as in `segments.sample_state`; ``kicks`` (2^n, n).
     """
 
     now: Array
@@ -170,16 +167,18 @@ def pass_time(sets, absorbers, window, losses, s, offset, clock, counters, level
 @jit
 def write_state(sets, window, s, tau, room, state):  # type: ignore[no-untyped-def]
     """Write the state at the current time."""
-    now, n, half = room.now, room.now.shape[0], state.shape[0] // 2
-    regime, forced = regime_with(sets, s, room.own[s]), forced_of(room.flow, s, n)
-    state_at(regime, forced, window.omega, room.work.z, 1.0, tau, 0.0, room.work.rows[0], state)
-    write_absorbers(now, s, half, state)
+    w = room.work.rows[0]
+    copy(room.work.z, w)
+    add_forced(room.flow.slots[s], window.omega, tau, 1.0, w)
+    write_from(sets, s, w, room, state)
 
 
 @jit
-def write_absorbers(now, s, half, state):  # type: ignore[no-untyped-def]
-    """Write displacement and velocity of the absorbers into a state that holds what the regime's map gives."""
-    n = now.shape[0]
+def write_from(sets, s, w, room, state):  # type: ignore[no-untyped-def]
+    """Write the state from free and forced part of the slots of set s, and displacement and velocity of the absorbers; w is changed."""
+    add(room.own[s], REST, 1.0, w)
+    to_state(sets.out[s], w, state)
+    now, n, half = room.now, room.now.shape[0], state.shape[0] // 2
     for a in range(n):
         if is_joined(s, a):
             state[half - n + a] += now[a, OFFSET]
@@ -413,7 +412,7 @@ def several_stretch(sets, absorbers, losses, schedule, k, started, room, state, 
             s = joined_set(now)
             solve_set(sets, absorbers, window, s, flow)
             add_forced(flow.slots[s], window.omega, -window.half, -1.0, z)
-        last, stalled, events_here = now[0, TAU], 0, 0
+        last, stalled, passed = now[0, TAU], 0, 0
         while now[0, TAU] < window.half:
             s = joined_set(now)
             a, found = earliest(sets, absorbers, window, s, counters, room)
@@ -426,12 +425,9 @@ def several_stretch(sets, absorbers, losses, schedule, k, started, room, state, 
                 else:
                     hit(sets, absorbers, losses, window, s, a, found, state, counters, events, energy, room)
             counters.values[STEPS] += 1.0
-            stalled = stalled + 1 if now[0, TAU] == last else 0
-            if stalled > STALLED:
-                return NO_PROGRESS
-            events_here += 1
-            if events_here > MOST_EVENTS:
-                return TOO_MANY_EVENTS
+            stalled, passed, status = progress(now[0, TAU], last, stalled, passed)
+            if status != DONE:
+                return status
             last = now[0, TAU]
         add_forced(flow.slots[joined_set(now)], window.omega, window.half, 1.0, z)
         if not np.isfinite(z[0, 0] + np.sum(now[:, Q])):
@@ -459,9 +455,7 @@ def finish(sets, absorbers, schedule, room, state, clock, level, events, series)
     """Write the end state, close open phases, and take the sample that falls on the end."""
     now, end, s, w = room.now, schedule.times[-1], joined_set(room.now), room.work.rows[0]
     copy(room.work.z, w)
-    add(room.own[s], REST, 1.0, w)
-    to_state(sets.out[s], w, state)
-    write_absorbers(now, s, state.shape[0] // 2, state)
+    write_from(sets, s, w, room, state)
     for a in range(now.shape[0]):
         if now[a, REGIME] == JOINED:
             end_phase(events, now[a], end)

@@ -81,6 +81,15 @@ def time_resolution(rows, omega, length):  # type: ignore[no-untyped-def]
     return max(TIME_RESOLUTION / max(rows[SPEED, 0], omega), 4.0 * EPSILON * length)
 
 
+@jit_inline
+def wall_of(kind, low, high):  # type: ignore[no-untyped-def]
+    """Return the wall that an event is at; 0 where there are none."""
+    wall = 0.0
+    if low is not None:
+        wall = high if kind == HIT_HIGH else low
+    return wall
+
+
 @jit
 def refine(rows, table, scale, signals, omega, u, p, tau, offset, kind, wall, b3, resolution):  # type: ignore[no-untyped-def]
     """Return the simple root near ``offset`` of the signal (u, p) as an Event, by Newton's method with curvature.

@@ -1,0 +1,52 @@
+"""The search for a rigid contact's next event: what ends a flight or a hold, and when a lane gives up."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impact_env.kernels.jit import jit_inline
+from impact_env.kernels.observers import DONE, NO_PROGRESS, TOO_MANY_EVENTS
+from impact_env.kernels.rigid_contact import AT_REST, SIDE, SIGN, TAU, A, Q, V, joint_bounds
+from impact_env.kernels.search import search
+from impact_env.kernels.slots import GUARD, weigh
+
+STALLED = 10_000  # events without progress in time
+MOST_EVENTS = 500_000  # in one window
+
+
+@jit_inline
+def end_of_flight(slots, forced, window, walls, limit, now, bent, length, z, signal):  # type: ignore[no-untyped-def]
+    """Return the first event within ``length`` (s) of an absorber apart from the beam, which constant forces have bent by ``bent`` (m) there."""
+    omega, tau, p = window.omega, now[TAU], signal.polynomial
+    weigh(slots.rows, GUARD, z, signal.u)
+    p[0], p[1], p[2] = now[Q] - bent, now[V], now[A]
+    gap = 0.0
+    if walls is not None:
+        gap = walls.gap
+    if limit is None:
+        return search(slots, forced, omega, signal, tau, length, window.half, -gap, gap, int(now[SIDE]), None, False)
+    zero = now[AT_REST] > 0.0
+    if walls is None:
+        return search(slots, forced, omega, signal, tau, length, window.half, None, None, 0, now[SIGN], zero)
+    # only the wall ahead can be reached before the relative velocity turns
+    low = -gap if now[SIGN] < 0.0 else -np.inf
+    high = gap if now[SIGN] > 0.0 else np.inf
+    return search(slots, forced, omega, signal, tau, length, window.half, low, high, 0, now[SIGN], zero)
+
+
+@jit_inline
+def end_of_hold(slots, forced, window, limit, now, length, z, signal):  # type: ignore[no-untyped-def]
+    """Return the first event within ``length`` (s) of an absorber that moves with the beam: its joint force leaves what the joint can give."""
+    weigh(slots.rows, GUARD, z, signal.u)
+    signal.polynomial[:] = 0.0
+    low, high = joint_bounds(limit, now[SIDE])
+    return search(slots, forced, window.omega, signal, now[TAU], length, window.half, low, high, 0, None, False)
+
+
+@jit_inline
+def progress(tau, last, stalled, passed):  # type: ignore[no-untyped-def]
+    """Count an event at tau, the one before it being at ``last``; return the events in a row without progress, those in the window, a status code."""
+    stalled, passed = stalled + 1 if tau == last else 0, passed + 1
+    if stalled > STALLED:
+        return stalled, passed, NO_PROGRESS
+    return stalled, passed, TOO_MANY_EVENTS if passed > MOST_EVENTS else DONE
