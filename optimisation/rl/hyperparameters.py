@@ -83,6 +83,7 @@ class PPOSettings(Hyperparameters):
     ent_coef: float
     log_std_init: float
     use_sde: bool
+    sde_sample_freq: int
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -95,6 +96,7 @@ class PPOSettings(Hyperparameters):
         object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
         object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
         require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
+        object.__setattr__(self, "sde_sample_freq", _sample_freq(self.sde_sample_freq))
 
     @property
     def round(self) -> int:
@@ -119,6 +121,7 @@ class SACSettings(Hyperparameters):
     ent_coef: float | str
     target_entropy: float
     use_sde: bool
+    sde_sample_freq: int
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -128,6 +131,7 @@ class SACSettings(Hyperparameters):
         require(self.buffer_size >= self.lanes, "buffer_size", self.buffer_size, f"not less than lanes = {self.lanes}")
         object.__setattr__(self, "tau", fraction("tau", self.tau))
         require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
+        object.__setattr__(self, "sde_sample_freq", _sample_freq(self.sde_sample_freq))
         object.__setattr__(self, "target_entropy", finite("target_entropy", self.target_entropy))
         if isinstance(self.ent_coef, str):
             ok = re.fullmatch(r"auto(_\d*\.?\d+(e-?\d+)?)?", self.ent_coef) is not None
@@ -139,6 +143,10 @@ class SACSettings(Hyperparameters):
     def round(self) -> int:
         """Steps between two updates."""
         return self.train_freq * self.lanes
+
+
+def _sample_freq(value: int) -> int:
+    return value if value == -1 else count("sde_sample_freq", value, 1)
 
 
 ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettings, "sac": SACSettings}
