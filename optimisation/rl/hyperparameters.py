@@ -120,6 +120,7 @@ class SACSettings(Hyperparameters):
     tau: float
     ent_coef: float | str
     target_entropy: float
+    log_std_init: float
     use_sde: bool
     sde_sample_freq: int
 
@@ -133,6 +134,7 @@ class SACSettings(Hyperparameters):
         require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
         object.__setattr__(self, "sde_sample_freq", _sample_freq(self.sde_sample_freq))
         object.__setattr__(self, "target_entropy", finite("target_entropy", self.target_entropy))
+        object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
         if isinstance(self.ent_coef, str):
             ok = re.fullmatch(r"auto(_\d*\.?\d+(e-?\d+)?)?", self.ent_coef) is not None
             require(ok, "ent_coef", self.ent_coef, "a number, auto, or auto_ and the value to start from, as auto_0.1")
