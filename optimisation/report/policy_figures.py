@@ -32,7 +32,7 @@ COLOURS = {
     BEST_GAP: "#000000",
 }
 OTHER = "0.65"
-DIRECTION_COLOURS, WINDOW_COLOUR = ("#0072B2", "#D55E00"), "#009E73"
+DIRECTION_COLOURS, WINDOW_COLOURS = ("#0072B2", "#D55E00"), ("#009E73", "#CC79A7")
 
 
 def _colour(name: str) -> str:
@@ -135,15 +135,15 @@ def save_tradeoff(path: Path, result: Mapping[str, Any]) -> None:
             panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
             panel.xaxis.set_minor_formatter(NullFormatter())
     last = rows[:, -1]
-    _band(last[0], slow["centre"], slow, WINDOW_COLOUR)
-    last[1].plot(slow["centre"], slow["score"], "o-", color=WINDOW_COLOUR, lw=1.8, ms=3.5)
+    for rate, found, colour in zip(slow["slow"], slow["found"], WINDOW_COLOURS, strict=False):
+        _band(last[0], slow["centre"], found, colour)
+        last[1].plot(slow["centre"], found["score"], "o-", color=colour, lw=1.8, ms=3.5, label=f"{rate:g} % in the window")
     down = cases[0]["directions"]["down"]
-    points = zip(down["rate"], down["time"], down["score"], strict=True)
-    allowed = [score for rate, time, score in points if rate <= Passage.rates[1] and time <= Passage.time_budget]
-    last[1].axhline(max(allowed), color="0.3", lw=1.2, ls="--")
-    last[1].annotate(
-        "best constant rate\nthat the task allows", (slow["centre"][-1], max(allowed)), (0, 4), textcoords="offset points", fontsize=8, ha="right"
-    )
+    points = zip(down["score"], cases[0]["rates"], down["time"], strict=True)
+    best, rate = max((score, rate) for score, rate, time in points if rate <= Passage.rates[1] and time <= Passage.time_budget)
+    last[1].axhline(best, color="0.3", lw=1.2, ls="--")
+    last[1].annotate(f"constant {rate:.2g} %", (slow["centre"][0], best), (-4, 4), textcoords="offset points", fontsize=8, ha="left")
+    last[1].legend(loc="lower right", fontsize=8)
     last[0].set_title(slow["title"], fontsize=9)
     last[1].set_xlabel("centre of the window over the resonance")
     rows[0, 0].set_ylabel("level over that without absorber\n(median, 5 to 95 %)")

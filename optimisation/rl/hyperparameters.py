@@ -72,7 +72,10 @@ class Hyperparameters(ABC):
 
 @dataclass(frozen=True)
 class PPOSettings(Hyperparameters):
-    """Proximal policy optimisation: ``n_steps`` of each lane a round; names are those of stable-baselines3."""
+    """Proximal policy optimisation: ``n_steps`` of each lane a round; names are those of stable-baselines3.
+
+    With ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, with -1 a whole round.
+    """
 
     log_interval = 1  # rounds
 
@@ -96,7 +99,7 @@ class PPOSettings(Hyperparameters):
         object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
         object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
         require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
-        object.__setattr__(self, "sde_sample_freq", _sample_freq(self.sde_sample_freq))
+        _check_sample_freq(self.sde_sample_freq)
 
     @property
     def round(self) -> int:
@@ -107,7 +110,8 @@ class PPOSettings(Hyperparameters):
 @dataclass(frozen=True)
 class SACSettings(Hyperparameters):
     """Soft actor-critic: ``gradient_steps`` after every ``train_freq`` steps of all lanes, with targets that hold the rewards of ``n_steps`` steps;
-    names are those of stable-baselines3.
+    names are those of stable-baselines3. With ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, and no longer
+    than a round.
     """  # noqa: D205
 
     log_interval = 100  # episodes
@@ -132,7 +136,7 @@ class SACSettings(Hyperparameters):
         require(self.buffer_size >= self.lanes, "buffer_size", self.buffer_size, f"not less than lanes = {self.lanes}")
         object.__setattr__(self, "tau", fraction("tau", self.tau))
         require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
-        object.__setattr__(self, "sde_sample_freq", _sample_freq(self.sde_sample_freq))
+        _check_sample_freq(self.sde_sample_freq)
         object.__setattr__(self, "target_entropy", finite("target_entropy", self.target_entropy))
         object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
         if isinstance(self.ent_coef, str):
@@ -147,8 +151,9 @@ class SACSettings(Hyperparameters):
         return self.train_freq * self.lanes
 
 
-def _sample_freq(value: int) -> int:
-    return value if value == -1 else count("sde_sample_freq", value, 1)
+def _check_sample_freq(value: int) -> None:
+    allowed = isinstance(value, int) and not isinstance(value, bool) and (value == -1 or value > 0)
+    require(allowed, "sde_sample_freq", value, "a number of steps of each lane, 1 or more, or -1 for a whole round")
 
 
 ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettings, "sac": SACSettings}

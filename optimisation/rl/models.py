@@ -84,7 +84,18 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
         return ppo
     own = {
         name: getattr(chosen, name)
-        for name in ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "n_steps", "tau", "ent_coef", "target_entropy", "use_sde", "sde_sample_freq")
+        for name in (
+            "buffer_size",
+            "learning_starts",
+            "train_freq",
+            "gradient_steps",
+            "n_steps",
+            "tau",
+            "ent_coef",
+            "target_entropy",
+            "use_sde",
+            "sde_sample_freq",
+        )
     }
     sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0, "log_std_init": chosen.log_std_init}, **own, **common)
     _start_at(sac.actor.mu, math.atanh(chosen.initial_action))
