@@ -109,12 +109,13 @@ def test_damaged_checkpoint_costs_one_leg(tmp_path: Path) -> None:
     assert len(evaluations) == 3
 
 
-def test_finished_run_is_not_trained_again(tmp_path: Path) -> None:
-    job = small_job("ppo")
-    train(job, tmp_path)
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_finished_run_is_not_trained_again(tmp_path: Path, algorithm: str) -> None:
+    job = small_job(algorithm)
+    whole = train(job, tmp_path)
     before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*") if file.is_file()}
     calls: list[int] = []
-    train(job, tmp_path, lambda steps, _evaluations: calls.append(steps))
+    assert train(job, tmp_path, lambda steps, _evaluations: calls.append(steps)) == whole
     assert len(calls) == 1
     assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*") if file.is_file()} == before
 

@@ -83,7 +83,7 @@ def save_schedules(path: Path, curves: Mapping[str, Any], title: str) -> None:
             panel.fill_between(ratio, low, high, color=_colour(name), alpha=0.13, lw=0)
             panel.plot(ratio, median, color=_colour(name), lw=1.9, label=name)
     panels[0].set(yscale="log", ylabel="rate in % per 100 pseudo periods", title=title)
-    panels[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    panels[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 4)))
     panels[0].yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     panels[0].yaxis.set_minor_formatter(NullFormatter())
     panels[1].set(ylabel="amplitude of the tip over the gap", xlabel="frequency over the resonance (the machine runs down: from left to right)")
