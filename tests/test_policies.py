@@ -245,7 +245,7 @@ def test_curves_show_the_rates_that_were_driven_and_the_force_that_acted() -> No
 def test_tradeoff_study_and_tuning_write_what_they_measure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sweep_tradeoff, "QUICK_RATES", np.array([4.0, 8.0]))
     monkeypatch.setattr(sweep_tradeoff, "QUICK_SEEDS", 2)
-    monkeypatch.setattr(sweep_tradeoff, "SLOW", 2.0)
+    monkeypatch.setattr(sweep_tradeoff, "SLOW", (2.0,))
     result = call(sweep_tradeoff.main, "--quick", "--out", tmp_path)
     assert result.exit_code == 0, result.output
     told = json.loads((tmp_path / "sweep_tradeoff.json").read_text())

@@ -75,9 +75,14 @@ class Interrupt:
             raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize(("algorithm", "after"), [("ppo", 60), ("sac", 32)])
-def test_interrupted_training_equals_one_that_never_stopped(tmp_path: Path, algorithm: str, after: int) -> None:
-    job = small_job(algorithm)
+LASTING: dict[str, Any] = {"use_sde": True, "sde_sample_freq": 3}
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "after", "changes"), [("ppo", 60, {}), ("sac", 32, {}), ("ppo", 60, LASTING), ("sac", 32, LASTING | {"train_freq": 5})]
+)
+def test_interrupted_training_equals_one_that_never_stopped(tmp_path: Path, algorithm: str, after: int, changes: dict[str, Any]) -> None:
+    job = small_job(algorithm, **changes)
     whole = train(job, tmp_path / "whole")
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
@@ -104,12 +109,13 @@ def test_damaged_checkpoint_costs_one_leg(tmp_path: Path) -> None:
     assert len(evaluations) == 3
 
 
-def test_finished_run_is_not_trained_again(tmp_path: Path) -> None:
-    job = small_job("ppo")
-    train(job, tmp_path)
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_finished_run_is_not_trained_again(tmp_path: Path, algorithm: str) -> None:
+    job = small_job(algorithm)
+    whole = train(job, tmp_path)
     before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*") if file.is_file()}
     calls: list[int] = []
-    train(job, tmp_path, lambda steps, _evaluations: calls.append(steps))
+    assert train(job, tmp_path, lambda steps, _evaluations: calls.append(steps)) == whole
     assert len(calls) == 1
     assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*") if file.is_file()} == before
 
@@ -238,6 +244,7 @@ def test_hyperparameters_of_the_package_are_whole_and_a_file_replaces_what_it_na
         (f"{GAP}:\n  ppo: {{batch_size: 1000}}", "batch_size = 1000 is not allowed: a divisor of"),
         (f"{GAP}:\n  ppo: {{hidden: 64}}", "hidden = 64"),
         (f"{GAP}:\n  ppo: {{legs: 0}}", "legs = 0"),
+        (f"{GAP}:\n  ppo: {{sde_sample_freq: 0}}", "sde_sample_freq = 0"),
     ],
 )
 def test_bad_hyperparameters_are_named(tmp_path: Path, text: str, words: str) -> None:

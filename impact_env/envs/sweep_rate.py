@@ -8,7 +8,7 @@ from impact_env.envs.settings import Settings
 from impact_env.envs.shells import TaskEnv, TaskVectorEnv, choice, lanes_of, split
 from impact_env.envs.sweep_task import Passage, SweepTask
 
-DEFAULTS: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, "limits": (0.93, 1.03), "interval": 10.0}
+DEFAULTS: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, "limits": (0.93, 1.03)}
 
 
 def _task(lanes: int, arguments: dict[str, Any]) -> SweepTask:
@@ -77,7 +77,7 @@ class SweepRateEnv(TaskEnv):
     - ``resonance`` (default 1): the one that is meant, counted from 1; its period is the pseudo period
     - ``force``: amplitude in N, or a pair (low, high) from which each episode draws
     - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``
-    - ``interval`` (default 10): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
+    - ``interval`` (default 5): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
     - ``observation_noise`` (default 0): standard deviation of what is added to each scaled feature that is measured (1 to 6 and 9);
       ``observation_delay`` (default 0): their delay in intervals
     - ``raw_state`` (default False): put the state into info: modal displacements, absorber displacement, modal velocities, absorber velocity

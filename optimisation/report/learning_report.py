@@ -40,7 +40,7 @@ def curves(runs: Sequence[Run]) -> tuple[Array, Array]:
 
 def save_learning_curve(path: Path, title: str, runs: Sequence[Run], baselines: Mapping[str, float]) -> None:
     """Draw evaluation scores over the steps: seeds thinly, an algorithm's mean of the middle half with 10 to 90 % of its seeds, and baselines."""
-    figure = Figure(figsize=(7.4, 4.6), layout="constrained")
+    figure = Figure(figsize=(7.4, 4.9), layout="constrained")
     panel = figure.subplots()
     ends = list(baselines.values())
     for algorithm, group in sorted(by_algorithm(runs).items()):
@@ -61,7 +61,7 @@ def save_learning_curve(path: Path, title: str, runs: Sequence[Run], baselines: 
     panel.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
     panel.grid(True, color="0.9", lw=0.7)
     panel.set_axisbelow(True)
-    panel.legend(loc="lower right", fontsize=9, framealpha=0.9)
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     figure.savefig(path, dpi=DPI, format=path.suffix[1:])
 
 

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
-from impact_env.envs.sweep_task import Passage
 from optimisation.report.comparison_figure import DPI, MM
 from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_SCHEDULE, KNOTTED, TUNED_ESTIMATE, TUNED_TRUE, WINDOWED
 from optimisation.rl.judging import Judged
@@ -32,7 +31,7 @@ COLOURS = {
     BEST_GAP: "#000000",
 }
 OTHER = "0.65"
-DIRECTION_COLOURS, WINDOW_COLOUR = ("#0072B2", "#D55E00"), "#009E73"
+DIRECTION_COLOURS, WINDOW_COLOURS = ("#0072B2", "#D55E00"), ("#009E73", "#CC79A7")
 
 
 def _colour(name: str) -> str:
@@ -84,7 +83,7 @@ def save_schedules(path: Path, curves: Mapping[str, Any], title: str) -> None:
             panel.fill_between(ratio, low, high, color=_colour(name), alpha=0.13, lw=0)
             panel.plot(ratio, median, color=_colour(name), lw=1.9, label=name)
     panels[0].set(yscale="log", ylabel="rate in % per 100 pseudo periods", title=title)
-    panels[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    panels[0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 4)))
     panels[0].yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     panels[0].yaxis.set_minor_formatter(NullFormatter())
     panels[1].set(ylabel="amplitude of the tip over the gap", xlabel="frequency over the resonance (the machine runs down: from left to right)")
@@ -135,15 +134,12 @@ def save_tradeoff(path: Path, result: Mapping[str, Any]) -> None:
             panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
             panel.xaxis.set_minor_formatter(NullFormatter())
     last = rows[:, -1]
-    _band(last[0], slow["centre"], slow, WINDOW_COLOUR)
-    last[1].plot(slow["centre"], slow["score"], "o-", color=WINDOW_COLOUR, lw=1.8, ms=3.5)
-    down = cases[0]["directions"]["down"]
-    points = zip(down["rate"], down["time"], down["score"], strict=True)
-    allowed = [score for rate, time, score in points if rate <= Passage.rates[1] and time <= Passage.time_budget]
-    last[1].axhline(max(allowed), color="0.3", lw=1.2, ls="--")
-    last[1].annotate(
-        "best constant rate\nthat the task allows", (slow["centre"][-1], max(allowed)), (0, 4), textcoords="offset points", fontsize=8, ha="right"
-    )
+    for rate, found, colour in zip(slow["slow"], slow["found"], WINDOW_COLOURS, strict=False):
+        _band(last[0], slow["centre"], found, colour)
+        last[1].plot(slow["centre"], found["score"], "o-", color=colour, lw=1.8, ms=3.5, label=f"{rate:g} % in the window")
+    fastest = slow["fastest"]
+    last[1].axhline(fastest["score"], color="0.3", lw=1.2, ls="--", label=f"{fastest['rate']:g} % all the way")
+    last[1].legend(loc="lower right", fontsize=8)
     last[0].set_title(slow["title"], fontsize=9)
     last[1].set_xlabel("centre of the window over the resonance")
     rows[0, 0].set_ylabel("level over that without absorber\n(median, 5 to 95 %)")

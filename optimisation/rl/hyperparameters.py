@@ -72,7 +72,10 @@ class Hyperparameters(ABC):
 
 @dataclass(frozen=True)
 class PPOSettings(Hyperparameters):
-    """Proximal policy optimisation: ``n_steps`` of each lane a round; names are those of stable-baselines3."""
+    """Proximal policy optimisation: ``n_steps`` of each lane a round; names are those of stable-baselines3.
+
+    With ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, with -1 a whole round.
+    """
 
     log_interval = 1  # rounds
 
@@ -83,6 +86,7 @@ class PPOSettings(Hyperparameters):
     ent_coef: float
     log_std_init: float
     use_sde: bool
+    sde_sample_freq: int
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -95,6 +99,7 @@ class PPOSettings(Hyperparameters):
         object.__setattr__(self, "ent_coef", non_negative("ent_coef", self.ent_coef))
         object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
         require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
+        _check_sample_freq(self.sde_sample_freq)
 
     @property
     def round(self) -> int:
@@ -105,7 +110,8 @@ class PPOSettings(Hyperparameters):
 @dataclass(frozen=True)
 class SACSettings(Hyperparameters):
     """Soft actor-critic: ``gradient_steps`` after every ``train_freq`` steps of all lanes, with targets that hold the rewards of ``n_steps`` steps;
-    names are those of stable-baselines3.
+    names are those of stable-baselines3. With ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, and no longer
+    than a round.
     """  # noqa: D205
 
     log_interval = 100  # episodes
@@ -118,7 +124,9 @@ class SACSettings(Hyperparameters):
     tau: float
     ent_coef: float | str
     target_entropy: float
+    log_std_init: float
     use_sde: bool
+    sde_sample_freq: int
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -128,7 +136,9 @@ class SACSettings(Hyperparameters):
         require(self.buffer_size >= self.lanes, "buffer_size", self.buffer_size, f"not less than lanes = {self.lanes}")
         object.__setattr__(self, "tau", fraction("tau", self.tau))
         require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
+        _check_sample_freq(self.sde_sample_freq)
         object.__setattr__(self, "target_entropy", finite("target_entropy", self.target_entropy))
+        object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
         if isinstance(self.ent_coef, str):
             ok = re.fullmatch(r"auto(_\d*\.?\d+(e-?\d+)?)?", self.ent_coef) is not None
             require(ok, "ent_coef", self.ent_coef, "a number, auto, or auto_ and the value to start from, as auto_0.1")
@@ -139,6 +149,11 @@ class SACSettings(Hyperparameters):
     def round(self) -> int:
         """Steps between two updates."""
         return self.train_freq * self.lanes
+
+
+def _check_sample_freq(value: int) -> None:
+    allowed = isinstance(value, int) and not isinstance(value, bool) and (value == -1 or value > 0)
+    require(allowed, "sde_sample_freq", value, "a number of steps of each lane, 1 or more, or -1 for a whole round")
 
 
 ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettings, "sac": SACSettings}

@@ -78,15 +78,26 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
     net: dict[str, Any] = {"net_arch": list(chosen.hidden)}
     torch.set_num_threads(1)  # the networks are so small that more threads only wait for one another
     if isinstance(chosen, PPOSettings):
-        own = {name: getattr(chosen, name) for name in ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef", "use_sde")}
+        own = {name: getattr(chosen, name) for name in ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef", "use_sde", "sde_sample_freq")}
         ppo = PPO("MlpPolicy", env, policy_kwargs=net | {"log_std_init": chosen.log_std_init}, **own, **common)
         _start_at(ppo.policy.action_net, chosen.initial_action)
         return ppo
     own = {
         name: getattr(chosen, name)
-        for name in ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "n_steps", "tau", "ent_coef", "target_entropy", "use_sde")
+        for name in (
+            "buffer_size",
+            "learning_starts",
+            "train_freq",
+            "gradient_steps",
+            "n_steps",
+            "tau",
+            "ent_coef",
+            "target_entropy",
+            "use_sde",
+            "sde_sample_freq",
+        )
     }
-    sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0}, **own, **common)
+    sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0, "log_std_init": chosen.log_std_init}, **own, **common)
     _start_at(sac.actor.mu, math.atanh(chosen.initial_action))
     return sac
 

@@ -36,7 +36,7 @@ from optimisation.rl.hyperparameters import PPOSettings, SACSettings
 from optimisation.rl.models import Model, ScaledRewards, begin_leg, make_lanes, make_model
 from optimisation.rl.play import play
 from optimisation.rl.policies import Policy
-from optimisation.rl.runs import SETTINGS, Evaluation, write_evaluations
+from optimisation.rl.runs import SETTINGS, Evaluation, read_evaluations, write_evaluations
 
 RUN_FORMAT = 1
 FIRST_EVALUATION_SEED = 1_000_000  # apart from the seeds on which baselines are tuned, and from those on which all are judged
@@ -104,9 +104,15 @@ def train(job: Job, folder: Path, show: Show | None = None, threads: int | None 
         check_folder(job, folder)
         if not (folder / SETTINGS).exists():
             write_json(folder / SETTINGS, job.describe() | {"versions": versions()})
+        show = show or (lambda _steps, _evaluations: None)
+        if (folder / FINAL).exists():  # SAC's memory is gone with the end, so that its checkpoints are not whole
+            forget_replay(folder / "checkpoints")
+            evaluations = list(read_evaluations(folder))
+            show(evaluations[-1].steps, evaluations)
+            return evaluations
         env = make_lanes(job.env_id, job.hyperparameters, job.arguments, threads)
         try:
-            return _train(job, folder, env, show or (lambda _steps, _evaluations: None))
+            return _train(job, folder, env, show)
         finally:
             env.close()
 
@@ -131,8 +137,7 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evalu
         save_checkpoint(kept, leg, model, env, evaluations)
         write_evaluations(folder, evaluations)
         show(model.num_timesteps, evaluations)
-    if not (folder / FINAL).exists():
-        save_agent(folder / FINAL, actor_of(model, job.env_id, job.seed, job.arguments))
+    save_agent(folder / FINAL, actor_of(model, job.env_id, job.seed, job.arguments))
     forget_replay(kept)
     return evaluations
 
