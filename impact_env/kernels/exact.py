@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.forced import Forced, add_forced, new_forced, solve_forced
 from impact_env.kernels.free_and_joined import begin, enter, fly, free_state, hold, release, try_join
-from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.next_event import progress
 from impact_env.kernels.observers import DONE, NOT_FINITE, STEPS
 from impact_env.kernels.rigid_contact import (
     AT_REST,
     FORCE,
     FREE,
+    JOINED,
     KICK,
     NOW,
     OFFSET,
@@ -38,13 +39,17 @@ from impact_env.kernels.slots import REST, add, copy
 
 
 class Room(NamedTuple):
-    """What a lane carries from stretch to stretch, ``now`` (NOW,) and ``work.z``, and scratch for it."""
+    """What a lane carries from stretch to stretch, ``now`` (NOW,) and ``work.z``, and scratch for it.
+
+    ``solved`` (2,): whether a regime's forced part is known in the current window.
+    """
 
     now: NDArray[np.float64]
     work: Work
     signal: Signal
     free_forced: Forced
     joined_forced: Forced
+    solved: NDArray[np.bool_]
     scratch: NDArray[np.float64]
 
 
@@ -54,7 +59,89 @@ def new_room(free, joined, state):  # type: ignore[no-untyped-def]
     size = free.slots.rows.shape[1]
     now = np.zeros(NOW)
     now[KICK] = largest_kick(free.slots.rows)
-    return Room(now, new_work(size), new_signal(size), new_forced(free.slots), new_forced(joined.slots), np.zeros_like(state))
+    free_forced, joined_forced, solved = new_forced(free.slots), new_forced(joined.slots), np.zeros(2, np.bool_)
+    return Room(now, new_work(size), new_signal(size), free_forced, joined_forced, solved, np.zeros_like(state))
+
+
+@jit_inline
+def solve_free(free, window, room):  # type: ignore[no-untyped-def]
+    """Fill the forced part of the free regime for a window, unless it is known."""
+    if not room.solved[FREE]:
+        solve_forced(free.slots, window, None, room.free_forced)
+        room.solved[FREE] = True
+
+
+@jit_inline
+def solve_joined(joined, window, contact, room):  # type: ignore[no-untyped-def]
+    """Fill the forced part of the joined regime for a window, unless it is known."""
+    if not room.solved[JOINED]:
+        solve_forced(joined.slots, window, contact.mass, room.joined_forced)
+        room.solved[JOINED] = True
+
+
+@jit_inline
+def add_forced_part(window, tau, sign, room):  # type: ignore[no-untyped-def]
+    """Add the forced part of the regime in use, times ``sign``, to the slots."""
+    if room.now[REGIME] == FREE:
+        add_forced(room.free_forced.slots, window.omega, tau, sign, room.work.z)
+    else:
+        add_forced(room.joined_forced.slots, window.omega, tau, sign, room.work.z)
+
+
+@jit_inline
+def enter_window(free, joined, contact, walls, limit, window, started, room, state):  # type: ignore[no-untyped-def]
+    """Begin a window: take the forced part out of the slots, which hold the whole state, or set the first regime of a run."""
+    now = room.now
+    now[TAU] = -window.half
+    room.solved[:] = False
+    if now[REGIME] == FREE or not started:
+        solve_free(free, window, room)
+    if now[REGIME] != FREE or not started:
+        solve_joined(joined, window, contact, room)
+    if started:
+        add_forced_part(window, now[TAU], -1.0, room)
+    else:
+        begin(free, room.free_forced, joined, room.joined_forced, window, contact, walls, limit, now, state, room.work)
+
+
+@jit_inline
+def meet(free, window, contact, walls, limit, found, room, counters, events, energy):  # type: ignore[no-untyped-def]
+    """Let the event that ended a flight happen; return True if absorber and tip have no relative velocity from then on."""
+    if found.kind == NOTHING:
+        return False
+    if found.kind == REVERSAL:
+        return turn(free, contact, limit, room.now, room.work, found)
+    side = 1.0 if found.kind == HIT_HIGH else -1.0
+    return impact(free, room.free_forced, window, contact, walls, limit, room.now, room.work, room.signal, side, found, counters, events, energy)
+
+
+@jit_inline
+def join_or_slide(free, joined, window, contact, limit, room, state):  # type: ignore[no-untyped-def]
+    """Go on from the free regime without relative velocity: joined if the joint force allows it."""
+    now, work = room.now, room.work
+    solve_joined(joined, window, contact, room)
+    free_state(free, room.free_forced, window.omega, now, work, state)
+    if not try_join(joined, room.joined_forced, window, contact, limit, now, state, work, window.centre):
+        now[AT_REST] = 1.0
+        friction_force(limit, now)
+        enter(free, room.free_forced, window.omega, now, state, work.z)
+
+
+@jit_inline
+def pass_event(  # type: ignore[no-untyped-def]
+    free, joined, window, contact, walls, limit, losses, room, state, clock, counters, level, events, series, energy
+):  # fmt: skip
+    """Advance to the next event, or to the window's end, and let it happen."""
+    now, work, signal, free_forced, joined_forced, _, scratch = room
+    if now[REGIME] == FREE:
+        found = fly(free, free_forced, window, contact, walls, limit, losses, now, work, signal, scratch, clock, counters, level, series, energy)
+        if meet(free, window, contact, walls, limit, found, room, counters, events, energy):
+            join_or_slide(free, joined, window, contact, limit, room, state)
+    else:
+        event = hold(joined, joined_forced, window, limit, losses, now, work, signal, scratch, clock, counters, level, series, energy)
+        if event != NOTHING:
+            solve_free(free, window, room)
+            release(free, free_forced, joined, joined_forced, window, limit, now, work, state, event, events)
 
 
 @jit
@@ -65,63 +152,21 @@ def exact_stretch(  # type: ignore[no-untyped-def]
 
     ``started`` False: the first stretch of a run, which begins with ``state``.
     """
-    # in one piece: each part would be passed regimes and room, some 160 words, at every event: slower by a quarter or more
-    now, work, signal, free_forced, joined_forced, scratch = room
+    now = room.now
     count = window_count(schedule, k)
     for w in range(count):
         window = window_of(schedule, k, w, count)
-        now[TAU] = -window.half
-        in_free = now[REGIME] == FREE
-        solved_free, solved_joined = in_free or not started, not in_free or not started
-        if solved_free:
-            solve_forced(free.slots, window, None, free_forced)
-        if solved_joined:
-            solve_forced(joined.slots, window, contact.mass, joined_forced)
-        if not started:
-            begin(free, free_forced, joined, joined_forced, window, contact, walls, limit, now, state, work)
-            started = True
-        elif in_free:
-            add_forced(free_forced.slots, window.omega, now[TAU], -1.0, work.z)
-        else:
-            add_forced(joined_forced.slots, window.omega, now[TAU], -1.0, work.z)
+        enter_window(free, joined, contact, walls, limit, window, started or w > 0, room, state)
         last, stalled, passed = now[TAU], 0, 0
         while now[TAU] < window.half:
-            if now[REGIME] == FREE:
-                found = fly(
-                    free, free_forced, window, contact, walls, limit, losses, now, work, signal, scratch, clock, counters, level, series, energy
-                )
-                join = False
-                if found.kind == REVERSAL:
-                    join = turn(free, contact, limit, now, work, found)
-                elif found.kind != NOTHING:
-                    side = 1.0 if found.kind == HIT_HIGH else -1.0
-                    join = impact(free, free_forced, window, contact, walls, limit, now, work, signal, side, found, counters, events, energy)
-                if join:
-                    if not solved_joined:
-                        solve_forced(joined.slots, window, contact.mass, joined_forced)
-                        solved_joined = True
-                    free_state(free, free_forced, window.omega, now, work, state)
-                    if not try_join(joined, joined_forced, window, contact, limit, now, state, work, window.centre):
-                        now[AT_REST] = 1.0
-                        friction_force(limit, now)
-                        enter(free, free_forced, window.omega, now, state, work.z)
-            else:
-                event = hold(joined, joined_forced, window, limit, losses, now, work, signal, scratch, clock, counters, level, series, energy)
-                if event != NOTHING:
-                    if not solved_free:
-                        solve_forced(free.slots, window, None, free_forced)
-                        solved_free = True
-                    release(free, free_forced, joined, joined_forced, window, limit, now, work, state, event, events)
+            pass_event(free, joined, window, contact, walls, limit, losses, room, state, clock, counters, level, events, series, energy)
             counters.values[STEPS] += 1.0
             stalled, passed, status = progress(now[TAU], last, stalled, passed)
             if status != DONE:
                 return status
             last = now[TAU]
-        if now[REGIME] == FREE:
-            add_forced(free_forced.slots, window.omega, window.half, 1.0, work.z)
-        else:
-            add_forced(joined_forced.slots, window.omega, window.half, 1.0, work.z)
-        if not np.isfinite(work.z[0, 0] + now[Q]):
+        add_forced_part(window, window.half, 1.0, room)
+        if not np.isfinite(room.work.z[0, 0] + now[Q]):
             return NOT_FINITE
     return DONE
 
