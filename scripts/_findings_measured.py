@@ -25,7 +25,7 @@ from optimisation.search.judge import Audit
 from optimisation.search.settings import default_settings
 
 WORKERS = (1, 2)
-FRONT_MEMBERS, FRONT_DESIGNS, SEEDS = 4, 200, 5
+FRONT_MEMBERS, FRONT_DESIGNS, SEEDS = 2, 300, 5
 FULL = 2000
 
 
