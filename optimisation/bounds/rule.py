@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.modes import ModalModel
-from impact_env.parameters import DEFAULT_MASS_RATIO, StuckAbsorber, positive, require
+from impact_env.parameters import DEFAULT_MASS_RATIO, positive, require
+from optimisation.bounds.lines import masses_of, stuck_frequencies
 from optimisation.bounds.stroke import GRID, line_terms, smallest
-from optimisation.response import frequency_range, natural_frequencies
+from optimisation.response import frequency_range
 
 Real = NDArray[np.float64]
 
@@ -33,8 +34,7 @@ def near_range(model: ModalModel, mass: float, resonance: int = 1) -> tuple[floa
 
 def _stuck_ratio(model: ModalModel, mass: float, resonance: int) -> float:
     """Return the natural frequency of the beam with the mass stuck to it, over omega_r."""
-    stuck = natural_frequencies(model, StuckAbsorber(positive("mass", mass) / model.beam_mass))
-    return float(stuck[resonance - 1]) / model.resonance_omega(resonance)
+    return float(stuck_frequencies(model, masses_of(model, mass))[resonance - 1]) / model.resonance_omega(resonance)
 
 
 def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1, low: float | None = None, high: float | None = None) -> float:
