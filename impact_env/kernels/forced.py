@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.jit import jit, jit_room, jit_sum
+from impact_env.kernels.forced_sums import add_response, back_substitute, combine, first_values, polynomial_value
+from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.slots import DRIVE, GUARD, TIP, S, cos_sin
 from impact_env.kernels.vector import POINTS, SCAN_TERMS, TERMS
 
@@ -21,15 +22,19 @@ CHIRP_REMAINDER = 1e-17
 NEAR_RESONANCE = 0.05  # of |i Omega - s| times half the window: then the polynomial is built upwards
 DERIVATIVES = 6
 SCANNED = 3  # derivatives of the guard signal that the event search scans
+SIGNALS = (2, TERMS, 2, 4)  # shape of Forced.signals
 BEYOND = 1.25  # of half a window: up to there bounds hold
-TIP_SIGNAL = DERIVATIVES  # row of Forced.signals
+# numbers of the signals in Forced.signals: the guard signal and its derivatives, the tip displacement; those of the scan are together
+GUARD_SIGNALS, TIP_SIGNAL = (0, 1, 2, 4, 5, 6), 3
+THIRD, FOURTH = GUARD_SIGNALS[3], GUARD_SIGNALS[4]
 
 
 class Forced(NamedTuple):
     """One regime's forced part in one window.
 
-    ``slots`` (4, TERMS, J) holds A and B, real and imaginary in turn. ``signals`` (DERIVATIVES + 1, 2, TERMS): polynomials, as factors of
-    exp(i Omega tau), of the guard signal and its derivatives, and last of the tip displacement. ``bound`` (DERIVATIVES + SCANNED,): the largest
+    ``slots`` (4, TERMS, J) holds A and B, real and imaginary in turn. ``signals`` (2, TERMS, 2, 4): polynomials, as factors of
+    exp(i Omega tau), of the guard signal, its derivatives and the tip displacement; the coefficients of signal m, real and imaginary, are
+    signals[m // 4, :, :, m % 4]. ``bound`` (DERIVATIVES + SCANNED,): the largest
     size, up to BEYOND half windows from the centre, of the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of the first
     of them. ``carrier`` (L, 2, POINTS): exp(i Omega k h_L), k = 1 ... POINTS, for the levels of `slots.Slots`.
     ``terms`` (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier.
@@ -57,7 +62,7 @@ class Window(NamedTuple):
 def new_forced(slots):  # type: ignore[no-untyped-def]
     """Return empty room for the forced part of a regime."""
     size, levels = slots.rows.shape[1], slots.steps.shape[0]
-    signals, bound, carrier = np.zeros((DERIVATIVES + 1, 2, TERMS)), np.zeros(DERIVATIVES + SCANNED), np.zeros((levels, 2, POINTS))
+    signals, bound, carrier = np.zeros(SIGNALS), np.zeros(DERIVATIVES + SCANNED), np.zeros((levels, 2, POINTS))
     return Forced(np.zeros((4, TERMS, size)), signals, bound, carrier, np.zeros((2, TERMS)))
 
 
@@ -70,32 +75,6 @@ def fill_terms(window, terms):  # type: ignore[no-untyped-def]
         factor = 0.5 * window.alpha / m
         c_r, c_i = -c_i * factor, c_r * factor
         terms[0, 2 * m], terms[1, 2 * m] = c_r, c_i
-
-
-@jit_sum
-def back_substitute(rows, omega, sign, terms, at, out):  # type: ignore[no-untyped-def]
-    """Solve P' + (i sign Omega - s) P = drive * terms for polynomials P, slot by slot, into out[at], out[at + 1].
-
-    ``sign`` -1 takes the conjugate terms.
-    """
-    for j in range(rows.shape[1]):
-        l_r = -rows[0, j]
-        l_i = sign * omega - rows[1, j]
-        scale = 1.0 / (l_r * l_r + l_i * l_i + 1e-300)
-        l_r = l_r * scale
-        l_i = -l_i * scale
-        n_r = 0.0
-        n_i = 0.0
-        for m in range(TERMS):
-            n = TERMS - 1 - m
-            t_r = terms[0, n]
-            t_i = sign * terms[1, n]
-            x_r = rows[DRIVE, j] * t_r - rows[DRIVE + 1, j] * t_i - (n + 1) * n_r
-            x_i = rows[DRIVE, j] * t_i + rows[DRIVE + 1, j] * t_r - (n + 1) * n_i
-            n_r = x_r * l_r - x_i * l_i
-            n_i = x_r * l_i + x_i * l_r
-            out[at, n, j] = n_r
-            out[at + 1, n, j] = n_i
 
 
 @jit
@@ -119,28 +98,15 @@ def _at_resonance(rows, window, sign, terms, at, out):  # type: ignore[no-untype
             forward_substitute(rows, j, window.omega, sign, terms, at, out)
 
 
-@jit_sum
-def _combine_all(rows, row, slots, signals, at):  # type: ignore[no-untyped-def]
-    """Write the coefficients of the signal with the weights w in ``row`` to signals[at]: sum of w A + conj(w B)."""
-    for n in range(TERMS):
-        q_r = 0.0
-        q_i = 0.0
-        for j in range(rows.shape[1]):
-            q_r += rows[row, j] * (slots[0, n, j] + slots[2, n, j]) - rows[row + 1, j] * (slots[1, n, j] + slots[3, n, j])
-            q_i += rows[row, j] * (slots[1, n, j] - slots[3, n, j]) + rows[row + 1, j] * (slots[0, n, j] - slots[2, n, j])
-        signals[at, 0, n] = q_r
-        signals[at, 1, n] = q_i
-
-
 @jit
 def _derive(omega, signals, start, at):  # type: ignore[no-untyped-def]
     """Write into ``at`` the polynomial of the derivative of the signal ``start``: p' + i omega p."""
     for n in range(TERMS):
-        d_r, d_i = -omega * signals[start, 1, n], omega * signals[start, 0, n]
+        d_r, d_i = -omega * signals[start // 4, n, 1, start % 4], omega * signals[start // 4, n, 0, start % 4]
         if n + 1 < TERMS:
-            d_r += (n + 1) * signals[start, 0, n + 1]
-            d_i += (n + 1) * signals[start, 1, n + 1]
-        signals[at, 0, n], signals[at, 1, n] = d_r, d_i
+            d_r += (n + 1) * signals[start // 4, n + 1, 0, start % 4]
+            d_i += (n + 1) * signals[start // 4, n + 1, 1, start % 4]
+        signals[at // 4, n, 0, at % 4], signals[at // 4, n, 1, at % 4] = d_r, d_i
 
 
 @jit
@@ -148,7 +114,8 @@ def _fill_bounds(signals, reach, bound):  # type: ignore[no-untyped-def]
     for m in range(DERIVATIVES):
         whole, rest, power = 0.0, 0.0, 1.0
         for n in range(TERMS):
-            size = (abs(signals[m, 0, n]) + abs(signals[m, 1, n])) * power
+            at = GUARD_SIGNALS[m]
+            size = (abs(signals[at // 4, n, 0, at % 4]) + abs(signals[at // 4, n, 1, at % 4])) * power
             whole += size
             if n >= SCAN_TERMS:
                 rest += size
@@ -173,8 +140,8 @@ def solve_response(slots, window, forced):  # type: ignore[no-untyped-def]
     """Fill the slots' and the tip's forced part for a window: all that a regime without guards needs."""
     rows, terms = slots.rows, forced.terms
     fill_terms(window, terms)
-    back_substitute(rows, window.omega, 1.0, terms, 0, forced.slots)
-    back_substitute(rows, window.omega, -1.0, terms, 2, forced.slots)
+    back_substitute(rows, rows.shape[1], window.omega, 1.0, terms, 0, forced.slots)
+    back_substitute(rows, rows.shape[1], window.omega, -1.0, terms, 2, forced.slots)
     _at_resonance(rows, window, 1.0, terms, 0, forced.slots)
     _at_resonance(rows, window, -1.0, terms, 2, forced.slots)
     solve_place(slots, forced)
@@ -194,7 +161,7 @@ def solve_forced(slots, window, absorber_mass, forced):  # type: ignore[no-untyp
 @jit
 def solve_place(slots, forced):  # type: ignore[no-untyped-def]
     """Fill the signal of the displacement with the weights in row TIP; the slots' forced part is known."""
-    _combine_all(slots.rows, TIP, forced.slots, forced.signals, TIP_SIGNAL)
+    combine(slots.rows, TIP, slots.rows.shape[1], forced.slots, forced.signals, TIP_SIGNAL)
 
 
 @jit
@@ -202,70 +169,36 @@ def solve_guard(slots, window, absorber_mass, forced):  # type: ignore[no-untype
     """Fill the guard signal, its derivatives and bounds; slots' forced part and displacement are known, ``absorber_mass`` as in `solve_forced`."""
     signals = forced.signals
     if absorber_mass is None:
-        _combine_all(slots.rows, GUARD, forced.slots, signals, 0)
+        combine(slots.rows, GUARD, slots.rows.shape[1], forced.slots, signals, 0)
     else:
         _derive(window.omega, signals, TIP_SIGNAL, 1)
         _derive(window.omega, signals, 1, 0)
         for n in range(TERMS):
-            signals[0, 0, n] *= absorber_mass
-            signals[0, 1, n] *= absorber_mass
+            signals[0, n, 0, 0] *= absorber_mass
+            signals[0, n, 1, 0] *= absorber_mass
     for m in range(1, DERIVATIVES):
-        _derive(window.omega, signals, m - 1, m)
-    _fill_bounds(signals, BEYOND * window.half, forced.bound)
+        _derive(window.omega, signals, GUARD_SIGNALS[m - 1], GUARD_SIGNALS[m])
+    # the last step of a search may begin in the window and end beyond it: by a quarter of its half, or by the finest step where that is longer
+    _fill_bounds(signals, max(BEYOND * window.half, window.half + slots.steps[0, 0]), forced.bound)
     _fill_carrier(slots.steps, window.omega, forced.carrier)
 
 
-@jit_sum
+@jit_inline
 def signal_value(signals, m, omega, tau):  # type: ignore[no-untyped-def]
     """Return signal m at an offset from the window's centre: Re(polynomial(tau) exp(i omega tau))."""
     c, s = cos_sin(omega * tau)
-    q_r = 0.0
-    q_i = 0.0
-    for k in range(TERMS):
-        q_r = q_r * tau + signals[m, 0, TERMS - 1 - k]
-        q_i = q_i * tau + signals[m, 1, TERMS - 1 - k]
-    return q_r * c - q_i * s
+    return polynomial_value(signals, m, tau, c, s)
 
 
-@jit_sum
+@jit_inline
 def guard_values(signals, omega, tau):  # type: ignore[no-untyped-def]
     """Return the forced guard signal and its first two derivatives at an offset from the window's centre."""
     c, s = cos_sin(omega * tau)
-    a_r = a_i = b_r = b_i = d_r = d_i = 0.0
-    for k in range(TERMS):
-        n = TERMS - 1 - k
-        a_r = a_r * tau + signals[0, 0, n]
-        a_i = a_i * tau + signals[0, 1, n]
-        b_r = b_r * tau + signals[1, 0, n]
-        b_i = b_i * tau + signals[1, 1, n]
-        d_r = d_r * tau + signals[2, 0, n]
-        d_i = d_i * tau + signals[2, 1, n]
-    return a_r * c - a_i * s, b_r * c - b_i * s, d_r * c - d_i * s
+    return first_values(signals, tau, c, s)
 
 
-@jit_sum
+@jit
 def add_forced(slots, omega, tau, factor, z):  # type: ignore[no-untyped-def]
     """Add factor * (A exp(i omega tau) + B exp(-i omega tau)) to z."""
     c, s = cos_sin(omega * tau)
-    c *= factor
-    s *= factor
-    f, t = slots, tau
-    for j in range(z.shape[1]):
-        a_r = f[0, 0, j] + t * (
-            f[0, 1, j]
-            + t * (f[0, 2, j] + t * (f[0, 3, j] + t * (f[0, 4, j] + t * (f[0, 5, j] + t * (f[0, 6, j] + t * (f[0, 7, j] + t * f[0, 8, j]))))))
-        )
-        a_i = f[1, 0, j] + t * (
-            f[1, 1, j]
-            + t * (f[1, 2, j] + t * (f[1, 3, j] + t * (f[1, 4, j] + t * (f[1, 5, j] + t * (f[1, 6, j] + t * (f[1, 7, j] + t * f[1, 8, j]))))))
-        )
-        b_r = f[2, 0, j] + t * (
-            f[2, 1, j]
-            + t * (f[2, 2, j] + t * (f[2, 3, j] + t * (f[2, 4, j] + t * (f[2, 5, j] + t * (f[2, 6, j] + t * (f[2, 7, j] + t * f[2, 8, j]))))))
-        )
-        b_i = f[3, 0, j] + t * (
-            f[3, 1, j]
-            + t * (f[3, 2, j] + t * (f[3, 3, j] + t * (f[3, 4, j] + t * (f[3, 5, j] + t * (f[3, 6, j] + t * (f[3, 7, j] + t * f[3, 8, j]))))))
-        )
-        z[0, j] += (a_r + b_r) * c - (a_i - b_i) * s
-        z[1, j] += (a_i + b_i) * c + (a_r - b_r) * s
+    add_response(slots, z.shape[1], tau, c * factor, s * factor, z)

@@ -1,5 +1,8 @@
 """The one compile decorator and the one cache folder of all kernels.
 
+Nothing is compiled with numba's fastmath. Where the compiler may reorder sums or contract products it does so anew in every library that a function
+gets into, and of several copies of a function the one that was loaded first serves all: results would depend on what a process ran before.
+
 numba's cache does not notice an edit in an imported module, so the folder carries a hash of the package's sources.
 """
 
@@ -15,8 +18,6 @@ from typing import Any, TypeVar
 import numba
 
 _PACKAGE = Path(__file__).resolve().parent
-# reordering and contraction only: event logic relies on NaN and on signed comparisons
-SUM_FLAGS = frozenset({"reassoc", "contract", "nsz", "arcp"})
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
@@ -47,18 +48,13 @@ _njit: Any = numba.njit
 
 
 def jit(function: _F) -> _F:
-    """Compile without fastmath: the code around events. Makes no arrays."""
+    """Compile a function that makes no arrays. Never with fastmath: sums over slots are written as vector code (vector_code.py)."""
     return _njit(**_PLAIN)(function)  # type: ignore[no-any-return]
 
 
 def jit_room(function: _F) -> _F:
     """Compile like `jit`, for a function that makes or returns arrays or calls one that does: once a lane, never in a loop."""
     return _njit(**{**_PLAIN, "_nrt": True})(function)  # type: ignore[no-any-return]
-
-
-def jit_sum(function: _F) -> _F:
-    """Compile with reordering allowed: sums over modes, which then vectorise. Makes no arrays."""
-    return _njit(**_PLAIN, fastmath=set(SUM_FLAGS))(function)  # type: ignore[no-any-return]
 
 
 def jit_inline(function: _F) -> _F:
@@ -69,8 +65,3 @@ def jit_inline(function: _F) -> _F:
 def jit_view(function: _F) -> _F:
     """Compile like `jit` and dissolve in the caller's own code: a function that only picks arrays out of larger ones, and so returns arrays."""
     return _njit(**_PLAIN, inline="always")(function)  # type: ignore[no-any-return]
-
-
-def jit_sum_inline(function: _F) -> _F:
-    """Compile like `jit_sum` and inline at every call."""
-    return _njit(**_PLAIN, fastmath=set(SUM_FLAGS), forceinline=True)(function)  # type: ignore[no-any-return]

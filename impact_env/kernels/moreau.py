@@ -8,12 +8,16 @@ no iteration. The scheme is of first order: damping acts at u_n and an impact is
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numba.core import types
+from numba.extending import intrinsic
 
 from impact_env.kernels.chirp import RESET, phasor, stretch_at, turns_left
 from impact_env.kernels.contact_law import solve_contact
 from impact_env.kernels.grid import FREE, close_phase, rows_wanted, step_of_row
-from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_sum
+from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.observers import (
     ABSORBER_DAMPING,
     DONE,
@@ -27,8 +31,9 @@ from impact_env.kernels.observers import (
     push_impact,
     push_level,
 )
+from impact_env.kernels.vector_code import LANES, Code
 
-# rows of the table of modes; a constant distance between rows spares the loops a run-time check for overlap, which costs more than they do
+# rows of the table of modes
 STRIDE = 64
 _Q, _U, _KEEP, _PULL, _PUSH, _TIP, _Q_BEFORE, _U_BEFORE, _ROWS = range(9)
 
@@ -50,28 +55,47 @@ def _new_table(omega, damping_ratio, force_shape, tip_shape, amplitude, state, d
     return table
 
 
-@jit_sum
+def _swing_code(pushed: bool) -> Any:
+    def swing(typing_context, table, n, stride, force, push, dt):  # type: ignore[no-untyped-def]
+        def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+            code = Code(context, builder, signature.args, values)
+            table, n, stride, force, push, dt = code.arguments
+            force, push, dt = (code.spread(number) for number in (force, push, dt))
+            velocity, displacement = code.sum(), code.sum()
+            with code.loop(n, LANES) as j:
+                places = [code.plus(code.times(stride, row), j) for row in range(_TIP + 1)]
+                q, u, keep, pull, load, tip = (code.vector(table, place) for place in places)
+                given = load * force
+                if pushed:
+                    given = tip.fma(push, given)
+                u = keep.fma(u, (-pull).fma(q, given))
+                q = dt.fma(u, q)
+                code.store(u, table, places[_U])
+                code.store(q, table, places[_Q])
+                velocity.add_product(tip, u)
+                displacement.add_product(tip, q)
+            return code.result(signature, context, [total.number().total() for total in (velocity, displacement)])
+
+        return types.UniTuple(types.float64, 2)(table, types.int64, types.int64, *[types.float64] * 3), build
+
+    return intrinsic(swing)
+
+
+_swing_freely, _swing_pushed = _swing_code(False), _swing_code(True)
+
+
+@jit_inline
 def _swing(table, n, wide, force, push, dt):  # type: ignore[no-untyped-def]
     """Advance the modes by a step without contact; return the tip's velocity at its end and displacement at the next step's middle."""
     stride = STRIDE
     if wide is not None:
         stride = wide
-    velocity = 0.0
-    displacement = 0.0
-    for j in range(n):
-        u = table[_KEEP * stride + j] * table[_U * stride + j] - table[_PULL * stride + j] * table[_Q * stride + j]
-        u += table[_PUSH * stride + j] * force
-        if push is not None:
-            u += table[_TIP * stride + j] * push
-        q = table[_Q * stride + j] + dt * u
-        table[_U * stride + j] = u
-        table[_Q * stride + j] = q
-        velocity += table[_TIP * stride + j] * u
-        displacement += table[_TIP * stride + j] * q
-    return velocity, displacement
+    if push is None:
+        return _swing_freely(table, n, stride, force, 0.0, dt)
+    return _swing_pushed(table, n, stride, force, push, dt)
 
 
-@jit_sum
+@jit
 def _kick(table, n, wide, percussion, dt):  # type: ignore[no-untyped-def]
     """Let the contact's percussion (N s, on the absorber) act back on the modes."""
     stride = STRIDE

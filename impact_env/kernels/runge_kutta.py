@@ -11,7 +11,11 @@ The slider of elastic friction stays where it is within a step and follows at it
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numba.core import types
+from numba.extending import intrinsic
 
 from impact_env.kernels.chirp import fill_phases
 from impact_env.kernels.feedback import (
@@ -46,7 +50,7 @@ from impact_env.kernels.feedback import (
     textbook_step,
 )
 from impact_env.kernels.grid import close_phase, rows_wanted, step_of_row
-from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_sum
+from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.observers import (
     ABSORBER_DAMPING,
     DONE,
@@ -63,35 +67,61 @@ from impact_env.kernels.observers import (
     push_level,
     push_phase,
 )
+from impact_env.kernels.vector_code import LANES, Code, Number
 
 _BLOCK = 16  # steps between two checks for values that are not finite
 
 
-@jit_sum
+def _swing_code(pushed: bool, watched: bool) -> Any:
+    def swing(typing_context, table, lanes, stride, f1, fm, f4, p1, p2, p3, p4):  # type: ignore[no-untyped-def]
+        def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+            code = Code(context, builder, signature.args, values)
+            table, lanes, stride, *numbers = code.arguments
+            f1, fm, f4, p1, p2, p3, p4 = (code.spread(number) for number in numbers)
+            sums = [code.sum() for _ in range(4)]
+            with code.loop(lanes, LANES) as j:
+
+                def of(row: int) -> Number:
+                    return code.vector(table, code.plus(code.times(stride, row), j))
+
+                q, u = of(Q), of(U)
+                in_q = [(QU, u), (QF1, f1), (QFM, fm)] + ([(QP1, p1), (QP2, p2), (QP3, p3)] if pushed else [])
+                in_u = [(UU, u), (UF1, f1), (UFM, fm), (UF4, f4)] + ([(UP1, p1), (UP2, p2), (UP3, p3), (UP4, p4)] if pushed else [])
+                q_next, u_next = of(QQ) * q, of(UQ) * q
+                for row, number in in_q:
+                    q_next = of(row).fma(number, q_next)
+                for row, number in in_u:
+                    u_next = of(row).fma(number, u_next)
+                code.store(q_next, table, code.plus(code.times(stride, Q), j))
+                code.store(u_next, table, code.plus(code.times(stride, U), j))
+                if watched:
+                    for k, total in enumerate(sums):
+                        total.add_product(of(Y + 2 * k), q_next)
+                        total.add_product(of(Y + 2 * k + 1), u_next)
+            return code.result(signature, context, [total.number().total() for total in sums])
+
+        return types.UniTuple(types.float64, 4)(table, types.int64, types.int64, *[types.float64] * 7), build
+
+    return intrinsic(swing)
+
+
+_freely, _freely_watched, _pushed, _pushed_watched = (_swing_code(pushed, watched) for pushed in (False, True) for watched in (False, True))
+
+
+@jit_inline
 def _swing(table, lanes, wide, forces, at, push, watched):  # type: ignore[no-untyped-def]
     """Advance all oscillators by a step; return the next step's four observations as far as they follow from the state."""
     stride = STRIDE
     if wide is not None:
         stride = wide
     f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
-    y1, y2, y3, y4 = 0.0, 0.0, 0.0, 0.0
-    for j in range(lanes):
-        q, u = table[Q * stride + j], table[U * stride + j]
-        q_next = table[QQ * stride + j] * q + table[QU * stride + j] * u + table[QF1 * stride + j] * f1 + table[QFM * stride + j] * fm
-        u_next = table[UQ * stride + j] * q + table[UU * stride + j] * u + table[UF1 * stride + j] * f1 + table[UFM * stride + j] * fm
-        u_next += table[UF4 * stride + j] * f4
-        if push is not None:
-            q_next += table[QP1 * stride + j] * push[0] + table[QP2 * stride + j] * push[1] + table[QP3 * stride + j] * push[2]
-            u_next += table[UP1 * stride + j] * push[0] + table[UP2 * stride + j] * push[1]
-            u_next += table[UP3 * stride + j] * push[2] + table[UP4 * stride + j] * push[3]
-        table[Q * stride + j] = q_next
-        table[U * stride + j] = u_next
-        if watched is not None:
-            y1 += table[Y * stride + j] * q_next + table[(Y + 1) * stride + j] * u_next
-            y2 += table[(Y + 2) * stride + j] * q_next + table[(Y + 3) * stride + j] * u_next
-            y3 += table[(Y + 4) * stride + j] * q_next + table[(Y + 5) * stride + j] * u_next
-            y4 += table[(Y + 6) * stride + j] * q_next + table[(Y + 7) * stride + j] * u_next
-    return y1, y2, y3, y4
+    if push is None:
+        if watched is None:
+            return _freely(table, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
+        return _freely_watched(table, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
+    if watched is None:
+        return _pushed(table, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
+    return _pushed_watched(table, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
 
 
 @jit_inline

@@ -2,40 +2,109 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
 from impact_env.kernels.forced import TIP_SIGNAL, signal_value
-from impact_env.kernels.jit import jit_sum, jit_sum_inline
-from impact_env.kernels.slots import TAYLOR, TAYLOR_TERMS, cos_sin, digits, turned, value
-from impact_env.kernels.vector import TERMS
+from impact_env.kernels.jit import jit
+from impact_env.kernels.slot_sums import DIGITS, INTEGER, NUMBER, SlotsAt
+from impact_env.kernels.slots import cos_sin, digits, value
+from impact_env.kernels.vector import TERMS, signal_place
+from impact_env.kernels.vector_code import LANES, Code, Complex, Number
 
 FEW = 3  # samples up to which each is evaluated for itself
+TOGETHER = 8  # samples that are computed at once
 
 
-@jit_sum_inline
-def factor(rows, table, d1, d2, d3, x, j):  # type: ignore[no-untyped-def]
-    """Return exp(s_j t), t given by its digits and rest."""
-    b_r = table[0, 1, d2, j] * table[0, 2, d3, j] - table[1, 1, d2, j] * table[1, 2, d3, j]
-    b_i = table[0, 1, d2, j] * table[1, 2, d3, j] + table[1, 1, d2, j] * table[0, 2, d3, j]
-    p_r = table[0, 0, d1, j] * b_r - table[1, 0, d1, j] * b_i
-    p_i = table[0, 0, d1, j] * b_i + table[1, 0, d1, j] * b_r
-    c_r, c_i = 0.0, 0.0
-    for k in range(TAYLOR_TERMS - 1):
-        row = TAYLOR + 2 * (TAYLOR_TERMS - 2 - k)
-        c_r, c_i = x * (rows[row, j] + c_r), x * (rows[row + 1, j] + c_i)
-    c_r += 1.0
-    return p_r * c_r - p_i * c_i, p_r * c_i + p_i * c_r
+def _powers(factor: Complex, one: Complex) -> list[Complex]:
+    """Return factor^0 ... factor^TOGETHER, each from two of half its power, so that rounding does not pile up."""
+    powers = [one, factor]
+    for k in range(2, TOGETHER + 1):
+        powers.append(powers[k // 2].times(powers[k - k // 2]))
+    return powers
 
 
-@jit_sum_inline
-def forced_value(signals, tau, c, s):  # type: ignore[no-untyped-def]
-    """Return the forced tip displacement at an offset from the window's centre, where the force's phasor is c + i s."""
-    q_r, q_i = 0.0, 0.0
-    for k in range(TERMS):
-        q_r = q_r * tau + signals[TIP_SIGNAL, 0, TERMS - 1 - k]
-        q_i = q_i * tau + signals[TIP_SIGNAL, 1, TERMS - 1 - k]
-    return q_r * c - q_i * s
+def _add_to_block(code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool) -> None:
+    """Add numbers to the block from a place on, or write them if it is ``fresh``: as many as are ``left``."""
+    builder = code.builder
+    for k, number in enumerate(numbers):
+        with builder.if_then(builder.icmp_signed(">", left, code.index(k)), likely=True):
+            at = code.plus(place, k)
+            code.put(number if fresh else number + code.number(block, at), block, at)
 
 
-@jit_sum
+def _whole_or_part(code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool) -> None:
+    """Do what `_add_to_block` does, with one instruction where all are left."""
+    whole = code.builder.icmp_signed(">=", left, code.index(TOGETHER))
+    with code.builder.if_else(whole) as (all_of_them, some):
+        with all_of_them:
+            vector = code.gathered(numbers)
+            code.store(vector if fresh else vector + code.vector(block, place, TOGETHER), block, place, TOGETHER)
+        with some:
+            _add_to_block(code, numbers, block, place, left, fresh)
+
+
+@intrinsic
+def _fill_forced(typing_context, signals, tau, interval, c, s, turn_c, turn_s, rest, block, first, count):  # type: ignore[no-untyped-def]
+    """Write ``rest`` and the forced tip displacement at ``count`` samples from ``tau`` on; c + i s is the force's phasor there, turning by turn."""
+
+    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        code = Code(context, builder, signature.args, values)
+        signals, tau, interval, c, s, turn_c, turn_s, rest, block, first, count = code.arguments
+        one = Complex(code.scalar(1.0), code.scalar(0.0))
+        *powers, leap = _powers(Complex(Number(builder, turn_c), Number(builder, turn_s)), one)
+        turn = Complex(code.gathered([p.real for p in powers]), code.gathered([p.imag for p in powers]))
+        phasor = [cgutils.alloca_once_value(builder, part) for part in (c, s)]
+        steps = code.constant(range(TOGETHER))
+        with code.loop(count, TOGETHER) as k:
+            now = Complex(*(Number(builder, builder.load(part)) for part in phasor))
+            here = Complex(code.spread(now.real, TOGETHER), code.spread(now.imag, TOGETHER)).times(turn)
+            number = code.spread(builder.sitofp(k, tau.type), TOGETHER) + steps
+            x = number.fma(code.spread(interval, TOGETHER), code.spread(tau, TOGETHER))
+            parts = []
+            for part in (0, 1):
+                total = code.spread(code.number(signals, signal_place(code, TIP_SIGNAL, TERMS - 1, part)), TOGETHER)
+                for n in range(TERMS - 2, -1, -1):
+                    total = total.fma(x, code.spread(code.number(signals, signal_place(code, TIP_SIGNAL, n, part)), TOGETHER))
+                parts.append(total)
+            values = Complex(*parts).real_of_product(here) + code.spread(rest, TOGETHER)
+            _whole_or_part(code, values.elements(), block, code.plus(first, k), builder.sub(count, k), True)
+            for place, part in zip(phasor, now.times(leap), strict=True):
+                builder.store(part.value, place)
+        return context.get_dummy_value()
+
+    return types.void(signals, *[NUMBER] * 7, block, INTEGER, INTEGER), build
+
+
+@intrinsic
+def _add_slots(typing_context, rows, table, size, base, d1, d2, d3, x, h1, h2, h3, h, u, block, first, count):  # type: ignore[no-untyped-def]
+    """Add the slots' sum at ``count`` samples, the first at the offset d1, d2, d3, x, and h1, h2, h3, h between two."""
+
+    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        code = Code(context, builder, signature.args, values)
+        rows, table, size, base, d1, d2, d3, x, h1, h2, h3, h, u, block, first, count = code.arguments
+        start, step = (SlotsAt(code, rows, table, size, base, place) for place in ([d1, d2, d3, x], [h1, h2, h3, h]))
+        one = Complex(code.constant([1.0] * LANES), code.constant([0.0] * LANES))
+        with code.loop(size, LANES) as j:
+            amplitude = start.turned(u, j)
+            *powers, leap = _powers(step.factor(j), one)
+            places = [cgutils.alloca_once_value(builder, part.value) for part in amplitude]
+            for part, place in zip(amplitude, places, strict=True):
+                builder.store(part.value, place)
+            with code.loop(count, TOGETHER) as k:
+                now = Complex(*(Number(builder, builder.load(place)) for place in places))
+                sums = [now.real_of_product(power).total() for power in powers]
+                _whole_or_part(code, sums, block, code.plus(first, k), builder.sub(count, k), False)
+                for place, part in zip(places, now.times(leap), strict=True):
+                    builder.store(part.value, place)
+        return context.get_dummy_value()
+
+    return types.void(rows, table, INTEGER, INTEGER, *DIGITS, *DIGITS, u, block, INTEGER, INTEGER), build
+
+
+@jit
 def fill_samples(slots, signals, omega, u, tip_rest, offset, x, interval, block, first, count):  # type: ignore[no-untyped-def]
     """Write the tip displacement at ``count`` equidistant samples into the block from place ``first`` on.
 
@@ -50,41 +119,7 @@ def fill_samples(slots, signals, omega, u, tip_rest, offset, x, interval, block,
         return
     c, s = cos_sin(omega * x)
     turn_c, turn_s = cos_sin(omega * interval)
-    for k in range(count):
-        block[first + k] = tip_rest + forced_value(signals, x + k * interval, c, s)
-        c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c
+    _fill_forced(signals, x, interval, c, s, turn_c, turn_s, tip_rest, block, first, count)
     d1, d2, d3, rest = digits(scale, offset)
-    h1, h2, h3, h_rest = digits(scale, interval)
-    for j in range(u.shape[1]):
-        a_r, a_i = turned(rows, table, u, d1, d2, d3, rest, j)
-        if a_r != 0.0 or a_i != 0.0:
-            e_r, e_i = factor(rows, table, h1, h2, h3, h_rest, j)
-            add_turning(block, first, count, a_r, a_i, e_r, e_i)
-
-
-@jit_sum_inline
-def add_turning(block, first, count, a_r, a_i, e_r, e_i):  # type: ignore[no-untyped-def]
-    """Add Re(a e^k), k = 0 ... count - 1, to the block; four interleaved rows, so that a product need not wait for the one before."""
-    b_r, b_i = a_r * e_r - a_i * e_i, a_r * e_i + a_i * e_r
-    f_r, f_i = e_r * e_r - e_i * e_i, 2.0 * e_r * e_i
-    c_r, c_i = a_r * f_r - a_i * f_i, a_r * f_i + a_i * f_r
-    d_r, d_i = b_r * f_r - b_i * f_i, b_r * f_i + b_i * f_r
-    f_r, f_i = f_r * f_r - f_i * f_i, 2.0 * f_r * f_i
-    k = first
-    stop = first + count
-    while k + 3 < stop:
-        block[k] += a_r
-        block[k + 1] += b_r
-        block[k + 2] += c_r
-        block[k + 3] += d_r
-        a_r, a_i = a_r * f_r - a_i * f_i, a_r * f_i + a_i * f_r
-        b_r, b_i = b_r * f_r - b_i * f_i, b_r * f_i + b_i * f_r
-        c_r, c_i = c_r * f_r - c_i * f_i, c_r * f_i + c_i * f_r
-        d_r, d_i = d_r * f_r - d_i * f_i, d_r * f_i + d_i * f_r
-        k += 4
-    if k < stop:
-        block[k] += a_r
-    if k + 1 < stop:
-        block[k + 1] += b_r
-    if k + 2 < stop:
-        block[k + 2] += c_r
+    h1, h2, h3, h = digits(scale, interval)
+    _add_slots(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, rest, h1, h2, h3, h, u, block, first, count)

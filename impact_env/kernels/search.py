@@ -26,9 +26,9 @@ import numpy as np
 
 from impact_env.kernels.careful import careful_search
 from impact_env.kernels.forced import DERIVATIVES, guard_values
-from impact_env.kernels.jit import jit, jit_inline, jit_sum
+from impact_env.kernels.jit import jit, jit_inline
 from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL, Event, refine, time_resolution, wall_of
-from impact_env.kernels.slots import FASTEST, SPEED_SQUARE, cos_sin, digits, turned
+from impact_env.kernels.slots import FASTEST, SPEED_SQUARE, cos_sin, move
 from impact_env.kernels.vector import (
     BEND,
     COS,
@@ -49,20 +49,14 @@ from impact_env.kernels.vector import (
 
 SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
 SLOPE_ERROR = 1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
-START_ERROR = 64.0 / 27.0
+START_ERROR = 64.0 / 27.0  # of E: what a summed slot's share becomes when it is divided by t/h
+START_JUMP = 9.0 / 8.0  # of an unsummed slot's amplitude: largest (1 - (1 - x)^2 (1 + 2 x))/x
 SHARP = 1e-3  # of the way across a step: E where an event is accepted
 LEVEL_RATIO = 4.0
 STEADY = 0.05  # of the way across a step: least fall between two coefficients where an event is accepted, so that Newton's method starts well
+INSIDE = 0.5 + 1e-9  # of a step, from its middle
 MOST_SCANS = 20_000_000
-
-
-@jit_sum
-def move_to(rows, table, scale, u, offset, moved):  # type: ignore[no-untyped-def]
-    """Write the amplitudes u at an offset to ``moved`` (2 J,)."""
-    d1, d2, d3, x = digits(scale, offset)
-    size = u.shape[1]
-    for j in range(size):
-        moved[j], moved[size + j] = turned(rows, table, u, d1, d2, d3, x, j)
+MOST_TURNS = 2_000  # blocks after which the moving amplitudes are computed anew, long before their rounding comes near SCAN_NOISE
 
 
 @jit_inline
@@ -87,25 +81,38 @@ def errors_of(errors, steps, w, p, bound, level):  # type: ignore[no-untyped-def
 
 
 @jit_inline
-def start_margin(d1, slope0, slope1, h, error):  # type: ignore[no-untyped-def]
-    """Return the margin of a first step that starts on a guard, from the distance at its end and the growth of the distance at both ends."""
-    return min(min(h * slope0, 1.5 * (d1 - h / 3.0 * slope1)), d1) - START_ERROR * error
+def start_error(w, size, summed, order, h, error):  # type: ignore[no-untyped-def]
+    """Return the error, in the quadratic (H - known zero)/t of a first step, of the derivative ``order`` with the error ``error``; times h.
+
+    Slots that are summed share ``error``; each one that is not, with the amplitudes w of this derivative and the next, has a share of its own.
+    """
+    share = START_ERROR * error
+    here, after = 2 * order * size, 2 * (order + 1) * size
+    for j in range(summed, size):
+        share += START_JUMP * (abs(w[here + j]) + abs(w[here + size + j])) + h * (abs(w[after + j]) + abs(w[after + size + j]))
+    return share
 
 
 @jit_inline
-def leaves_wall(b, h, low, high, side, e0):  # type: ignore[no-untyped-def]
-    """Return whether a block's first step, which starts on the wall ``side``, is clear of both walls."""
+def start_margin(d1, slope0, slope1, h):  # type: ignore[no-untyped-def]
+    """Return the least of a first step that starts on a guard, from the distance at its end and the growth of the distance at both ends."""
+    return min(min(h * slope0, 1.5 * (d1 - h / 3.0 * slope1)), d1)
+
+
+@jit_inline
+def leaves_wall(b, h, low, high, side, e0, error):  # type: ignore[no-untyped-def]
+    """Return whether a block's first step, which starts on the wall ``side``, is clear of both walls; ``error`` as in `start_error`."""
     y0, y1 = b[VALUE], b[VALUE + 1]
     y2, y3 = y0 + h / 3.0 * b[RATE], y1 - h / 3.0 * b[RATE + 1]
     if side > 0:
-        return min(start_margin(high - y1, -b[RATE], -b[RATE + 1], h, e0), min(min(y0, y1), min(y2, y3)) - low - e0) > 0.0
-    return min(start_margin(y1 - low, b[RATE], b[RATE + 1], h, e0), high - max(max(y0, y1), max(y2, y3)) - e0) > 0.0
+        return start_margin(high - y1, -b[RATE], -b[RATE + 1], h) > error and min(min(y0, y1), min(y2, y3)) - low > e0
+    return start_margin(y1 - low, b[RATE], b[RATE + 1], h) > error and high - max(max(y0, y1), max(y2, y3)) > e0
 
 
 @jit_inline
-def leaves_rest(b, h, direction, e1):  # type: ignore[no-untyped-def]
-    """Return whether a block's first step, which starts with rate zero, is clear of a reversal."""
-    return start_margin(direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], h, e1) > 0.0
+def leaves_rest(b, h, direction, error):  # type: ignore[no-untyped-def]
+    """Return whether a block's first step, which starts with rate zero, is clear of a reversal; ``error`` as in `start_error`."""
+    return start_margin(direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], h) > error
 
 
 @jit_inline
@@ -180,18 +187,18 @@ def search(slots, forced, omega, signal, tau, length, half, low, high, side, dir
     while top > 0 and steps[top, 0] > 0.25 * half:  # bounds hold up to a quarter of half a window beyond it
         top -= 1
     level = min(int(memory[0]), top)
-    c, s, offset, count, begin, up, careful, e0, e1 = 0.0, 0.0, 0.0, 0, True, False, 1.0, 0.0, 0.0
+    c, s, offset, count, turns_made, begin, up, careful, e0, e1 = 0.0, 0.0, 0.0, 0, 0, True, False, 1.0, 0.0, 0.0
     while offset < length and count < MOST_SCANS:
         count += 1
         if begin:
             if offset > 0.0:
-                move_to(rows, table, scale, u, offset, w)
+                move(rows, table, scale, u, offset, w)
                 begin_orders(rows, w, w, size)
             else:
                 begin_orders(rows, u, w, size)
             begin_forced(signals, omega, p, tau, offset, b)
             c, s = cos_sin(omega * (tau + offset))
-            begin = False
+            begin, turns_made = False, 0
         if up:
             level += 1
         e0, e1 = errors_of(errors, steps, w, p, bound, level)
@@ -219,10 +226,12 @@ def search(slots, forced, omega, signal, tau, length, half, low, high, side, dir
         if offset == 0.0:
             if low is not None:
                 if side != 0:
-                    walls = (walls & -2) | (0 if leaves_wall(b, h, low, high, side, e0) else 1)
+                    error = start_error(w, size, summed, 0, h, e0)
+                    walls = (walls & -2) | (0 if leaves_wall(b, h, low, high, side, e0, error) else 1)
             if direction is not None:
                 if zero_rate:
-                    reversals = (reversals & -2) | (0 if leaves_rest(b, h, direction, e1) else 1)
+                    error = start_error(w, size, summed, 1, h, e1)
+                    reversals = (reversals & -2) | (0 if leaves_rest(b, h, direction, error) else 1)
         k = first_bit(walls | reversals)
         clear = k == POINTS
         up = clear and level < top
@@ -239,9 +248,13 @@ def search(slots, forced, omega, signal, tau, length, half, low, high, side, dir
                 _, b3 = weighted_sizes(rows, SPEED_SQUARE * size, w, size)
                 b3, resolution = b3 + bound[3], time_resolution(rows, omega, length)
                 found = refine(rows, table, scale, signals, omega, u, p, tau, offset + (k + x) * h, kind, wall, b3, resolution)
-                if found.offset >= length:
-                    break
-                return Event(kind, found.offset, found.value, found.rate, found.bend, count + found.evaluations)
+                count += found.evaluations
+                if (
+                    abs(found.offset - (offset + (k + 0.5) * h)) <= INSIDE * h
+                ):  # the only root in the step, and not one that Newton's method left it for
+                    if found.offset >= length:
+                        break
+                    return Event(kind, found.offset, found.value, found.rate, found.bend, count)
         if k > 0:
             careful = 1.0
             at = (level * POINTS + k - 1) * 2 * size
@@ -252,6 +265,8 @@ def search(slots, forced, omega, signal, tau, length, half, low, high, side, dir
             c, s = b[COS + k - 1], b[SIN + k - 1]
             b[FORCED], b[FORCED + ROW], b[FORCED + 2 * ROW] = b[FORCED + k], b[FORCED + ROW + k], b[FORCED + 2 * ROW + k]
             offset += k * h
+            turns_made += 1
+            begin = turns_made >= MOST_TURNS
         if not clear:
             if level > 0:
                 level -= 1

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.forced import CHIRP_REMAINDER, Window, add_forced
-from impact_env.kernels.jit import jit, jit_room, jit_sum
+from impact_env.kernels.forced_sums import slots_of_state, state_of_slots
+from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.observers import ABSORBER_DAMPING, WORK, push_block, push_level
 from impact_env.kernels.sampling import fill_samples
 from impact_env.kernels.slots import REST, SPEED, TIP, Slots, add, advance, copy, weigh
@@ -74,24 +75,16 @@ def window_of(schedule, k, w, count):  # type: ignore[no-untyped-def]
     return Window(schedule.times[k] + x, 0.5 * duration / count, schedule.omegas[k] + alpha * x, alpha, a * np.cos(phase), a * np.sin(phase))
 
 
-@jit_sum
+@jit
 def to_state(out, z, state):  # type: ignore[no-untyped-def]
     """Write state = Re(out Z)."""
-    for i in range(state.shape[0]):
-        x = 0.0
-        for j in range(z.shape[1]):
-            x += out[0, i, j] * z[0, j] - out[1, i, j] * z[1, j]
-        state[i] = x
+    state_of_slots(out, state.shape[0], z.shape[1], z, state)
 
 
-@jit_sum
+@jit
 def to_slots(into, state, z):  # type: ignore[no-untyped-def]
     """Write Z = into state."""
-    z[:] = 0.0
-    for i in range(state.shape[0]):
-        for j in range(z.shape[1]):
-            z[0, j] += into[0, i, j] * state[i]
-            z[1, j] += into[1, i, j] * state[i]
+    slots_of_state(into, state.shape[0], z.shape[1], state, z)
 
 
 @jit

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.forced import DERIVATIVES, SCANNED, Forced, add_forced, solve_guard, solve_place, solve_response
+from impact_env.kernels.forced import DERIVATIVES, SCANNED, SIGNALS, Forced, add_forced, solve_guard, solve_place, solve_response
 from impact_env.kernels.jit import jit, jit_room, jit_view
 from impact_env.kernels.rigid_contact import FORCE, JOINED, REGIME, largest_kick
 from impact_env.kernels.segments import Regime, to_slots
@@ -85,7 +85,7 @@ class Signals(NamedTuple):
 def new_flow(sets):  # type: ignore[no-untyped-def]
     """Return empty room for the forced parts."""
     count, places, _, size = sets.rows.shape
-    slots, signals = np.zeros((count, 4, TERMS, size)), np.zeros((count, places, DERIVATIVES + 1, 2, TERMS))
+    slots, signals = np.zeros((count, 4, TERMS, size)), np.zeros((count, places, *SIGNALS))
     carrier = np.zeros((count, sets.steps.shape[1], 2, POINTS))
     return Flow(slots, signals, np.zeros((count, places, DERIVATIVES + SCANNED)), carrier, np.zeros((2, TERMS)), np.zeros(count, np.bool_))
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.forced import guard_values
-from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_sum
+from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.slot_sums import sum_sizes
 from impact_env.kernels.slots import SPEED, digits, sum_block
 from impact_env.kernels.vector import BLOCK
 
@@ -51,13 +52,10 @@ def new_signal(size):  # type: ignore[no-untyped-def]
     return Signal(np.zeros((2, size)), np.zeros(3), np.zeros(6 * size), np.zeros(BLOCK), np.zeros(1))
 
 
-@jit_sum
+@jit_inline
 def signal_scale(signal, bound):  # type: ignore[no-untyped-def]
     """Return the size of the terms that a signal is the sum of."""
-    scale = bound[0] + abs(signal.polynomial[0])
-    for j in range(signal.u.shape[1]):
-        scale += abs(signal.u[0, j]) + abs(signal.u[1, j])
-    return scale
+    return bound[0] + abs(signal.polynomial[0]) + sum_sizes(signal.u.shape[1], signal.u)
 
 
 @jit_inline

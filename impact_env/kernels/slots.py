@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.jit import jit_inline, jit_sum, jit_sum_inline
+from impact_env.kernels.jit import jit, jit_inline
+from impact_env.kernels.slot_sums import add_row, multiply_row, sum_and_bounds, sum_one, sum_three, third_and_fourth, turn_to
 
 TAYLOR_TERMS = 7  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
 TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
@@ -58,70 +59,35 @@ def digits(scale, delta):  # type: ignore[no-untyped-def]
     return n >> (2 * bits), (n >> bits) & mask, n & mask, delta - n * scale[FINEST]
 
 
-@jit_sum_inline
-def turned(rows, table, u, d1, d2, d3, x, j):  # type: ignore[no-untyped-def]
-    """Return real and imaginary part of u_j exp(s_j t), t given by its digits and rest."""
-    a_r = u[0, j] * table[0, 0, d1, j] - u[1, j] * table[1, 0, d1, j]
-    a_i = u[0, j] * table[1, 0, d1, j] + u[1, j] * table[0, 0, d1, j]
-    b_r = table[0, 1, d2, j] * table[0, 2, d3, j] - table[1, 1, d2, j] * table[1, 2, d3, j]
-    b_i = table[0, 1, d2, j] * table[1, 2, d3, j] + table[1, 1, d2, j] * table[0, 2, d3, j]
-    c_r = x * (rows[20, j] + x * (rows[22, j] + x * rows[24, j]))
-    c_i = x * (rows[21, j] + x * (rows[23, j] + x * rows[25, j]))
-    c_r = 1.0 + x * (rows[14, j] + x * (rows[16, j] + x * (rows[18, j] + c_r)))
-    c_i = x * (rows[15, j] + x * (rows[17, j] + x * (rows[19, j] + c_i)))
-    p_r = a_r * b_r - a_i * b_i
-    p_i = a_r * b_i + a_i * b_r
-    return p_r * c_r - p_i * c_i, p_r * c_i + p_i * c_r
-
-
-@jit_sum
+@jit_inline
 def advance(rows, table, scale, delta, z):  # type: ignore[no-untyped-def]
     """Multiply z (2, J) by exp(s delta) in place."""
+    move(rows, table, scale, z, delta, z)
+
+
+@jit
+def move(rows, table, scale, u, delta, out):  # type: ignore[no-untyped-def]
+    """Write u exp(s delta) to ``out``, real parts first."""
     d1, d2, d3, x = digits(scale, delta)
-    for j in range(z.shape[1]):
-        z_r, z_i = turned(rows, table, z, d1, d2, d3, x, j)
-        z[0, j] = z_r
-        z[1, j] = z_i
+    turn_to(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u, out)
 
 
-@jit_sum
+@jit_inline
 def sum_block(rows, table, u, d1, d2, d3, x):  # type: ignore[no-untyped-def]
     """Return value, first and second derivative of sum Re(u_j exp(s_j t))."""
-    y0 = 0.0
-    y1 = 0.0
-    y2 = 0.0
-    for j in range(u.shape[1]):
-        v_r, v_i = turned(rows, table, u, d1, d2, d3, x, j)
-        y0 += v_r
-        y1 += rows[0, j] * v_r - rows[1, j] * v_i
-        y2 += rows[2, j] * v_r - rows[3, j] * v_i
-    return y0, y1, y2
+    return sum_three(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)
 
 
-@jit_sum
+@jit_inline
 def sum_and_bound(rows, table, u, d1, d2, d3, x):  # type: ignore[no-untyped-def]
     """Return value, first and second derivative of sum Re(u_j exp(s_j t)), and bounds of the second and third that hold for ever after.
 
     A bound is the sum of |u_j exp(s_j t)| |s_j|^m.
     """
-    y0 = 0.0
-    y1 = 0.0
-    y2 = 0.0
-    b2 = 0.0
-    b3 = 0.0
-    for j in range(u.shape[1]):
-        v_r, v_i = turned(rows, table, u, d1, d2, d3, x, j)
-        y0 += v_r
-        y1 += rows[0, j] * v_r - rows[1, j] * v_i
-        y2 += rows[2, j] * v_r - rows[3, j] * v_i
-        c = rows[SPEED, j]
-        a2 = np.sqrt(v_r * v_r + v_i * v_i) * c * c
-        b2 += a2
-        b3 += a2 * c
-    return y0, y1, y2, b2, b3
+    return sum_and_bounds(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)
 
 
-@jit_sum
+@jit
 def copy(z, w):  # type: ignore[no-untyped-def]
     """Write z to w, both (2, J)."""
     for j in range(z.shape[1]):
@@ -129,46 +95,29 @@ def copy(z, w):  # type: ignore[no-untyped-def]
         w[1, j] = z[1, j]
 
 
-@jit_sum
+@jit
 def value(rows, table, scale, u, delta):  # type: ignore[no-untyped-def]
     """Return sum Re(u_j exp(s_j delta))."""
     d1, d2, d3, x = digits(scale, delta)
-    y = 0.0
-    for j in range(u.shape[1]):
-        v_r, _ = turned(rows, table, u, d1, d2, d3, x, j)
-        y += v_r
-    return y
+    return sum_one(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)[0]
 
 
-@jit_sum
+@jit_inline
 def high_derivatives(rows, u):  # type: ignore[no-untyped-def]
     """Return the third and fourth derivative of sum Re(u_j exp(s_j t)) at t = 0."""
-    y3 = 0.0
-    y4 = 0.0
-    for j in range(u.shape[1]):
-        v_r = rows[SQUARE, j] * u[0, j] - rows[SQUARE + 1, j] * u[1, j]
-        v_i = rows[SQUARE, j] * u[1, j] + rows[SQUARE + 1, j] * u[0, j]
-        y3 += rows[S, j] * v_r - rows[S + 1, j] * v_i
-        y4 += rows[SQUARE, j] * v_r - rows[SQUARE + 1, j] * v_i
-    return y3, y4
+    return third_and_fourth(rows, rows.shape[1], u)
 
 
-@jit_sum
+@jit
 def weigh(rows, row, z, u):  # type: ignore[no-untyped-def]
     """Write u = w z with the weights w in ``row`` and the row behind it."""
-    for j in range(z.shape[1]):
-        u_r = rows[row, j] * z[0, j] - rows[row + 1, j] * z[1, j]
-        u_i = rows[row, j] * z[1, j] + rows[row + 1, j] * z[0, j]
-        u[0, j] = u_r
-        u[1, j] = u_i
+    multiply_row(rows, row, rows.shape[1], z, u)
 
 
-@jit_sum
+@jit
 def add(rows, row, factor, z):  # type: ignore[no-untyped-def]
     """Add factor * w to z with w in ``row`` and the row behind it."""
-    for j in range(z.shape[1]):
-        z[0, j] += factor * rows[row, j]
-        z[1, j] += factor * rows[row + 1, j]
+    add_row(rows, row, rows.shape[1], factor, z)
 
 
 _HALF_PI_HEAD = 1.5707963267341256  # 33 bits, so that k * head is exact for the k that occur
