@@ -1,0 +1,93 @@
+"""Run as a process of its own: prints a hash of what one scene gives, after the scenes that the arguments name.
+
+``threads N``: the scene is a lane among lanes of other kinds on N threads. ``child``: it runs in a process started by this one. ``dask``: on a worker.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import sys
+from collections.abc import Callable
+
+import numpy as np
+
+from impact_env import (
+    Beam,
+    Drive,
+    Moreau,
+    Record,
+    StuckAbsorber,
+    TunedAbsorber,
+    beam_scene,
+    friction_damper,
+    impact_absorber,
+    linear_sweep,
+    simulate,
+)
+from impact_env.ensemble import Lane, run_lanes
+from impact_env.parameters import Absorber
+from impact_env.scene import Scene
+
+ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
+    "none": lambda: None,
+    "stuck": StuckAbsorber,
+    "tuned": TunedAbsorber,
+    "damper": friction_damper,
+    "frictionless": impact_absorber,
+}
+
+
+def scene() -> Scene:
+    return beam_scene(Beam(modes=10), impact_absorber(restitution=0.7, friction_limit=0.1))
+
+
+def drive(of: Scene) -> Drive:
+    return Drive(3.5, linear_sweep(of.model.resonance_omega(1), 0.93, 1.0))
+
+
+def digest() -> str:
+    """Return a hash of the end state, the level and every impact."""
+    response = simulate(scene(), drive(scene()), record=Record(events=True))
+    assert response.level is not None
+    assert response.impacts is not None
+    parts = (response.end_state, np.array([response.level.value]), response.impacts.time, response.impacts.impulse)
+    return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
+
+
+def level_in_a_batch(threads: int) -> str:
+    """Return the scene's level in hexadecimal, as one of many lanes of all kinds."""
+    mixed = [beam_scene(Beam(modes=10), make()) for make in ABSORBERS.values()]
+    lanes = [Lane(one, drive(one)) for one in [*mixed, scene(), *mixed]]
+    return float(run_lanes(lanes, threads=threads).level[len(mixed)]).hex()
+
+
+def before(word: str) -> None:
+    """Simulate another scene first."""
+    other = beam_scene(Beam(modes=10), ABSORBERS[word if word in ABSORBERS else "frictionless"]())
+    method = Moreau() if word == "moreau" else None
+    simulate(other, Drive(1.0, linear_sweep(other.model.resonance_omega(1), 0.99, 1.0)), method)
+
+
+def on_a_worker() -> str:
+    import distributed
+
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50) as local:
+        with distributed.Client(local) as client:
+            return str(client.submit(digest).result())
+
+
+def main(words: list[str]) -> str:
+    if words[:1] == ["threads"]:
+        return level_in_a_batch(int(words[1]))
+    for word in words:
+        if word not in ("child", "dask"):
+            before(word)
+    if "child" in words:
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            return pool.apply(digest)
+    return on_a_worker() if "dask" in words else digest()
+
+
+if __name__ == "__main__":
+    print(main(sys.argv[1:]))
