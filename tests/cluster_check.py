@@ -1,14 +1,9 @@
-"""Run as a process of its own: runs on a cluster, one worker of which is killed, beside runs here. Prints a line for each comparison.
-
-Argument ``warm`` only compiles what is needed. A process that has compiled a kernel may round differently from one that loads it from the cache, as
-workers do; the comparison is for processes that load it.
-"""
+"""Run as a process of its own: runs on a cluster, one worker of which is killed, beside runs here. Prints a line for each comparison."""
 
 from __future__ import annotations
 
 import os
 import signal
-import sys
 from collections.abc import Iterator, Sequence
 
 import distributed
@@ -61,8 +56,5 @@ def compare(cluster: distributed.LocalCluster) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "warm":
-        dict(evaluate(problem(), [problem().space.default], problem().phases[:1], 40.0, Threads(1)))
-    else:
-        with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50) as local:
-            compare(local)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50) as local:
+        compare(local)

@@ -1,6 +1,7 @@
 """Run as a process of its own: prints a hash of what one scene gives, after the scenes that the arguments name.
 
-``threads N``: the scene is a lane among lanes of other kinds on N threads. ``child``: it runs in a process started by this one. ``dask``: on a worker.
+``threads N``: the scene is a lane among lanes of other kinds on N threads. ``child``: it runs in a process that this one starts. ``dask``: on a
+worker.
 """
 
 from __future__ import annotations
@@ -72,9 +73,9 @@ def before(word: str) -> None:
 def on_a_worker() -> str:
     import distributed
 
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50) as local:
-        with distributed.Client(local) as client:
-            return str(client.submit(digest).result())
+    local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50)
+    with local, distributed.Client(local) as client:
+        return str(client.submit(digest).result())
 
 
 def main(words: list[str]) -> str:

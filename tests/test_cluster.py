@@ -23,10 +23,9 @@ HERE = Path(__file__).parent
 
 def test_workers_and_studies_give_what_threads_give_though_a_worker_is_killed() -> None:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parent)])}
-    for step in ("warm", "compare"):
-        command = [sys.executable, str(HERE / "cluster_check.py"), step]
-        result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
-        assert result.returncode == 0, result.stderr
+    command = [sys.executable, str(HERE / "cluster_check.py")]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=580)
+    assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines() == ["killed True", "runs True", "studies True"], result.stdout + result.stderr
 
 
