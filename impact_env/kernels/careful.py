@@ -10,7 +10,7 @@ term of second order, and closes in from the safe side. It stops when the step i
 rounding of y.
 
 Leaving a wall. At a start on a wall (or at rate zero) y - wall is known to be zero while its computed value is rounding noise. There
-the signal less its start is developed in a Taylor series, divided by its known factor; the remainder is of relative size (|s| t)^3/60 with
+the signal less its start is developed in a Taylor series, divided by its known factor; the remainder is of relative size (|s| t)^4/360 with
 |s| t <= MICRO_REACH, s of the fastest slot or of a quicker force. Returns within that reach (the last flights of a chatter) are found in this
 series, and so is the wall ahead of a start at rate zero: the last bounces of a chatter against friction end on it.
 """
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.forced import FOURTH, THIRD, guard_values, signal_value
+from impact_env.kernels.forced import FIFTH, FOURTH, THIRD, guard_values, signal_value
 from impact_env.kernels.jit import jit, jit_inline
 from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOISE, NOTHING, REVERSAL, Event, at_offset, refine, signal_scale, time_resolution, wall_of
 from impact_env.kernels.slots import FASTEST, digits, high_derivatives, sum_and_bound
@@ -73,18 +73,18 @@ def guards_step(low, high, direction, y, v, a, b2, b3, reach):  # type: ignore[n
 
 
 @jit
-def micro_root(d, v, a, j, s, reach):  # type: ignore[no-untyped-def]
-    """Return the first root in (0, reach] of d + v t + a t^2/2 + j t^3/6 + s t^4/24, or -1 if it does not turn negative."""
+def micro_root(d, v, a, j, s, c, reach):  # type: ignore[no-untyped-def]
+    """Return the first root in (0, reach] of d + v t + a t^2/2 + j t^3/6 + s t^4/24 + c t^5/120, or -1 if it does not turn negative."""
     previous = 0.0
     for k in range(1, 5):
         t = reach * k / 4
-        if d + t * (v + t * (a / 2 + t * (j / 6 + t * s / 24))) < 0.0:
+        if d + t * (v + t * (a / 2 + t * (j / 6 + t * (s / 24 + t * c / 120)))) < 0.0:
             left, right = previous, t
             for _ in range(200):
                 mid = 0.5 * (left + right)
                 if mid <= left or mid >= right:
                     break
-                if d + mid * (v + mid * (a / 2 + mid * (j / 6 + mid * s / 24))) > 0.0:
+                if d + mid * (v + mid * (a / 2 + mid * (j / 6 + mid * (s / 24 + mid * c / 120)))) > 0.0:
                     left = mid
                 else:
                     right = mid
@@ -119,29 +119,34 @@ def start_on_guard(slots, forced, omega, signal, tau, low, high, side, direction
     """Return (offset, event): the offset from which the search may trust computed distances, or an event before it.
 
     ``side`` -1 or 1: the signal starts on the low or the high wall; ``zero_rate``: its rate starts at zero. ``y``, ``v``, ``a``: signal, rate and
-    second derivative at the start. What is known to be zero is left out: the constant term, divided by t, or the linear one. The wall ahead of a
-    start at rate zero is looked for up to the reversal.
+    second derivative at the start. What is known to be zero is left out: the constant term, divided by t, or the linear one. Where both a wall and
+    the rate are watched the earlier event is returned.
     """
     reach = MICRO_REACH / max(slots.scale[FASTEST], omega)
-    j, s = high_derivatives(slots.rows, signal.u)
+    j, s, c = high_derivatives(slots.rows, signal.u)
     j += signal_value(forced.signals, THIRD, omega, tau)
     s += signal_value(forced.signals, FOURTH, omega, tau)
-    if side != 0:
-        t = micro_root(-side * v, -side * a / 2, -side * j / 3, -side * s / 4, 0.0, reach)
-        if t >= 0.0:
-            return t, HIT_HIGH if side > 0 else HIT_LOW
+    c += signal_value(forced.signals, FIFTH, omega, tau)
+    offset, event = reach, NOTHING
     if direction is not None:
         if zero_rate:
-            turned = micro_root(direction * a, direction * j / 2, direction * s / 3, 0.0, 0.0, reach)
-            if low is not None:
-                ahead = high - y if direction > 0.0 else y - low
-                if ahead < np.inf:
-                    t = micro_root(max(ahead, 0.0), 0.0, -direction * a, -direction * j, -direction * s, reach if turned < 0.0 else turned)
-                    if t >= 0.0:
-                        return t, HIT_HIGH if direction > 0.0 else HIT_LOW
-            if turned >= 0.0:
-                return turned, REVERSAL
-    return reach, NOTHING
+            t = micro_root(direction * a, direction * j / 2, direction * s / 3, direction * c / 4, 0.0, 0.0, offset)
+        else:
+            t = micro_root(direction * v, direction * a, direction * j, direction * s, direction * c, 0.0, offset)
+        if t >= 0.0:
+            offset, event = t, REVERSAL
+    if side != 0:
+        t = micro_root(-side * v, -side * a / 2, -side * j / 3, -side * s / 4, -side * c / 5, 0.0, offset)
+        if t >= 0.0:
+            offset, event = t, HIT_HIGH if side > 0 else HIT_LOW
+    elif low is not None:
+        if direction is not None:
+            ahead = high - y if direction > 0.0 else y - low
+            if ahead < np.inf:
+                t = micro_root(max(ahead, 0.0), 0.0, -direction * a, -direction * j, -direction * s, -direction * c, offset)
+                if t >= 0.0:
+                    offset, event = t, HIT_HIGH if direction > 0.0 else HIT_LOW
+    return offset, event
 
 
 @jit_inline

@@ -26,7 +26,7 @@ SIGNALS = (2, TERMS, 2, 4)  # shape of Forced.signals
 BEYOND = 1.25  # of half a window: up to there bounds hold
 # numbers of the signals in Forced.signals: the guard signal and its derivatives, the tip displacement; those of the scan are together
 GUARD_SIGNALS, TIP_SIGNAL = (0, 1, 2, 4, 5, 6), 3
-THIRD, FOURTH = GUARD_SIGNALS[3], GUARD_SIGNALS[4]
+THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
 
 
 class Forced(NamedTuple):

@@ -140,6 +140,22 @@ def sharp_root(d0, d1, d2, d3, error, slope_error):  # type: ignore[no-untyped-d
 
 
 @jit_inline
+def closer_root(b, k, h, kind, wall, x):  # type: ignore[no-untyped-def]
+    """Return a root near ``x``, in shares of step k, of the quintic through value, rate and bend at both ends: at the wall, or of its rate."""
+    v0, a0 = h * b[RATE + k], h * h * b[BEND + k]
+    way, turn, bend = b[VALUE + 1 + k] - b[VALUE + k] - v0 - 0.5 * a0, h * b[RATE + 1 + k] - v0 - a0, h * h * b[BEND + 1 + k] - a0
+    c3, c4, c5 = 10.0 * way - 4.0 * turn + 0.5 * bend, 7.0 * turn - 15.0 * way - bend, 6.0 * way - 3.0 * turn + 0.5 * bend
+    for _ in range(2):
+        v = v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
+        if kind == REVERSAL:
+            step = v / (a0 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5)))
+        else:
+            step = (b[VALUE + k] - wall + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))) / v
+        x = min(max(x - step, 0.0), 1.0)
+    return x
+
+
+@jit_inline
 def event_in_step(b, k, h, low, high, direction, near_wall, near_rest, e0, e1, slope_error):  # type: ignore[no-untyped-def]
     """Return (kind, share of the step) of the only event in step k, or NOTHING where that is not certain."""
     if direction is not None:
@@ -187,7 +203,7 @@ def search(slots, forced, omega, signal, tau, length, half, low, high, side, dir
     while top > 0 and steps[top, 0] > 0.25 * half:  # bounds hold up to a quarter of half a window beyond it
         top -= 1
     level = min(int(memory[0]), top)
-    c, s, offset, count, turns_made, begin, up, careful, e0, e1 = 0.0, 0.0, 0.0, 0, 0, True, False, 1.0, 0.0, 0.0
+    c, s, offset, count, turns_made, begin, up, careful, known, e0, e1 = 0.0, 0.0, 0.0, 0, 0, True, False, 1.0, -1, 0.0, 0.0
     while offset < length and count < MOST_SCANS:
         count += 1
         if begin:
@@ -200,12 +216,12 @@ def search(slots, forced, omega, signal, tau, length, half, low, high, side, dir
             c, s = cos_sin(omega * (tau + offset))
             begin, turns_made = False, 0
         if up:
-            level += 1
-        e0, e1 = errors_of(errors, steps, w, p, bound, level)
-        if up:
-            if not is_far(b, steps[level - 1, 0], low, high, direction, e0, e1):
-                level -= 1
-                e0, e1 = errors_of(errors, steps, w, p, bound, level)
+            far0, far1 = errors_of(errors, steps, w, p, bound, level + 1)
+            if is_far(b, steps[level, 0], low, high, direction, far0, far1):
+                level, known, e0, e1 = level + 1, level + 1, far0, far1
+        if known != level:  # amplitudes never grow: what was an error of a level once stays a bound
+            e0, e1 = errors_of(errors, steps, w, p, bound, level)
+            known = level
         h, summed, first = steps[level, 0], int(steps[level, 1]), level * size * 2 * POINTS
         x = tau + offset
         at = 2 * POINTS * level
@@ -245,6 +261,8 @@ def search(slots, forced, omega, signal, tau, length, half, low, high, side, dir
             kind, x = event_in_step(b, k, h, low, high, direction, near_wall, near_rest, e0, e1, slope_error)
             if kind != NOTHING:
                 wall = wall_of(kind, low, high)
+                if direction is not None:
+                    x = closer_root(b, k, h, kind, wall, x)
                 _, b3 = weighted_sizes(rows, SPEED_SQUARE * size, w, size)
                 b3, resolution = b3 + bound[3], time_resolution(rows, omega, length)
                 found = refine(rows, table, scale, signals, omega, u, p, tau, offset + (k + x) * h, kind, wall, b3, resolution)

@@ -121,21 +121,22 @@ def sum_and_bounds(typing_context, rows, table, size, base, d1, d2, d3, x, u):  
 
 
 @intrinsic
-def third_and_fourth(typing_context, rows, size, u):  # type: ignore[no-untyped-def]
-    """Return the sums of Re(s^3 u) and Re(s^4 u)."""
+def third_to_fifth(typing_context, rows, size, u):  # type: ignore[no-untyped-def]
+    """Return the sums of Re(s^3 u), Re(s^4 u) and Re(s^5 u)."""
 
     def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
         code = Code(context, builder, signature.args, values)
         rows, size, u = code.arguments
-        third, fourth = code.sum(), code.sum()
+        third, fourth, fifth = code.sum(), code.sum(), code.sum()
         with code.loop(size, LANES) as j:
             s, square = (code.complex(rows, code.plus(code.times(size, row), j), code.plus(code.times(size, row + 1), j)) for row in (_S, _SQUARE))
             bend = code.complex(u, j, code.plus(j, size)).times(square)
             third += bend.real_of_product(s)
             fourth += bend.real_of_product(square)
-        return code.result(signature, context, [third.number().total(), fourth.number().total()])
+            fifth += bend.times(square).real_of_product(s)
+        return code.result(signature, context, [total.number().total() for total in (third, fourth, fifth)])
 
-    return types.UniTuple(NUMBER, 2)(rows, INTEGER, u), build
+    return types.UniTuple(NUMBER, 3)(rows, INTEGER, u), build
 
 
 @intrinsic

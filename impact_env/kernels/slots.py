@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit, jit_inline
-from impact_env.kernels.slot_sums import add_row, multiply_row, sum_and_bounds, sum_one, sum_three, third_and_fourth, turn_to
+from impact_env.kernels.slot_sums import add_row, multiply_row, sum_and_bounds, sum_one, sum_three, third_to_fifth, turn_to
 
 TAYLOR_TERMS = 7  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
 TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
@@ -104,8 +104,8 @@ def value(rows, table, scale, u, delta):  # type: ignore[no-untyped-def]
 
 @jit_inline
 def high_derivatives(rows, u):  # type: ignore[no-untyped-def]
-    """Return the third and fourth derivative of sum Re(u_j exp(s_j t)) at t = 0."""
-    return third_and_fourth(rows, rows.shape[1], u)
+    """Return the third, fourth and fifth derivative of sum Re(u_j exp(s_j t)) at t = 0."""
+    return third_to_fifth(rows, rows.shape[1], u)
 
 
 @jit
