@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 
 from impact_env.kernels.slot_sums import INTEGER, NUMBER
 from impact_env.kernels.vector import TERMS, signal_place
-from impact_env.kernels.vector_code import LANES, Code, Complex, Number
+from impact_env.kernels.vector_code import Code, Complex, Number, Sum
 
 _DRIVE = 4  # row of Slots.rows
 
@@ -34,20 +34,18 @@ def back_substitute(typing_context, rows, size, omega, sign, terms, at, out):  #
         code = Code(context, builder, signature.args, values)
         rows, size, omega, sign, terms, at, out = code.arguments
         sign = Number(builder, sign)
-        turn, tiny = code.spread(Number(builder, omega) * sign), code.constant([1e-300] * LANES)
-        plane = code.times(size, TERMS)
-        one = code.constant([1.0] * LANES)
-        with code.loop(size, LANES) as j:
+        turn, plane = Number(builder, omega) * sign, code.times(size, TERMS)
+        for j in code.slots(size):
             s_r, s_i, d_r, d_i = (code.vector(rows, code.plus(code.times(size, row), j)) for row in (0, 1, _DRIVE, _DRIVE + 1))
-            drive, l_r, l_i = Complex(d_r, d_i), -s_r, turn - s_i
-            scale = one / l_r.fma(l_r, l_i.fma(l_i, tiny))
+            drive, l_r, l_i = Complex(d_r, d_i), -s_r, code.spread(turn) - s_i
+            scale = code.repeated(1.0) / l_r.fma(l_r, l_i.fma(l_i, code.repeated(1e-300)))
             inverse = Complex(l_r * scale, -(l_i * scale))
             place = code.plus(code.times(plane, at), j)
             solved = None
             for n in range(TERMS - 1, -1, -1):
                 x = drive.times(_spread_pair(code, terms, n, TERMS, sign))
                 if solved is not None:
-                    factor = code.constant([-(n + 1.0)] * LANES)
+                    factor = code.repeated(-(n + 1.0))
                     x = Complex(factor.fma(solved.real, x.real), factor.fma(solved.imag, x.imag))
                 solved = x.times(inverse)
                 here = code.plus(place, code.times(size, n))
@@ -66,7 +64,7 @@ def combine(typing_context, rows, row, size, slots, signals, at):  # type: ignor
         rows, row, size, slots, signals, at = code.arguments
         plane = code.times(size, TERMS)
         sums = [(code.sum(), code.sum()) for _ in range(TERMS)]
-        with code.loop(size, LANES) as j:
+        for j in code.slots(size):
             place = code.plus(code.times(size, row), j)
             weight = code.complex(rows, place, code.plus(place, size))
             for n in range(TERMS):
@@ -78,7 +76,7 @@ def combine(typing_context, rows, row, size, slots, signals, at):  # type: ignor
                 sums[n][1].add_product(weight.imag, a_r - b_r)
         for n in range(TERMS):
             for part in (0, 1):
-                code.put(sums[n][part].number().total(), signals, signal_place(code, at, n, part))
+                code.put(sums[n][part].total(), signals, signal_place(code, at, n, part))
         return context.get_dummy_value()
 
     return types.void(rows, INTEGER, INTEGER, slots, signals, INTEGER), build
@@ -91,20 +89,19 @@ def add_response(typing_context, slots, size, tau, c, s, z):  # type: ignore[no-
     def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
         code = Code(context, builder, signature.args, values)
         slots, size, tau, c, s, z = code.arguments
-        tau, c, s = code.spread(tau), code.spread(c), code.spread(s)
         plane = code.times(size, TERMS)
-        with code.loop(size, LANES) as j:
-            parts = []
+        for j in code.slots(size):
+            (x, cos, sin), parts = (code.spread(number) for number in (tau, c, s)), []
             for k in range(4):
                 first = code.plus(code.times(plane, k), j)
                 total = code.vector(slots, code.plus(first, code.times(size, TERMS - 1)))
                 for n in range(TERMS - 2, -1, -1):
-                    total = total.fma(tau, code.vector(slots, code.plus(first, code.times(size, n))))
+                    total = total.fma(x, code.vector(slots, code.plus(first, code.times(size, n))))
                 parts.append(total)
             a_r, a_i, b_r, b_i = parts
             old = code.complex(z, j, code.plus(j, size))
-            real = (b_i - a_i).fma(s, (a_r + b_r).fma(c, old.real))
-            imag = (a_r - b_r).fma(s, (a_i + b_i).fma(c, old.imag))
+            real = (b_i - a_i).fma(sin, (a_r + b_r).fma(cos, old.real))
+            imag = (a_r - b_r).fma(sin, (a_i + b_i).fma(cos, old.imag))
             code.store_complex(Complex(real, imag), z, j, code.plus(j, size))
         return context.get_dummy_value()
 
@@ -158,10 +155,10 @@ def state_of_slots(typing_context, out, count, size, z, state):  # type: ignore[
         plane = code.times(count, size)
         with code.loop(count) as i:
             total, first = code.sum(), code.times(i, size)
-            with code.loop(size, LANES) as j:
+            for j in code.slots(size):
                 at = code.plus(first, j)
                 total += code.complex(z, j, code.plus(j, size)).real_of_product(code.complex(out, at, code.plus(at, plane)))
-            code.put(total.number().total(), state, i)
+            code.put(total.total(), state, i)
         return context.get_dummy_value()
 
     return types.void(out, INTEGER, INTEGER, z, state), build
@@ -175,8 +172,8 @@ def slots_of_state(typing_context, into, count, size, state, z):  # type: ignore
         code = Code(context, builder, signature.args, values)
         into, count, size, state, z = code.arguments
         plane = code.times(count, size)
-        with code.loop(size, LANES) as j:
-            real, imag = code.sum(), code.sum()
+        for j in code.slots(size):
+            real, imag = (Sum(code, (code.lanes,)) for _ in range(2))
             with code.loop(count) as i:
                 at, number = code.plus(code.times(i, size), j), code.spread(code.number(state, i))
                 real.add_product(code.vector(into, at), number)

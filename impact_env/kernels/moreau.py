@@ -31,7 +31,7 @@ from impact_env.kernels.observers import (
     push_impact,
     push_level,
 )
-from impact_env.kernels.vector_code import LANES, Code
+from impact_env.kernels.vector_code import Code
 
 # rows of the table of modes
 STRIDE = 64
@@ -60,9 +60,9 @@ def _swing_code(pushed: bool) -> Any:
         def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
             code = Code(context, builder, signature.args, values)
             table, n, stride, force, push, dt = code.arguments
-            force, push, dt = (code.spread(number) for number in (force, push, dt))
-            velocity, displacement = code.sum(), code.sum()
-            with code.loop(n, LANES) as j:
+            numbers, velocity, displacement = (force, push, dt), code.sum(), code.sum()
+            for j in code.slots(n):
+                force, push, dt = (code.spread(number) for number in numbers)
                 places = [code.plus(code.times(stride, row), j) for row in range(_TIP + 1)]
                 q, u, keep, pull, load, tip = (code.vector(table, place) for place in places)
                 given = load * force
@@ -74,7 +74,7 @@ def _swing_code(pushed: bool) -> Any:
                 code.store(q, table, places[_Q])
                 velocity.add_product(tip, u)
                 displacement.add_product(tip, q)
-            return code.result(signature, context, [total.number().total() for total in (velocity, displacement)])
+            return code.result(signature, context, [total.total() for total in (velocity, displacement)])
 
         return types.UniTuple(types.float64, 2)(table, types.int64, types.int64, *[types.float64] * 3), build
 

@@ -67,7 +67,7 @@ from impact_env.kernels.observers import (
     push_level,
     push_phase,
 )
-from impact_env.kernels.vector_code import LANES, Code, Number
+from impact_env.kernels.vector_code import Code, Number
 
 _BLOCK = 16  # steps between two checks for values that are not finite
 
@@ -77,28 +77,28 @@ def _swing_code(pushed: bool, watched: bool) -> Any:
         def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
             code = Code(context, builder, signature.args, values)
             table, lanes, stride, *numbers = code.arguments
-            f1, fm, f4, p1, p2, p3, p4 = (code.spread(number) for number in numbers)
             sums = [code.sum() for _ in range(4)]
-            with code.loop(lanes, LANES) as j:
 
-                def of(row: int) -> Number:
-                    return code.vector(table, code.plus(code.times(stride, row), j))
+            def of(row: int, j: Any) -> Number:
+                return code.vector(table, code.plus(code.times(stride, row), j))
 
-                q, u = of(Q), of(U)
+            for j in code.slots(lanes):
+                f1, fm, f4, p1, p2, p3, p4 = (code.spread(number) for number in numbers)
+                q, u = of(Q, j), of(U, j)
                 in_q = [(QU, u), (QF1, f1), (QFM, fm)] + ([(QP1, p1), (QP2, p2), (QP3, p3)] if pushed else [])
                 in_u = [(UU, u), (UF1, f1), (UFM, fm), (UF4, f4)] + ([(UP1, p1), (UP2, p2), (UP3, p3), (UP4, p4)] if pushed else [])
-                q_next, u_next = of(QQ) * q, of(UQ) * q
+                q_next, u_next = of(QQ, j) * q, of(UQ, j) * q
                 for row, number in in_q:
-                    q_next = of(row).fma(number, q_next)
+                    q_next = of(row, j).fma(number, q_next)
                 for row, number in in_u:
-                    u_next = of(row).fma(number, u_next)
+                    u_next = of(row, j).fma(number, u_next)
                 code.store(q_next, table, code.plus(code.times(stride, Q), j))
                 code.store(u_next, table, code.plus(code.times(stride, U), j))
                 if watched:
                     for k, total in enumerate(sums):
-                        total.add_product(of(Y + 2 * k), q_next)
-                        total.add_product(of(Y + 2 * k + 1), u_next)
-            return code.result(signature, context, [total.number().total() for total in sums])
+                        total.add_product(of(Y + 2 * k, j), q_next)
+                        total.add_product(of(Y + 2 * k + 1, j), u_next)
+            return code.result(signature, context, [total.total() for total in sums])
 
         return types.UniTuple(types.float64, 4)(table, types.int64, types.int64, *[types.float64] * 7), build
 

@@ -12,7 +12,7 @@ from impact_env.kernels.jit import jit
 from impact_env.kernels.slot_sums import DIGITS, INTEGER, NUMBER, SlotsAt
 from impact_env.kernels.slots import cos_sin, digits, value
 from impact_env.kernels.vector import TERMS, signal_place
-from impact_env.kernels.vector_code import LANES, Code, Complex, Number
+from impact_env.kernels.vector_code import Code, Complex, Number
 
 FEW = 3  # samples up to which each is evaluated for itself
 TOGETHER = 8  # samples that are computed at once
@@ -41,7 +41,7 @@ def _whole_or_part(code: Code, numbers: list[Number], block: Any, place: Any, le
     with code.builder.if_else(whole) as (all_of_them, some):
         with all_of_them:
             vector = code.gathered(numbers)
-            code.store(vector if fresh else vector + code.vector(block, place, TOGETHER), block, place, TOGETHER)
+            code.store(vector if fresh else vector + code.vector(block, place, TOGETHER), block, place)
         with some:
             _add_to_block(code, numbers, block, place, left, fresh)
 
@@ -53,7 +53,7 @@ def _fill_forced(typing_context, signals, tau, interval, c, s, turn_c, turn_s, r
     def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
         code = Code(context, builder, signature.args, values)
         signals, tau, interval, c, s, turn_c, turn_s, rest, block, first, count = code.arguments
-        one = Complex(code.scalar(1.0), code.scalar(0.0))
+        one = Complex(code.repeated(1.0, 0), code.repeated(0.0, 0))
         *powers, leap = _powers(Complex(Number(builder, turn_c), Number(builder, turn_s)), one)
         turn = Complex(code.gathered([p.real for p in powers]), code.gathered([p.imag for p in powers]))
         phasor = [cgutils.alloca_once_value(builder, part) for part in (c, s)]
@@ -86,10 +86,9 @@ def _add_slots(typing_context, rows, table, size, base, d1, d2, d3, x, h1, h2, h
         code = Code(context, builder, signature.args, values)
         rows, table, size, base, d1, d2, d3, x, h1, h2, h3, h, u, block, first, count = code.arguments
         start, step = (SlotsAt(code, rows, table, size, base, place) for place in ([d1, d2, d3, x], [h1, h2, h3, h]))
-        one = Complex(code.constant([1.0] * LANES), code.constant([0.0] * LANES))
-        with code.loop(size, LANES) as j:
+        for j in code.slots(size):
             amplitude = start.turned(u, j)
-            *powers, leap = _powers(step.factor(j), one)
+            *powers, leap = _powers(step.factor(j), Complex(code.repeated(1.0), code.repeated(0.0)))
             places = [cgutils.alloca_once_value(builder, part.value) for part in amplitude]
             for part, place in zip(amplitude, places, strict=True):
                 builder.store(part.value, place)

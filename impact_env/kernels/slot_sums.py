@@ -11,7 +11,7 @@ from typing import Any
 from numba.core import types
 from numba.extending import intrinsic
 
-from impact_env.kernels.vector_code import LANES, Code, Complex, Number
+from impact_env.kernels.vector_code import Code, Complex, Number
 
 INTEGER, NUMBER = types.int64, types.float64
 DIGITS = (INTEGER, INTEGER, INTEGER, NUMBER)
@@ -22,20 +22,20 @@ _TAYLOR_ROWS = 6
 
 
 class SlotsAt:
-    """The slots of a regime at a time offset: exp(s t), four slots at once."""
+    """The slots of a regime at a time offset: exp(s t)."""
 
     def __init__(self, code: Code, rows: Any, table: Any, size: Any, base: Any, digits: list[Any]) -> None:
         self.code, self.rows, self.table, self.size = code, rows, table, size
         plane = code.times(base, size)
         places = [code.plus(code.times(plane, k), code.times(digit, size)) for k, digit in enumerate(digits[:3])]
-        self.places, self.imaginary, self.x = places, code.times(plane, 3), code.spread(digits[3])
+        self.places, self.imaginary, self.x = places, code.times(plane, 3), digits[3]
 
     def row(self, row: int, j: Any) -> Number:
-        """Return a row's numbers of four slots."""
+        """Return a row's numbers."""
         return self.code.vector(self.rows, self.code.plus(self.code.times(self.size, row), j))
 
     def pair(self, row: int, j: Any) -> Complex:
-        """Return the complex numbers of four slots whose parts are in a row and the one behind it."""
+        """Return the complex numbers whose parts are in a row and the one behind it."""
         return Complex(self.row(row, j), self.row(row + 1, j))
 
     def looked_up(self, k: int, j: Any) -> Complex:
@@ -45,12 +45,11 @@ class SlotsAt:
 
     def taylor(self, j: Any) -> Complex:
         """Return exp(s x) for the rest of the offset."""
-        total = self.pair(_TAYLOR + 2 * (_TAYLOR_ROWS - 1), j)
+        x, total = self.code.spread(self.x), self.pair(_TAYLOR + 2 * (_TAYLOR_ROWS - 1), j)
         for k in range(_TAYLOR_ROWS - 2, -1, -1):
             next_one = self.pair(_TAYLOR + 2 * k, j)
-            total = Complex(total.real.fma(self.x, next_one.real), total.imag.fma(self.x, next_one.imag))
-        one = self.code.constant([1.0] * LANES)
-        return Complex(total.real.fma(self.x, one), total.imag * self.x)
+            total = Complex(total.real.fma(x, next_one.real), total.imag.fma(x, next_one.imag))
+        return Complex(total.real.fma(x, self.code.repeated(1.0)), total.imag * x)
 
     def factor(self, j: Any) -> Complex:
         """Return exp(s t)."""
@@ -70,7 +69,7 @@ def turn_to(typing_context, rows, table, size, base, d1, d2, d3, x, u, out):  # 
         code = Code(context, builder, signature.args, values)
         rows, table, size, base, *digits, u, out = code.arguments
         slots = SlotsAt(code, rows, table, size, base, digits)
-        with code.loop(size, LANES) as j:
+        for j in code.slots(size):
             code.store_complex(slots.turned(u, j), out, j, code.plus(j, size))
         return context.get_dummy_value()
 
@@ -83,12 +82,12 @@ def _sum(orders: int) -> Any:
             code = Code(context, builder, signature.args, values)
             rows, table, size, base, *digits, u = code.arguments
             slots, totals = SlotsAt(code, rows, table, size, base, digits), [code.sum() for _ in range(orders)]
-            with code.loop(size, LANES) as j:
+            for j in code.slots(size):
                 turned = slots.turned(u, j)
                 totals[0] += turned.real
                 for total, row in zip(totals[1:], (_S, _SQUARE), strict=False):
                     total += turned.real_of_product(slots.pair(row, j))
-            return code.result(signature, context, [total.number().total() for total in totals])
+            return code.result(signature, context, [total.total() for total in totals])
 
         return types.UniTuple(NUMBER, orders)(rows, table, INTEGER, INTEGER, *DIGITS, u), build
 
@@ -107,7 +106,7 @@ def sum_and_bounds(typing_context, rows, table, size, base, d1, d2, d3, x, u):  
         code = Code(context, builder, signature.args, values)
         rows, table, size, base, *digits, u = code.arguments
         slots, (y0, y1, y2, b2, b3) = SlotsAt(code, rows, table, size, base, digits), [code.sum() for _ in range(5)]
-        with code.loop(size, LANES) as j:
+        for j in code.slots(size):
             turned, speed = slots.turned(u, j), slots.row(_SPEED, j)
             y0 += turned.real
             y1 += turned.real_of_product(slots.pair(_S, j))
@@ -115,7 +114,7 @@ def sum_and_bounds(typing_context, rows, table, size, base, d1, d2, d3, x, u):  
             second = turned.real.fma(turned.real, turned.imag * turned.imag).root() * (speed * speed)
             b2 += second
             b3 += second * speed
-        return code.result(signature, context, [total.number().total() for total in (y0, y1, y2, b2, b3)])
+        return code.result(signature, context, [total.total() for total in (y0, y1, y2, b2, b3)])
 
     return types.UniTuple(NUMBER, 5)(rows, table, INTEGER, INTEGER, *DIGITS, u), build
 
@@ -128,13 +127,13 @@ def third_to_fifth(typing_context, rows, size, u):  # type: ignore[no-untyped-de
         code = Code(context, builder, signature.args, values)
         rows, size, u = code.arguments
         third, fourth, fifth = code.sum(), code.sum(), code.sum()
-        with code.loop(size, LANES) as j:
+        for j in code.slots(size):
             s, square = (code.complex(rows, code.plus(code.times(size, row), j), code.plus(code.times(size, row + 1), j)) for row in (_S, _SQUARE))
             bend = code.complex(u, j, code.plus(j, size)).times(square)
             third += bend.real_of_product(s)
             fourth += bend.real_of_product(square)
             fifth += bend.times(square).real_of_product(s)
-        return code.result(signature, context, [total.number().total() for total in (third, fourth, fifth)])
+        return code.result(signature, context, [total.total() for total in (third, fourth, fifth)])
 
     return types.UniTuple(NUMBER, 3)(rows, INTEGER, u), build
 
@@ -146,7 +145,7 @@ def multiply_row(typing_context, rows, row, size, z, u):  # type: ignore[no-unty
     def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
         code = Code(context, builder, signature.args, values)
         rows, row, size, z, u = code.arguments
-        with code.loop(size, LANES) as j:
+        for j in code.slots(size):
             at, other = code.plus(code.times(size, row), j), code.plus(j, size)
             weight = code.complex(rows, at, code.plus(at, size))
             code.store_complex(code.complex(z, j, other).times(weight), u, j, other)
@@ -162,11 +161,10 @@ def add_row(typing_context, rows, row, size, factor, z):  # type: ignore[no-unty
     def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
         code = Code(context, builder, signature.args, values)
         rows, row, size, factor, z = code.arguments
-        factor = code.spread(factor)
-        with code.loop(size, LANES) as j:
+        for j in code.slots(size):
             at, other = code.plus(code.times(size, row), j), code.plus(j, size)
             weight, old = code.complex(rows, at, code.plus(at, size)), code.complex(z, j, other)
-            code.store_complex(Complex(factor.fma(weight.real, old.real), factor.fma(weight.imag, old.imag)), z, j, other)
+            code.store_complex(Complex(*(code.spread(factor).fma(new, part) for new, part in zip(weight, old, strict=True))), z, j, other)
         return context.get_dummy_value()
 
     return types.void(rows, INTEGER, INTEGER, NUMBER, z), build
@@ -180,9 +178,9 @@ def sum_sizes(typing_context, size, u):  # type: ignore[no-untyped-def]
         code = Code(context, builder, signature.args, values)
         size, u = code.arguments
         total = code.sum()
-        with code.loop(size, LANES) as j:
+        for j in code.slots(size):
             amplitude = code.complex(u, j, code.plus(j, size))
             total += amplitude.real.size() + amplitude.imag.size()
-        return total.number().total().value
+        return total.total().value
 
     return NUMBER(INTEGER, u), build

@@ -12,7 +12,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from impact_env.kernels.vector_code import INDEX, LANES, Code, Number
+from impact_env.kernels.vector_code import INDEX, Code, Number, Sum
 
 POINTS = 8  # times in a block
 TERMS = 9  # coefficients of the forced part's polynomials (forced.py)
@@ -36,7 +36,7 @@ def signal_place(code: Code, m: Any, n: int, part: int) -> Any:
 
 def _sum_slots(code: Code, orders: int, waves: Any, first: Any, w: Any, size: Any, count: Any) -> tuple[list[Number], list[Number]]:
     """Return sum_j Re(w[q, j] wave[j, k]) as a vector over k, and sum_j Re(w[q, j]), for each order q."""
-    sums, firsts = [code.sum(POINTS) for _ in range(orders)], [code.sum(None) for _ in range(orders)]
+    sums, firsts = [Sum(code, (POINTS,)) for _ in range(orders)], [Sum(code, (0,)) for _ in range(orders)]
     with code.loop(count) as j:
         at = code.plus(first, code.times(j, 2 * POINTS))
         wave = code.complex(waves, at, code.plus(at, POINTS), POINTS)
@@ -81,8 +81,8 @@ def _scan(orders: int, walls: bool, reversal: bool) -> Any:
             carrier_r, carrier_i = code.vector(carrier, at, POINTS), code.vector(carrier, code.plus(at, POINTS), POINTS)
             cos = spread(c).fma(carrier_r, -(spread(s) * carrier_i))
             sin = spread(s).fma(carrier_r, spread(c) * carrier_i)
-            code.store(cos, b, COS, POINTS)
-            code.store(sin, b, SIN, POINTS)
+            code.store(cos, b, COS)
+            code.store(sin, b, SIN)
             p0, p1, p2 = (spread(code.number(p, n)) for n in range(3))
             half = p2 * code.constant([0.5] * POINTS)
             polynomials = (z.fma(z.fma(half, p1), p0), z.fma(p2, p1), p2)
@@ -90,12 +90,12 @@ def _scan(orders: int, walls: bool, reversal: bool) -> Any:
             for q in range(orders):
                 real, imaginary = (_horner(code, signals, q, part, y) for part in (0, 1))
                 forced = real.fma(cos, (-imaginary).fma(sin, polynomials[q]))
-                code.store(forced, b, FORCED + ROW * q + 1, POINTS)
+                code.store(forced, b, FORCED + ROW * q + 1)
                 rights.append(sums[q] + forced)
                 start = firsts[q] + code.number(b, FORCED + ROW * q)
                 lefts.append(code.before(start, rights[q]))
                 code.put(start, b, ROW * q)
-                code.store(rights[q], b, ROW * q + 1, POINTS)
+                code.store(rights[q], b, ROW * q + 1)
             third = spread(h) * code.constant([1.0 / 3.0] * POINTS)
             masks = [ir.Constant(INDEX, 0), ir.Constant(INDEX, 0)]
             if walls:
@@ -126,7 +126,7 @@ def _turn(orders: int) -> Any:
         def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
             code = Code(context, builder, signature.args, values)
             turns, start, w, size = code.arguments
-            with code.loop(size, LANES) as j:
+            for j in code.slots(size):
                 at = code.plus(start, j)
                 factor = code.complex(turns, at, code.plus(at, size))
                 for q in range(orders):
@@ -148,7 +148,7 @@ def begin_orders(typing_context, rows, u, w, size):  # type: ignore[no-untyped-d
     def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
         code = Code(context, builder, signature.args, values)
         rows, u, w, size = code.arguments
-        with code.loop(size, LANES) as j:
+        for j in code.slots(size):
             amplitude = code.complex(u, j, code.plus(j, size))
             code.store_complex(amplitude, w, j, code.plus(j, size))
             for q in (1, 2):
@@ -169,13 +169,13 @@ def weighted_sizes(typing_context, weights, start, w, size):  # type: ignore[no-
         code = Code(context, builder, signature.args, values)
         weights, start, w, size = code.arguments
         sums = [code.sum() for _ in range(2)]
-        with code.loop(size, LANES) as j:
+        for j in code.slots(size):
             weight = code.vector(weights, code.plus(start, j))
             for q in range(2):
                 index = code.plus(code.times(size, 2 * q), j)
                 both = code.complex(w, index, code.plus(index, size))
                 sums[q].add_product(weight, both.real.size() + both.imag.size())
-        return code.result(signature, context, [s.number().total() for s in sums])
+        return code.result(signature, context, [s.total() for s in sums])
 
     return types.UniTuple(types.float64, 2)(weights, types.int64, w, types.int64), build
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from llvmlite import ir
 from numba.core import cgutils, types
 
-LANES = 4  # slots in a vector: their number is padded to a multiple of it
+LANES = 4  # the number of slots is padded to a multiple of it
 
 DOUBLE, INDEX = ir.DoubleType(), ir.IntType(64)
 
@@ -75,10 +75,26 @@ class Number:
         builder, places = self.builder, [ir.Constant(ir.IntType(32), k) for k in range(self.value.type.count)]
         return [Number(builder, builder.extract_element(self.value, place)) for place in places]
 
+    @property
+    def count(self) -> int:
+        """Number of elements, 0 of a number that is no vector."""
+        return self.value.type.count if isinstance(self.value.type, ir.VectorType) else 0
+
+    def folded(self) -> Number:
+        """Return the sum of the vector's two halves."""
+        half, kind = self.count // 2, ir.IntType(32)
+        undefined = ir.Constant(self.value.type, ir.Undefined)
+        orders = (ir.Constant(ir.VectorType(kind, half), list(range(first, first + half))) for first in (0, half))
+        low, high = (Number(self.builder, self.builder.shuffle_vector(self.value, undefined, order)) for order in orders)
+        return low + high
+
     def total(self) -> Number:
-        """Return the sum of the elements, the first one first."""
-        first, *others = self.elements()
-        return sum(others, first)
+        """Return the sum of the elements, a power of two of them: halves are added until one is left."""
+        number = self
+        while number.count > 2:
+            number = number.folded()
+        first, second = number.elements()
+        return first + second
 
     def not_positive(self) -> Any:
         """Return an integer whose bit k says that element k is not above zero (or not a number)."""
@@ -103,31 +119,43 @@ class Complex(NamedTuple):
 
 
 class Sum:
-    """A sum that a loop adds to: of numbers for ``size`` None, else of vectors."""
+    """A sum that a loop adds to: numbers, or vectors of any of some sizes."""
 
-    def __init__(self, code: Code, size: int | None) -> None:
+    def __init__(self, code: Code, sizes: Iterable[int]) -> None:
         self.code = code
-        zero = ir.Constant(DOUBLE, 0.0) if size is None else code.constant([0.0] * size).value
-        self.place = cgutils.alloca_once_value(code.builder, zero)
+        self.places = {size: cgutils.alloca_once_value(code.builder, code.repeated(0.0, size).value) for size in sizes}
 
     def __iadd__(self, summand: Number) -> Sum:
-        self.code.builder.store((self.number() + summand).value, self.place)
+        self.code.builder.store((self._number(summand.count) + summand).value, self.places[summand.count])
         return self
 
     def add_product(self, one: Number, other: Number) -> None:
         """Add the product of two, rounded once."""
-        self.code.builder.store(one.fma(other, self.number()).value, self.place)
+        self.code.builder.store(one.fma(other, self._number(one.count)).value, self.places[one.count])
 
     def number(self) -> Number:
-        """Return the partial sums so far."""
-        return Number(self.code.builder, self.code.builder.load(self.place))
+        """Return the sum so far, vectors of other sizes folded to the smallest."""
+        numbers = [self._number(size) for size in sorted(self.places, reverse=True)]
+        total = numbers[0]
+        for number in numbers[1:]:
+            while total.count > number.count:
+                total = total.folded()
+            total += number
+        return total
+
+    def total(self) -> Number:
+        """Return the sum of all elements so far."""
+        return self.number().total()
+
+    def _number(self, size: int) -> Number:
+        return Number(self.code.builder, self.code.builder.load(self.places[size]))
 
 
 class Code:
     """Numbers and vectors of a function under construction; ``arguments`` are data pointers for arrays, which must be contiguous, else values."""
 
     def __init__(self, context: Any, builder: Any, kinds: Iterable[Any], arguments: Iterable[Any]) -> None:
-        self.builder = builder
+        self.builder, self.lanes = builder, LANES
         self.arguments = [
             context.make_array(k)(context, builder, a).data if isinstance(k, types.Array) else a for k, a in zip(kinds, arguments, strict=True)
         ]
@@ -138,26 +166,36 @@ class Code:
         with cgutils.for_range_slice(self.builder, self.index(0), self.index(count), self.index(step), inc=True) as (j, _):
             yield j
 
-    def sum(self, size: int | None = LANES) -> Sum:
-        """Return a new sum."""
-        return Sum(self, size)
+    def slots(self, size: Any) -> Iterator[Any]:
+        """Repeat what follows for the first of 2 LANES slots each, and for the LANES that may be left; ``lanes`` says how many there are."""
+        whole = self.builder.and_(size, self.index(-2 * LANES))
+        self.lanes = 2 * LANES
+        with self.loop(whole, 2 * LANES) as j:
+            yield j
+        self.lanes = LANES
+        with self.builder.if_then(self.builder.icmp_signed("!=", whole, size)):
+            yield whole
 
-    def vector(self, pointer: Any, index: Any, size: int = LANES) -> Number:
-        """Return ``size`` numbers from ``index`` on."""
-        return Number(self.builder, self.builder.load(self._place(pointer, index, size), align=8))
+    def sum(self) -> Sum:
+        """Return a new sum over slots."""
+        return Sum(self, (2 * LANES, LANES))
 
-    def store(self, vector: Number, pointer: Any, index: Any, size: int = LANES) -> None:
+    def vector(self, pointer: Any, index: Any, size: int | None = None) -> Number:
+        """Return ``size`` numbers from ``index`` on, None: as many as there are lanes."""
+        return Number(self.builder, self.builder.load(self._place(pointer, index, size or self.lanes), align=8))
+
+    def store(self, vector: Number, pointer: Any, index: Any) -> None:
         """Write a vector from ``index`` on."""
-        self.builder.store(vector.value, self._place(pointer, index, size), align=8)
+        self.builder.store(vector.value, self._place(pointer, index, vector.count), align=8)
 
-    def complex(self, pointer: Any, real: Any, imag: Any, size: int = LANES) -> Complex:
-        """Return ``size`` complex numbers whose parts lie from ``real`` and from ``imag`` on."""
+    def complex(self, pointer: Any, real: Any, imag: Any, size: int | None = None) -> Complex:
+        """Return ``size`` complex numbers whose parts lie from ``real`` and from ``imag`` on, None: as many as there are lanes."""
         return Complex(self.vector(pointer, real, size), self.vector(pointer, imag, size))
 
-    def store_complex(self, vector: Complex, pointer: Any, real: Any, imag: Any, size: int = LANES) -> None:
+    def store_complex(self, vector: Complex, pointer: Any, real: Any, imag: Any) -> None:
         """Write complex numbers, their parts from ``real`` and from ``imag`` on."""
-        self.store(vector.real, pointer, real, size)
-        self.store(vector.imag, pointer, imag, size)
+        self.store(vector.real, pointer, real)
+        self.store(vector.imag, pointer, imag)
 
     def number(self, pointer: Any, index: Any) -> Number:
         """Return one number."""
@@ -167,8 +205,15 @@ class Code:
         """Write one number."""
         self.builder.store(number.value, self.builder.gep(pointer, [self.index(index)]))
 
-    def spread(self, number: Number | Any, size: int = LANES) -> Number:
+    def repeated(self, number: float, size: int | None = None) -> Number:
+        """Return a vector that repeats a known number, or the number itself for ``size`` 0."""
+        if size == 0:
+            return Number(self.builder, ir.Constant(DOUBLE, number))
+        return self.constant([number] * (size or self.lanes))
+
+    def spread(self, number: Number | Any, size: int | None = None) -> Number:
         """Return a vector that repeats a number."""
+        size = size or self.lanes
         undefined = ir.Constant(ir.VectorType(DOUBLE, size), ir.Undefined)
         value = number.value if isinstance(number, Number) else number
         first = self.builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
@@ -191,10 +236,6 @@ class Code:
         """Return a vector of known numbers."""
         values = list(numbers)
         return Number(self.builder, ir.Constant(ir.VectorType(DOUBLE, len(values)), values))
-
-    def scalar(self, number: float) -> Number:
-        """Return a known number."""
-        return Number(self.builder, ir.Constant(DOUBLE, number))
 
     def index(self, index: Any) -> Any:
         """Return an index as a value of the code."""
