@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import click
 from _command_line import BadInput, check_target, plain_errors
-from _sweep_report import Result, contract, describe_absorber, describe_run, summary
+from _sweep_report import Result, contract, describe_run, summary
 from _sweep_scene import FRICTION_DAMPER_LIMIT, PARTS, Options, make_method, make_scene, make_schedule, refuse_contradictions
 from _timing import Timed
 from tqdm import tqdm
@@ -24,6 +24,7 @@ from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbs
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
+from impact_env.wording import absorber_words
 from optimisation.files import replacing
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
@@ -93,7 +94,7 @@ def write(result: Result, given: Options) -> None:
         if given["plot"] is not None:
             from _sweep_plot import save_figure
 
-            title = f"{describe_absorber(result.response.scene)}\n{describe_run(result.response, given['resonance'])}"
+            title = f"{absorber_words(result.response.scene.absorber)}\n{describe_run(result.response, given['resonance'])}"
             save_figure(files.enter_context(replacing(given["plot"].resolve())), title, result.response, given["resonance"])
 
 
