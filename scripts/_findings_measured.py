@@ -9,7 +9,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
-import distributed
 import numpy as np
 from _design_options import peak_memory
 from _design_search import Plan, find
@@ -17,12 +16,16 @@ from _findings_parts import AT, Json, Study
 from _front_search import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 from tqdm import tqdm
 
+from impact_env.extras import optional
 from optimisation.designs import IMPACT
 from optimisation.evaluation import Executor, Threads, evaluate
 from optimisation.report.front_tables import front_summary
 from optimisation.search.cluster import Workers
 from optimisation.search.judge import Audit
 from optimisation.search.settings import default_settings
+
+with optional():
+    import distributed
 
 WORKERS = (1, 2)
 FRONT_MEMBERS, FRONT_DESIGNS, SEEDS = 2, 300, 5

@@ -14,13 +14,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from types import TracebackType
 
-import distributed
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.extras import optional
 from impact_env.kernels.cache import digest
 from impact_env.parameters import ParameterError
 from optimisation.measures import Chunk, measure
+
+with optional():
+    import distributed
 
 Array = NDArray[np.float64]
 PATIENCE = 30.0  # s to wait for a scheduler, or for a worker when there is none

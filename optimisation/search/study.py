@@ -18,12 +18,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import optuna
 from numpy.typing import NDArray
-from optuna.samplers import RandomSampler
-from optuna.storages import InMemoryStorage, JournalStorage
-from optuna.trial import FrozenTrial, Trial, TrialState
 
+from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from optimisation.designs import Design
 from optimisation.differences import difference
@@ -33,6 +30,12 @@ from optimisation.problem import Problem
 from optimisation.search.journal import Journal, StudyError, alone, repair
 from optimisation.search.samplers import CMA, TrialSampler, distributions
 from optimisation.search.settings import Settings
+
+with optional():
+    import optuna
+    from optuna.samplers import RandomSampler
+    from optuna.storages import InMemoryStorage, JournalStorage
+    from optuna.trial import FrozenTrial, Trial, TrialState
 
 Array = NDArray[np.float64]
 Json = dict[str, object]
