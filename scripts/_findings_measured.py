@@ -48,15 +48,15 @@ def scaling(study: Study) -> Json:
         kinds: dict[str, list[Executor]] = {"threads": [Threads(n) for n in WORKERS]}
         kinds["cluster"] = [stack.enter_context(_cluster(n)) for n in WORKERS]
         for executor in (e for group in kinds.values() for e in group):  # workers load their kernels
-            dict(evaluate(problem, designs[:4], problem.phases[:1], 10 * problem.rate, executor))
+            dict(evaluate(problem, designs[:4], problem.ensemble[:1], 10 * problem.rate, executor))
         times: dict[tuple[str, int], list[float]] = {(kind, n): [] for kind in kinds for n in WORKERS}
         for _ in tqdm(range(3), desc="scaling", unit="rounds", disable=None, leave=False):
             for kind, group in kinds.items():
                 for n, executor in zip(WORKERS, group, strict=True):
                     began = time.perf_counter()
-                    dict(evaluate(problem, designs, problem.phases, problem.rate, executor))
+                    dict(evaluate(problem, designs, problem.ensemble, problem.rate, executor))
                     times[kind, n].append(time.perf_counter() - began)
-    runs = 2 * len(designs) * len(problem.phases) * len(problem.conditions)
+    runs = 2 * len(designs) * len(problem.ensemble) * len(problem.conditions)
     rows = [{"kind": kind, "workers": n, "seconds": statistics.median(s), "all_s": s} for (kind, n), s in times.items()]
     return {"designs": len(designs), "runs": runs, "rows": rows, "speedup": {kind: _speedup(times, kind) for kind in kinds}}
 
