@@ -3,6 +3,8 @@
 The names below are the public interface; everything is in SI units.
 """
 
+from importlib.metadata import PackageNotFoundError, version
+
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.envs import register_environments
 from impact_env.methods import Exact, Moreau, RungeKutta
@@ -48,6 +50,7 @@ __all__ = [
     "SlidingAbsorber",
     "StuckAbsorber",
     "TunedAbsorber",
+    "__version__",
     "beam_scene",
     "constant_frequency",
     "friction_damper",
@@ -57,5 +60,10 @@ __all__ = [
     "modal_model",
     "simulate",
 ]
+
+try:
+    __version__ = version("impact-absorber-workbench")
+except PackageNotFoundError:  # a checkout on the path, not installed
+    __version__ = "0+unknown"
 
 register_environments()

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.ensemble import available_cores
+from impact_env.first_use import CompilingFor
 from impact_env.kernels.interval import DURATION, FRESH, GAP, GAP_IN_USE, NOW, ORDERS, REPORTS, Lanes, Watch
 from impact_env.kernels.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
@@ -102,8 +103,9 @@ class ControlledRuns:
         turns = iter(cuts)
 
         def work() -> None:
-            for low, high in turns:  # whoever is done takes the next part
-                self._kernel(low, high)
+            with CompilingFor(self.scene, self.method, "environments"):
+                for low, high in turns:  # whoever is done takes the next part
+                    self._kernel(low, high)
 
         others = [self._helpers(workers - 1).submit(work) for _ in range(workers - 1)]
         try:

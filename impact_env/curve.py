@@ -1,7 +1,7 @@
 """Performance curves: response level over the force's amplitude, as an ensemble with a band (paper, section 4).
 
 In the impact regimes a level is a random variable: runs that differ by rounding part after some impacts. A curve is therefore
-computed over members that differ in the initial phase of the force, and has a median and a band.
+computed over members that differ in the initial phase of the force and, by a millionth at most, in its amplitude; it has a median and a band.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, FrequencySchedule, linear_sweep
-from impact_env.ensemble import Lane, LaneLevels, Progress, member_phases, run_lanes
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE, FrequencySchedule, linear_sweep
+from impact_env.ensemble import Lane, LaneLevels, Members, Progress, draw_members, run_lanes
 from impact_env.methods import Method
 from impact_env.parameters import require
 from impact_env.propagation import is_linear
@@ -73,13 +73,13 @@ class Optimum:
 
 @dataclass(frozen=True, eq=False)
 class PerformanceCurve:
-    """Levels over the force. ``forces`` (F,) in N, ``phases`` (M,) in rad, arrays of ``lanes`` (F, M, 2): force, member, up or down.
+    """Levels over the force. ``forces`` (F,) in N, M ``members``, arrays of ``lanes`` (F, M, 2): force, member, up or down.
 
     What an interrupted computation left out is NaN there, and left out of median and band.
     """
 
     forces: Array
-    phases: Array
+    members: Members
     lanes: LaneLevels
 
     @property
@@ -108,9 +108,9 @@ class PerformanceCurve:
         return quantiles(self.combined, BAND)
 
     def relative_to(self, reference: PerformanceCurve) -> Array:
-        """Return `combined` over that of the same member of a reference, (F, M); raises ParameterError unless forces and phases agree."""
-        same = np.array_equal(self.forces, reference.forces) and np.array_equal(self.phases, reference.phases)
-        require(same, "reference", (reference.forces, reference.phases), "a curve over the same forces and members")
+        """Return `combined` over that of the same member of a reference, (F, M); raises ParameterError unless forces and members agree."""
+        same = np.array_equal(self.forces, reference.forces) and self.members.key == reference.members.key
+        require(same, "reference", (reference.forces, reference.members), "a curve over the same forces and members")
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(self.combined / reference.combined)
 
@@ -155,19 +155,20 @@ def performance_curves(
 
     The member is the outermost loop, so an interrupted computation leaves all curves with fewer members.
     """
-    phases = member_phases(members, seed)
+    drawn = draw_members(members, seed)
     sweeps = [(case, case.schedules(), case.amplitudes()) for case in cases]
     lanes = [
-        Lane(case.scene, Drive(float(amplitude), schedule, float(phase)))
-        for phase in phases
+        Lane(case.scene, drive)
+        for member in (drawn[m : m + 1] for m in range(members))
         for case, schedules, amplitudes in sweeps
         for schedule in schedules
         for amplitude in amplitudes
+        for drive in member.drives(float(amplitude), schedule)
     ]
     levels = run_lanes(lanes, method, threads=threads, samples_per_period=samples_per_period, progress=progress)
     ends = np.cumsum([0] + [2 * len(amplitudes) for _, _, amplitudes in sweeps])
     return [
-        PerformanceCurve(case.forces, phases, _of_case(case, levels, members, start, stop))
+        PerformanceCurve(case.forces, drawn, _of_case(case, levels, members, start, stop))
         for case, start, stop in zip(cases, ends, ends[1:], strict=False)
     ]
 

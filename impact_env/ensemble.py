@@ -9,18 +9,21 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
+from impact_env.drive import Drive, FrequencySchedule
 from impact_env.methods import Exact, Method, check_supported
-from impact_env.parameters import ParameterError, SlidingAbsorber, count
+from impact_env.parameters import ParameterError, SlidingAbsorber, count, require
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
+PERTURBATION = 1e-6  # of the force: far above rounding and far below what a force is known to
+MemberKind = Literal["both", "phase", "rounding"]
 Progress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
 
 
@@ -52,14 +55,52 @@ class LaneLevels:
     complete: bool
 
 
-def member_phases(members: int, seed: int) -> Array:
-    """Return the initial phases of the force, (members,) in rad: 0 for member 0 (the paper's run), the others uniform in [0, 2 pi).
+@dataclass(frozen=True, eq=False)
+class Members:
+    """What the members of an ensemble differ in, (M,) each: initial ``phases`` of the force in rad, and ``factors`` of its amplitude."""
 
-    More members with the same seed continue the same list.
+    phases: Array
+    factors: Array
+
+    def __post_init__(self) -> None:
+        phases, factors = (np.array(values, dtype=np.float64, ndmin=1) for values in (self.phases, self.factors))
+        require(phases.ndim == 1 and phases.shape == factors.shape, "members", (phases.shape, factors.shape), "as many phases as factors")
+        for name, values in (("phases", phases), ("factors", factors)):
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+
+    def __len__(self) -> int:
+        return len(self.phases)
+
+    def __getitem__(self, which: slice) -> Members:
+        return Members(self.phases[which], self.factors[which])
+
+    @property
+    def key(self) -> bytes:
+        """What is the same for the same members, and else differs."""
+        return self.phases.tobytes() + self.factors.tobytes()
+
+    def drives(self, force: float, schedule: FrequencySchedule, phase: float = 0.0) -> list[Drive]:
+        """Return each member's drive at a force in N whose own initial phase is ``phase`` in rad."""
+        return [Drive(force * float(factor), schedule, phase + float(own)) for own, factor in zip(self.phases, self.factors, strict=True)]
+
+
+def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
+    """Return the members of an ensemble. Member 0 is the paper's run: phase 0, and the force as it is.
+
+    Every other one stands for what nobody knows about a run, which impacts amplify: when it began, a phase uniform in [0, 2 pi), and how it
+    is rounded, a force changed by a share that is uniform within `PERTURBATION`. ``kind`` "phase" and "rounding" leave one of them
+    out. More members with the same seed continue the same lists, and a kind's list does not depend on the other.
     """
     count("members", members, 1)
-    generator = np.random.default_rng(count("seed", seed, 0))
-    return np.concatenate([[0.0], generator.uniform(0, 2 * np.pi, members - 1)])
+    require(kind in get_args(MemberKind), "kind", kind, " or ".join(get_args(MemberKind)))
+    own = np.random.SeedSequence(count("seed", seed, 0))
+    phases, factors = np.zeros(members), np.ones(members)
+    if kind != "rounding":
+        phases[1:] = np.random.default_rng(own).uniform(0, 2 * np.pi, members - 1)
+    if kind != "phase":
+        factors[1:] += np.random.default_rng(own.spawn(1)[0]).uniform(-PERTURBATION, PERTURBATION, members - 1)
+    return Members(phases, factors)
 
 
 def available_cores() -> int:

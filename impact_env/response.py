@@ -107,3 +107,11 @@ class Response:
     phases: ContactPhases | None = None
     history: History | None = None
     energy: EnergyAccount | None = None
+
+    def __repr__(self) -> str:
+        level = self.level
+        words = [f"{self.drive.amplitude:g} N from 0 to {self.drive.schedule.times[-1]:.4g} s"]
+        if level is not None:
+            words.append(f"level {1e3 * level.value:.4g} mm at {level.frequency_ratio:.4f} of the resonance")
+        words.append(f"{self.impact_count} impact{'s' * (self.impact_count != 1)}")
+        return f"Response({self.scene}\n         {', '.join(words)})"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Absorber, Beam, RigidWalls, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
+from impact_env.wording import absorber_words, number_of_modes
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,12 @@ class Scene:
         elif sliding is not None and isinstance(sliding.walls, RigidWalls) and np.isinf(sliding.walls.gap):
             without = None if sliding.friction is None else SlidingAbsorber(sliding.mass_ratio, None, sliding.friction)
             object.__setattr__(self, "absorber", without)
+
+    def __repr__(self) -> str:
+        return f"Scene({self})"
+
+    def __str__(self) -> str:
+        return f"{number_of_modes(self.model.modes)}, {absorber_words(self.absorber)}"
 
     @property
     def absorber_mass(self) -> float | None:

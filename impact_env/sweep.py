@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount, stored_energy
+from impact_env.first_use import CompilingFor
 from impact_env.kernels import observers
 from impact_env.kernels.observers import Counters, Energy, Events, Level, Series, close_level, new_level
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel
@@ -49,12 +50,13 @@ class _Room:
 def integrate(scene: Scene, drive: Drive, method: Method, state: Array, interval: float, room: _Room) -> None:
     """Run the method's kernel on ``state`` in place; raise IntegrationError if it does not come to the end."""
     parts = (state, interval, room.counters, room.level, room.events, room.series, room.energy)
-    if isinstance(method, Exact):
-        status = run_exact(scene, drive, *parts)
-    elif isinstance(method, Moreau):
-        status = run_moreau(scene, drive, method, *parts)
-    else:
-        status = run_runge_kutta(scene, drive, method, *parts)
+    with CompilingFor(scene, method):
+        if isinstance(method, Exact):
+            status = run_exact(scene, drive, *parts)
+        elif isinstance(method, Moreau):
+            status = run_moreau(scene, drive, method, *parts)
+        else:
+            status = run_runge_kutta(scene, drive, method, *parts)
     if status != observers.DONE:
         raise IntegrationError(f"{method} on {scene.absorber}: {REASONS[status]}")
 

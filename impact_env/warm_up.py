@@ -14,7 +14,8 @@ from functools import partial
 
 from impact_env.drive import Drive, constant_frequency
 from impact_env.envs import ENVIRONMENTS, first_step
-from impact_env.kernels.jit import cache_folder
+from impact_env.first_use import quiet
+from impact_env.kernels.cache import cache_folder
 from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorber
 from impact_env.response import Record
 from impact_env.scene import beam_scene
@@ -72,8 +73,10 @@ def main(words: list[str], say: Callable[[str], None]) -> int:
     if words not in ([], ["environments"]):
         say(f"{' '.join(words)} is not allowed: nothing, or the word environments")
         return 2
-    warm_up(environments() if words else main_job(), say)
-    say(f"  kernels are in {cache_folder()}")
+    with quiet():
+        warm_up(environments() if words else main_job(), say)
+    folder = cache_folder()
+    say("  kernels are kept nowhere: no folder can be written to" if folder is None else f"  kernels are in {folder}")
     return 0
 
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-import cvxpy
+from impact_env.extras import optional
+
+with optional():
+    import cvxpy
 
 
 class NotOptimalError(RuntimeError):

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.ensemble import available_cores
+from impact_env.ensemble import Members, available_cores
 from impact_env.parameters import count
 from optimisation.designs import Design
 from optimisation.measures import Chunk, measure
@@ -69,14 +69,14 @@ class Clocked:
 
 
 def evaluate(
-    problem: Problem, designs: Sequence[Design], phases: Array, rate: float, executor: Executor, progress: Progress | None = None
+    problem: Problem, designs: Sequence[Design], ensemble: Members, rate: float, executor: Executor, progress: Progress | None = None
 ) -> Iterator[tuple[int, Array]]:
     """Yield (number of the design, measures (members, conditions, up or down, measures)) as designs are finished; `rate` as in `Problem`.
 
     Designs begin in the order given, so that an interrupted call leaves the first ones whole. Raises ParameterError if the simulator
     refuses a design; a run that the integrator gives up is NaN.
     """
-    owned = [problem.chunks(design, phases, rate) for design in designs]
+    owned = [problem.chunks(design, ensemble, rate) for design in designs]
     owners = [k for k, own in enumerate(owned) for _ in own]
     starts = np.cumsum([0] + [len(own) for own in owned])
     chunks = [chunk for own in owned for chunk in own]
@@ -91,4 +91,4 @@ def evaluate(
         k = owners[i]
         waiting[k] -= 1
         if not waiting[k]:
-            yield k, problem.join([parts.pop(j) for j in range(starts[k], starts[k + 1])], len(phases))
+            yield k, problem.join([parts.pop(j) for j in range(starts[k], starts[k + 1])], len(ensemble))

@@ -67,9 +67,9 @@ def member_levels(
     at = wider.measures.index(LEVEL)
     chosen = problem.rate if rate is None else rate
     worse = np.empty((len(designs), members, len(conditions)))
-    for k, measured in evaluate(wider, designs, wider.phases, chosen, executor, progress):
+    for k, measured in evaluate(wider, designs, wider.ensemble, chosen, executor, progress):
         worse[k] = measured[..., at].max(axis=2)
-    return worse, np.asarray(wider.reference(wider.phases, chosen)[..., at].max(axis=2))
+    return worse, np.asarray(wider.reference(wider.ensemble, chosen)[..., at].max(axis=2))
 
 
 def over_force(condition: Condition, forces: ArrayLike) -> list[Condition]:
@@ -140,8 +140,8 @@ def sensitivity(
         nonlocal runs
         designs = [problem.space.design(dict(zip(names, (float(value) for value in row), strict=True))) for row in x.T]
         result = np.empty(len(designs))
-        for k, measured in evaluate(near, designs, near.phases, near.rate, executor, progress):
-            result[k] = near.cost(near.score(designs[k], measured, near.phases, near.rate))
+        for k, measured in evaluate(near, designs, near.ensemble, near.rate, executor, progress):
+            result[k] = near.cost(near.score(designs[k], measured, near.ensemble, near.rate))
         runs += len(designs)
         require(bool(np.all(np.isfinite(result))), "neighbourhood", spread, "a smaller one: runs in it could not be finished")
         return result[None]

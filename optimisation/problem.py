@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import PAPER_RATE, Drive, FrequencySchedule, linear_sweep
-from impact_env.ensemble import Lane, member_phases
+from impact_env.drive import PAPER_RATE, FrequencySchedule, linear_sweep
+from impact_env.ensemble import Lane, Members, draw_members
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, count, positive, require
 from impact_env.scene import Scene
@@ -22,7 +22,7 @@ from optimisation.objectives import KINDS, Condition, Constraint, Objective, Sco
 from optimisation.tuned import require_wide_range
 
 Array = NDArray[np.float64]
-FORMAT = 1  # of the description: raised when the meaning of a problem changes
+FORMAT = 2  # of the description: raised when the meaning of a problem changes
 FATIGUE_EXPONENT = 5.0
 MEMBERS_A_CHUNK = 4
 FAILED = 1e6  # what a design costs whose runs the integrator gives up
@@ -82,14 +82,14 @@ class Problem:
         return tuple(name for name in MEASURES if name in needed)
 
     @cached_property
-    def phases(self) -> Array:
-        """Initial phases of the members, (members,) in rad: the same for every design."""
-        return member_phases(self.members, self.seed)
+    def ensemble(self) -> Members:
+        """The members, the same for every design."""
+        return draw_members(self.members, self.seed)
 
-    def fresh_phases(self, members: int, which: int) -> Array:
-        """Return phases, (members,) in rad, of members that no search has seen; another ``which``, other members."""
+    def fresh_ensemble(self, members: int, which: int) -> Members:
+        """Return members that no search has seen; another ``which``, other members."""
         (seed,) = np.random.SeedSequence([self.seed, 1 + which]).generate_state(1)
-        return member_phases(members + 1, int(seed))[1:]  # member 0 is the paper's run in every ensemble
+        return draw_members(members + 1, int(seed))[1:]  # member 0 is the paper's run in every ensemble
 
     def describe(self) -> dict[str, object]:
         """Return what identifies the problem, as JSON values: a study of one problem is not continued with another."""
@@ -106,23 +106,23 @@ class Problem:
             "fatigue_exponent": self.fatigue_exponent,
         }
 
-    def chunks(self, design: Design | None, phases: Array, rate: float) -> list[Chunk]:
+    def chunks(self, design: Design | None, ensemble: Members, rate: float) -> list[Chunk]:
         """Return a design's runs, condition by condition and a few members at a time; each member sweeps up and down.
 
         None is the beam without absorber, under one newton.
         """
         scenes = {detuning: self._scene(design, detuning) for detuning in {condition.detuning for condition in self.conditions}}
         return [
-            self._chunk(design, scenes[condition.detuning], condition, phases[start : start + MEMBERS_A_CHUNK], rate)
+            self._chunk(design, scenes[condition.detuning], condition, ensemble[start : start + MEMBERS_A_CHUNK], rate)
             for condition in self.conditions
-            for start in range(0, len(phases), MEMBERS_A_CHUNK)
+            for start in range(0, len(ensemble), MEMBERS_A_CHUNK)
         ]
 
-    def _chunk(self, design: Design | None, scene: Scene, condition: Condition, phases: Array, rate: float) -> Chunk:
+    def _chunk(self, design: Design | None, scene: Scene, condition: Condition, ensemble: Members, rate: float) -> Chunk:
         force = 1.0 if design is None else condition.force
-        drives = [Drive(force, schedule, float(phase)) for phase in phases for schedule in _up_and_down(scene.model, condition, rate)]
+        up, down = (ensemble.drives(force, schedule) for schedule in _up_and_down(scene.model, condition, rate))
         at_end = design is None or design.reads_free_end
-        lanes = tuple(Lane(scene, drive) for drive in drives)
+        lanes = tuple(Lane(scene, drive) for pair in zip(up, down, strict=True) for drive in pair)
         return Chunk(lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent, at_end)
 
     def _scene(self, design: Design | None, detuning: float) -> Scene:
@@ -150,30 +150,30 @@ class Problem:
         rows = np.concatenate(parts).reshape(len(self.conditions), members, 2, len(self.measures))
         return np.ascontiguousarray(rows.transpose(1, 0, 2, 3))
 
-    def reference(self, phases: Array, rate: float) -> Array:
+    def reference(self, ensemble: Members, rate: float) -> Array:
         """Return the measures of the beam without absorber, (members, conditions, up or down, measures), under the conditions' forces.
 
         It is linear, so that one newton serves all forces. Kept for the next call.
         """
-        key = (rate, phases.tobytes())
+        key = (rate, ensemble.key)
         if key not in self._references:
             seen: dict[tuple[object, ...], Array] = {}
             rows = []
             for condition in self.conditions:
                 kind = (condition.resonance, condition.limits, condition.detuning)
                 if kind not in seen:
-                    seen[kind] = measure(self._chunk(None, self._scene(None, condition.detuning), condition, phases, rate))
+                    seen[kind] = measure(self._chunk(None, self._scene(None, condition.detuning), condition, ensemble, rate))
                 powers = [self.fatigue_exponent if name == DAMAGE else 1.0 for name in self.measures]
                 rows.append(seen[kind] * condition.force ** np.array(powers))
-            self._references[key] = self.join(rows, len(phases))
+            self._references[key] = self.join(rows, len(ensemble))
         return self._references[key]
 
-    def score(self, design: Design, measured: Array, phases: Array, rate: float) -> Score:
-        """Return a design's score from its measures, (members, conditions, up or down, measures), at these phases and this rate."""
+    def score(self, design: Design, measured: Array, ensemble: Members, rate: float) -> Score:
+        """Return a design's score from its measures, (members, conditions, up or down, measures), of these members at this rate."""
         if np.isnan(measured).any():
             return Score(tuple(-FAILED if o.maximise else FAILED for o in self.objectives), (1.0,) * len(self.constraints), failed=True)
         columns = {name: measured[..., k] for k, name in enumerate(self.measures)}
-        reference = self.reference(phases, rate)
+        reference = self.reference(ensemble, rate)
         values = []
         for objective in self.objectives:
             kind = KINDS[objective.kind]

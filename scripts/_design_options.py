@@ -14,7 +14,6 @@ from typing import Any
 import click
 import numba
 import numpy as np
-import optuna
 import scipy
 from _progress import UNIT_BAR
 from tqdm import tqdm
@@ -22,6 +21,7 @@ from tqdm import tqdm
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE
 from impact_env.ensemble import available_cores
+from impact_env.extras import how_to_install, optional
 from impact_env.parameters import Beam, ParameterError
 from optimisation.comparison import WIDE_LIMITS
 from optimisation.designs import TUNED, VARIABLES, DesignSpace, design_space
@@ -29,6 +29,9 @@ from optimisation.evaluation import Executor, Threads
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
 from optimisation.search.study import Progress
+
+with optional():
+    import optuna
 
 KEPT = "Broken off; the study keeps what is finished."
 GOES_ON = "the same command goes on from here."
@@ -119,7 +122,9 @@ def executor_of(given: dict[str, Any]) -> Iterator[Executor]:
     try:
         from optimisation.search.cluster import Workers
     except ImportError as error:
-        raise ParameterError(f"--cluster = {given['cluster']} is not allowed: where the package distributed is installed") from error
+        raise ParameterError(
+            f"--cluster = {given['cluster']} is not allowed: where the package distributed is installed; {how_to_install('distributed')}"
+        ) from error
     with Workers(given["cluster"]) as workers:
         yield workers
 

@@ -9,7 +9,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
-import distributed
 import numpy as np
 from _design_options import peak_memory
 from _design_search import Plan, find
@@ -17,12 +16,16 @@ from _findings_parts import AT, Json, Study
 from _front_search import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 from tqdm import tqdm
 
+from impact_env.extras import optional
 from optimisation.designs import IMPACT
 from optimisation.evaluation import Executor, Threads, evaluate
 from optimisation.report.front_tables import front_summary
 from optimisation.search.cluster import Workers
 from optimisation.search.judge import Audit
 from optimisation.search.settings import default_settings
+
+with optional():
+    import distributed
 
 WORKERS = (1, 2)
 FRONT_MEMBERS, FRONT_DESIGNS, SEEDS = 2, 300, 5
@@ -45,15 +48,15 @@ def scaling(study: Study) -> Json:
         kinds: dict[str, list[Executor]] = {"threads": [Threads(n) for n in WORKERS]}
         kinds["cluster"] = [stack.enter_context(_cluster(n)) for n in WORKERS]
         for executor in (e for group in kinds.values() for e in group):  # workers load their kernels
-            dict(evaluate(problem, designs[:4], problem.phases[:1], 10 * problem.rate, executor))
+            dict(evaluate(problem, designs[:4], problem.ensemble[:1], 10 * problem.rate, executor))
         times: dict[tuple[str, int], list[float]] = {(kind, n): [] for kind in kinds for n in WORKERS}
         for _ in tqdm(range(3), desc="scaling", unit="rounds", disable=None, leave=False):
             for kind, group in kinds.items():
                 for n, executor in zip(WORKERS, group, strict=True):
                     began = time.perf_counter()
-                    dict(evaluate(problem, designs, problem.phases, problem.rate, executor))
+                    dict(evaluate(problem, designs, problem.ensemble, problem.rate, executor))
                     times[kind, n].append(time.perf_counter() - began)
-    runs = 2 * len(designs) * len(problem.phases) * len(problem.conditions)
+    runs = 2 * len(designs) * len(problem.ensemble) * len(problem.conditions)
     rows = [{"kind": kind, "workers": n, "seconds": statistics.median(s), "all_s": s} for (kind, n), s in times.items()]
     return {"designs": len(designs), "runs": runs, "rows": rows, "speedup": {kind: _speedup(times, kind) for kind in kinds}}
 

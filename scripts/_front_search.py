@@ -41,7 +41,7 @@ def judge_front(front: Front, executor: Executor) -> Front:
     problem = front.problem
     designs = [e.design for e in front.members]
     with runs_bar("front on fresh members") as show:
-        *fresh, paper = judged(problem, [*designs, problem.space.default], problem.fresh_phases(2 * problem.members, 0), executor, show)
+        *fresh, paper = judged(problem, [*designs, problem.space.default], problem.fresh_ensemble(2 * problem.members, 0), executor, show)
     return replace(front, fresh=fresh, paper=paper)
 
 
@@ -65,7 +65,7 @@ def compare_with_random(front: Front, settings: Settings, seeds: int, executor: 
 def bounds_of(front: Front) -> NDArray[np.float64]:
     """Return the stationary limits of the designs on the front, (designs, 2), as relative levels; NaN where the closed form does not apply."""
     problem = front.problem
-    without = problem.reference(problem.phases[:1], problem.rate)[0, :, :, problem.measures.index(LEVEL)].max(axis=1)
+    without = problem.reference(problem.ensemble[:1], problem.rate)[0, :, :, problem.measures.index(LEVEL)].max(axis=1)
     rows = []
     for judge in front.fresh or []:
         relative = [limit(problem, judge.design, c) / float(w) for c, w in zip(problem.conditions, without, strict=True)]

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from impact_env.ensemble import LaneLevels
-from impact_env.parameters import CompliantWalls, ElasticCoulombFriction, RigidWalls, StuckAbsorber, TunedAbsorber
 from impact_env.response import Response
-from impact_env.scene import Scene
+from impact_env.wording import absorber_words, number_of_modes
 
 
 @dataclass(frozen=True)
@@ -53,32 +52,12 @@ def contract(result: Result) -> dict[str, object]:
     }
 
 
-def describe_absorber(scene: Scene) -> str:
-    absorber = scene.absorber
-    if absorber is None:
-        return "no absorber"
-    mass = f"mass ratio {absorber.mass_ratio:g}"
-    if isinstance(absorber, StuckAbsorber):
-        return f"stuck absorber, {mass}"
-    if isinstance(absorber, TunedAbsorber):
-        return f"tuned absorber, {mass}, stiffness {absorber.stiffness:g} N/m, damping {absorber.damping:g} N s/m"
-    words = ["friction damper" if absorber.walls is None else "impact absorber", mass]
-    if isinstance(absorber.walls, RigidWalls):
-        words.append(f"gap {1e3 * absorber.walls.gap:g} mm, restitution {absorber.walls.restitution:g}")
-    if isinstance(absorber.walls, CompliantWalls):
-        words.append(f"gap {1e3 * absorber.walls.gap:g} mm, contact stiffness {absorber.walls.stiffness:g} N/m")
-    words.append("no friction" if absorber.friction is None else f"friction limit {absorber.friction.limit:g} N")
-    if isinstance(absorber.friction, ElasticCoulombFriction):
-        words.append(f"friction stiffness {absorber.friction.stiffness:g} N/m")
-    return ", ".join(words)
-
-
 def describe_run(response: Response, resonance: int) -> str:
     schedule, modes = response.drive.schedule, response.scene.model.modes
     ratios = schedule.omegas / schedule.reference
     frequency = f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"
     where = f"{frequency} times resonance {resonance} ({schedule.reference:.6g} rad/s)"
-    return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods, {modes} mode{'s' * (modes > 1)}, {response.method}"
+    return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods, {number_of_modes(modes)}, {response.method}"
 
 
 def summary(result: Result, resonance: int) -> str:
@@ -100,4 +79,4 @@ def summary(result: Result, resonance: int) -> str:
         ("integration alone", f"{1e3 * result.wall_time:.4g} ms", f"{1e6 * result.wall_time / schedule.periods:.3g} us a pseudo period"),
     ]
     lines = [f"  {name:<26}{value:>12}   {note}".rstrip() for name, value, note in rows]
-    return "\n".join([describe_absorber(response.scene), describe_run(response, resonance), *lines])
+    return "\n".join([absorber_words(response.scene.absorber), describe_run(response, resonance), *lines])

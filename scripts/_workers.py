@@ -15,10 +15,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
-from pathlib import Path
 from typing import Any
 
-from impact_env.kernels.jit import cache_folder
+from impact_env.kernels.cache import digest, folders
 
 ENOUGH = 6  # tasks left of a kind: worth compiling its kernels once more for a worker that is idle
 POLL_S = 0.5
@@ -85,13 +84,17 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 
 def _own_cache(number: int) -> str:
     """Return the parent folder of a worker's kernel cache, filled with what is compiled already."""
-    shared = cache_folder()
-    own = shared.parent / f"worker-{number}"
-    target = own / shared.name
-    with suppress(OSError, shutil.Error):
+    known = folders()
+    if known.write is None:
+        return "" if known.read is None else str(known.read.parent)
+    own = known.write.parent / f"worker-{number}"
+    target = own / digest()
+    with suppress(OSError):
         if not target.exists():
-            shutil.copytree(shared, target)
-    return str(own if target.exists() else Path(shared).parent)
+            for file in (file for filled in (known.read, known.write) if filled is not None for file in filled.glob("*/*.nb?")):
+                (target / file.parent.name).mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file, target / file.parent.name / file.name)  # without the permissions of a folder that is only read
+    return str(own if target.exists() else known.write.parent)
 
 
 class Pool:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import gymnasium
 import numba
 import numpy as np
 from _command_line import check_target, plain_errors
@@ -24,7 +23,11 @@ from llvmlite.binding import get_host_cpu_name
 from tqdm import tqdm
 
 from impact_env.ensemble import available_cores
+from impact_env.extras import optional
 from optimisation.files import write_json
+
+with optional():
+    import gymnasium
 
 PASSIVE, SWEEP = "ImpactAbsorber/Passive-v0", "ImpactAbsorber/SweepRate-v0"
 PASSAGE: dict[str, Any] = {"modes": 3, "force": 1.5, "interval": 1.0, "direction": "up", "limits": (0.98, 1.06)}
@@ -99,8 +102,9 @@ def bridge(seconds: float, advance: Callable[[], object]) -> Speed:
 
 def training(seconds: float, advance: Callable[[], object]) -> Speed:
     """Time PPO's whole loop on the sweep task: collecting, learning, resetting."""
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import VecMonitor
+    with optional():
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.vec_env import VecMonitor
 
     from optimisation.rl.vec_env import make_native
 

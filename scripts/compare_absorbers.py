@@ -49,8 +49,8 @@ def conditions(started: float, threads: int | None) -> dict[str, object]:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 @click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given.")
-@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point, with different initial phases.  [default: {DEFAULT_MEMBERS}]")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases.")
+@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point, with other phases and roundings.  [default: {DEFAULT_MEMBERS}]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
 @click.option("--forces", type=click.IntRange(min=2), help=f"Number of forces for each resonance.  [default: {DEFAULT_FORCES}]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @click.option(

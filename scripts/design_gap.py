@@ -76,8 +76,8 @@ def text(check: GapCheck) -> str:
 )
 @click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_GAPS} gaps, {QUICK_MEMBERS} members, unless given.")
 @click.option("--gaps", type=click.IntRange(min=3), help=f"Number of gaps, odd, the rule's in the middle.  [default: {DEFAULT_GAPS}]")
-@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each gap, with different initial phases.  [default: {DEFAULT_MEMBERS}]")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases.")
+@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each gap, with other phases and roundings.  [default: {DEFAULT_MEMBERS}]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/design_gap"), show_default=True, help="Folder for figure and tables.")
 def main(

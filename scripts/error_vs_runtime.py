@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 from _command_line import INTERRUPTED, BadInput
 from _progress import BAR
-from accuracy import cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
+from accuracy import bands, cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
 from accuracy.cases import KINDS
 from accuracy.study import FULL, QUICK, Result, Row, Settings, circumstances, load, save, with_scenes
 from matplotlib.figure import Figure
@@ -39,6 +39,7 @@ class Part:
 PARTS = {
     trajectory.NAME: Part(trajectory.count, trajectory.rows, figures.trajectory_figures, tables.trajectory_table),
     distribution.NAME: Part(distribution.count, distribution.rows, figures.distribution_figures, tables.distribution_table),
+    bands.NAME: Part(bands.count, bands.rows, lambda _rows: {}, tables.band_table),
     growth.NAME: Part(growth.count, growth.rows, more_figures.growth_figures, tables.growth_table),
     jumps.NAME: Part(jumps.count, jumps.rows, more_figures.jump_figures, tables.jump_table),
     cost.NAME: Part(cost.count, cost.rows, more_figures.cost_figures, tables.cost_table),
@@ -75,7 +76,7 @@ def publish(out: Path, result: Result) -> None:
     """Draw a part's figures, print its table, and put it into the page beside the folder, if there is one."""
     files = draw(out, result)
     table = PARTS[result.part].table(result.rows)
-    click.echo(f"\n{result.part}\n\n{table}\n\nwritten: " + ", ".join(map(str, files)))
+    click.echo(f"\n{result.part}\n\n{table}" + ("\n\nwritten: " + ", ".join(map(str, files)) if files else ""))
     page = out.with_suffix(".md")
     if page.is_file() and not tables.insert(page, result.part, f"\n{table}\n\n{tables.made_with(result)}\n"):
         click.echo(f"{page} has no place for the part {result.part}", err=True)

@@ -155,8 +155,14 @@ def run(members: int, seed: int) -> list[PerformanceCurve]:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
-@click.option("--members", type=click.IntRange(min=1), default=DEFAULT_MEMBERS, show_default=True, help="Runs for each point, with different phases.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases.")
+@click.option(
+    "--members",
+    type=click.IntRange(min=1),
+    default=DEFAULT_MEMBERS,
+    show_default=True,
+    help="Runs for each point, with other phases and roundings.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
 @click.option("--json", "target", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the results, in SI units.")
 def main(members: int, seed: int, target: Path | None) -> None:
     """Compute response levels of the paper's scenes and print them beside numbers computed earlier with the Moreau scheme."""

@@ -8,14 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import click
-import gymnasium
 import numpy as np
 from _command_line import check_target, plain_errors
-from PIL import Image
 from tqdm import tqdm
 
 from impact_env.envs import ENVIRONMENTS
+from impact_env.extras import optional
 from optimisation.files import replacing
+
+with optional():
+    import gymnasium
+    from PIL import Image
 
 NAMES = {name.split("/")[1].split("-")[0].lower(): name for name in ENVIRONMENTS}
 INTERVAL = 2.0625  # pseudo periods: frames show a slow motion, as under a stroboscope that is a little slower than the machine

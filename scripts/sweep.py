@@ -12,18 +12,19 @@ from typing import Any, TypeVar
 
 import click
 from _command_line import BadInput, check_target, plain_errors
-from _sweep_report import Result, contract, describe_absorber, describe_run, summary
+from _sweep_report import Result, contract, describe_run, summary
 from _sweep_scene import FRICTION_DAMPER_LIMIT, PARTS, Options, make_method, make_scene, make_schedule, refuse_contradictions
 from _timing import Timed
 from tqdm import tqdm
 
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, FrequencySchedule
-from impact_env.ensemble import Lane, member_phases, run_lanes
+from impact_env.ensemble import Lane, draw_members, run_lanes
 from impact_env.methods import PAPER_STEPS, Method, check_supported
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
+from impact_env.wording import absorber_words
 from optimisation.files import replacing
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
@@ -93,7 +94,7 @@ def write(result: Result, given: Options) -> None:
         if given["plot"] is not None:
             from _sweep_plot import save_figure
 
-            title = f"{describe_absorber(result.response.scene)}\n{describe_run(result.response, given['resonance'])}"
+            title = f"{absorber_words(result.response.scene.absorber)}\n{describe_run(result.response, given['resonance'])}"
             save_figure(files.enter_context(replacing(given["plot"].resolve())), title, result.response, given["resonance"])
 
 
@@ -108,8 +109,8 @@ def run(given: Options) -> str:
     count("members", given["members"], 1)
     if given["plot"] is not None:
         refuse_long_plot(scene, schedule, Record().samples_per_period)
-    phases = Drive(given["force"], schedule, given["phase"]).phase + member_phases(given["members"], given["seed"])
-    drives = [Drive(given["force"], schedule, float(phase)) for phase in phases]
+    first = Drive(given["force"], schedule, given["phase"])
+    drives = draw_members(given["members"], given["seed"]).drives(first.amplitude, schedule, first.phase)
     result = compute(scene, drives, method, given["plot"] is not None)
     write(result, given)
     return summary(result, given["resonance"])
@@ -160,8 +161,8 @@ def default(text: str, value: object) -> str:
 @click.option("--down", is_flag=True, help="Sweep down: swaps --from and --to.")
 @click.option("--method", type=click.Choice(["exact", "moreau", "runge-kutta"]), default="exact", show_default=True, help="Method of integration.")
 @click.option("--steps-per-period", type=int, help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS))
-@click.option("--members", type=int, default=1, show_default=True, help="Runs that differ in the force's initial phase; the first has --phase.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases.")
+@click.option("--members", type=int, default=1, show_default=True, help="Runs that differ in phase and by rounding; the first has --phase.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases and roundings.")
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the results, in SI units.")
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw the run: .png, .pdf or .svg.")
 def main(**given: Any) -> None:

@@ -41,10 +41,10 @@ class Murderous(Workers):
 def compare(cluster: distributed.LocalCluster) -> None:
     given = problem()
     designs = [given.space.at([x, 0.5, y]) for x in (0.4, 0.5, 0.6) for y in (0.3, 0.7)]
-    here = dict(evaluate(given, designs, given.phases, given.rate, Threads(2)))
+    here = dict(evaluate(given, designs, given.ensemble, given.rate, Threads(2)))
     with Murderous(cluster.scheduler_address) as workers:
         workers.victim = next(iter(cluster.workers.values())).pid
-        there = dict(evaluate(given, designs, given.phases, given.rate, workers))
+        there = dict(evaluate(given, designs, given.ensemble, given.rate, workers))
         print("killed", workers.victim is None)
         print("runs", sorted(here) == sorted(there) and all(np.array_equal(there[k], values) for k, values in here.items()))
         found = []

@@ -34,14 +34,14 @@ def test_no_scheduler_and_no_worker_are_clear_errors() -> None:
         Workers("127.0.0.1:1", patience=1.0)
     with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", silence_logs=50) as empty:
         given = problem()
-        chunks = given.chunks(given.space.default, given.phases, given.rate)
+        chunks = given.chunks(given.space.default, given.ensemble, given.rate)
         with Workers(empty.scheduler_address, patience=1.0) as workers, pytest.raises(ClusterError, match="one or more workers"):
             list(workers.run(chunks))
 
 
 def test_worker_with_other_sources_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     given = problem()
-    chunks = given.chunks(given.space.default, given.phases, given.rate)
+    chunks = given.chunks(given.space.default, given.ensemble, given.rate)
     local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50)
     with local, Workers(local.scheduler_address) as workers:
         monkeypatch.setattr(workers._client, "run", lambda _function: {"tcp://worker": "theirs"})
@@ -63,7 +63,7 @@ class Closing(Workers):
 
 def test_scheduler_that_dies_is_a_clear_error() -> None:
     given = problem()
-    chunks = [chunk for x in (0.2, 0.4, 0.6, 0.8) for chunk in given.chunks(given.space.at([x, 0.5, 0.5]), given.phases, given.rate)]
+    chunks = [chunk for x in (0.2, 0.4, 0.6, 0.8) for chunk in given.chunks(given.space.at([x, 0.5, 0.5]), given.ensemble, given.rate)]
     local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50)
     with Closing(local.scheduler_address, patience=2.0) as workers:
         workers.cluster = local

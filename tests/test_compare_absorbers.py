@@ -87,7 +87,7 @@ def test_tables_hold_every_run(study: Comparison) -> None:
         r for r in runs if (r["resonance"], r["concept"], r["member"], r["direction"]) == (2, IMPACT, 2, "down") and r["force_n"] == curve.forces[3]
     )
     assert run["response_level_m"] == curve.level[3, 2, 1]
-    assert run["phase_rad"] == curve.phases[2]
+    assert (run["phase_rad"], run["force_factor"]) == (curve.members.phases[2], curve.members.factors[2])
     rows = [dict(zip(CURVE_COLUMNS, row, strict=True)) for row in curve_rows(study)]
     assert len(rows) == 2 * (len(KEYS) + 1) * 4
     assert {row["concept"] for row in rows} == {*KEYS, "limit"}

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from impact_env import Beam, Drive, ParameterError, TunedAbsorber, beam_scene, impact_absorber, simulate
+from impact_env import Beam, ParameterError, TunedAbsorber, beam_scene, impact_absorber, simulate
 from impact_env.curve import DOWN, UP, CurveCase, PerformanceCurve, performance_curve, performance_curves, quantiles
-from impact_env.ensemble import LaneLevels, member_phases
+from impact_env.ensemble import LaneLevels, Members, draw_members
 
 BEAM = Beam(modes=3)
 NONE, TUNED, IMPACT = (beam_scene(BEAM, absorber) for absorber in (None, TunedAbsorber(), impact_absorber(restitution=0.7, friction_limit=0.1)))
@@ -14,17 +16,19 @@ FORCES = np.array([0.0, 1.0, 2.5])
 
 
 def made_up(levels: np.ndarray, forces: np.ndarray) -> PerformanceCurve:
-    return PerformanceCurve(forces, np.arange(levels.shape[1]), LaneLevels(*[levels] * 6, complete=not np.isnan(levels).any()))
+    return PerformanceCurve(
+        forces, Members(np.arange(levels.shape[1]), np.ones(levels.shape[1])), LaneLevels(*[levels] * 6, complete=not np.isnan(levels).any())
+    )
 
 
 @pytest.mark.parametrize("scene", [NONE, TUNED, IMPACT], ids=["none", "tuned", "impact"])
 def test_curve_holds_the_single_runs(scene: object) -> None:
     case = CurveCase(scene, FORCES, 2, (0.99, 1.01))  # type: ignore[arg-type]
     (curve,) = performance_curves([case], members=2, seed=5)
-    phases = member_phases(2, 5)
+    members = draw_members(2, 5)
     assert curve.level.shape == (3, 2, 2)
     for (k, m, d), level in np.ndenumerate(curve.level):
-        run = simulate(case.scene, Drive(FORCES[k], case.schedules()[d], phases[m])).level
+        run = simulate(case.scene, members.drives(FORCES[k], case.schedules()[d])[m]).level
         assert run is not None
         # the level of a linear scene is computed at one newton and scaled
         tolerance = 0.0 if scene is IMPACT else 1e-12
@@ -56,7 +60,7 @@ def test_several_curves_at_once_are_the_single_curves() -> None:
     for case, curve in zip(cases, together, strict=True):
         alone = performance_curve(case.scene, case.forces, case.resonance, 3, 1, limits=case.limits, percent_per_100_periods=FAST, threads=1)
         np.testing.assert_array_equal(curve.level, alone.level)
-        np.testing.assert_array_equal(curve.phases, member_phases(3, 1))
+        assert curve.members.key == draw_members(3, 1).key
         assert curve.complete
 
 
@@ -97,6 +101,9 @@ def test_optimum_is_relative_to_the_reference() -> None:
     assert made_up(np.full((3, 2, 2), np.nan), forces).optimum(reference) is None
     with pytest.raises(ParameterError, match="reference"):
         curve.relative_to(made_up(np.ones((3, 2, 2)), forces + 1))
+    others = replace(reference, members=Members(reference.members.phases, [1.0, 1.0 + 1e-6]))
+    with pytest.raises(ParameterError, match="reference"):
+        curve.relative_to(others)
 
 
 @pytest.mark.parametrize(

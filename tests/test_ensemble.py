@@ -19,7 +19,7 @@ from impact_env import (
     linear_sweep,
     simulate,
 )
-from impact_env.ensemble import Lane, LaneLevels, member_phases, run_lanes
+from impact_env.ensemble import PERTURBATION, Lane, LaneLevels, Members, draw_members, run_lanes
 
 BEAM = Beam(modes=3)
 SCENES = [beam_scene(BEAM, absorber) for absorber in (None, TunedAbsorber(), impact_absorber(restitution=0.7, friction_limit=0.1))]
@@ -60,13 +60,35 @@ def test_result_does_not_depend_on_the_number_of_threads() -> None:
         np.testing.assert_array_equal(other, results[0])
 
 
-def test_phases_follow_from_the_seed() -> None:
-    phases = member_phases(16, 3)
-    assert phases[0] == 0
-    assert np.all((phases[1:] > 0) & (phases[1:] < 2 * np.pi))
-    np.testing.assert_array_equal(member_phases(5, 3), phases[:5])
-    assert not np.any(member_phases(16, 4)[1:] == phases[1:])
-    np.testing.assert_array_equal(member_phases(1, 9), [0.0])
+def test_members_follow_from_the_seed() -> None:
+    drawn = draw_members(400, 3)
+    assert (drawn.phases[0], drawn.factors[0]) == (0, 1)
+    assert np.all((drawn.phases[1:] > 0) & (drawn.phases[1:] < 2 * np.pi))
+    change = (drawn.factors[1:] - 1) / PERTURBATION
+    assert np.all((np.abs(change) <= 1) & (change != 0))
+    assert (change.min(), change.max()) == pytest.approx((-1, 1), abs=0.02)  # all of the range, to either side
+    assert abs(np.corrcoef(drawn.phases[1:], change)[0, 1]) < 0.1  # streams of their own
+    few, other = draw_members(5, 3), draw_members(400, 4)
+    assert few.key == drawn[:5].key
+    assert not np.any((other.phases[1:] == drawn.phases[1:]) | (other.factors[1:] == drawn.factors[1:]))
+    assert draw_members(1, 9).key == Members([0.0], [1.0]).key
+
+
+def test_a_kind_leaves_the_other_part_as_it_is() -> None:
+    both, phase, rounding = (draw_members(9, 3, kind) for kind in ("both", "phase", "rounding"))
+    assert phase.key == Members(both.phases, np.ones(9)).key
+    assert rounding.key == Members(np.zeros(9), both.factors).key
+    with pytest.raises(ParameterError, match="kind = 'neither'"):
+        draw_members(2, 0, "neither")  # type: ignore[arg-type]
+
+
+def test_members_make_drives() -> None:
+    schedule = some_lanes()[0].drive.schedule
+    drives = Members([0.0, 1.0], [1.0, 1.5]).drives(2.0, schedule, 0.25)
+    assert [(drive.amplitude, drive.phase) for drive in drives] == [(2.0, 0.25), (3.0, 1.25)]
+    assert all(drive.schedule is schedule for drive in drives)
+    with pytest.raises(ParameterError, match="members"):
+        Members([0.0, 1.0], [1.0])
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -125,9 +147,9 @@ def test_bad_input_is_refused_before_anything_runs(monkeypatch: pytest.MonkeyPat
     with pytest.raises(ParameterError, match="samples_per_period = 1"):
         run_lanes(some_lanes(), samples_per_period=1)
     with pytest.raises(ParameterError, match="members = 0"):
-        member_phases(0, 0)
+        draw_members(0, 0)
     with pytest.raises(ParameterError, match="seed = -1"):
-        member_phases(2, -1)
+        draw_members(2, -1)
 
 
 def test_no_lanes_are_done_at_once() -> None:

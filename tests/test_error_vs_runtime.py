@@ -17,8 +17,18 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
 
 pytest.importorskip("mpmath")
 import error_vs_runtime
-from accuracy import cost, distribution, growth, jumps, study, tables, trajectory
-from accuracy.statistics import bootstrap, clopper_pearson, distance_at_size, mean_difference, relative_distance, wasserstein, wilson
+from accuracy import bands, cost, distribution, growth, jumps, study, tables, trajectory
+from accuracy.statistics import (
+    between_groups,
+    bootstrap,
+    clopper_pearson,
+    distance_at_size,
+    kolmogorov_smirnov,
+    mean_difference,
+    relative_distance,
+    wasserstein,
+    wilson,
+)
 
 from impact_env import Exact, Moreau
 
@@ -35,6 +45,9 @@ TINY = study.Settings(
     sweep_steps=(20,),
     truth_members=6,
     members=4,
+    band_members=4,
+    band_phases=2,
+    band_repeats=2,
     stretches=30,
     twins=2,
     jump_rates=(2.0, 4.0),
@@ -104,6 +117,30 @@ def test_more_runs_come_closer_to_the_truth_down_to_the_bias() -> None:
         distance_at_size(truth, truth, 0)
 
 
+def test_share_between_groups_is_that_of_the_model() -> None:
+    generator = np.random.default_rng(4)
+    groups = 0.5 * generator.normal(size=(400, 1)) + generator.normal(size=(400, 20))
+    share, low, high = between_groups(groups)
+    assert share == pytest.approx(0.2, abs=0.03)  # 0.25 / (0.25 + 1)
+    assert low < 0.2 < high
+    assert high - low < 0.08
+    assert abs(between_groups(generator.normal(size=(400, 20)))[0]) < 0.02
+    # six ratings of four judges, table 2 of Shrout and Fleiss: ICC(1,1) = 0.17
+    ratings = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]]
+    assert between_groups(ratings)[0] == pytest.approx(0.17, abs=0.005)
+    with pytest.raises(ValueError, match="groups"):
+        between_groups([[1.0, 2.0]])
+
+
+def test_samples_of_one_distribution_are_told_from_others() -> None:
+    one, other = np.random.default_rng(5).normal(size=(2, 300))
+    assert kolmogorov_smirnov(one, other)[1] > 0.05
+    distance, chance = kolmogorov_smirnov(one, other + 0.6)
+    assert 0.15 < distance < 0.4
+    assert chance < 1e-6
+    assert kolmogorov_smirnov([1.0, 2.0, 3.0, 4.0], [3.5, 4.5])[0] == pytest.approx(0.75)
+
+
 # --- parts -------------------------------------------------------------------------------------------------------------------------------------
 
 
@@ -154,6 +191,41 @@ def test_distribution_sees_a_bias_and_its_cost() -> None:
     table = tables.distribution_table(rows)
     assert "Moreau, 20 steps" in table
     assert distribution.TRUTH not in table
+
+
+def band_row(kind: str, member: int, level: float, group: int) -> study.Row:
+    return {"direction": "up", "kind": kind, "member": member, "group": group, "phase_rad": 0.0, "force_factor": 1.0, "level_m": level}
+
+
+def test_bands_compare_the_kinds_of_members() -> None:
+    generator = np.random.default_rng(6)
+    rows = [band_row("phase", k, x, k) for k, x in enumerate(generator.normal(1.0, 0.1, 80))]
+    rows += [band_row("rounding", k, x, k) for k, x in enumerate(generator.normal(1.2, 0.1, 80))]
+    rows += [band_row("both", k, x, k) for k, x in enumerate(generator.normal(1.0, 0.1, 80))]
+    rows += [
+        band_row(bands.CROSSED, k, x, k // 8) for k, x in enumerate(np.repeat(generator.normal(1.0, 0.1, 10), 8) + generator.normal(0, 0.01, 80))
+    ]
+    both, phase, rounding = bands.bands(rows)
+    assert [band.kind for band in (both, phase, rounding)] == list(bands.KINDS)
+    assert phase.against("rounding")[1] < 1e-9 < 0.01 < both.against("phase")[1]
+    low, middle, high = rounding.quantiles
+    assert low < 1.1 < middle < 1.3 < high
+    assert both.between is not None
+    assert both.between[0] > 0.9
+    assert phase.between is None
+    assert tables.band_table(rows).count("(") > 6
+
+
+def test_members_of_a_band_are_of_their_kind() -> None:
+    found = list(bands.rows(TINY))
+    assert len(found) == bands.count(TINY) == 8
+    assert {row["direction"] for step in found[:4] for row in step} == {"up"}
+    for kind, step in zip((*bands.KINDS, bands.CROSSED), found, strict=False):
+        assert {row["kind"] for row in step} == {kind}
+        phases, factors = {row["phase_rad"] for row in step}, {row["force_factor"] for row in step}
+        assert (len(phases), len(factors)) == {"phase": (4, 1), "rounding": (1, 4), "both": (4, 4), bands.CROSSED: (2, 4)}[kind]
+        assert len({row["level_m"] for row in step}) == 4
+    assert [row["group"] for row in found[3]] == [0, 0, 1, 1]
 
 
 def test_shares_count_the_high_branch() -> None:

@@ -128,11 +128,11 @@ def test_quantile_is_the_share_that_meets_the_value_in_both_directions() -> None
 def test_score_is_relative_to_the_same_members_without_absorber() -> None:
     problem = small()
     design = problem.space.default
-    ((_, measured),) = evaluate(problem, [design], problem.phases, problem.rate, Threads(1))
-    reference = problem.reference(problem.phases, problem.rate)
+    ((_, measured),) = evaluate(problem, [design], problem.ensemble, problem.rate, Threads(1))
+    reference = problem.reference(problem.ensemble, problem.rate)
     assert measured.shape == reference.shape == (3, 2, 2, 1)
     expected = np.median(np.max(measured[..., 0].max(axis=2) / reference[..., 0].max(axis=2), axis=1))
-    score = problem.score(design, measured, problem.phases, problem.rate)
+    score = problem.score(design, measured, problem.ensemble, problem.rate)
     assert score.values[0] == pytest.approx(expected)
     assert 0 < score.values[0] < 1
     assert score.feasible
@@ -141,8 +141,8 @@ def test_score_is_relative_to_the_same_members_without_absorber() -> None:
 def test_results_do_not_depend_on_threads_or_company() -> None:
     problem = small()
     designs = [problem.space.at([x, 0.5, 0.5]) for x in (0.3, 0.5, 0.7)]
-    alone = [dict(evaluate(problem, [design], problem.phases, problem.rate, Threads(1)))[0] for design in designs]
-    together = dict(evaluate(problem, designs, problem.phases, problem.rate, Threads(3)))
+    alone = [dict(evaluate(problem, [design], problem.ensemble, problem.rate, Threads(1)))[0] for design in designs]
+    together = dict(evaluate(problem, designs, problem.ensemble, problem.rate, Threads(3)))
     for k, expected in enumerate(alone):
         np.testing.assert_array_equal(together[k], expected)
 
@@ -155,8 +155,8 @@ def test_scaling_law_makes_scaled_designs_alike() -> None:
     scaled = there.space.design({"gap": 1e-3, "restitution": 0.7, "friction_limit": 0.1})
     scores = []
     for problem, own in ((here, design), (there, scaled)):
-        ((_, measured),) = evaluate(problem, [own], problem.phases, problem.rate, Threads(1))
-        scores.append(problem.score(own, measured, problem.phases, problem.rate).values[0])
+        ((_, measured),) = evaluate(problem, [own], problem.ensemble, problem.rate, Threads(1))
+        scores.append(problem.score(own, measured, problem.ensemble, problem.rate).values[0])
     assert scores[0] == pytest.approx(scores[1], rel=1e-9)
 
 
@@ -169,8 +169,8 @@ def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
         problem = small(conditions=(Condition(1, 3.5 * scale),), beam=Beam(modes=3), members=1, rate=10.0)
         values = {"restitution": 0.7, "friction_limit": 0.05 * scale, "mass_ratio": 0.02, "position": 1.0}
         designs = [Design("impact", {"gap": rule * factor * scale, **values}) for factor in factors]
-        scores = dict(evaluate(problem, designs, problem.phases, problem.rate, Threads(1)))
-        found.append([problem.score(d, scores[k], problem.phases, problem.rate).values[0] for k, d in enumerate(designs)])
+        scores = dict(evaluate(problem, designs, problem.ensemble, problem.rate, Threads(1)))
+        found.append([problem.score(d, scores[k], problem.ensemble, problem.rate).values[0] for k, d in enumerate(designs)])
     np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
     assert 0.75 < factors[np.argmin(found[0])] < 1.35
     assert min(found[0]) < 0.6 * max(found[0])
@@ -182,9 +182,9 @@ def test_level_is_that_of_the_free_end_wherever_the_absorber_sits() -> None:
     problem = small(space=space, conditions=(FIRST,), members=1)
     for position in (0.6, 1.0):
         design = space.design({"gap": 1.0, "position": position})
-        ((_, measured),) = evaluate(problem, [design], problem.phases, problem.rate, Threads(1))
-        assert problem.score(design, measured, problem.phases, problem.rate).values[0] == pytest.approx(1.0, rel=1e-5)
-        chunk = problem.chunks(design, problem.phases, problem.rate)[0]
+        ((_, measured),) = evaluate(problem, [design], problem.ensemble, problem.rate, Threads(1))
+        assert problem.score(design, measured, problem.ensemble, problem.rate).values[0] == pytest.approx(1.0, rel=1e-5)
+        chunk = problem.chunks(design, problem.ensemble, problem.rate)[0]
         at_its_place = simulate(chunk.lanes[0].scene, chunk.lanes[0].drive).level
         assert at_its_place is not None
         assert (at_its_place.value < 0.6 * measured[0, 0, 0, 0]) == (position < 1)
@@ -194,7 +194,7 @@ def test_detuning_shifts_the_beam_and_not_the_absorber() -> None:
     space = design_space("tuned")
     wide = (LOW, HIGH)
     problem = small(space=space, conditions=tuple(Condition(1, 1.0, wide, d) for d in (-0.1, 0.0, 0.1)), members=1)
-    chunks = problem.chunks(space.default, problem.phases, problem.rate)
+    chunks = problem.chunks(space.default, problem.ensemble, problem.rate)
     omegas = [chunk.lanes[0].scene.model.omega[0] for chunk in chunks]
     assert omegas / omegas[1] == pytest.approx([0.9, 1.0, 1.1])
     assert all(chunk.lanes[0].scene.absorber == space.default.absorber() for chunk in chunks)
@@ -203,10 +203,10 @@ def test_detuning_shifts_the_beam_and_not_the_absorber() -> None:
 
 def test_fresh_members_are_others() -> None:
     problem = small(members=5)
-    sets = [set(problem.phases), set(problem.fresh_phases(5, 0)), set(problem.fresh_phases(5, 1))]
+    sets = [set(drawn.phases) for drawn in (problem.ensemble, problem.fresh_ensemble(5, 0), problem.fresh_ensemble(5, 1))]
     assert all(len(phases) == 5 for phases in sets)
     assert len(set.union(*sets)) == 15
-    assert set(replace(problem, seed=1).phases) & sets[0] == {0.0}
+    assert set(replace(problem, seed=1).ensemble.phases) & sets[0] == {0.0}
 
 
 def test_constraints_are_the_worst_of_all_runs() -> None:
@@ -214,12 +214,12 @@ def test_constraints_are_the_worst_of_all_runs() -> None:
     assert problem.measures == ("level", "stroke")
     measured = np.full((3, 2, 2, 2), 1e-3)
     measured[1, 1, 0, 1] = 2e-3
-    score = problem.score(problem.space.default, measured, problem.phases, problem.rate)
+    score = problem.score(problem.space.default, measured, problem.ensemble, problem.rate)
     assert score.violations == pytest.approx((1.0, 1.0))
     assert not score.feasible
     assert problem.cost(score) == np.inf
     assert PENALTY < problem.penalised_cost(score) < FAILED
-    failed = problem.score(problem.space.default, np.full((3, 2, 2, 2), np.nan), problem.phases, problem.rate)
+    failed = problem.score(problem.space.default, np.full((3, 2, 2, 2), np.nan), problem.ensemble, problem.rate)
     assert failed.failed
     assert problem.penalised_cost(failed) > problem.penalised_cost(score)
 

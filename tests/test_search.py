@@ -74,7 +74,7 @@ def test_large_batches_take_little_memory() -> None:
     generator = np.random.default_rng(0)
     designs = [many.space.at(shares) for shares in generator.random((50, 2))]
     tracemalloc.start()
-    results = dict(evaluate(many, designs, many.phases, many.rate, Model()))
+    results = dict(evaluate(many, designs, many.ensemble, many.rate, Model()))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert len(results) == 50
@@ -151,7 +151,7 @@ def test_friction_damper_optimum_follows_the_energy_argument() -> None:
     damped = Problem(space, (Condition(1, 3.5),), beam=Beam(modes=1), members=1, rate=10.0)
     best = min(smooth_search(damped, 50, Threads(), from_scratch=True)[0], key=lambda e: e.score.values[0])
     scene = best.design.scene(damped.beam)
-    without = damped.reference(damped.phases, damped.rate)[0, 0, :, 0].max()
+    without = damped.reference(damped.ensemble, damped.rate)[0, 0, :, 0].max()
     q = np.sqrt(2) * best.score.values[0] * without
     omega = 0.97 * scene.model.omega[0]  # the absorber's mass takes part
     assert scene.absorber_mass is not None

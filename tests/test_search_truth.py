@@ -105,7 +105,7 @@ class Cases:
 
 def cases_of(stage: Stage, watched: str, name: str, count: int, rng: np.random.Generator) -> Cases:
     u, s = amplitudes(stage, count, rng), stage.slots.rows[S, : stage.used] + 1j * stage.slots.rows[S + 1, : stage.used]
-    force = Force.of(stage.forced.signals[0, 0] + 1j * stage.forced.signals[0, 1], stage.window.omega)
+    force = Force.of(stage.forced.signals[0, :, 0, 0] + 1j * stage.forced.signals[0, :, 1, 0], stage.window.omega)
     pushes = np.array([float(force(m, stage.tau)) for m in range(30)])
     signals = Signals(s, u, np.zeros((count, 3)), np.zeros((count, 3)), force, pushes, stage.tau)
     y, v, a = signals.sizes().T

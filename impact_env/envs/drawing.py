@@ -13,12 +13,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
 from impact_env.envs.task import Task
+from impact_env.extras import how_to_install, optional
 from impact_env.kernels import interval as columns
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError, SlidingAbsorber
+
+with optional():
+    from PIL import Image, ImageDraw, ImageFont
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]
@@ -194,7 +197,7 @@ class _Window:
         try:
             import pygame
         except ImportError as error:
-            raise ParameterError('render_mode = "human" is not allowed: it needs the package pygame-ce (pip install pygame-ce)') from error
+            raise ParameterError(f'render_mode = "human" is not allowed: it needs pygame-ce; {how_to_install("pygame")}') from error
         self._pygame = pygame
         pygame.display.init()
         self._surface = pygame.display.set_mode((WIDTH, HEIGHT))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from gymnasium.spaces import Discrete
-
 from impact_env.drive import PAPER_RATE
 from impact_env.envs.settings import Settings
 from impact_env.envs.shells import TaskEnv, TaskVectorEnv, lanes_of, split
 from impact_env.envs.sweep_task import PassiveTask, passive_passage
+from impact_env.extras import optional
+
+with optional():
+    from gymnasium.spaces import Discrete
 
 DEFAULTS: dict[str, Any] = {"time_price": 0.0, "rate": PAPER_RATE}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from impact_env.extras import optional
+
 ENVIRONMENTS = {
     "ImpactAbsorber/SweepRate-v0": "impact_env.envs.sweep_rate:SweepRate",
     "ImpactAbsorber/GapChoice-v0": "impact_env.envs.gap_choice:GapChoice",
@@ -25,7 +27,8 @@ def register_environments() -> None:
 
 def first_step(name: str) -> None:
     """Take the first step in an environment with its default scene, which compiles its kernels. Needs gymnasium."""
-    import gymnasium
+    with optional():
+        import gymnasium
 
     env = gymnasium.make(name)
     env.reset(seed=0)

@@ -1,50 +1,33 @@
-"""The one compile decorator and the one cache folder of all kernels.
+"""The one compile decorator of all kernels.
 
 Nothing is compiled with numba's fastmath. Where the compiler may reorder sums or contract products it does so anew in every library that a function
 gets into, and of several copies of a function the one that was loaded first serves all: results would depend on what a process ran before.
-
-numba's cache does not notice an edit in an imported module, so the folder carries a hash of the package's sources.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 
-_PACKAGE = Path(__file__).resolve().parent
+from impact_env.kernels.cache import cache_folder, keep
+
 _F = TypeVar("_F", bound=Callable[..., Any])
 
-
-def cache_folder() -> Path:
-    """Return the cache folder of these sources; ``IMPACT_ENV_CACHE`` names another parent folder."""
-    digest = hashlib.sha256()
-    for source in sorted(_PACKAGE.glob("*.py")):
-        digest.update(source.name.encode() + source.read_bytes())
-    for package in (numba,):
-        digest.update(package.__version__.encode())
-    parent = os.environ.get("IMPACT_ENV_CACHE") or str(Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "impact_env")
-    folder = Path(parent) / digest.hexdigest()[:16]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:  # a read-only home must not stop a simulation
-        folder = Path(tempfile.gettempdir()) / "impact_env" / digest.hexdigest()[:16]
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-numba.config.CACHE_DIR = str(cache_folder())
+_FOLDER = cache_folder()
+if _FOLDER is not None:
+    numba.config.CACHE_DIR = str(_FOLDER)  # what else is compiled with a cache, and calls kernels, must notice their edits too
 
 
 # Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a function must not make
 # or return an array.
-_PLAIN: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
-_njit: Any = numba.njit
+_PLAIN: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+
+
+def _njit(**options: Any) -> Callable[[Any], Any]:
+    compiled = numba.njit(**options)
+    return lambda function: keep(compiled(function))
 
 
 def jit(function: _F) -> _F:

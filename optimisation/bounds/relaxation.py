@@ -21,15 +21,18 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import cvxpy
 import numpy as np
 from numpy.typing import ArrayLike
 
+from impact_env.extras import optional
 from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, positive, require
 from optimisation.bounds.lines import lines, masses_of, places, strokes_of, watched
 from optimisation.bounds.stroke import SWEPT, worst_frequency
 from optimisation.convex import NotOptimalError, solve
+
+with optional():
+    import cvxpy
 
 _TOLERANCE = 1e-9
 _AGREEMENT = 1e-4  # of the stuck beam's amplitude: limit by multipliers against the amplitude of the admissible line found

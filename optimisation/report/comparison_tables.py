@@ -23,6 +23,7 @@ RUN_COLUMNS = (
     "force_n",
     "member",
     "phase_rad",
+    "force_factor",
     "direction",
     "response_level_m",
     "level_frequency_ratio",
@@ -55,7 +56,8 @@ def run_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
             for k, m, d in zip(*np.nonzero(~np.isnan(lanes.level)), strict=True):
                 names = (lanes.level, lanes.frequency_ratio, lanes.time, lanes.max_tip, lanes.impacts, lanes.stuck_time)
                 level, ratio, time, tip, impacts, stuck = (float(values[k, m, d]) for values in names)
-                start = (part.resonance, key, float(part.forces[k]), int(m), float(curve.phases[m]), DIRECTIONS[int(d)])
+                member = (int(m), float(curve.members.phases[m]), float(curve.members.factors[m]))
+                start = (part.resonance, key, float(part.forces[k]), *member, DIRECTIONS[int(d)])
                 yield (*start, level, ratio, time, tip, int(impacts), stuck)
 
 

@@ -63,7 +63,7 @@ def summary(check: GapCheck) -> Json:
             "friction_limit_n": None if friction is None else friction.limit,
             "modes": check.model.modes,
             "sweep_limits": list(check.limits),
-            "members": len(check.without.phases),
+            "members": len(check.without.members),
             "level": "larger of sweep up and sweep down; median and 5 to 95 % over the members",
         },
     }
@@ -79,7 +79,7 @@ def save_figure(path: Path, check: GapCheck) -> None:
     axes.fill_between(MM * fine, 0, limit, facecolor="0.93", edgecolor=LIMIT, hatch="////", lw=0.8, label="out of reach for any device in that gap")
     axes.fill_between(gaps, low, high, color=IMPACT, alpha=0.25, lw=0)
     axes.plot(
-        gaps, MM * check.level, "o-", color=IMPACT, lw=2.2, ms=5, label=f"impact absorber, median and 5 to 95 % of {len(check.without.phases)} runs"
+        gaps, MM * check.level, "o-", color=IMPACT, lw=2.2, ms=5, label=f"impact absorber, median and 5 to 95 % of {len(check.without.members)} runs"
     )
     axes.axvline(MM * check.rule, color="#D55E00", lw=1.8, ls="--", label=f"design rule: {MM * check.rule:.3g} mm")
     if check.best is not None:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +13,12 @@ import impact_env  # noqa: F401 - registers the environments
 from impact_env.envs.observation import STATE
 from impact_env.envs.sweep_task import SweepTask
 from impact_env.envs.task import FREQUENCY_SCALE
+from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
 from optimisation.rl.policies import Observations
+
+with optional():
+    import gymnasium
 
 Array = NDArray[np.float64]
 Info = Mapping[str, NDArray[Any]]

@@ -9,10 +9,12 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from impact_env.envs import ENVIRONMENTS
+from impact_env.extras import optional
 from impact_env.parameters import count, finite, fraction, non_negative, positive, require
+
+with optional():
+    import yaml
 
 PACKAGED = Path(__file__).with_name("hyperparameters.yaml")
 

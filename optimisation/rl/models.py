@@ -10,17 +10,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from stable_baselines3 import PPO, SAC
-from stable_baselines3.common.utils import set_random_seed
-from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvStepReturn
 
 from impact_env.envs.shells import TaskVectorEnv
+from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings
 from optimisation.rl.vec_env import NativeVecEnv, make_native
+
+with optional():
+    import torch
+    from stable_baselines3 import PPO, SAC
+    from stable_baselines3.common.utils import set_random_seed
+    from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvStepReturn
 
 Model = PPO | SAC
 REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")

@@ -6,14 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 import impact_env  # noqa: F401 - registers the environments
 from impact_env.envs import ENVIRONMENTS
+from impact_env.extras import optional
 from impact_env.parameters import require
 from optimisation.rl.policies import Informed, Policy
+
+with optional():
+    import gymnasium
 
 Array = NDArray[np.float64]
 SWEEP, GAP = "ImpactAbsorber/SweepRate-v0", "ImpactAbsorber/GapChoice-v0"

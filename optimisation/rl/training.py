@@ -16,17 +16,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numba
 import numpy as np
 import scipy
-import stable_baselines3
-import torch
 from scipy.stats import trim_mean
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from impact_env.envs.shells import TaskVectorEnv
+from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count
 from optimisation.differences import difference
 from optimisation.files import require_writable, write_json
@@ -37,6 +33,13 @@ from optimisation.rl.models import Model, ScaledRewards, begin_leg, make_lanes, 
 from optimisation.rl.play import play
 from optimisation.rl.policies import Policy
 from optimisation.rl.runs import SETTINGS, Evaluation, read_evaluations, write_evaluations
+
+with optional():
+    import gymnasium
+    import stable_baselines3
+    import torch
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 RUN_FORMAT = 1
 FIRST_EVALUATION_SEED = 1_000_000  # apart from the seeds on which baselines are tuned, and from those on which all are judged

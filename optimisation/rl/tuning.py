@@ -10,12 +10,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from cmaes import CMA
 from numpy.typing import NDArray
 
+from impact_env.extras import optional
 from impact_env.parameters import require
 from optimisation.rl.families import Array, Family, policy_of
 from optimisation.rl.play import play
+
+with optional():
+    from cmaes import CMA
 
 CHUNK = 512  # lanes that are played together: candidates times seeds
 Progress = Callable[[int], None]

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv
 
+from impact_env.extras import optional
 from impact_env.parameters import require
+
+with optional():
+    import gymnasium
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnv
 
 Info = dict[str, Any]
 

@@ -12,16 +12,18 @@ import time
 import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from pathlib import Path
 from types import TracebackType
 
-import distributed
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.jit import cache_folder
+from impact_env.extras import optional
+from impact_env.kernels.cache import digest
 from impact_env.parameters import ParameterError
 from optimisation.measures import Chunk, measure
+
+with optional():
+    import distributed
 
 Array = NDArray[np.float64]
 PATIENCE = 30.0  # s to wait for a scheduler, or for a worker when there is none
@@ -111,7 +113,7 @@ class Workers:
 
 def sources() -> str:
     """Return the name that the kernels' sources have in their cache: the same where the kernels are the same."""
-    return Path(cache_folder()).name
+    return digest()
 
 
 def _first_of_each_kind(chunks: Sequence[Chunk]) -> list[int]:

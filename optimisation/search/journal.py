@@ -10,9 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from optuna.storages.journal import JournalFileBackend
-
+from impact_env.extras import optional
 from impact_env.parameters import ParameterError
+
+with optional():
+    from optuna.storages.journal import JournalFileBackend
 
 DAMAGED = ".damaged"
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from impact_env.curve import BAND
+from impact_env.ensemble import Members
 from impact_env.parameters import count, require
 from optimisation.designs import Design
 from optimisation.evaluation import Executor, Progress, evaluate
@@ -60,17 +61,17 @@ class Verdict:
         return middle, low, high
 
 
-def judged(problem: Problem, designs: Sequence[Design], phases: Array, executor: Executor, progress: Progress | None = None) -> list[Judged]:
-    """Run designs at the problem's own rate on members with these ``phases`` (M,) in rad."""
-    reference = problem.reference(phases, problem.rate)
+def judged(problem: Problem, designs: Sequence[Design], ensemble: Members, executor: Executor, progress: Progress | None = None) -> list[Judged]:
+    """Run designs at the problem's own rate on these members."""
+    reference = problem.reference(ensemble, problem.rate)
     results: dict[int, Judged] = {}
-    for k, measured in evaluate(problem, designs, phases, problem.rate, executor, progress):
+    for k, measured in evaluate(problem, designs, ensemble, problem.rate, executor, progress):
         values = []
         for objective in problem.objectives:
             column = problem.measures.index(KINDS[objective.kind].measure)
             scale = reference[..., column].max(axis=2, keepdims=True) if KINDS[objective.kind].relative else 1.0
             values.append(objective.per_member(measured[..., column] / scale, problem.conditions))
-        results[k] = Judged(designs[k], problem.score(designs[k], measured, phases, problem.rate), np.array(values))
+        results[k] = Judged(designs[k], problem.score(designs[k], measured, ensemble, problem.rate), np.array(values))
     return [results[k] for k in range(len(designs))]
 
 
@@ -84,10 +85,10 @@ def verdict(
     count("finalists", finalists, 1)
     require(len(candidates) > 0, "candidates", 0, "one design or more that keeps all constraints: loosen them, or search longer")
     best = sorted(candidates, key=lambda e: (problem.cost(e.score), e.number))[:finalists]
-    again = judged(problem, [e.design for e in best], problem.fresh_phases(problem.members, CHOICE), executor, progress)
+    again = judged(problem, [e.design for e in best], problem.fresh_ensemble(problem.members, CHOICE), executor, progress)
     chosen = min(range(len(best)), key=lambda k: (problem.cost(again[k].score), k))
-    phases = problem.fresh_phases(problem.members, VERDICT)
-    winner, paper = judged(problem, [best[chosen].design, problem.space.default], phases, executor, progress)
+    ensemble = problem.fresh_ensemble(problem.members, VERDICT)
+    winner, paper = judged(problem, [best[chosen].design, problem.space.default], ensemble, executor, progress)
     return Verdict(best[chosen], winner, paper)
 
 
@@ -114,7 +115,7 @@ def audit(study: DesignStudy, executor: Executor, designs: int = AUDITED, progre
         return Audit(0, 0, float("nan"))
     generator = np.random.default_rng(seed_of(study.settings.seed, 1))
     drawn = [pool[k] for k in sorted(generator.choice(len(pool), min(designs, len(pool)), replace=False))]
-    again = judged(problem, [e.design for e in drawn], problem.phases, executor, progress)
+    again = judged(problem, [e.design for e in drawn], problem.ensemble, executor, progress)
     best = min(problem.cost(e.score) for e in complete)
     missed = sum(problem.cost(j.score) < best for j in again)
     told, full = [problem.cost(e.score) for e in drawn], [problem.cost(j.score) for j in again]

@@ -15,14 +15,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import optuna
-from optuna.distributions import BaseDistribution, FloatDistribution
-from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, NSGAIISampler, RandomSampler
-from optuna.samplers import nsgaii as genetic
-from optuna.trial import FrozenTrial, TrialState
 
+from impact_env.extras import how_to_install, optional
 from impact_env.parameters import require
 from optimisation.designs import DesignSpace
+
+with optional():
+    import optuna
+    from optuna.distributions import BaseDistribution, FloatDistribution
+    from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, NSGAIISampler, RandomSampler
+    from optuna.samplers import nsgaii as genetic
+    from optuna.trial import FrozenTrial, TrialState
 
 CMA, NSGA2, GP, RANDOM = "cma", "nsga2", "gp", "random"
 SAMPLERS = {CMA: "CMA-ES", NSGA2: "NSGA-II", GP: "Gaussian process", RANDOM: "random search"}
@@ -46,7 +49,7 @@ def check_sampler(name: str, space: DesignSpace, objectives: int) -> None:
         require(objectives == 1, "sampler", name, f"one objective; for {objectives} use {NSGA2}, {GP} or {RANDOM}")
         require(len(space.free) >= 2, "sampler", name, f"two or more free variables; for one use {GP} or {RANDOM}")
     if name == GP:
-        require(importlib.util.find_spec("torch") is not None, "sampler", name, "where the package torch is installed (requirements/rl.txt has it)")
+        require(importlib.util.find_spec("torch") is not None, "sampler", name, f"where the package torch is installed; {how_to_install('torch')}")
 
 
 class _CmaEs(CmaEsSampler):

@@ -46,9 +46,9 @@ def smooth_search(
     seen: list[Evaluated] = []
 
     def run(batch: list[Design]) -> list[float]:
-        found = dict(evaluate(problem, batch, problem.phases, problem.rate, executor))
+        found = dict(evaluate(problem, batch, problem.ensemble, problem.rate, executor))
         for k, design in enumerate(batch):
-            seen.append(Evaluated(len(seen), design, problem.score(design, found[k], problem.phases, problem.rate), 1))
+            seen.append(Evaluated(len(seen), design, problem.score(design, found[k], problem.ensemble, problem.rate), 1))
         if progress is not None:
             progress(len(seen))
         return [problem.penalised_cost(e.score) for e in seen[-len(batch) :]]

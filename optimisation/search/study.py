@@ -18,12 +18,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import optuna
 from numpy.typing import NDArray
-from optuna.samplers import RandomSampler
-from optuna.storages import InMemoryStorage, JournalStorage
-from optuna.trial import FrozenTrial, Trial, TrialState
 
+from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from optimisation.designs import Design
 from optimisation.differences import difference
@@ -33,6 +30,12 @@ from optimisation.problem import Problem
 from optimisation.search.journal import Journal, StudyError, alone, repair
 from optimisation.search.samplers import CMA, TrialSampler, distributions
 from optimisation.search.settings import Settings
+
+with optional():
+    import optuna
+    from optuna.samplers import RandomSampler
+    from optuna.storages import InMemoryStorage, JournalStorage
+    from optuna.trial import FrozenTrial, Trial, TrialState
 
 Array = NDArray[np.float64]
 Json = dict[str, object]
@@ -150,8 +153,8 @@ class DesignStudy:
         rate, below = problem.rate * rung.speed, self.settings.rungs[level - 1] if level else None
         continued = below is not None and below.speed == rung.speed and below.members <= rung.members
         begin = below.members if continued and below is not None else 0
-        phases, key = problem.phases[begin : rung.members], f"rung {level}"
-        problem.reference(problem.phases[: rung.members], rate)
+        ensemble, key = problem.ensemble[begin : rung.members], f"rung {level}"
+        problem.reference(problem.ensemble[: rung.members], rate)
         missing = [(trial, design) for trial, design in going if key not in trial.user_attrs]
         before, began = self.runs, time.perf_counter()
 
@@ -160,16 +163,16 @@ class DesignStudy:
             show(self.runs)
 
         try:
-            for k, measured in evaluate(problem, [design for _, design in missing], phases, rate, executor, count) if len(phases) else ():
+            for k, measured in evaluate(problem, [design for _, design in missing], ensemble, rate, executor, count) if len(ensemble) else ():
                 self._study._storage.set_trial_user_attr(missing[k][0]._trial_id, key, _listed(measured))
         finally:
             self.evaluating += time.perf_counter() - began
         stored = {trial.number: trial for trial in self._study.get_trials(deepcopy=False)}
-        used = range(level - 1 if continued else level, level + 1) if len(phases) else range(level - 1, level)
+        used = range(level - 1 if continued else level, level + 1) if len(ensemble) else range(level - 1, level)
         scores = []
         for trial, design in going:
             measured = np.concatenate([np.array(stored[trial.number].user_attrs[f"rung {i}"], dtype=float) for i in used])
-            scores.append(problem.score(design, measured, problem.phases[: rung.members], rate))
+            scores.append(problem.score(design, measured, problem.ensemble[: rung.members], rate))
         return scores
 
     def _tell(self, trials: Sequence[FrozenTrial], reached: Sequence[tuple[int, Score]]) -> None:

@@ -24,16 +24,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cvxpy
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from impact_env.extras import optional
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError, require
 from optimisation.convex import NotOptimalError, solve
 from optimisation.response import LinearAbsorber, state_space
 from optimisation.tuned.scoring import HIGH, LOW, highest_amplitude
+
+with optional():
+    import cvxpy
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]

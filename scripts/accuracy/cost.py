@@ -11,7 +11,7 @@ from accuracy.cases import case, kind_named, method_name
 from accuracy.study import Row, Settings, median_time
 from accuracy.trajectory import own_time
 from impact_env.drive import Drive, linear_sweep
-from impact_env.ensemble import Lane, available_cores, member_phases, run_lanes
+from impact_env.ensemble import Lane, available_cores, draw_members, run_lanes
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam
 from impact_env.scene import beam_scene
@@ -66,7 +66,7 @@ def _lanes_time(lanes: int, threads: int, settings: Settings) -> float:
     kind = kind_named(LANE_KIND)
     scene = beam_scene(Beam(modes=LANE_MODES), kind.absorber())
     schedule = linear_sweep(scene.model.resonance_omega(1), 0.95, 0.95 + LANE_PERIODS / 1e4)
-    wanted = [Lane(scene, Drive(kind.force, schedule, float(phase))) for phase in member_phases(lanes, settings.seed)]
+    wanted = [Lane(scene, drive) for drive in draw_members(lanes, settings.seed).drives(kind.force, schedule)]
     run_lanes(wanted[:1], threads=1)  # compile
 
     def run() -> float:

@@ -1,4 +1,4 @@
-"""Error of the response level's distribution over an ensemble of initial phases, against the exact method, and at matched cost."""
+"""Error of the response level's distribution over an ensemble, against the exact method, and at matched cost."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from accuracy.cases import Kind, kind_named, method_name
 from accuracy.statistics import bootstrap, distance_at_size, mean_difference, relative_distance
 from accuracy.study import Row, Settings, unique
-from impact_env.drive import Drive, linear_sweep
-from impact_env.ensemble import member_phases
+from impact_env.drive import linear_sweep
+from impact_env.ensemble import Members, draw_members
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Beam
 from impact_env.propagation import is_compliant
@@ -34,32 +34,32 @@ def count(settings: Settings) -> int:
 
 
 def _levels(
-    scene: Scene, kind: Kind, method: Method, phases: np.ndarray, settings: Settings, budget: float | None
+    scene: Scene, kind: Kind, method: Method, members: Members, settings: Settings, budget: float | None
 ) -> Iterator[tuple[int, float, float]]:
     """Yield member, level in m and run time in s, until the budget (s) is used up."""
     schedule = linear_sweep(scene.model.resonance_omega(1), *settings.sweep)
     began = time.perf_counter()
-    for member, phase in enumerate(phases):
+    for member, drive in enumerate(members.drives(kind.force, schedule)):
         if budget is not None and member >= FEWEST and time.perf_counter() - began > budget:
             return
-        response = simulate(scene, Drive(kind.force, schedule, float(phase)), method)
+        response = simulate(scene, drive, method)
         assert response.level is not None
         yield member, response.level.value, response.wall_time
 
 
 def rows(settings: Settings) -> Iterator[list[Row]]:
     """Yield the rows of one scene and number of modes after the other: one for each run."""
-    truth_phases, phases = member_phases(settings.truth_members, settings.seed + 1), member_phases(settings.members, settings.seed)
+    truth, members = draw_members(settings.truth_members, settings.seed + 1), draw_members(settings.members, settings.seed)
     for kind in _kinds(settings):
         for modes in settings.modes:
             scene = beam_scene(Beam(modes=modes), kind.absorber())
             step_method = RungeKutta if is_compliant(scene) else Moreau
-            plans: list[tuple[str, Method, np.ndarray]] = [(TRUTH, Exact(), truth_phases), ("", Exact(), phases)]
-            plans += [("", step_method(steps), phases) for steps in settings.sweep_steps]
+            plans: list[tuple[str, Method, Members]] = [(TRUTH, Exact(), truth), ("", Exact(), members)]
+            plans += [("", step_method(steps), members) for steps in settings.sweep_steps]
             found = []
-            for label, method, own_phases in plans:
-                list(_levels(scene, kind, method, own_phases[:1], _short(settings), None))  # compile
-                for member, level, seconds in _levels(scene, kind, method, own_phases, settings, None if label else settings.budget):
+            for label, method, own in plans:
+                list(_levels(scene, kind, method, own[:1], _short(settings), None))  # compile
+                for member, level, seconds in _levels(scene, kind, method, own, settings, None if label else settings.budget):
                     row: Row = {
                         "scene": kind.name,
                         "modes": modes,

@@ -10,12 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import heyoka
 import numpy as np
 from numpy.typing import NDArray
 
 from accuracy.contact_automaton import Automaton, Regime
 from accuracy.event_driven import Integrator, Mechanics, PeerFailedError
+from impact_env.extras import optional
+
+with optional():
+    import heyoka
 
 Array = NDArray[np.float64]
 LEAD = 1e-3  # of 1/omega of the highest mode: the step without events

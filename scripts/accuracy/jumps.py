@@ -9,8 +9,8 @@ import numpy as np
 
 from accuracy.statistics import clopper_pearson, wilson
 from accuracy.study import Row, Settings
-from impact_env.drive import PAPER_LIMITS, Drive, linear_sweep
-from impact_env.ensemble import member_phases
+from impact_env.drive import PAPER_LIMITS, linear_sweep
+from impact_env.ensemble import draw_members
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
@@ -33,13 +33,13 @@ def rows(settings: Settings) -> Iterator[list[Row]]:
     """Yield the rows, one for each run, of one slowness and method after the other."""
     scene = beam_scene(Beam(modes=2), impact_absorber(friction_limit=FRICTION))
     low, high = PAPER_LIMITS
-    phases = member_phases(settings.jump_members, settings.seed)
+    members = draw_members(settings.jump_members, settings.seed)
     for slowness in settings.jump_rates:
         schedule = linear_sweep(scene.model.resonance_omega(1), high, low, percent_per_100_periods=100 / slowness)
         for method in _methods(settings):
             found = []
-            for member, phase in enumerate(phases):
-                level = simulate(scene, Drive(FORCE, schedule, float(phase)), method).level
+            for member, drive in enumerate(members.drives(FORCE, schedule)):
+                level = simulate(scene, drive, method).level
                 assert level is not None
                 found.append(
                     {

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
-import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +15,11 @@ from accuracy import taylor
 from accuracy.contact_automaton import CONTACT, REVERSAL, WALL, Automaton, Guard, Regime
 from accuracy.taylor import fraction, pair
 from impact_env.drive import Drive
+from impact_env.extras import optional
 from impact_env.scene import InitialState, Scene
+
+with optional():
+    import mpmath
 
 Array = NDArray[np.float64]
 REST_SPEED = 1e-22  # m/s: slower bounces end a chatter

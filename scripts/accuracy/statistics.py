@@ -73,3 +73,28 @@ def distance_at_size(sample: ArrayLike, truth: ArrayLike, size: int, resamples: 
         raise ValueError(f"size = {size} is not allowed: at least one run, of a sample that is not empty")
     generator = np.random.default_rng(seed)
     return float(np.mean([relative_distance(generator.choice(values, size), target) for _ in range(resamples)]))
+
+
+def kolmogorov_smirnov(one: ArrayLike, other: ArrayLike) -> tuple[float, float]:
+    """Return the largest difference of two samples' distribution functions, and the chance of so large a one between samples of one distribution."""
+    result = scipy.stats.ks_2samp(np.asarray(one, dtype=float), np.asarray(other, dtype=float))
+    return float(result.statistic), float(result.pvalue)
+
+
+def between_groups(values: ArrayLike, level: float = LEVEL) -> tuple[float, float, float]:
+    """Return the share of the variance that lies between groups, of values (groups, repeats), and its interval.
+
+    One-way random effects: the intraclass correlation ICC(1,1) (P. E. Shrout, J. L. Fleiss, Psychological Bulletin 86, 1979). It is near 0,
+    and may be below, where the group does not matter.
+    """
+    rows = np.asarray(values, dtype=float)
+    if rows.ndim != 2 or min(rows.shape) < 2:
+        raise ValueError(f"groups = {rows.shape} is not allowed: two groups or more, of two values or more")
+    groups, repeats = rows.shape
+    free = groups - 1, groups * (repeats - 1)
+    between = repeats * float(np.var(rows.mean(axis=1), ddof=1))
+    ratio = between / float(rows.var(axis=1, ddof=1).mean())
+    tail = (1 + level) / 2
+    ratios = ratio, ratio / scipy.stats.f.ppf(tail, *free), ratio * scipy.stats.f.ppf(tail, *free[::-1])
+    share, low, high = (float((r - 1) / (r + repeats - 1)) for r in ratios)
+    return share, low, high

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from _table import markdown
 
+from accuracy.bands import KINDS, bands
 from accuracy.cost import LANES, LENGTH, MODES, THREADS
 from accuracy.distribution import compared
 from accuracy.jumps import shares
@@ -69,6 +70,17 @@ def distribution_table(rows: list[Row]) -> str:
                 f"{100 * method.at_cost(MATCHED_RUNS * exact.seconds):.2f}",
             )
         )
+    return markdown(header, lines)
+
+
+def band_table(rows: list[Row]) -> str:
+    header = ("sweep", "members differ in", "runs", "median, mm", "5 to 95 %, mm", *(f"D (p) against {kind}" for kind in KINDS), "between phases")
+    lines = []
+    for band in bands(rows):
+        low, middle, high = (1e3 * x for x in band.quantiles)
+        tests = ("" if kind not in band.others else "{:.2f} ({:.1g})".format(*band.against(kind)) for kind in KINDS)
+        share = "" if band.between is None else "{:.0f} % ({:.0f} to {:.0f})".format(*(100 * x for x in band.between))
+        lines.append((band.direction, band.kind, str(len(band.levels)), f"{middle:.4f}", f"{low:.4f} to {high:.4f}", *tests, share))
     return markdown(header, lines)
 
 
