@@ -14,8 +14,9 @@ is clear and far from the guards the next block is one level coarser. An event i
 the step and H is monotone by more than its slope's error: then it is the only one there, and Newton's method ends on it. What is not
 clear at the finest level (grazing, two guards at once, flights near the rounding of y) is left to careful.py.
 
-Start on a guard. There y(0) = wall is known. The remainder is y''''/24 t^2 (h - t)^2, at most E/h 64/27 of t, so the step is clear if
-the quadratic (H - wall)/t keeps off zero by more than that: three coefficients again.
+Start on a guard. There y(0) = wall is known, and the step is clear if the quadratic (H - wall)/t, three coefficients again, keeps off zero by more
+than its error. Of a summed slot this is y''''/24 t (h - t)^2, at most 64/27 E/h. A slot U that is not summed is part of the known zero alone:
+it adds U(t) - U(0) (1 - x)^2 (1 + 2 x) to the distance, x = t/h, at most (9/8 |U| + h |s U|) x (`start_error`; docs/method.md).
 
 [1] Birkhoff, Priver: Hermite interpolation errors for derivatives, J. Math. Phys. 46 (1967).
 """
