@@ -85,12 +85,12 @@ def errors_of(errors, steps, w, p, bound, level):  # type: ignore[no-untyped-def
 def start_error(w, size, summed, order, h, error):  # type: ignore[no-untyped-def]
     """Return the error, in the quadratic (H - known zero)/t of a first step, of the derivative ``order`` with the error ``error``; times h.
 
-    Slots that are summed share ``error``; each one that is not, with the amplitudes w of this derivative and the next, has a share of its own.
+    Each slot that is not summed, with the amplitudes w of this derivative and the next, has a share of its own instead of that in ``error``.
     """
     share = START_ERROR * error
     here, after = 2 * order * size, 2 * (order + 1) * size
     for j in range(summed, size):
-        share += START_JUMP * (abs(w[here + j]) + abs(w[here + size + j])) + h * (abs(w[after + j]) + abs(w[after + size + j]))
+        share += (START_JUMP - START_ERROR) * (abs(w[here + j]) + abs(w[here + size + j])) + h * (abs(w[after + j]) + abs(w[after + size + j]))
     return share
 
 
