@@ -118,8 +118,8 @@ def test_a_reversal_passed_is_seen() -> None:
 
 
 def test_a_joint_that_gives_too_much_is_seen() -> None:
-    bench = Bench(0.05)
-    found = end_of_hold(bench.joined.slots, bench.room.joined_forced, bench.window, 0.05, bench.now, 2 * bench.window.half, bench.z, bench.signal)
+    bench = Bench(limit := 0.3)
+    found = end_of_hold(bench.joined.slots, bench.room.joined_forced, bench.window, limit, bench.now, 2 * bench.window.half, bench.z, bench.signal)
     assert 0 < found.offset < 2 * bench.window.half
     assert bench.see_hold(found.offset) == [1, 0]
     assert bench.see_hold(1.001 * found.offset) == [2, 1]
