@@ -150,6 +150,7 @@ def performance_curves(
     threads: int | None = None,
     samples_per_period: int = DEFAULT_SAMPLES,
     progress: Progress | None = None,
+    most_events: int | None = None,
 ) -> list[PerformanceCurve]:
     """Compute several curves in one pool of threads. Arguments after ``seed`` and errors are those of `run_lanes`.
 
@@ -165,7 +166,7 @@ def performance_curves(
         for amplitude in amplitudes
         for drive in member.drives(float(amplitude), schedule)
     ]
-    levels = run_lanes(lanes, method, threads=threads, samples_per_period=samples_per_period, progress=progress)
+    levels = run_lanes(lanes, method, threads=threads, samples_per_period=samples_per_period, progress=progress, most_events=most_events)
     ends = np.cumsum([0] + [2 * len(amplitudes) for _, _, amplitudes in sweeps])
     return [
         PerformanceCurve(case.forces, drawn, _of_case(case, levels, members, start, stop))
@@ -197,8 +198,11 @@ def performance_curve(
     threads: int | None = None,
     samples_per_period: int = DEFAULT_SAMPLES,
     progress: Progress | None = None,
+    most_events: int | None = None,
 ) -> PerformanceCurve:
     """Compute one curve; see `CurveCase` and `performance_curves`."""
     case = CurveCase(scene, np.asarray(forces, dtype=np.float64), resonance, limits, percent_per_100_periods)
-    (curve,) = performance_curves([case], members, seed, method, threads=threads, samples_per_period=samples_per_period, progress=progress)
+    (curve,) = performance_curves(
+        [case], members, seed, method, threads=threads, samples_per_period=samples_per_period, progress=progress, most_events=most_events
+    )
     return curve

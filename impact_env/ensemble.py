@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.budget import checked_budget
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.methods import Exact, Method, check_supported
 from impact_env.parameters import ParameterError, SlidingAbsorber, count, require
@@ -117,33 +118,36 @@ def run_lanes(
     threads: int | None = None,
     samples_per_period: int = DEFAULT_SAMPLES,
     progress: Progress | None = None,
+    most_events: int | None = None,
 ) -> LaneLevels:
     """Run lanes with a method (default: Exact) on a number of threads (default: all cores); arrays of the result are (len(lanes),).
 
     Each lane is bit for bit what `simulate` gives. Lanes start in the order given. A KeyboardInterrupt ends the run early: lanes under way
     are finished, the others stay NaN, ``complete`` is False; a second one is passed on. Raises ParameterError and IntegrationError,
-    with the lane named, as `simulate` does.
+    with the lane named, as `simulate` does. ``most_events`` is the budget of each lane.
     """
     method = Exact() if method is None else method
     workers = available_cores() if threads is None else count("threads", threads, 1)
-    record = Record(samples_per_period=samples_per_period)
+    record, budget = Record(samples_per_period=samples_per_period), checked_budget(most_events)
     for scene in {id(lane.scene): lane.scene for lane in lanes}.values():
         check_supported(scene, method)
     values = np.full((6, len(lanes)), np.nan)
 
     def run(k: int) -> None:
-        values[:, k] = _level_of(k, lanes[k], method, record)
+        values[:, k] = _level_of(k, lanes[k], method, record, budget)
 
     _run_all(run, _first_of_each_kind(lanes), len(lanes), workers, progress)
     level, time, ratio, tip, impacts, stuck = values
     return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=not np.isnan(level).any())
 
 
-def _level_of(k: int, lane: Lane, method: Method, record: Record) -> tuple[float, ...]:
+def _level_of(k: int, lane: Lane, method: Method, record: Record, most_events: int | None) -> tuple[float, ...]:
     try:
-        response = simulate(lane.scene, lane.drive, method, record=record)
-    except (IntegrationError, ParameterError) as error:
-        raise type(error)(f"lane {k} ({lane}): {error}") from error
+        response = simulate(lane.scene, lane.drive, method, record=record, most_events=most_events)
+    except IntegrationError as error:
+        raise IntegrationError(f"lane {k} ({lane}): {error}", error.time, error.response) from error
+    except ParameterError as error:
+        raise ParameterError(f"lane {k} ({lane}): {error}") from error
     level = response.level
     assert level is not None
     return level.value, level.time, level.frequency_ratio, level.max_tip, float(response.impact_count), response.stuck_time

@@ -11,7 +11,7 @@ from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount
 from impact_env.level import ResponseLevel
 from impact_env.methods import Method
-from impact_env.parameters import count
+from impact_env.parameters import count, require
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
@@ -20,16 +20,21 @@ DEFAULT_SAMPLES = 32  # per pseudo period: the harmonics of the tip that count a
 
 @dataclass(frozen=True)
 class Record:
-    """What to observe: response level, impacts and contact phases, the state at samples, the energy balance."""
+    """What to observe: response level, impacts and contact phases, the state at samples, the energy balance.
+
+    ``check``: whether the exact method's event search missed nothing, found out by dense sampling. It is for tests: a run takes much longer.
+    """
 
     level: bool = True
     events: bool = False
     series: bool = False
     energy: bool = False
     samples_per_period: int = DEFAULT_SAMPLES
+    check: bool = False
 
     def __post_init__(self) -> None:
         count("samples_per_period", self.samples_per_period, 4)
+        require(isinstance(self.check, bool), "check", self.check, "True or False")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +90,27 @@ class History:
 
 
 @dataclass(frozen=True, eq=False)
+class SearchCheck:
+    """What dense sampling of the guard signals says of the exact method's event searches.
+
+    ``searches`` checked and ``misses`` among them; ``worst``: the largest violation, a share of the clearance (0 wall or spring passed), of the terms
+    that the relative velocity is the sum of (1 sliding in the wrong sense), or of those of the joint force (2 out of its bounds).
+    ``times`` (s), ``kinds`` and ``sizes`` (K,) of the first misses.
+    """
+
+    searches: int
+    misses: int
+    worst: float
+    times: Array
+    kinds: NDArray[np.int64]
+    sizes: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Response:
     """Result of a run; what was not recorded is None. ``end_state`` as in `InitialState.vector`, ``stuck_time`` and ``wall_time`` in s.
+
+    ``check`` is None as well where there is no search: in scenes without contact, and with other methods.
 
     Of several absorbers impacts are counted, and stuck times summed, over all of them.
     ``steps``: time steps, or stretches between events of the exact method; ``evaluations``: of the right-hand side, or of the exact
@@ -107,6 +131,7 @@ class Response:
     phases: ContactPhases | None = None
     history: History | None = None
     energy: EnergyAccount | None = None
+    check: SearchCheck | None = None
 
     def __repr__(self) -> str:
         level = self.level

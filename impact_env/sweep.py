@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.budget import Watcher, checked_budget, counters_for, onwards, watched
 from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount, stored_energy
 from impact_env.first_use import CompilingFor
 from impact_env.kernels import observers
-from impact_env.kernels.observers import Counters, Energy, Events, Level, Series, close_level, new_level
+from impact_env.kernels.observers import MISSES, REACHED, SEARCHES, Check, Counters, Energy, Events, Level, Series, close_level, new_check, new_level
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel
 from impact_env.methods import Exact, Method, Moreau, check_mass, check_step, check_supported
 from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
-from impact_env.propagation import run_exact
-from impact_env.response import ContactPhases, History, Impacts, Record, Response
+from impact_env.propagation import is_linear, run_exact
+from impact_env.response import ContactPhases, History, Impacts, Record, Response, SearchCheck
 from impact_env.scene import InitialState, Scene
 from impact_env.stepping import run_moreau, run_runge_kutta
 
@@ -26,13 +28,30 @@ FIRST_CAPACITY = 16384  # of the list of impacts: enough for a sweep at the pape
 
 
 class IntegrationError(RuntimeError):
-    """A run could not be finished; the message says why and what to change."""
+    """A run could not be finished; the message says why, when, and what to change.
+
+    ``time``: how far the run came in s; ``response``: what was observed up to there. Both are None where it is one of many lanes under control.
+    """
+
+    def __init__(self, message: str, time: float | None = None, response: Response | None = None) -> None:
+        super().__init__(message)
+        self.time, self.response = time, response
 
 
 REASONS = {
-    observers.TOO_MANY_EVENTS: "more events than the integration allows (restitution 1 bounces for ever where the absorber is pressed to its wall)",
+    observers.TOO_MANY_EVENTS: "more events than its budget (restitution 1 bounces for ever where the absorber is pressed to its wall)",
+    observers.TOO_MANY_EVALUATIONS: "the searches for its events take more evaluations than its budget",
+    observers.SEARCH_GAVE_UP: "a search for the next event came to no end",
     observers.NOT_FINITE: "the state is not finite: the step is above its stability limit, or a parameter is extreme",
     observers.NO_PROGRESS: "events pile up without progress in time",
+    observers.STOPPED: "it was told to stop",
+}
+ADVICE = {
+    observers.TOO_MANY_EVENTS: "raise most_events, or take friction, restitution below 1 or more damping, which have fewer events",
+    observers.TOO_MANY_EVALUATIONS: "raise most_events, or take fewer modes or more damping",
+    observers.SEARCH_GAVE_UP: "change a parameter a little, or take fewer modes",
+    observers.NOT_FINITE: "take a shorter step, or milder parameters",
+    observers.NO_PROGRESS: "change a parameter a little, or take another method",
 }
 
 
@@ -40,34 +59,32 @@ REASONS = {
 class _Room:
     """The observers' arrays of one run."""
 
-    counters: Counters = field(default_factory=lambda: Counters(np.zeros(4)))
+    counters: Counters
     level: Level | None = None
     events: Events | None = None
     series: Series | None = None
     energy: Energy | None = None
 
 
-def integrate(scene: Scene, drive: Drive, method: Method, state: Array, interval: float, room: _Room) -> None:
-    """Run the method's kernel on ``state`` in place; raise IntegrationError if it does not come to the end."""
+def integrate(scene: Scene, drive: Drive, method: Method, state: Array, interval: float, room: _Room) -> int:
+    """Run the method's kernel on ``state`` in place and return its status code."""
     parts = (state, interval, room.counters, room.level, room.events, room.series, room.energy)
     with CompilingFor(scene, method):
         if isinstance(method, Exact):
-            status = run_exact(scene, drive, *parts)
-        elif isinstance(method, Moreau):
-            status = run_moreau(scene, drive, method, *parts)
-        else:
-            status = run_runge_kutta(scene, drive, method, *parts)
-    if status != observers.DONE:
-        raise IntegrationError(f"{method} on {scene.absorber}: {REASONS[status]}")
+            return run_exact(scene, drive, *parts)
+        if isinstance(method, Moreau):
+            return run_moreau(scene, drive, method, *parts)
+        return run_runge_kutta(scene, drive, method, *parts)
 
 
 def _sample_count(drive: Drive, interval: float) -> int:
     return int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
 
 
-def _room(scene: Scene, drive: Drive, record: Record, interval: float, capacity: int) -> _Room:
+def _room(scene: Scene, drive: Drive, record: Record, interval: float, capacity: int, counters: Counters) -> _Room:
     n = scene.model.modes
     return _Room(
+        counters,
         level=new_level(record.samples_per_period, HALF_WINDOW_PERIODS) if record.level else None,
         events=Events(np.zeros((capacity, 5)), np.zeros((capacity, 4)), np.zeros(2, dtype=np.int64)) if record.events else None,
         series=Series(np.zeros((_sample_count(drive, interval), 2 * (n + scene.places)))) if record.series else None,
@@ -82,33 +99,66 @@ def simulate(
     *,
     initial: InitialState | None = None,
     record: Record | None = None,
+    most_events: int | None = None,
+    progress: Watcher | None = None,
 ) -> Response:
     """Integrate a scene under a drive from an initial state (default: rest) and return what ``record`` asks for (default: the level).
 
+    The exact method may use ``most_events`` events (default: a million, and 5,000 for each pseudo period that has passed), so that no run goes on
+    for ever. ``progress`` is told the time reached and the end time in s, ten times a second and at the end; the run then takes a thread of its own,
+    and a KeyboardInterrupt ends it at its next event. Without ``progress`` the interrupt waits for the run's end.
+
     Raises ParameterError if the method cannot do the scene, its step is too long, a stuck absorber is too heavy or the start is impossible,
-    IntegrationError if the run breaks down.
+    IntegrationError if the run breaks down or its budget is used up; it carries what was observed so far.
     """
     method = Exact() if method is None else method
     record = Record() if record is None else record
     check_supported(scene, method)
     check_mass(scene)
     check_step(scene, drive, method)
+    budget = checked_budget(most_events)
     start = (InitialState() if initial is None else initial).vector(scene)
     interval = drive.schedule.pseudo_period / record.samples_per_period
-    capacity = FIRST_CAPACITY
+    end, capacity = float(drive.schedule.times[-1]), FIRST_CAPACITY
+    tell = None if progress is None else onwards(progress)
+    searched = isinstance(method, Exact) and not is_linear(scene)
     while True:
-        room, state = _room(scene, drive, record, interval, capacity), start.copy()
+        counters = counters_for(drive, budget, new_check() if record.check and searched else None)
+        room, state = _room(scene, drive, record, interval, capacity, counters), start.copy()
+        work = partial(integrate, scene, drive, method, state, interval, room)
         began = time.perf_counter()
-        integrate(scene, drive, method, state, interval, room)
+        status = work() if tell is None else watched(work, counters, end, tell)
         wall_time = time.perf_counter() - began
         needed = 0 if room.events is None else int(np.max(room.events.counts))
         if needed <= capacity:
-            return _response(scene, drive, method, start, state, room, interval, wall_time)
+            break
         capacity = needed
+    if tell is not None and status == observers.DONE:
+        tell(end, end)
+    response = _response(scene, drive, method, start, state, room, interval, wall_time, status == observers.DONE)
+    if status != observers.DONE:
+        raise _failure(response, counters, status)
+    return response
 
 
-def _response(scene: Scene, drive: Drive, method: Method, start: Array, state: Array, room: _Room, interval: float, wall_time: float) -> Response:
+def _failure(response: Response, counters: Counters, status: int) -> IntegrationError:
+    """Say why a run ended early, when, what it had used, and what to do."""
+    values, period = counters.values, response.drive.schedule.pseudo_period
+    at = float(values[REACHED])
+    parts = [f"{response.method} on {response.scene.absorber}: {REASONS[status]}"]
+    parts.append(f"at {at:.9g} s ({at / period:.6g} of {response.drive.schedule.periods:.6g} pseudo periods)")
+    if isinstance(response.method, Exact):
+        used, most = values[observers.EVENTS], values[observers.MOST_EVENTS] + values[observers.EVENTS_PER_S] * at
+        parts.append(f"after {used:,.0f} events of {most:,.0f} allowed up to there and {values[observers.EVALUATIONS]:,.0f} evaluations")
+    return IntegrationError(", ".join(parts) + (f". {ADVICE[status]}" if status in ADVICE else ""), at, response)
+
+
+def _response(
+    scene: Scene, drive: Drive, method: Method, start: Array, state: Array, room: _Room, interval: float, wall_time: float, complete: bool
+) -> Response:
+    """Return what was observed, up to the time reached if the run is not complete."""
     values = room.counters.values
+    reached = float(drive.schedule.times[-1] if complete else values[REACHED])
     impacts = phases = None
     if room.events is not None:
         rows = room.events.impacts[: room.events.counts[0]].T
@@ -121,15 +171,16 @@ def _response(scene: Scene, drive: Drive, method: Method, start: Array, state: A
         method,
         state,
         int(values[observers.IMPACTS]),
-        float(drive.schedule.times[-1]) if isinstance(scene.absorber, StuckAbsorber) else float(values[observers.STUCK_TIME]),
+        reached if isinstance(scene.absorber, StuckAbsorber) else float(values[observers.STUCK_TIME]),
         int(values[observers.STEPS]),
         int(values[observers.EVALUATIONS]),
         wall_time,
-        level=read_level(room.level, drive, interval),
+        level=read_level(room.level, drive, interval) if complete or (room.level is not None and room.level.state[0] > 0) else None,
         impacts=impacts,
         phases=phases,
-        history=_history(scene, room.series, interval),
+        history=_history(scene, room.series, interval, None if complete else reached),
         energy=_energy(scene, room.energy, start, state),
+        check=_check(room.counters.check),
     )
 
 
@@ -143,10 +194,20 @@ def read_level(level: Level | None, drive: Drive, interval: float) -> ResponseLe
     return ResponseLevel(float(value), at, ratio, float(largest))
 
 
-def _history(scene: Scene, series: Series | None, interval: float) -> History | None:
+def _check(check: Check | None) -> SearchCheck | None:
+    if check is None:
+        return None
+    times, kinds, sizes = check.first[: check.counts[MISSES]].T
+    return SearchCheck(int(check.counts[SEARCHES]), int(check.counts[MISSES]), float(np.max(check.worst)), times, kinds.astype(np.int64), sizes)
+
+
+def _history(scene: Scene, series: Series | None, interval: float, reached: float | None) -> History | None:
+    """Return the samples, without those after the time reached (s) if that is not the end."""
     if series is None:
         return None
     n, rows = scene.model.modes, series.states
+    if reached is not None:
+        rows = rows[: int(np.ceil(reached / interval * (1 - 1e-9)))]
     times, half = interval * np.arange(len(rows)), n + scene.places
     absorber = rows[:, n:half], rows[:, half + n :]
     if not isinstance(scene.absorber, SeveralAbsorbers):

@@ -28,6 +28,7 @@ def sections(results: Results) -> dict[str, str]:
         "stability:stiffness": _stiffness(results.cells),
         "stability:eigenproblem": _eigen(results.eigen),
         "stability:soak": _soaks(results.soaks),
+        "stability:checks": _checks(results.checks),
     }
 
 
@@ -135,3 +136,11 @@ def _soaks(soaks: Sequence[dict[str, Any]]) -> str:
         for k, length in enumerate(x["lengths"])
     ]
     return markdown(header, rows)
+
+
+def _checks(checks: Sequence[dict[str, Any]]) -> str:
+    if not checks:
+        return "Not measured yet."
+    rows = [(x["name"], f"{x['searches']:,}", f"{x['misses']:,}", _number(x["worst"]), x["first"]) for x in checks]
+    total = ("all", f"{sum(x['searches'] for x in checks):,}", f"{sum(x['misses'] for x in checks):,}", _worst(checks, "worst"), "")
+    return markdown(("scene", "searches", "misses", "worst", "first miss"), [*rows, total])

@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Any
 
 import _stability_cells as cells
+import _stability_checks as checks
 import _stability_eigen as eigen
 import _stability_limits as limits
 import _stability_soak as soaks
@@ -20,7 +21,8 @@ from impact_env import ParameterError, SlidingAbsorber
 CELL_LIMIT_S, QUICK_CELL_LIMIT_S = 90.0, 30.0
 SOAK_LIMIT_S = 400.0
 OTHER_LIMIT_S = 120.0
-MATRIX, LIMITS, EIGEN, SOAKS = "cells", "limits", "eigen", "soaks"
+CHECK_LIMIT_S = 400.0
+MATRIX, LIMITS, EIGEN, SOAKS, CHECKS = "cells", "limits", "eigen", "soaks", "checks"
 
 
 @lru_cache(maxsize=1)
@@ -48,7 +50,12 @@ def run_soak(number: int, lengths: tuple[int, ...]) -> dict[str, Any]:
     return asdict(soaks.soak(soaks.CASES[number], lengths))
 
 
-SECTIONS = {run_cell: MATRIX, run_limit: LIMITS, run_eigen: EIGEN, run_soak: SOAKS}
+def run_check(number: int, searches: int) -> dict[str, Any]:
+    found = checks.check(checks.CASES[number], searches, number)
+    return asdict(found) | {"passed": found.passed}
+
+
+SECTIONS = {run_cell: MATRIX, run_limit: LIMITS, run_eigen: EIGEN, run_soak: SOAKS, run_check: CHECKS}
 
 
 def _kind(case: Case, method: str) -> str:
@@ -68,7 +75,9 @@ def tasks(quick: bool) -> list[Task]:
     lengths = soaks.QUICK_LENGTHS if quick else soaks.LENGTHS
     chosen = [number for number, case in enumerate(limits.CASES) if not quick or case in limits.QUICK]
     limit = QUICK_CELL_LIMIT_S if quick else CELL_LIMIT_S
+    searches = -(-(checks.QUICK_SEARCHES if quick else checks.SEARCHES) // len(checks.CASES))
     return [
+        *(Task(run_check, (number, searches), f"check {number}", CHECK_LIMIT_S) for number in range(len(checks.CASES))),
         *(Task(run_soak, (number, lengths), f"soak {number}", SOAK_LIMIT_S) for number in range(len(soaks.CASES))),
         *(Task(run_cell, (case.group, case.name, method), _kind(case, method), limit) for case in cases(quick) for method in case.methods),
         *(Task(run_limit, (number,), "limits", OTHER_LIMIT_S) for number in chosen),
@@ -86,6 +95,7 @@ class Results:
     limits: list[dict[str, Any]] = field(default_factory=list)
     eigen: list[dict[str, Any]] = field(default_factory=list)
     soaks: list[dict[str, Any]] = field(default_factory=list)
+    checks: list[dict[str, Any]] = field(default_factory=list)
     lost: list[dict[str, Any]] = field(default_factory=list)
 
     def failures(self) -> Iterator[str]:
@@ -103,6 +113,9 @@ class Results:
         for soak in self.soaks:
             if not soak["passed"]:
                 yield f"soak, {soak['name']}: {soak['reason']}"
+        for found in self.checks:
+            if not found["passed"]:
+                yield f"searches, {found['name']}: {found['misses']} of {found['searches']} missed an event, {found['first']}"
         for lost in self.lost:
             yield f"{lost['what']}: {lost['error']}"
 

@@ -58,6 +58,8 @@ def refuse_contradictions(given: Options) -> None:
         )
     if given["steps_per_period"] is not None and given["method"] == "exact":
         raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
+    if given["most_events"] is not None and given["method"] != "exact":
+        raise BadInput(f"--most-events does not go with --method {given['method']}: it steps through time, whatever happens")
     constant = given["start"] == given["stop"]
     if constant and given["periods"] is None:
         raise BadInput(f"--to = {given['stop']} equal to --from is a constant frequency: it needs --periods")

@@ -20,6 +20,7 @@ class Timed:
     scene: Scene
     drive: Drive
     method: Method
+    most_events: int | None = None
 
     def __post_init__(self) -> None:
         schedule = constant_frequency(self.drive.schedule.reference, 1.0, 1.0)
@@ -27,4 +28,4 @@ class Timed:
 
     def run(self) -> Response:
         """Return a response without records; its ``wall_time`` is the time in s."""
-        return simulate(self.scene, self.drive, self.method, record=BARE)
+        return simulate(self.scene, self.drive, self.method, record=BARE, most_events=self.most_events)

@@ -21,7 +21,7 @@ from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, FrequencySchedule
 from impact_env.ensemble import Lane, draw_members, run_lanes
 from impact_env.methods import PAPER_STEPS, Method, check_supported
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
-from impact_env.response import Record
+from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from impact_env.wording import absorber_words
@@ -29,13 +29,14 @@ from optimisation.files import replacing
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 SHORT = 2.0  # s: a run below this is timed three times
+TIME_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} pseudo periods [{elapsed}, {remaining} left]"
 MOST_PLOTTED = 2**30  # bytes of states that a figure may need
 T = TypeVar("T")
 
 
-def integration_time(scene: Scene, drive: Drive, method: Method) -> float:
+def integration_time(scene: Scene, drive: Drive, method: Method, most_events: int | None = None) -> float:
     """Return the time in s of an integration that observes nothing, without compilation: the median of three, or one if it is long."""
-    timed = Timed(scene, drive, method)
+    timed = Timed(scene, drive, method, most_events)
     times = [timed.run().wall_time]
     while times[0] < SHORT and len(times) < 3:
         times.append(timed.run().wall_time)
@@ -64,20 +65,29 @@ def heard(work: Callable[[], T], bar: tqdm) -> T:
     return results[0]
 
 
-def compute(scene: Scene, drives: list[Drive], method: Method, plotted: bool) -> Result:
+def recorded(scene: Scene, drive: Drive, method: Method, plotted: bool, most_events: int | None) -> Response:
+    """Run the first member, with a bar in pseudo periods."""
+    schedule, record = drive.schedule, Record(events=True, energy=True, series=plotted)
+    with tqdm(total=round(schedule.periods), desc="integrating", bar_format=TIME_BAR, delay=1, leave=False, disable=None) as bar:
+
+        def show(time: float, _end: float) -> None:
+            bar.update(round(time / schedule.pseudo_period) - bar.n)
+            bar.refresh()
+
+        return simulate(scene, drive, method, record=record, most_events=most_events, progress=show)
+
+
+def compute(scene: Scene, drives: list[Drive], method: Method, plotted: bool, most_events: int | None = None) -> Result:
     """Run all members; the first is recorded and, by itself, timed."""
-    record = Record(events=True, energy=True, series=plotted)
-    with tqdm(total=len(drives) + 1, desc="integrating", unit="run", delay=1, leave=False, disable=None) as bar:
-        response = heard(lambda: simulate(scene, drives[0], method, record=record), bar)
-        bar.update()
-        others = None
+    response, others = recorded(scene, drives[0], method, plotted, most_events), None
+    with tqdm(total=len(drives), desc="integrating", unit="run", delay=1, leave=False, disable=None) as bar:
         if len(drives) > 1:
             lanes = [Lane(scene, drive) for drive in drives[1:]]
-            others = run_lanes(lanes, method, progress=lambda _done, _total: bar.update())
+            others = run_lanes(lanes, method, progress=lambda _done, _total: bar.update(), most_events=most_events)
             if not others.complete:
                 raise KeyboardInterrupt
         bar.set_description("timing")
-        return Result(response, others, heard(lambda: integration_time(scene, drives[0], method), bar))
+        return Result(response, others, heard(lambda: integration_time(scene, drives[0], method, most_events), bar))
 
 
 def refuse_long_plot(scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
@@ -111,7 +121,7 @@ def run(given: Options) -> str:
         refuse_long_plot(scene, schedule, Record().samples_per_period)
     first = Drive(given["force"], schedule, given["phase"])
     drives = draw_members(given["members"], given["seed"]).drives(first.amplitude, schedule, first.phase)
-    result = compute(scene, drives, method, given["plot"] is not None)
+    result = compute(scene, drives, method, given["plot"] is not None, given["most_events"])
     write(result, given)
     return summary(result, given["resonance"])
 
@@ -161,6 +171,7 @@ def default(text: str, value: object) -> str:
 @click.option("--down", is_flag=True, help="Sweep down: swaps --from and --to.")
 @click.option("--method", type=click.Choice(["exact", "moreau", "runge-kutta"]), default="exact", show_default=True, help="Method of integration.")
 @click.option("--steps-per-period", type=int, help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS))
+@click.option("--most-events", type=int, help=default("Events after which a run is given up (exact).", "a million, and 5000 each pseudo period"))
 @click.option("--members", type=int, default=1, show_default=True, help="Runs that differ in phase and by rounding; the first has --phase.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases and roundings.")
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the results, in SI units.")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.kernels.observers import Counters, Energy, Events, Series
+from impact_env.kernels.observers import Energy, Events, Series, new_counters
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.modes import ModalModel
 from impact_env.parameters import CompliantWalls, SlidingAbsorber, TunedAbsorber, impact_absorber
@@ -52,7 +52,7 @@ def integrate(scene: Scene, drive: Drive, method: Moreau | RungeKutta, initial: 
     end = start.copy()
     sample_dt = drive.schedule.pseudo_period / 128 if sample_dt is None else sample_dt
     rows = int(drive.schedule.times[-1] / sample_dt + 1e-9) + 1
-    counters, events = Counters(np.zeros(4)), Events(np.zeros((2000, 4)), np.zeros((2000, 3)), np.zeros(2, dtype=np.int64))
+    counters, events = new_counters(), Events(np.zeros((2000, 4)), np.zeros((2000, 3)), np.zeros(2, dtype=np.int64))
     series, energy = Series(np.full((rows, 2 * n + 2), np.nan)), Energy(np.zeros(4), np.zeros(n))
     run = run_moreau if isinstance(method, Moreau) else run_runge_kutta
     status = run(scene, drive, method, end, sample_dt, counters, None, events, series, energy)  # type: ignore[arg-type]

@@ -6,7 +6,7 @@ from stepped import golden, integrate, order, still
 
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.kernels.chirp import fill_phases
-from impact_env.kernels.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, STUCK_TIME, Counters, close_level, new_level
+from impact_env.kernels.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, STUCK_TIME, close_level, new_counters, new_level
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
 from impact_env.parameters import (
     Beam,
@@ -149,7 +149,7 @@ def test_level_agrees_with_the_series_and_any_step_grid() -> None:
     drive = Drive(1.5, constant_frequency(OMEGA, 1.0, 40))
     run = integrate(present, drive, Moreau())
     tip = run.states[:, :3] @ present.model.tip_shape
-    level, counters = new_level(128), Counters(np.zeros(4))
+    level, counters = new_level(128), new_counters()
     run_moreau(present, drive, Moreau(), InitialState().vector(present), drive.schedule.pseudo_period / 128, counters, level)
     assert level.state[0] == len(tip)
     at = int(np.argmax(np.abs(tip)))

@@ -20,6 +20,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import _report_page  # noqa: E402 - the scripts' folder is known only now
 import _stability_cases as cases  # noqa: E402
 import _stability_cells as cells  # noqa: E402
+import _stability_checks as checks  # noqa: E402
 import _stability_eigen as eigen  # noqa: E402
 import _stability_limits as limits  # noqa: E402
 import _stability_page as page  # noqa: E402
@@ -164,6 +165,30 @@ def test_soaks_are_judged(values: dict[str, list[float]], word: str) -> None:
     assert word in reason
 
 
+# --- searches ----------------------------------------------------------------------------------------------------------------------------------
+
+
+def test_searches_are_checked_until_there_are_enough() -> None:
+    found = checks.check(checks.CASES[0], 100, 0)
+    assert found.searches >= 100
+    assert found.passed == (found.misses == 0) == (found.first == "")
+
+
+def test_a_missed_event_is_a_failure() -> None:
+    missed = tasks.asdict(checks.Checked("one", 100, 2, 1e-3, "passed by 1.0e-03")) | {"passed": False}
+    assert list(tasks.Results(checks=[missed]).failures()) == ["searches, one: 2 of 100 missed an event, passed by 1.0e-03"]
+    assert not checks.Checked("one").passed  # nothing was checked
+
+
+def test_every_kind_of_search_is_checked() -> None:
+    scenes = [case.scene() for case in checks.CASES]
+    assert {scene.model.modes for scene in scenes} >= {2, 5, 10, 30}
+    assert any(isinstance(scene.absorber, checks.SeveralAbsorbers) for scene in scenes)
+    several = [scene.absorber.walls for scene in scenes if isinstance(scene.absorber, checks.SlidingAbsorber)]
+    assert any(isinstance(walls, checks.CompliantWalls) for walls in several)
+    assert sum(task.arguments[1] for task in tasks.tasks(quick=False) if task.function is tasks.run_check) >= checks.SEARCHES == 1_000_000
+
+
 # --- processes ---------------------------------------------------------------------------------------------------------------------------------
 
 
@@ -192,7 +217,9 @@ def results() -> tasks.Results:
     limit = {"method": "moreau", "what": "one mode", "damping_ratio": 0.0, "omega": 252.0, "theory_s": 2 / 252, "found_s": 2 / 252, "paper_s": 1e-3}
     entry = {"elements": 2, "rounding": {"1": 1e-16}, "discretisation": {"1": 1e-3}, "highest": None, "tip": 1e-3, "error": "", "wrong": False}
     soak = tasks.asdict(soaks.Soak("one, exact", [10, 100], [1e-13, 1e-13], [100.0, 101.0], [5.0, 5.0], [2.0, 2.0], True))
-    return tasks.Results(_report_page.conditions() | {"wall_s": 1.0, "workers": 2}, True, [bad, good], [limit | {"agrees": True}], [entry], [soak])
+    check = tasks.asdict(checks.Checked("two modes", 100, 0)) | {"passed": True}
+    conditions = _report_page.conditions() | {"wall_s": 1.0, "workers": 2}
+    return tasks.Results(conditions, True, [bad, good], [limit | {"agrees": True}], [entry], [soak], [check])
 
 
 def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
@@ -204,6 +231,7 @@ def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
     assert "off / by much" in text
     assert "1 good, 0 with fewer digits, 0 refused with an error, 1 failed" in text
     assert "| moreau, one mode |" in text
+    assert "| two modes |      100 |" in text
     assert (tmp_path / "stability.png").read_bytes().startswith(b"\x89PNG")
 
 

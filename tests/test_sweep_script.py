@@ -151,6 +151,15 @@ def test_phase_shifts_the_force(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("untimed")
+def test_a_run_that_is_given_up_leaves_no_file(tmp_path: Path) -> None:
+    result = call(*STRONG, "--most-events", "9", "--json", str(tmp_path / "sweep.json"))
+    assert result.exit_code == 1
+    assert "more events than its budget" in result.output
+    assert "10 events of 9 allowed" in result.output
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("untimed")
 def test_summary_names_scene_run_and_level() -> None:
     result = call(*SHORT, "--absorber", "none", "--members", "3")
     assert result.exit_code == 0

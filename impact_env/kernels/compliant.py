@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.kernels.budget import progress
+from impact_env.kernels.check import sample_guard
 from impact_env.kernels.forced import Forced, add_forced, new_forced, solve_forced
 from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.observers import (
@@ -20,9 +22,9 @@ from impact_env.kernels.observers import (
     HELD_LOWER,
     HELD_UPPER,
     IMPACTS,
-    NO_PROGRESS,
     NOT_FINITE,
-    STEPS,
+    PASSED,
+    REACHED,
     STUCK_INSIDE,
     STUCK_TIME,
     push_impact,
@@ -32,8 +34,6 @@ from impact_env.kernels.search import search
 from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
 from impact_env.kernels.signals import HIT_HIGH, NOTHING, REVERSAL, Signal, new_signal
 from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
-
-STALLED = 100_000
 
 
 class Springs(NamedTuple):
@@ -92,6 +92,19 @@ def guard_rest(rows):  # type: ignore[no-untyped-def]
 
 
 @jit
+def check_springs(check, slots, forced, window, gap, limit, low, high, now, signal, offset):  # type: ignore[no-untyped-def]
+    """Check a search: no contact or slip is passed, and a slider that slides does not turn."""
+    if check is None:
+        return
+    unit, sign = 0.0, 0.0
+    if gap is not None:
+        unit = gap
+    if limit is not None:
+        sign = now[SIGN] if now[STICK] == 0.0 else 0.0
+    sample_guard(check, slots, forced, window, signal, now[TAU], offset, low, high, unit, 0.0, sign, PASSED)
+
+
+@jit
 def run_to_event(regime, forced, window, contact, gap, limit, reach, losses, now, work, signal, scratch, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
     """Advance a regime to its next event or the window's end."""
     slots, omega = regime.slots, window.omega
@@ -114,6 +127,7 @@ def run_to_event(regime, forced, window, contact, gap, limit, reach, losses, now
         found = search(slots, forced, omega, signal, tau, length, window.half, low, high, side, None, False)
     counters.values[EVALUATIONS] += found.evaluations
     offset = found.offset
+    check_springs(counters.check, slots, forced, window, gap, limit, low, high, now, signal, offset)
     end = tau + offset
     sample_tip(slots, forced.signals, window, work.z, work.u, regime.tip_rest * now[FORCE], tau, end, clock, level)
     sample_state(regime, forced, window, work.z, now[FORCE], now[Q : A + 1], tau, end, clock, work.rows[0], series)
@@ -311,10 +325,9 @@ def compliant_stretch(  # type: ignore[no-untyped-def]
                     solve_forced(regimes[number].slots, window, None, forced[number])
                     solved[number] = 1.0
                 write_state(regimes[number], forced[number], window.omega, now, work, state)
-            counters.values[STEPS] += 1.0
-            stalled = stalled + 1 if now[TAU] == last else 0
-            if stalled > STALLED:
-                return NO_PROGRESS
+            stalled, status = progress(counters, window, now[TAU], last, stalled)
+            if status != DONE:
+                return status
             last = now[TAU]
         if not np.isfinite(state[0]):
             return NOT_FINITE
@@ -328,7 +341,7 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
     ``gap`` None: no walls; ``limit`` None: no friction. ``wall``, ``friction``, ``both``: the regimes with these springs. The friction loss contains
     what the slider's spring holds at the end.
     """
-    room = new_room(free, wall, friction, both, state)
+    room, status = new_room(free, wall, friction, both, state), DONE
     now = room.now
     begin(springs, gap, limit, now, state, contact, 0.0, counters)
     for k in range(schedule.times.shape[0] - 1):
@@ -336,12 +349,14 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
             free, wall, friction, both, contact, springs, gap, limit, losses, schedule, k, room, state, clock, counters, level, events, series, energy
         )
         if status != DONE:
-            return status
-    end = schedule.times[-1]
+            break
+    if status == DONE:
+        counters.values[REACHED] = schedule.times[-1]
+    end = counters.values[REACHED]
     if now[STICK] != 0.0:
         push_phase(events, now[STICK_TIME], end, STUCK_INSIDE)
     if now[WALL] != 0.0:
         list_contact(end, state[-1], now, events, contact.mass)
     add_slider_energy(springs, limit, slider_reach(springs, limit), now, state, contact, energy)
     last_sample(state, contact.tip_shape, end, clock, level, series)
-    return DONE
+    return status

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.kernels.budget import progress
 from impact_env.kernels.forced import Forced, add_forced, new_forced, solve_forced
 from impact_env.kernels.free_and_joined import begin, enter, fly, free_state, hold, release, try_join
 from impact_env.kernels.jit import jit, jit_inline, jit_room
-from impact_env.kernels.next_event import progress
-from impact_env.kernels.observers import DONE, NOT_FINITE, STEPS
+from impact_env.kernels.observers import DONE, NOT_FINITE, REACHED
 from impact_env.kernels.rigid_contact import (
     AT_REST,
     FORCE,
@@ -157,12 +157,12 @@ def exact_stretch(  # type: ignore[no-untyped-def]
     for w in range(count):
         window = window_of(schedule, k, w, count)
         enter_window(free, joined, contact, walls, limit, window, started or w > 0, room, state)
-        last, stalled, passed = now[TAU], 0, 0
+        last, stalled = now[TAU], 0
         while now[TAU] < window.half:
             pass_event(free, joined, window, contact, walls, limit, losses, room, state, clock, counters, level, events, series, energy)
-            counters.values[STEPS] += 1.0
-            stalled, passed, status = progress(now[TAU], last, stalled, passed)
+            stalled, status = progress(counters, window, now[TAU], last, stalled)
             if status != DONE:
+                add_forced_part(window, now[TAU], 1.0, room)
                 return status
             last = now[TAU]
         add_forced_part(window, window.half, 1.0, room)
@@ -177,20 +177,22 @@ def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clo
 
     ``walls`` None: no cavity; ``limit`` None: no friction; ``level``, ``events``, ``series``, ``energy`` None: not observed.
     """
-    room = new_room(free, joined, state)
+    room, status = new_room(free, joined, state), DONE
     for k in range(schedule.times.shape[0] - 1):
         status = exact_stretch(
             free, joined, contact, walls, limit, losses, schedule, k, k > 0, room, state, clock, counters, level, events, series, energy
         )
         if status != DONE:
-            return status
-    finish(free, joined, room.now, room.work, state, schedule, clock, contact, level, events, series)
-    return DONE
+            break
+    if status == DONE:
+        counters.values[REACHED] = schedule.times[-1]
+    finish(free, joined, room.now, room.work, state, counters.values[REACHED], clock, contact, level, events, series)
+    return status
 
 
 @jit
 def current_state(free, joined, now, work, state):  # type: ignore[no-untyped-def]
-    """Write the state at the end of a stretch."""
+    """Write the state at the end of a stretch, or where it was given up."""
     half = state.shape[0] // 2
     if now[REGIME] == FREE:
         w = work.rows[0]
@@ -204,9 +206,8 @@ def current_state(free, joined, now, work, state):  # type: ignore[no-untyped-de
 
 
 @jit
-def finish(free, joined, now, work, state, schedule, clock, contact, level, events, series):  # type: ignore[no-untyped-def]
-    """Write the end state, close an open phase, and take the sample that falls on the end."""
-    end = schedule.times[-1]
+def finish(free, joined, now, work, state, end, clock, contact, level, events, series):  # type: ignore[no-untyped-def]
+    """Write the end state, close an open phase, and take the sample that falls on the end (s)."""
     current_state(free, joined, now, work, state)
     if now[REGIME] != FREE:
         end_phase(events, now, end)

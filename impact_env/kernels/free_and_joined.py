@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+from impact_env.kernels.check import check_flight, check_hold
 from impact_env.kernels.forced import add_forced, signal_value
 from impact_env.kernels.jit import jit
 from impact_env.kernels.next_event import end_of_flight, end_of_hold
@@ -99,6 +100,7 @@ def fly(free, forced, window, contact, walls, limit, losses, now, work, signal, 
     found = end_of_flight(slots, forced, window, walls, limit, now, free.tip_rest * now[FORCE], window.half - tau, work.z, signal)
     counters.values[EVALUATIONS] += found.evaluations
     offset = found.offset
+    check_flight(counters.check, slots, forced, window, walls, limit, now, signal, offset)
     end = tau + offset
     sample_tip(slots, forced.signals, window, work.z, work.u, free.tip_rest * now[FORCE], tau, end, clock, level)
     sample_state(free, forced, window, work.z, now[FORCE], now[Q : A + 1], tau, end, clock, work.rows[0], series)
@@ -120,6 +122,7 @@ def hold(joined, forced, window, limit, losses, now, work, signal, state, clock,
     found = end_of_hold(slots, forced, window, limit, now, window.half - tau, work.z, signal)
     counters.values[EVALUATIONS] += found.evaluations
     offset = found.offset
+    check_hold(counters.check, slots, forced, window, limit, now, signal, offset)
     end = tau + offset
     sample_tip(slots, forced.signals, window, work.z, work.u, 0.0, tau, end, clock, level)
     now[V], now[A] = 0.0, 0.0

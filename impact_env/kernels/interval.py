@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.kernels.budget import EVALUATIONS_PER_EVENT, FIRST_EVENTS
 from impact_env.kernels.contact_law import Walls
 from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.observers import IMPACTS, Counters, Level, clear_level, close_level
+from impact_env.kernels.observers import COUNTS, IMPACTS, MOST_EVALUATIONS, MOST_EVENTS, Counters, Level, clear_level, close_level
 from impact_env.kernels.segments import last_sample
 
 Array = NDArray[np.float64]
@@ -70,7 +71,7 @@ class Desk(NamedTuple):
 @jit_room
 def new_desk(watch):  # type: ignore[no-untyped-def]
     """Return scratch for one thread."""
-    return Desk(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(watch.samples), np.zeros(3), Counters(np.zeros(4)))
+    return Desk(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(watch.samples), np.zeros(3), Counters(np.zeros(COUNTS), None))
 
 
 @jit_room
@@ -81,7 +82,9 @@ def open_interval(desk, watch, lanes, i, order):  # type: ignore[no-untyped-def]
     desk.phases[0] = order[PHASE]
     desk.phases[1] = order[PHASE] + 0.5 * (order[OMEGA_START] + order[OMEGA_STOP]) * order[DURATION]
     desk.clock[0], desk.clock[1], desk.clock[2] = 0.0, watch.sample_dt, 0.0
-    desk.counters.values[:] = 0.0
+    values = desk.counters.values
+    values[:] = 0.0
+    values[MOST_EVENTS], values[MOST_EVALUATIONS] = FIRST_EVENTS, FIRST_EVENTS * EVALUATIONS_PER_EVENT
     level = Level(lanes.ring[i], lanes.level[i], desk.block)
     if order[FRESH] > 0.0:
         clear_level(level)

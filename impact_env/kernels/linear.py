@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.kernels.budget import note_time
 from impact_env.kernels.forced import Forced, add_forced, new_forced, solve_response
 from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.observers import DONE, NOT_FINITE, STEPS
+from impact_env.kernels.observers import DONE, NOT_FINITE, REACHED, STEPS
 from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
 from impact_env.kernels.slots import advance
 
@@ -51,18 +52,23 @@ def linear_stretch(regime, losses, schedule, k, room, clock, counters, level, se
         counters.values[STEPS] += 1.0
         if not np.isfinite(work.z[0, 0]):
             return NOT_FINITE
+        status = note_time(counters, window.centre + window.half)
+        if status != DONE:
+            return status
     return DONE
 
 
 @jit_room
 def linear_lane(regime, tip_shape, losses, schedule, state, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
     """Propagate one lane; ``state`` (2 N_m + 2,) is the start and becomes the end. Return a status code."""
-    room = new_room(regime, state)
+    room, status = new_room(regime, state), DONE
     to_slots(regime.into, state, room.work.z)
     for k in range(schedule.times.shape[0] - 1):
         status = linear_stretch(regime, losses, schedule, k, room, clock, counters, level, series, energy)
         if status != DONE:
-            return status
+            break
+    if status == DONE:
+        counters.values[REACHED] = schedule.times[-1]
     to_state(regime.out, room.work.z, state)
-    last_sample(state, tip_shape, schedule.times[-1], clock, level, series)
-    return DONE
+    last_sample(state, tip_shape, counters.values[REACHED], clock, level, series)
+    return status

@@ -14,6 +14,7 @@ import numpy as np
 from numba.core import types
 from numba.extending import intrinsic
 
+from impact_env.kernels.budget import note_time
 from impact_env.kernels.chirp import RESET, phasor, stretch_at, turns_left
 from impact_env.kernels.contact_law import solve_contact
 from impact_env.kernels.grid import FREE, close_phase, rows_wanted, step_of_row
@@ -288,8 +289,8 @@ def moreau_lane(  # type: ignore[no-untyped-def]
             force, quadrature = force * turn_c - quadrature * turn_s, force * turn_s + quadrature * turn_c
             turn_c, turn_s = turn_c * change_c - turn_s * change_s, turn_c * change_s + turn_s * change_c
             i += 1
-        if not np.isfinite(tip_q + q_a):
-            status = NOT_FINITE
+        status = note_time(counters, i * dt) if np.isfinite(tip_q + q_a) else NOT_FINITE
+        if status != DONE:
             break
     close_phase(held, held_since, i * dt, counters, events)
     _write_state(state, table, n, wide, dt)

@@ -1,17 +1,13 @@
-"""The search for a rigid contact's next event: what ends a flight or a hold, and when a lane gives up."""
+"""The search for a rigid contact's next event: what ends a flight or a hold."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from impact_env.kernels.jit import jit_inline
-from impact_env.kernels.observers import DONE, NO_PROGRESS, TOO_MANY_EVENTS
 from impact_env.kernels.rigid_contact import AT_REST, SIDE, SIGN, TAU, A, Q, V, joint_bounds
 from impact_env.kernels.search import search
 from impact_env.kernels.slots import GUARD, weigh
-
-STALLED = 10_000  # events without progress in time
-MOST_EVENTS = 500_000  # in one window
 
 
 @jit_inline
@@ -41,12 +37,3 @@ def end_of_hold(slots, forced, window, limit, now, length, z, signal):  # type: 
     signal.polynomial[:] = 0.0
     low, high = joint_bounds(limit, now[SIDE])
     return search(slots, forced, window.omega, signal, now[TAU], length, window.half, low, high, 0, None, False)
-
-
-@jit_inline
-def progress(tau, last, stalled, passed):  # type: ignore[no-untyped-def]
-    """Count an event at tau, the one before it being at ``last``; return the events in a row without progress, those in the window, a status code."""
-    stalled, passed = stalled + 1 if tau == last else 0, passed + 1
-    if stalled > STALLED:
-        return stalled, passed, NO_PROGRESS
-    return stalled, passed, TOO_MANY_EVENTS if passed > MOST_EVENTS else DONE

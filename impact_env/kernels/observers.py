@@ -13,20 +13,42 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit
 
-# rows of Counters.values
-IMPACTS, STUCK_TIME, STEPS, EVALUATIONS = 0, 1, 2, 3
+# rows of Counters.values: what has been done, how far the run is, an order to end it, and what it may use (budget.py)
+IMPACTS, STUCK_TIME, STEPS, EVALUATIONS, EVENTS, REACHED, STOP, MOST_EVENTS, EVENTS_PER_S, MOST_EVALUATIONS, EVALUATIONS_PER_S, SEARCHED = range(12)
+COUNTS = 12
 # kinds of contact phase
 STUCK_INSIDE, HELD_LOWER, HELD_UPPER = 0, 1, 2
+# counts of Check, and kinds of what a search can miss
+SEARCHES, MISSES = 0, 1
+PASSED, TURNED, PULLED = 0, 1, 2
 # rows of Energy.totals
 WORK, FRICTION_LOSS, IMPACT_LOSS, ABSORBER_DAMPING = 0, 1, 2, 3
 # status codes of all integration kernels
-DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS = 0, 1, 2, 3
+DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS, TOO_MANY_EVALUATIONS, SEARCH_GAVE_UP, STOPPED = range(7)
+
+
+class Check(NamedTuple):
+    """What comes of checking the exact method's searches (check.py).
+
+    ``counts`` (2,): searches and misses. ``worst`` (3,), by kind of miss: how deep beyond a guard, of the clearance (of the signal's terms, if
+    there is none), how fast in the wrong sense, of the rate's terms, how far the joint force out of its bounds, of its terms. ``first``
+    (FIRST_MISSES, 3): time (s), kind and share of the first misses.
+    """
+
+    counts: NDArray[np.int64]
+    worst: NDArray[np.float64]
+    first: NDArray[np.float64]
 
 
 class Counters(NamedTuple):
-    """``values`` (4,): number of impacts, time in joined phases (s), steps or events, evaluations."""
+    """``values`` (COUNTS,): number of impacts, time in joined phases (s), steps or stretches between events, evaluations, events, time reached (s).
+
+    Another thread reads the time reached while the run goes on, and ends it by a stop of 1. Then the events and evaluations that the run may use: at
+    once, and for each second of it that has passed; and the evaluations before the stretch under way. ``check`` None: searches are not checked.
+    """
 
     values: NDArray[np.float64]
+    check: Check | None = None
 
 
 class Level(NamedTuple):
@@ -71,6 +93,23 @@ class Energy(NamedTuple):
 # neighbours of the maximum, last |q|, flag: the right neighbour is due
 _NEXT, _SUM, _MAX, _AT, _SUM0, _SUM1, _LEFT, _RIGHT, _PREVIOUS, _DUE = range(10)
 BLOCK = 64
+
+
+def new_counters(
+    events: float = np.inf, events_per_s: float = 0.0, evaluations: float = np.inf, evaluations_per_s: float = 0.0, check: Check | None = None
+) -> Counters:
+    """Return counters at zero, and what the run may use."""
+    values = np.zeros(COUNTS)
+    values[[MOST_EVENTS, EVENTS_PER_S, MOST_EVALUATIONS, EVALUATIONS_PER_S]] = events, events_per_s, evaluations, evaluations_per_s
+    return Counters(values, check)
+
+
+FIRST_MISSES = 16
+
+
+def new_check() -> Check:
+    """Return an empty check."""
+    return Check(np.zeros(2, dtype=np.int64), np.zeros(3), np.zeros((FIRST_MISSES, 3)))
 
 
 def new_level(samples_per_period: int, half_window_periods: int = 10) -> Level:

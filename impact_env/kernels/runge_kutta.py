@@ -17,6 +17,7 @@ import numpy as np
 from numba.core import types
 from numba.extending import intrinsic
 
+from impact_env.kernels.budget import note_time
 from impact_env.kernels.chirp import fill_phases
 from impact_env.kernels.feedback import (
     Q_BEFORE,
@@ -348,8 +349,8 @@ def runge_kutta_lane(  # type: ignore[no-untyped-def]
                 row += 1
                 row_step = step_of_row(row, rows, sample_dt, dt, steps)
             i += 1
-        if not np.isfinite(_tip(table, n, wide)):
-            status = NOT_FINITE
+        status = note_time(counters, i * dt) if np.isfinite(_tip(table, n, wide)) else NOT_FINITE
+        if status != DONE:
             break
     if touch[0] != 0.0:
         _end_touch(touch, i * dt, counters, events)

@@ -17,11 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.kernels.budget import progress
+from impact_env.kernels.check import check_set
 from impact_env.kernels.contact_law import Walls
 from impact_env.kernels.forced import add_forced, signal_value
 from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.next_event import end_of_flight, end_of_hold, progress
-from impact_env.kernels.observers import DONE, EVALUATIONS, NOT_FINITE, STEPS, STUCK_TIME
+from impact_env.kernels.next_event import end_of_flight, end_of_hold
+from impact_env.kernels.observers import DONE, EVALUATIONS, NOT_FINITE, REACHED, STUCK_TIME
 from impact_env.kernels.rigid_contact import (
     AT_REST,
     FORCE,
@@ -132,6 +134,7 @@ def earliest(sets, absorbers, window, s, counters, room):  # type: ignore[no-unt
             first, found, length = a, event, event.offset
         if np.isnan(length):
             break
+    check_set(counters.check, sets, absorbers, window, s, found.offset, room)
     return first, found
 
 
@@ -412,7 +415,7 @@ def several_stretch(sets, absorbers, losses, schedule, k, started, room, state, 
             s = joined_set(now)
             solve_set(sets, absorbers, window, s, flow)
             add_forced(flow.slots[s], window.omega, -window.half, -1.0, z)
-        last, stalled, passed = now[0, TAU], 0, 0
+        last, stalled = now[0, TAU], 0
         while now[0, TAU] < window.half:
             s = joined_set(now)
             a, found = earliest(sets, absorbers, window, s, counters, room)
@@ -424,9 +427,9 @@ def several_stretch(sets, absorbers, losses, schedule, k, started, room, state, 
                     reverse(sets, absorbers, losses, window, s, a, found, state, room, events)
                 else:
                     hit(sets, absorbers, losses, window, s, a, found, state, counters, events, energy, room)
-            counters.values[STEPS] += 1.0
-            stalled, passed, status = progress(now[0, TAU], last, stalled, passed)
+            stalled, status = progress(counters, window, now[0, TAU], last, stalled)
             if status != DONE:
+                add_forced(flow.slots[joined_set(now)], window.omega, now[0, TAU], 1.0, z)
                 return status
             last = now[0, TAU]
         add_forced(flow.slots[joined_set(now)], window.omega, window.half, 1.0, z)
@@ -441,19 +444,21 @@ def several_lane(sets, absorbers, losses, schedule, state, clock, counters, leve
 
     ``level``, ``events``, ``series``, ``energy`` None: not observed.
     """
-    room = new_room(sets, absorbers, state)
+    room, status = new_room(sets, absorbers, state), DONE
     for k in range(schedule.times.shape[0] - 1):
         status = several_stretch(sets, absorbers, losses, schedule, k, k > 0, room, state, clock, counters, level, events, series, energy)
         if status != DONE:
-            return status
-    finish(sets, absorbers, schedule, room, state, clock, level, events, series)
-    return DONE
+            break
+    if status == DONE:
+        counters.values[REACHED] = schedule.times[-1]
+    finish(sets, absorbers, counters.values[REACHED], room, state, clock, level, events, series)
+    return status
 
 
 @jit
-def finish(sets, absorbers, schedule, room, state, clock, level, events, series):  # type: ignore[no-untyped-def]
-    """Write the end state, close open phases, and take the sample that falls on the end."""
-    now, end, s, w = room.now, schedule.times[-1], joined_set(room.now), room.work.rows[0]
+def finish(sets, absorbers, end, room, state, clock, level, events, series):  # type: ignore[no-untyped-def]
+    """Write the end state, close open phases, and take the sample that falls on the end (s)."""
+    now, s, w = room.now, joined_set(room.now), room.work.rows[0]
     copy(room.work.z, w)
     write_from(sets, s, w, room, state)
     for a in range(now.shape[0]):

@@ -1,0 +1,75 @@
+"""What a run may use, and how it is watched from outside while its kernel runs."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+from impact_env.drive import Drive
+from impact_env.kernels.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
+from impact_env.kernels.observers import REACHED, STOP, Check, Counters, new_counters
+from impact_env.parameters import count
+
+T = TypeVar("T")
+Watcher = Callable[[float, float], None]  # takes the time reached and the end time in s
+POLL_S = 0.1
+
+
+def checked_budget(most_events: int | None) -> int | None:
+    """Return ``most_events`` if it is a whole number above 0, or None for the default."""
+    return None if most_events is None else count("most_events", most_events, 1)
+
+
+def counters_for(drive: Drive, most_events: int | None, check: Check | None = None) -> Counters:
+    """Return a run's counters with its budget; None is the default, which grows with the time reached.
+
+    The budget of evaluations never is below that of the default.
+    """
+    per_second = EVENTS_PER_PERIOD / drive.schedule.pseudo_period
+    evaluations, evaluations_per_s = EVALUATIONS_PER_EVENT * FIRST_EVENTS, EVALUATIONS_PER_EVENT * per_second
+    if most_events is None:
+        return new_counters(FIRST_EVENTS, per_second, evaluations, evaluations_per_s, check)
+    return new_counters(most_events, 0.0, max(evaluations, EVALUATIONS_PER_EVENT * most_events), evaluations_per_s, check)
+
+
+def onwards(progress: Watcher) -> Watcher:
+    """Return a watcher that never goes back, where a run is made again with more room."""
+    furthest = 0.0
+
+    def tell(time: float, end: float) -> None:
+        nonlocal furthest
+        furthest = max(furthest, time)
+        progress(furthest, end)
+
+    return tell
+
+
+def watched(work: Callable[[], T], counters: Counters, end: float, progress: Watcher) -> T:
+    """Do ``work`` in a thread and tell ``progress`` ten times a second how far it is.
+
+    A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is passed on.
+    """
+    results: list[T] = []
+    errors: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            results.append(work())
+        except BaseException as error:  # it is raised again below
+            errors.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        while thread.is_alive():
+            thread.join(POLL_S)
+            if thread.is_alive():
+                progress(float(counters.values[REACHED]), end)
+    except BaseException:
+        counters.values[STOP] = 1.0
+        thread.join()
+        raise
+    if errors:
+        raise errors[0]
+    return results[0]

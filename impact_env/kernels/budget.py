@@ -1,0 +1,68 @@
+"""When a run gives up: a budget of events and of the searches' evaluations, and orders from another thread."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impact_env.kernels.jit import jit_inline
+from impact_env.kernels.observers import (
+    DONE,
+    EVALUATIONS,
+    EVALUATIONS_PER_S,
+    EVENTS,
+    EVENTS_PER_S,
+    MOST_EVALUATIONS,
+    MOST_EVENTS,
+    NO_PROGRESS,
+    NOT_FINITE,
+    REACHED,
+    SEARCH_GAVE_UP,
+    SEARCHED,
+    STEPS,
+    STOP,
+    STOPPED,
+    TOO_MANY_EVALUATIONS,
+    TOO_MANY_EVENTS,
+)
+
+# What a run may use unless told otherwise. Friction with 60 undamped modes can turn a few thousand times a pseudo period; the usual is below 100. A
+# million events take some ten seconds, and events that pile up at one time have no more than that, since the budget grows only with the time reached.
+FIRST_EVENTS = 1_000_000
+EVENTS_PER_PERIOD = 5_000
+EVALUATIONS_PER_EVENT = 40  # of the search, where ten are usual
+
+STALLED = 10_000  # events in a row without progress in time
+LONG_SEARCH = 2_000_000  # evaluations after which a search gives up
+
+
+@jit_inline
+def progress(counters, window, tau, last, stalled):  # type: ignore[no-untyped-def]
+    """Count the stretch from ``last`` to tau (s from the window's centre); return the events in a row without progress in time, and a status code."""
+    values = counters.values
+    values[STEPS] += 1.0
+    searched = values[EVALUATIONS] - values[SEARCHED]
+    values[SEARCHED] = values[EVALUATIONS]
+    if not np.isfinite(tau):
+        return stalled, SEARCH_GAVE_UP if searched >= LONG_SEARCH else NOT_FINITE
+    time = window.centre + tau
+    values[REACHED] = time
+    if tau < window.half:
+        values[EVENTS] += 1.0
+    stalled = stalled + 1 if tau == last else 0
+    status = DONE
+    if stalled > STALLED:
+        status = NO_PROGRESS
+    if values[EVENTS] > values[MOST_EVENTS] + values[EVENTS_PER_S] * time:
+        status = TOO_MANY_EVENTS
+    if values[EVALUATIONS] > values[MOST_EVALUATIONS] + values[EVALUATIONS_PER_S] * time:
+        status = TOO_MANY_EVALUATIONS
+    if values[STOP] != 0.0:
+        status = STOPPED
+    return stalled, status
+
+
+@jit_inline
+def note_time(counters, time):  # type: ignore[no-untyped-def]
+    """Note the time reached (s) of a run that has no events; return a status code."""
+    counters.values[REACHED] = time
+    return STOPPED if counters.values[STOP] != 0.0 else DONE

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from core import scene_of
+
+from impact_env import Drive, Moreau, ParameterError, Record, Response, Scene, constant_frequency, impact_absorber, simulate
+from impact_env.kernels.check import check_flight, check_hold
+from impact_env.kernels.contact_law import Walls
+from impact_env.kernels.exact import new_room, solve_free, solve_joined
+from impact_env.kernels.next_event import end_of_flight, end_of_hold
+from impact_env.kernels.observers import MISSES, PASSED, PULLED, SEARCHES, TURNED, new_check
+from impact_env.kernels.rigid_contact import AT_REST, FORCE, SIGN, TAU, A, Contact, Q, V
+from impact_env.kernels.segments import Schedule, window_of
+from impact_env.kernels.signals import HIT_HIGH, REVERSAL
+from impact_env.propagation import rigid_regimes
+
+GAP = 1e-3
+
+
+def checked(scene: Scene, periods: float = 30.0, force: float = 3.5) -> Response:
+    drive = Drive(force, constant_frequency(scene.model.resonance_omega(1), 1.0, periods))
+    return simulate(scene, drive, record=Record(check=True))
+
+
+@pytest.mark.parametrize("friction", [None, 0.1])
+def test_no_miss_where_there_is_none(friction: float | None) -> None:
+    response = checked(scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2))
+    assert response.impact_count > 20
+    assert response.check is not None
+    assert response.check.searches > response.impact_count
+    assert (response.check.misses, response.check.worst, len(response.check.times)) == (0, 0.0, 0)
+
+
+def test_a_checked_run_is_the_run() -> None:
+    scene = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1), modes=2)
+    drive = Drive(3.5, constant_frequency(scene.model.resonance_omega(1), 1.0, 10.0))
+    one, other = (simulate(scene, drive, record=Record(check=check)) for check in (False, True))
+    np.testing.assert_array_equal(one.end_state, other.end_state)
+    assert one.check is None
+
+
+def test_nothing_to_check_without_a_search() -> None:
+    drive = Drive(1.0, constant_frequency(250.0, 1.0, 1.0))
+    assert simulate(scene_of(modes=2), drive, record=Record(check=True)).check is None
+    assert simulate(scene_of(impact_absorber(), modes=2), drive, Moreau(), record=Record(check=True)).check is None
+
+
+@pytest.mark.parametrize("value", [1, None, "yes"])
+def test_bad_check(value: object) -> None:
+    with pytest.raises(ParameterError, match="check"):
+        Record(check=value)  # type: ignore[arg-type]
+
+
+# --- planted misses: a search is told to have found its event later than it is ------------------------------------------------------------------
+
+
+class Bench:
+    """A beam at rest under a force of 20 N in the middle of a window, and an absorber that flies over it."""
+
+    def __init__(self, limit: float | None) -> None:
+        scene = scene_of(impact_absorber(GAP, friction_limit=limit), modes=3)
+        omega, mass = scene.model.resonance_omega(1), scene.absorber_mass
+        assert mass is not None
+        tip_shape = np.array(scene.model.tip_shape)
+        contact, self.limit = Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape), limit
+        self.free, self.joined, reach = rigid_regimes(scene, 20.0 / omega)
+        schedule = Schedule(np.array([0.0, 2.0 / omega]), np.full(2, omega), np.array([0.0, 2.0]), 20.0, reach)
+        self.window, self.walls = window_of(schedule, 0, 0, 1), Walls(GAP, 1.0)
+        self.room = new_room(self.free, self.joined, np.zeros(8))
+        solve_free(self.free, self.window, self.room)
+        solve_joined(self.joined, self.window, contact, self.room)
+        self.now, self.z, self.signal, self.check = self.room.now, self.room.work.z, self.room.signal, new_check()
+        self.now[TAU] = -self.window.half
+        self.z[0, 0] = 1e-4  # the beam swings, too
+
+    def fly(self, velocity: float) -> tuple[int, float]:
+        now, length = self.now, 2 * self.window.half
+        now[Q], now[V], now[A], now[SIGN] = 0.0, velocity, 0.0, np.sign(velocity)
+        if self.limit is not None:
+            now[FORCE] = -now[SIGN] * self.limit
+            now[A], now[AT_REST] = now[FORCE] / 0.01, 0.0
+        found = end_of_flight(self.free.slots, self.room.free_forced, self.window, self.walls, self.limit, now, 0.0, length, self.z, self.signal)
+        return found.kind, found.offset
+
+    def see_flight(self, offset: float) -> list[int]:
+        forced = self.room.free_forced
+        check_flight(self.check, self.free.slots, forced, self.window, self.walls, self.limit, self.now, self.signal, offset)
+        return [int(n) for n in self.check.counts]
+
+    def see_hold(self, offset: float) -> list[int]:
+        check_hold(self.check, self.joined.slots, self.room.joined_forced, self.window, self.limit, self.now, self.signal, offset)
+        return [int(n) for n in self.check.counts]
+
+
+@pytest.mark.parametrize("late", [1e-8, 1e-3])
+def test_a_wall_passed_is_seen(late: float) -> None:
+    bench = Bench(None)
+    kind, offset = bench.fly(5.0)
+    assert kind == HIT_HIGH
+    assert bench.see_flight(offset) == [1, 0]
+    assert bench.see_flight(offset * (1 + late)) == [2, 1]
+    time, what, share = bench.check.first[0]
+    assert (what, bench.check.worst[PASSED]) == (PASSED, share)
+    assert share == pytest.approx(late, rel=0.5)  # it flies through the gap, and the beam moves a little
+    start = bench.window.centre - bench.window.half
+    assert start + offset < time <= start + offset * (1 + late)
+
+
+def test_a_reversal_passed_is_seen() -> None:
+    bench = Bench(0.5)
+    kind, offset = bench.fly(0.01)
+    assert kind == REVERSAL
+    assert bench.see_flight(offset) == [1, 0]
+    assert bench.see_flight(1.001 * offset) == [2, 1]
+    assert bench.check.first[0, 1] == TURNED
+    assert bench.check.worst[TURNED] > 0
+
+
+def test_a_joint_that_gives_too_much_is_seen() -> None:
+    bench = Bench(limit := 0.3)
+    found = end_of_hold(bench.joined.slots, bench.room.joined_forced, bench.window, limit, bench.now, 2 * bench.window.half, bench.z, bench.signal)
+    assert 0 < found.offset < 2 * bench.window.half
+    assert bench.see_hold(found.offset) == [1, 0]
+    assert bench.see_hold(1.001 * found.offset) == [2, 1]
+    assert bench.check.first[0, 1] == PULLED
+    assert bench.check.counts[SEARCHES] == 2
+    assert bench.check.counts[MISSES] == 1
+
+
+def test_what_is_not_a_stretch_is_not_counted() -> None:
+    bench = Bench(None)
+    bench.fly(5.0)
+    assert bench.see_flight(0.0) == [0, 0]
+    assert bench.see_flight(np.nan) == [0, 0]
