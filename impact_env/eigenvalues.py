@@ -13,7 +13,6 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from impact_env.secular import (
-    SPLIT,
     Complex,
     Coupling,
     Eigen,
@@ -32,7 +31,10 @@ from impact_env.secular import (
 )
 
 NEAR_CRITICAL = 0.01  # of 1 - D^2: offsets are then from the middle of both poles
-REAL = 3e-5  # as SPLIT, for two real eigenvalues
+CLOSE, REAL = (
+    1e-3,
+    3e-5,
+)  # imaginary part over size of a complex pair that has no modal form in practice, and half the distance of two real eigenvalues
 FARTHEST = 0.3  # share of |s| that a Newton step may go
 
 Starts = tuple[Leads, Complex]
@@ -106,22 +108,22 @@ def quadratic_modes(m: Real, c: Real, k: Real) -> tuple[Complex, Complex]:
     return values[upper], vectors @ states[len(k) :, upper]
 
 
-def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Real]:
-    """Return which eigenvalues (J,) are alone, and lead and middle of each pair of close ones: a complex one and its conjugate, or two real ones."""
+def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
+    """Return which eigenvalues (J,) are alone, and lead and place of each pair of close ones: the upper of a complex one, the middle of two real ones."""
     alone = np.ones(len(s), dtype=bool)
-    leads, middles = [], []
-    for k in np.flatnonzero((s.imag != 0) & (np.abs(s.imag) < SPLIT * np.abs(s))):
+    leads, places = [], []
+    for k in np.flatnonzero((s.imag != 0) & (np.abs(s.imag) < CLOSE * np.abs(s))):
         alone[k] = False
         leads.append(lead[k])
-        middles.append(s[k].real)
+        places.append(s[k])
     real = np.flatnonzero(s.imag == 0)
     real = real[np.lexsort((s[real].real, lead[real]))]
     for a, b in pairwise(real):
         if alone[a] and lead[a] == lead[b] and abs(s[a] - s[b]) < REAL * abs(s[a] + s[b]):
             alone[[a, b]] = False
             leads.append(lead[a])
-            middles.append((s[a] + s[b]).real / 2)
-    return alone, np.array(leads, dtype=int), np.array(middles)
+            places.append((s[a] + s[b]) / 2)
+    return alone, np.array(leads, dtype=int), np.array(places, dtype=complex)
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # where two poles are one: what is not a number is no start, or found by the check of the basis
@@ -136,9 +138,9 @@ def all_eigen(c: Coupling, weak: float) -> Eigen:
             starts = [_chosen(part, part[0].lead < c.modes) for part in starts]
         starts.append(_by_dense_solver(c, left))
     leads, offset = one_after_the_other([part[0] for part in starts]), np.concatenate([part[1] for part in starts])
-    alone, lead, middle = _close(leads.lead, leads.point + offset)
+    alone, lead, place = _close(leads.lead, leads.point + offset)
     single = chosen(leads, alone)
     found = [eigenvectors(c, single, solved(c, single, offset[alone], FARTHEST))]
     if len(lead) > 0:
-        found.append(close_pairs(c, lead, middle))
+        found.append(close_pairs(c, lead, place))
     return together(found)

@@ -8,17 +8,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.special
+from numpy.typing import NDArray
 
 from impact_env.eigenvalues import all_eigen
 from impact_env.kernels.segments import Regime
 from impact_env.kernels.slots import REST, TAYLOR_TERMS, Slots
 from impact_env.modes import MOST_HEAVINESS, ModalModel
 from impact_env.parameters import ParameterError
-from impact_env.secular import SPLIT, Complex, Coupling, Index, Real, extrapolated
+from impact_env.secular import SPLIT, Complex, Coupling, Index, Real, raised
 from impact_env.tables import ladder, propagators
 
 COMPLETE, SOUND = 1e-8, 1e-11  # the modes of a regime span the state up to this, in terms of energy; below the second nothing better is tried
@@ -48,19 +49,16 @@ class Modes:
 def _own_values(model: ModalModel, which: Index) -> tuple[Index, Complex, Complex, Real]:
     """Return mode, eigenvalue, the other root, and weight of each slot of the free beam."""
     omega, ratio = model.omega[which], model.damping_ratio[which]
-    i = np.complex128(1j)
     rate, square = ratio * omega, omega**2 * (1 - ratio) * (1 + ratio)
     close = np.abs(square) < (SPLIT * omega) ** 2
     under, over = (square > 0) & ~close, (square < 0) & ~close
     root = np.sqrt(np.abs(square))
-    parts = [(which[under], (-rate + i * root)[under], (-rate - i * root)[under], np.ones(int(np.sum(under))))]
+    parts: list[tuple[NDArray[Any], ...]] = [(which[under], (-rate + 1j * root)[under], (-rate - 1j * root)[under], np.ones(int(np.sum(under))))]
     fast = -(rate + root)
     slow = omega**2 / fast  # the product of both is omega^2: no cancellation
     parts += [(which[over], s[over] + 0j, other[over] + 0j, np.ones(int(np.sum(over)))) for s, other in ((slow, fast), (fast, slow))]
-    heights = [SPLIT * omega, 2 * SPLIT * omega]
-    weights = extrapolated(*(height**2 - square for height in heights))
-    for height, weight in zip(heights, weights, strict=True):
-        parts.append((which[close], (-rate + i * height)[close], (-rate - i * height)[close], weight[close]))
+    for height, weight in raised(omega, square):
+        parts.append((which[close], (-rate + 1j * height)[close], (-rate - 1j * height)[close], weight[close]))
     mode, values, others, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
     return mode, values, others, weight
 
@@ -68,9 +66,9 @@ def _own_values(model: ModalModel, which: Index) -> tuple[Index, Complex, Comple
 def own_modes(model: ModalModel, which: Index) -> Modes:
     """Return the free beam's modes ``which`` as slots: one for an oscillating mode, two for an overdamped one.
 
-    A damping ratio within about 1e-7 of 1 has two as well: motion and forced response are extrapolated from two pairs of eigenvalues beside the
+    A damping ratio within about 1e-5 of 1 has three: motion and forced response are extrapolated from three pairs of eigenvalues beside the
     double one (see secular.py). Against 40 digits
-    motion from any state is right to 1e-13 of the energy norm (tests/test_regimes.py).
+    motion from any state is right to 1e-12 of the energy norm (tests/test_regimes.py).
     """
     n = model.modes
     index, s, other, weight = _own_values(model, which)
@@ -80,7 +78,7 @@ def own_modes(model: ModalModel, which: Index) -> Modes:
     out, into = np.zeros((2 * n + 2, size), complex), np.zeros((size, 2 * n + 2), complex)
     out[index, row], out[n + 1 + index, row] = weight, weight * s
     into[row, index], into[row, n + 1 + index] = alpha, kappa
-    tip = weight * model.tip_shape[index] + 0j
+    tip = (weight * model.tip_shape[index]).astype(np.complex128)
     return Modes(s, out, into, kappa * model.force_shape[index], -kappa * model.tip_shape[index], tip, -tip)
 
 

@@ -18,8 +18,8 @@ symmetric, so left and right eigenvectors agree, and f_j' is what they are norma
 
 Two eigenvalues that (almost) coincide on the real axis, as those of a critically damped mode do, have no modal form. Their part of exp(A t) is
 that of a 2 x 2 matrix with eigenvalues a +- sqrt(-b), an analytic function of b. Its two vectors are found with a small constant added to f that
-makes b what it is, or, where b < 0, from three such beside it. The slots then have b = (SPLIT |s|)^2 and four times that, weighted so that what is
-linear in b is right: the error is of fourth order in SPLIT, and rounding grows by 1/SPLIT only. Both stay near 1e-13.
+makes b what it is, or, where b < 0, from three such beside it. The slots then have b = (SPLIT |s|)^2, four and nine times that, weighted so that
+what is of second order in b is right: the error is of sixth order in SPLIT, 1e-13, and rounding grows by 1/SPLIT only.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-SPLIT = 5e-4  # imaginary part over size below which a pair of eigenvalues is replaced by two with this and twice this
-LOWEST = 1e-9  # imaginary part over size that is as good as none
+SPLIT = 5e-3  # imaginary part over size below which a pair of eigenvalues is replaced by several
+RAISED = (1, 2, 3)  # with imaginary parts of so many times SPLIT
+LOWEST, LOW, APART = 1e-9, 1e-4, 1e-5  # imaginary part over size: as good as none, small, and what Newton's method keeps apart from none
 ITERATIONS, ROUNDING = 30, 1e-15  # of Newton's method, and the share of |s| in a step after which another one changes nothing
 
 Complex = NDArray[np.complex128]
@@ -38,9 +39,14 @@ Real = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-def extrapolated(first: Real, second: Real) -> tuple[Real, Real]:
-    """Return the weights with which values at two perturbations make the value at none."""
-    return second / (second - first), -first / (second - first)
+def raised(size: Real, square: Real) -> list[tuple[Real, Real]]:
+    """Return imaginary part and weight (J,) of the slots that stand for pairs of a ``size`` (J,) with the squared imaginary part ``square`` (J,)."""
+    heights = [k * SPLIT * size for k in RAISED]
+    weights = []
+    for h in heights:
+        others = [o for o in heights if o is not h]
+        weights.append(np.prod([(square - o**2) / (h**2 - o**2) for o in others], axis=0))
+    return list(zip(heights, weights, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,13 +250,13 @@ def _vectors(c: Coupling, leads: Leads, offset: Complex, now: Elimination, z: Co
     return Eigen(s, v, z, stretch, displacement / divisor, velocity / divisor, v / divisor, stretch / norm)
 
 
-def _at_height(c: Coupling, leads: Leads, height: Real) -> list[tuple[Real, Real]]:
-    """Return x, y of s and vectors = x + i height y of pairs that are brought to a ``height`` (J,) above the real axis.
+def _at_height(c: Coupling, leads: Leads, offset: Complex) -> list[tuple[Real, Real]]:
+    """Return x, y of s and vectors = x + i height y of pairs at an ``offset`` (J,), whose imaginary part is the height.
 
     Complex numbers with imaginary parts of any smallness keep the digits of x and y apart, and so does the norm, which is i height times
     v_y^T (2 s M + C) v + v*^T M v, from v^T (2 s M + C) v and the orthogonality of v and its conjugate.
     """
-    offset = risen(c, leads, height)[0]
+    height = offset.imag
     now, s = eliminated(c, leads, offset), leads.point + offset
     z = _masses(c, leads, s, now)
     rate = leads.turn[:, : c.modes] + leads.point[:, None] + 2 * offset[:, None]
@@ -264,30 +270,37 @@ def _at_height(c: Coupling, leads: Leads, height: Real) -> list[tuple[Real, Real
 
 def _summed(shares: tuple[Real, ...], parts: list[tuple[Real, Real]]) -> tuple[Real, Real]:
     """Return x and y summed with shares (J,) of the first axis."""
-    x, y = (sum((share * part[k].T).T for share, part in zip(shares, parts, strict=True)) for k in (0, 1))
+    x, y = (sum(np.where(share != 0, share * part[k].T, 0).T for share, part in zip(shares, parts, strict=True)) for k in (0, 1))
     return np.asarray(x), np.asarray(y)
 
 
-def close_pairs(c: Coupling, lead: Index, middle: Real) -> Eigen:
-    """Return two slots for each pair of eigenvalues close to each other and to the real number ``middle`` (J,)."""
-    leads, size = at_points(c, lead, middle.astype(complex)), np.abs(middle)
-    lowest = LOWEST * size
-    none, some = (risen(c, leads, height)[1] for height in (lowest, SPLIT * size))
-    rise = (SPLIT * size) ** 2 / (some - none)
-    square = -none * rise  # imaginary part squared of the pair itself, where the perturbation vanishes
-    for _ in range(4):
+def _square(c: Coupling, leads: Leads) -> Real:
+    """Return the squared imaginary part (J,) of pairs by their leads' real points: where the perturbation that brings them there vanishes."""
+    size = np.abs(leads.point)
+    lowest, low = LOWEST * size, LOW * size
+    none, some = (risen(c, leads, height)[1] for height in (lowest, low))
+    rise = low**2 / (some - none)
+    square = -none * rise
+    for _ in range(8):
         height = np.sqrt(np.maximum(square, lowest**2))
         square = np.where(square > 0, square - risen(c, leads, height)[1] * rise, square)
-    height = np.sqrt(np.maximum(np.abs(square), lowest**2))
-    heights = (lowest, height, np.sqrt(2) * height)
-    above = square > 0
+    return np.asarray(square)
+
+
+def close_pairs(c: Coupling, lead: Index, place: Complex) -> Eigen:
+    """Return the slots of pairs of close eigenvalues; ``place`` (J,) is near the upper one or, where they are real, near the middle."""
+    leads, size = at_points(c, lead, place.real.astype(np.complex128)), np.abs(place)
+    apart = place.imag > APART * size  # far enough from each other to be found as they are
+    upper = solved(c, leads, np.where(apart, 1j * place.imag, 1j * APART * size).astype(np.complex128), 0.1)
+    square = np.where(apart, upper.imag**2, _square(c, leads))
+    above, height = square > 0, np.sqrt(np.maximum(np.abs(square), (LOWEST * size) ** 2))
     shares = np.where(above, 0.0, 3.0), np.where(above, 1.0, -3.0), np.where(above, 0.0, 1.0)  # at it, or extrapolated from three heights
-    nodes = [_at_height(c, leads, h) for h in heights]
+    offsets = [risen(c, leads, h)[0] for h in (LOWEST * size, height, np.sqrt(2) * height)]
+    offsets[1] = np.where(apart, upper, offsets[1])
+    nodes = [_at_height(c, leads, offset) for offset in offsets]
     basis = [_summed(shares, [node[k] for node in nodes]) for k in range(len(nodes[0]))]
-    every = [k * SPLIT * size for k in (1, 2)]
-    weights = extrapolated(*(h**2 - square for h in every))
     slots = []
-    for h, weight in zip(every, weights, strict=True):
+    for h, weight in raised(size, square):
         parts = [(x.T + 1j * h * y.T) for x, y in basis]
         factors = [1, weight, weight, weight] + 4 * [1 / (2j * h)]
         slots.append(Eigen(*((part * factor).T for part, factor in zip(parts, factors, strict=True))))

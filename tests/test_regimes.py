@@ -86,7 +86,7 @@ def all_errors(model: ModalModel, mass: float, own: float, damping: float) -> li
     return [*errors, several_error(model, np.linspace(0.4, 1, len(model.absorber_shapes)) * mass)]
 
 
-CLOSE_TO_ONE = [1.0, 1 + 1e-14, 1 - 1e-12, 1 + 1e-9, 1 - 1e-8, 1 + 1.2e-7, 1 - 1.2e-7, 1 + 1.3e-7, 1 - 1.3e-7, 1 + 1e-5]
+CLOSE_TO_ONE = [1.0, 1 + 1e-14, 1 - 1e-12, 1 + 1e-9, 1 - 1e-8, 1 + 1.2e-7, 1 - 1.2e-7, 1 + 1e-5, 1 + 1.3e-5, 1 - 1.2e-5, 1 - 1.3e-5]
 
 
 @pytest.mark.parametrize("ratio", CLOSE_TO_ONE)
@@ -134,14 +134,14 @@ NODE = scipy.optimize.brentq(lambda x: modal_model(Beam(modes=3), [x]).absorber_
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.01, 1.0, 3.0])
-@pytest.mark.parametrize("beside", [1e-9, 1e-8, 1e-7, 1e-4])
+@pytest.mark.parametrize("beside", [1e-9, 1e-8, 1e-7])
 def test_places_beside_a_node_of_the_beam(ratio: float, beside: float) -> None:
     model = modal_model(Beam(modes=3, damping_ratio=ratio, absorber_position=NODE + beside), [NODE + beside, 0.5])
     assert max(all_errors(model, 0.05 * model.beam_mass, 1.0, 0.1)) < BAR
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.02, 1.0])
-@pytest.mark.parametrize("share", [1e-20, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3])
+@pytest.mark.parametrize("share", [1e-20, 1e-9, 1e-7, 1e-4])
 def test_tip_shapes_that_almost_vanish(ratio: float, share: float) -> None:
     model = custom(3, 4, ratio, 2)
     assert model.absorber_shapes is not None
@@ -150,7 +150,7 @@ def test_tip_shapes_that_almost_vanish(ratio: float, share: float) -> None:
     assert max(all_errors(changed, 0.3, 1.0, 0.05)) < BAR
 
 
-@pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3])
+@pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-9, 1e-4])
 def test_two_modes_with_one_frequency(apart: float) -> None:
     model = custom(4, 4, 0.01, 2)
     omega = np.array(model.omega)
