@@ -109,7 +109,7 @@ def quadratic_modes(m: Real, c: Real, k: Real) -> tuple[Complex, Complex]:
 
 
 def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
-    """Return which eigenvalues (J,) are alone, and lead and place of each pair of close ones: the upper of a complex one, the middle of two real ones."""
+    """Return which eigenvalues (J,) are alone, and lead and place of each close pair: the upper of a complex one, the middle of two real ones."""
     alone = np.ones(len(s), dtype=bool)
     leads, places = [], []
     for k in np.flatnonzero((s.imag != 0) & (np.abs(s.imag) < CLOSE * np.abs(s))):
