@@ -31,7 +31,7 @@ from impact_env.parameters import (
     TunedAbsorber,
 )
 from impact_env.regime_sets import regime_sets
-from impact_env.regimes import fastest, free_regime, joined_regime, modal_damping, padded_size, sprung_regime
+from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime
 from impact_env.scene import Scene
 from impact_env.tables import table_reach
 
@@ -110,7 +110,7 @@ def _absorbers(scene: Scene, several: SeveralAbsorbers) -> Absorbers:
 def _losses(scene: Scene) -> Losses:
     model, absorber = scene.model, scene.absorber
     damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
-    return Losses(np.array(model.force_shape), np.array(model.tip_shape), 2 * modal_damping(model) * model.omega, damper)
+    return Losses(np.array(model.force_shape), np.array(model.tip_shape), 2 * model.damping_ratio * model.omega, damper)
 
 
 def _contact(scene: Scene) -> Contact:

@@ -1,164 +1,127 @@
 """Scene to linear regimes: the slots, maps and tables that the exact kernels propagate (see kernels/slots.py).
 
-The coupled regimes (absorber stuck, held, or on a spring) share one secular equation. With the force lambda = kappa(s) r between absorber and tip,
-kappa = k + c s, a mode i answers phi_i/d_i(s), d_i = s^2 + 2 D_i omega_i s + omega_i^2, and the absorber -1/(m_a s^2), so
-
-    g(s) = 1/kappa(s) + 1/(m_a s^2) + sum phi_i^2/d_i(s) = 0,
-
-with 1/kappa = 0 where absorber and tip are joined. A dense eigensolver gives start values, Newton's method on g full digits, and the eigenvectors
-follow in closed form. Mass, damping and stiffness matrices are symmetric, so left and right eigenvectors agree.
+The coupled regimes (absorber stuck, held, or on a spring) have the eigenvalues and eigenvectors of secular.py; the free regime has the beam's own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, TypeVar
 
 import numpy as np
-import scipy.linalg
 import scipy.special
 from numpy.typing import NDArray
 
+from impact_env.eigenvalues import all_eigen
 from impact_env.kernels.segments import Regime
 from impact_env.kernels.slots import REST, TAYLOR_TERMS, Slots
 from impact_env.modes import MOST_HEAVINESS, ModalModel
-from impact_env.parameters import ParameterError, require
+from impact_env.parameters import ParameterError
+from impact_env.secular import SPLIT, Complex, Coupling, Index, Real, raised
 from impact_env.tables import ladder, propagators
 
-CRITICAL = 1e-8  # a damping ratio this close to 1 is moved to 1 + CRITICAL: two equal eigenvalues have no modal form
-LIGHT, EXTREME = 1e-6, 1e3  # mass over the beam's, and own rates over the beam's first frequency: far beyond, modes on a spring lose their digits
+COMPLETE, SOUND = 1e-8, 1e-11  # the modes of a regime span the state up to this, in terms of energy; below the second nothing better is tried
+WEAK = (1e-4, 1e-8, 0.0)  # what is tried in turn: see eigenvalues.all_eigen
+UNCOUPLED = 1e-30  # of the largest tip shape: a mode with a node at the absorber
+STIFF = 1e8  # a spring or damper against the beam's first mode at the tip: far beyond, the stretch is a difference of equal numbers
 DISTINCT = "damping and stiffness away from a double eigenvalue"
-COMPLETE = 1e-8  # the modes of a regime span the state up to this; at 1e-6 a run has lost all but four digits
-UNCOUPLED = 1e-9  # of the largest tip shape: a mode with a node at the absorber
-
-Complex = NDArray[np.complex128]
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
+M = TypeVar("M")
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Eigenvalues (J,), their columns in the state (2 N_m + 2, J), rows from the state (J, 2 N_m + 2), responses to drive and relative force (J,)."""
+    """Eigenvalues (J,), their columns in the state (2 N_m + 2, J), rows from the state (J, 2 N_m + 2), responses to drive and relative force (J,).
+
+    ``tip``, ``stretch`` (J,): what of a slot is tip displacement, and absorber less tip; without the absorber's own share where it is apart.
+    """
 
     values: Complex
     out: Complex
     into: Complex
     drive: Complex
     relative: Complex
+    tip: Complex
+    stretch: Complex
 
 
-def modal_damping(model: ModalModel) -> Real:
-    """Return the damping ratios (N_m,) that the regimes use: those of the model, but none closer to 1 than CRITICAL."""
-    ratio = np.array(model.damping_ratio)
-    return np.where(np.abs(ratio - 1) < CRITICAL, 1 + CRITICAL, ratio)
+def _own_values(model: ModalModel, which: Index) -> tuple[Index, Complex, Complex, Real]:
+    """Return mode, eigenvalue, the other root, and weight of each slot of the free beam."""
+    omega, ratio = model.omega[which], model.damping_ratio[which]
+    rate, square = ratio * omega, omega**2 * (1 - ratio) * (1 + ratio)
+    close = np.abs(square) < (SPLIT * omega) ** 2
+    under, over = (square > 0) & ~close, (square < 0) & ~close
+    root = np.sqrt(np.abs(square))
+    parts: list[tuple[NDArray[Any], ...]] = [(which[under], (-rate + 1j * root)[under], (-rate - 1j * root)[under], np.ones(int(np.sum(under))))]
+    fast = -(rate + root)
+    slow = omega**2 / fast  # the product of both is omega^2: no cancellation
+    parts += [(which[over], s[over] + 0j, other[over] + 0j, np.ones(int(np.sum(over)))) for s, other in ((slow, fast), (fast, slow))]
+    for height, weight in raised(omega, square):
+        parts.append((which[close], (-rate + 1j * height)[close], (-rate - 1j * height)[close], weight[close]))
+    mode, values, others, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return mode, values, others, weight
 
 
 def own_modes(model: ModalModel, which: Index) -> Modes:
-    """Return the free beam's modes ``which`` as slots: one for an oscillating mode, two for an overdamped one."""
+    """Return the free beam's modes ``which`` as slots: one for an oscillating mode, two for an overdamped one.
+
+    A damping ratio within about 1e-5 of 1 has three: motion and forced response are extrapolated from three pairs of eigenvalues beside the
+    double one (see secular.py). Against 40 digits
+    motion from any state is right to 1e-12 of the energy norm (tests/test_regimes.py).
+    """
     n = model.modes
-    values, modes, weights = [], [], []
-    ratios = modal_damping(model)
-    for i in which:
-        omega, ratio = model.omega[i], ratios[i]
-        if ratio < 1:
-            s = omega * complex(-ratio, np.sqrt((1 - ratio) * (1 + ratio)))
-            values.append(s)
-            modes.append(i)
-            weights.append((1 + 1j * s.real / s.imag, -1j / s.imag))
-        else:
-            root = omega * np.sqrt((ratio - 1) * (ratio + 1))
-            fast = -ratio * omega - root
-            slow = omega**2 / fast  # the product of both is omega^2: no cancellation
-            for s, other in ((slow, fast), (fast, slow)):
-                values.append(complex(s))
-                modes.append(i)
-                weights.append((-other / (s - other), 1 / (s - other)))
-    s = np.array(values, dtype=complex)
-    index = np.array(modes, dtype=int)
-    alpha, kappa = (np.array(w, dtype=complex) for w in zip(*weights, strict=True)) if weights else (s, s)
+    index, s, other, weight = _own_values(model, which)
+    kappa = np.where(s.imag == 0, 1.0, 2.0) / (s - other)  # real parts are taken: twice the one of a pair
+    alpha = -other * kappa
     size, row = len(s), np.arange(len(s))
     out, into = np.zeros((2 * n + 2, size), complex), np.zeros((size, 2 * n + 2), complex)
-    out[index, row], out[n + 1 + index, row] = 1, s
+    out[index, row], out[n + 1 + index, row] = weight, weight * s
     into[row, index], into[row, n + 1 + index] = alpha, kappa
-    return Modes(s, out, into, kappa * model.force_shape[index], -kappa * model.tip_shape[index])
+    tip = (weight * model.tip_shape[index]).astype(np.complex128)
+    return Modes(s, out, into, kappa * model.force_shape[index], -kappa * model.tip_shape[index], tip, -tip)
 
 
-def _start_values(model: ModalModel, which: Index, mass: float, stiffness: float | None, damper: float) -> Complex:
-    """Return approximate eigenvalues of a coupled regime with imaginary part not below 0."""
-    omega, ratio, tip = model.omega[which], modal_damping(model)[which], model.tip_shape[which]
+def _oscillators(model: ModalModel, which: Index, mass: float, stiffness: float | None, damper: float) -> Coupling:
+    """Return the coupled modes and, on a spring, the absorber as oscillators."""
+    omega, ratio, psi = model.omega[which], model.damping_ratio[which], np.sqrt(mass) * model.tip_shape[None, which]
     if stiffness is None:
-        m, c, k = np.eye(len(omega)) + mass * np.outer(tip, tip), np.diag(2 * ratio * omega), np.diag(omega**2)
-    else:
-        w = np.append(-tip, 1.0)
-        m = np.diag(np.append(np.ones(len(omega)), mass))
-        c = np.diag(np.append(2 * ratio * omega, 0)) + damper * np.outer(w, w)
-        k = np.diag(np.append(omega**2, 0)) + stiffness * np.outer(w, w)
-    return quadratic_values(m, c, k, omega)
+        return Coupling(omega, ratio, psi, False)
+    own = np.sqrt(stiffness / mass)
+    return Coupling(np.append(omega, own), np.append(ratio, damper / (2 * mass * own)), psi, True)
 
 
-def quadratic_values(m: Real, c: Real, k: Real, omega: Real) -> Complex:
-    """Return approximate eigenvalues of s^2 m + s c + k with imaginary part not below 0; ``omega``: frequencies of the coupled free modes."""
-    squares, vectors = scipy.linalg.eigh(k, m)
-    frequencies = np.sqrt(np.maximum(squares, 1e-8 * omega[0] ** 2 if len(omega) else 0))
-    zero = np.zeros_like(k)
-    block = np.block([[zero, np.diag(frequencies)], [-np.diag(frequencies), -vectors.T @ c @ vectors]])
-    values = scipy.linalg.eigvals(block)
-    values = np.where(np.abs(values.imag) < 1e-9 * np.abs(values), values.real, values)
-    return values[values.imag >= 0]
-
-
-def _polish(values: Complex, model: ModalModel, which: Index, mass: float, stiffness: float | None, damper: float) -> Complex:
-    """Improve eigenvalues by Newton's method on the secular equation."""
-    omega, ratio, tip = model.omega[which], modal_damping(model)[which], model.tip_shape[which]
-    s = values.copy()
-    for _ in range(8):
-        d = s[:, None] ** 2 + 2 * ratio * omega * s[:, None] + omega**2
-        g = 1 / (mass * s**2) + np.sum(tip**2 / d, axis=1)
-        slope = -2 / (mass * s**3) - np.sum(tip**2 * (2 * s[:, None] + 2 * ratio * omega) / d**2, axis=1)
-        if stiffness is not None:
-            g += 1 / (stiffness + damper * s)
-            slope -= damper / (stiffness + damper * s) ** 2
-        step = g / slope
-        good = np.isfinite(step) & (np.abs(step) < 1e-4 * np.abs(s))
-        s = np.where(good, s - np.where(good, step, 0), s)
-    return np.where(values.imag == 0, s.real, s)
-
-
-def _coupled_modes(model: ModalModel, mass: float, stiffness: float | None, damper: float = 0.0) -> Modes:
+def coupled_modes(model: ModalModel, mass: float, stiffness: float | None, damper: float, weak: float) -> Modes:
     """Return the modes of beam and absorber: joined for ``stiffness`` None, else with a spring (N/m) and a damper (N s/m) between them."""
-    n = model.modes
-    coupled = np.abs(model.tip_shape) > UNCOUPLED * np.max(np.abs(model.tip_shape))
-    which = np.flatnonzero(coupled)
-    s = _polish(_start_values(model, which, mass, stiffness, damper), model, which, mass, stiffness, damper)
-    ratio = modal_damping(model)
-    d = s[:, None] ** 2 + 2 * ratio * model.omega * s[:, None] + model.omega**2
-    v = np.where(coupled, model.tip_shape, 0) / np.where(coupled, d, 1)  # modal displacements of the eigenvectors, (J, N_m)
-    tip = v @ model.tip_shape
-    absorber = tip if stiffness is None else -1 / (mass * s**2)
-    relative = np.zeros_like(s) if stiffness is None else 1 / (stiffness + damper * s)
-    rate = 2 * ratio * model.omega
-    norm = 2 * s * (np.sum(v**2, axis=1) + mass * absorber**2) + v**2 @ rate + damper * relative**2
-    twice = np.where(s.imag == 0, 1, 2)
-    shape = np.concatenate([v, absorber[:, None]], axis=1)
-    out = np.concatenate([shape, shape * s[:, None]], axis=1).T * twice
-    momentum = shape * np.append(np.ones(n), mass)
-    from_displacement = momentum * s[:, None]
-    from_displacement[:, :n] += v * rate - damper * relative[:, None] * model.tip_shape
-    from_displacement[:, n] += damper * relative
-    if stiffness is None:  # the absorber's coordinate is not a freedom here: its share belongs to the tip
-        for rows in (momentum, from_displacement):
-            rows[:, :n] += rows[:, n : n + 1] * model.tip_shape
-            rows[:, n] = 0
-    into = np.concatenate([from_displacement, momentum], axis=1) / norm[:, None]
-    drive = v @ model.force_shape / norm
-    force = (absorber - tip) / norm
-    own = own_modes(model, np.flatnonzero(~coupled))
+    n, root = model.modes, np.sqrt(mass)
+    which, own = parted_modes(model.tip_shape[None])
+    c = _oscillators(model, which, mass, stiffness, damper)
+    e = all_eigen(c, weak)
+    count = len(e.s)
+    counted = np.where(e.s.imag == 0, 1, 2)
+    shape, into = np.zeros((count, n + 1), complex), np.zeros((count, 2 * n + 2), complex)
+    shape[:, which], shape[:, n] = e.v, e.z[:, 0] / root
+    place, scale = np.append(which, n)[: len(c.omega)], np.append(np.ones(len(which)), root)[: len(c.omega)]
+    into[:, place], into[:, n + 1 + place] = e.by_displacement * scale, e.by_velocity * scale
+    summed = e.v * c.psi[0]
+    direct = (stiffness is not None) & (np.sum(np.abs(summed), axis=1) < np.abs(e.z[:, 0]) + np.abs(e.stretch))
+    tip = np.where(direct, np.sum(summed, axis=1), e.z[:, 0] - e.stretch)  # the same twice: whichever cancels less
+    rates = np.concatenate([shape, shape * e.s[:, None]], axis=1)
+    forces = e.by_force @ model.force_shape[which], e.by_pull / root
+    found = Modes(e.s, (rates.T * counted), into, *forces, counted * tip / root, counted * e.stretch / root)
+    alone = own_modes(model, own)
     return Modes(
-        np.concatenate([s, own.values]),
-        np.concatenate([out, own.out], axis=1),
-        np.concatenate([into, own.into]),
-        np.concatenate([drive, own.drive]),
-        np.concatenate([force, own.relative]),
+        *(
+            np.concatenate(parts, axis=axis)
+            for parts, axis in zip(zip(vars(found).values(), vars(alone).values(), strict=True), (0, 1, 0, 0, 0, 0, 0), strict=True)
+        )
     )
+
+
+def parted_modes(shapes: Real) -> tuple[Index, Index]:
+    """Return the modes that feel absorbers with ``shapes`` (p, N_m), and those with a node at all of them."""
+    coupled = np.any(np.abs(shapes) > UNCOUPLED * np.max(np.abs(shapes), axis=1, keepdims=True), axis=0)
+    return np.flatnonzero(coupled), np.flatnonzero(~coupled)
 
 
 def padded_size(slots: int) -> int:
@@ -166,13 +129,13 @@ def padded_size(slots: int) -> int:
     return 4 * -(-slots // 4)
 
 
-def _regime(modes: Modes, guard: Complex, tip: Complex, size: int, reach: float) -> Regime:
+def _regime(modes: Modes, guard: Complex, size: int, reach: float) -> Regime:
     """Sort, pad and tabulate a regime's modes."""
-    rows = slot_rows(modes.values, modes.drive, modes.relative, guard, tip, size)
+    rows = slot_rows(modes.values, modes.drive, modes.relative, guard, modes.tip, size)
     slots = Slots(rows, *slot_tables(modes.values, size, reach))
     out, into = in_order(modes.out, modes.values, size, 1), in_order(modes.into, modes.values, size).T
     rest = rows[REST] + 1j * rows[REST + 1]
-    return Regime(slots, parted(out), parted(into), float(np.real(in_order(tip, modes.values, size) @ rest)))
+    return Regime(slots, parted(out), parted(into), float(np.real(in_order(modes.tip, modes.values, size) @ rest)))
 
 
 def in_order(values: Complex, eigenvalues: Complex, size: int, axis: int = 0) -> Complex:
@@ -214,12 +177,28 @@ def slot_tables(eigenvalues: Complex, size: int, reach: float, speed: float | No
     return parted(table), scale, *ladder(s, used, reach, speed)
 
 
-def check_basis(modes: Modes, states: Index, allowed: str) -> None:
-    """Raise ParameterError, saying what is ``allowed``, if the eigenvectors do not span the state."""
-    block = np.real(modes.out @ modes.into)[np.ix_(states, states)]
-    scale = np.sqrt(np.outer(np.diag(block), 1 / np.diag(block))) if np.all(np.diag(block) > 0) else np.full_like(block, np.nan)
-    error = np.max(np.abs(np.diag(block) - 1))
-    require(bool(np.isfinite(scale).all()) and error < COMPLETE, "scene", f"modal basis off by {error:.1e}", allowed)
+def basis_error(out: Complex, into: Complex, scale: Real) -> float:
+    """Return the largest entry of Re(out into) less the identity, each coordinate times its ``scale`` so that squares are energies."""
+    error = (np.real(out @ into) - np.eye(len(scale))) * scale[:, None] / scale
+    return float(np.max(np.abs(error))) if np.all(np.isfinite(error)) else float("inf")
+
+
+def complete(modes_for: Callable[[float], M], error_of: Callable[[M], float], allowed: str) -> M:
+    """Return the modes that span the state best among those that start values of different kinds lead to; ParameterError if none do."""
+    best, least = None, np.inf
+    for weak in WEAK:
+        try:
+            modes = modes_for(weak)
+        except (np.linalg.LinAlgError, ValueError):
+            continue
+        error = error_of(modes)
+        if error < least:
+            best, least = modes, error
+        if error < SOUND:
+            break
+    if best is None or least > COMPLETE:
+        raise ParameterError(f"scene = 'modal basis off by {least:.1e}' is not allowed: {allowed}")
+    return best
 
 
 def _needed_of_mass(model: ModalModel, mass: float) -> str:
@@ -231,51 +210,57 @@ def _needed_of_mass(model: ModalModel, mass: float) -> str:
     return f"an absorber of at most {most / model.beam_mass:.1e} times the beam's mass: a tip that hardly moves has no digits"
 
 
-def _needed_of_spring(model: ModalModel, mass: float, stiffness: float, damper: float) -> str:
-    """Return what a mass on a spring must be for its modes to have digits, or that no two eigenvalues may be alike where it is that."""
-    omega, spread = float(np.sqrt(stiffness / mass)), max(1.0, damper / float(np.sqrt(stiffness * mass)))
-    slow, fast = (omega * factor / float(model.omega[0]) for factor in (1 / spread, spread))
-    critical = bool(np.any(np.abs(modal_damping(model) - 1) < 2 * CRITICAL))
-    if critical or (mass >= LIGHT * model.beam_mass and slow >= 1 / EXTREME and fast <= EXTREME):
+def _needed_of_spring(model: ModalModel, stiffness: float, damper: float) -> str:
+    """Return how stiff a spring (N/m) and a damper (N s/m) may be for their stretch to have digits, or what else is needed where they are not."""
+    first, mobility = float(model.omega[0]), float(np.sum(model.tip_shape**2))
+    if max(stiffness / first**2, damper / first) * mobility <= STIFF:
         return DISTINCT
-    rates = f"rates from {1 / EXTREME:g} to {EXTREME:g} times the beam's first frequency"
-    own = f"{mass:.3g} kg on {stiffness:.3g} N/m and {damper:.3g} N s/m has rates from {slow:.2g} to {fast:.2g} times"
-    return f"an absorber or contact of {LIGHT:g} of the beam's mass or more, with {rates} ({own})"
+    most, damped = STIFF * first**2 / mobility, STIFF * first / mobility
+    return f"a contact or absorber of at most about {most:.1e} N/m and {damped:.1e} N s/m on this beam: a stretch that hardly changes has no digits"
 
 
-def _state_index(model: ModalModel, absorber: bool) -> Index:
-    n = model.modes
-    own = np.concatenate([np.arange(n), n + 1 + np.arange(n)])
-    return np.concatenate([own, [n, 2 * n + 1]]) if absorber else own
+def _energy_scale(model: ModalModel, mass: float, stiffness: float | None) -> Real:
+    """Return the scale of each coordinate of the state (2 N_m + 2,), 0 where an absorber has none of its own.
+
+    An absorber is scaled with its own frequency on its spring, or that of the beam which is nearest to it: that is how fast it moves.
+    """
+    own = 0.0 if stiffness is None else float(np.clip(np.sqrt(stiffness / mass), np.min(model.omega), np.max(model.omega)))
+    root = 0.0 if stiffness is None else float(np.sqrt(mass))
+    return np.concatenate([model.omega, [own * root], np.ones(model.modes), [root]])
+
+
+@lru_cache(maxsize=8)
+def checked_modes(model: ModalModel, mass: float, stiffness: float | None, damper: float) -> Modes:
+    """Return the modes of beam and absorber that span the state; raises ParameterError where none do."""
+    scale = _energy_scale(model, mass, stiffness)
+    states = np.flatnonzero(scale)
+    allowed = _needed_of_mass(model, mass) if stiffness is None else _needed_of_spring(model, stiffness, damper)
+
+    def spanned(modes: Modes) -> float:
+        return basis_error(modes.out[states], modes.into[:, states], scale[states])
+
+    return complete(lambda weak: coupled_modes(model, mass, stiffness, damper, weak), spanned, allowed)
 
 
 def free_regime(model: ModalModel, size: int, reach: float) -> Regime:
     """Return the regime of beam and absorber apart. Guard signal: relative displacement absorber - tip, without the absorber's share."""
     modes = own_modes(model, np.arange(model.modes))
-    tip = model.tip_shape @ modes.out[: model.modes]
-    return _regime(modes, -tip, tip, size, reach)
+    return _regime(modes, modes.stretch, size, reach)
 
 
 def joined_regime(model: ModalModel, mass: float, size: int, reach: float) -> Regime:
     """Return the regime of an absorber (kg) that moves with the tip. Guard signal: the force on the absorber, mass times tip acceleration."""
-    modes = _coupled_modes(model, mass, None)
-    check_basis(modes, _state_index(model, False), _needed_of_mass(model, mass))
-    tip = model.tip_shape @ modes.out[: model.modes]
-    return _regime(modes, mass * modes.values**2 * tip, tip, size, reach)
+    modes = checked_modes(model, mass, None, 0.0)
+    return _regime(modes, mass * modes.values**2 * modes.tip, size, reach)
 
 
 def sprung_regime(model: ModalModel, mass: float, stiffness: float, damper: float, size: int, reach: float) -> Regime:
     """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m). Guard signal: relative displacement absorber - tip."""
-    modes = _coupled_modes(model, mass, stiffness, damper)
-    check_basis(modes, _state_index(model, True), _needed_of_spring(model, mass, stiffness, damper))
-    tip = model.tip_shape @ modes.out[: model.modes]
-    return _regime(modes, modes.out[model.modes] - tip, tip, size, reach)
+    modes = checked_modes(model, mass, stiffness, damper)
+    return _regime(modes, modes.stretch, size, reach)
 
 
 def fastest(model: ModalModel, mass: float | None = None, stiffness: float | None = None, damper: float = 0.0) -> tuple[float, int]:
     """Return the largest |s| in 1/s and the number of slots of a regime: free for ``mass`` None, else joined or sprung."""
-    try:
-        values = own_modes(model, np.arange(model.modes)).values if mass is None else _coupled_modes(model, mass, stiffness, damper).values
-    except (np.linalg.LinAlgError, ValueError) as error:
-        raise ParameterError(f"the scene has no usable modes: {error}") from error
-    return float(np.max(np.abs(values))), len(values)
+    modes = own_modes(model, np.arange(model.modes)) if mass is None else checked_modes(model, mass, stiffness, damper)
+    return float(np.max(np.abs(modes.values))), len(modes.values)

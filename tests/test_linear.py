@@ -61,7 +61,7 @@ def test_critically_damped_free_response() -> None:
     response = run(scene, still(3 * PERIOD), initial=InitialState(start))
     assert response.history is not None
     t = response.history.time[:, None]
-    np.testing.assert_allclose(response.history.modal_displacement, start * (1 + omega * t) * np.exp(-omega * t), rtol=0, atol=1e-8 * start[0])
+    np.testing.assert_allclose(response.history.modal_displacement, start * (1 + omega * t) * np.exp(-omega * t), rtol=0, atol=1e-12 * start[0])
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.0])
@@ -89,9 +89,7 @@ def test_sweeps(absorber: Absorber | None, ratios: tuple[float, ...]) -> None:
 @pytest.mark.parametrize("absorber", [None, StuckAbsorber(), TunedAbsorber()])
 @pytest.mark.parametrize("ratios", [(0.9, 1.1), (1.0,), (0.0,), (0.0, 8.0)])
 def test_damping_from_none_to_overdamped(damping: float | tuple[float, ...], absorber: Absorber | None, ratios: tuple[float, ...]) -> None:
-    # two equal eigenvalues are moved apart by a relative 1e-8
-    critical = np.any(np.abs(np.atleast_1d(damping) - 1) < 1e-8)
-    assert error(scene_of(absorber, damping_ratio=damping), drive_of(1.0, *ratios)) < (3e-8 if critical else 2e-12)
+    assert error(scene_of(absorber, damping_ratio=damping), drive_of(1.0, *ratios)) < 2e-12
 
 
 @pytest.mark.parametrize("absorber", [None, StuckAbsorber(), TunedAbsorber()])
@@ -133,25 +131,22 @@ def test_tuned_absorber_between_limits_of_its_spring() -> None:
     np.testing.assert_allclose(soft[:3], alone[:3], rtol=0, atol=1e-8 * np.max(np.abs(alone[:3])))
 
 
-@pytest.mark.parametrize(
-    ("absorber", "own"),
-    [
-        (TunedAbsorber(1e-9, 1e9, 0.0), r"5\.64e-10 kg on 1e\+09 N/m and 0 N s/m has rates from 5\.3e\+06 to 5\.3e\+06 times"),
-        (TunedAbsorber(1e-4, 1e-2, 1e4), r"N s/m has rates from 4e-09 to 7e\+05 times"),
-    ],
-)
-def test_spring_whose_modes_have_no_digits_is_refused_with_what_is_allowed(absorber: TunedAbsorber, own: str) -> None:
-    with pytest.raises(ParameterError, match=rf"1e-06 of the beam's mass or more, with rates from 0\.001 to 1000 times .*{own}"):
+@pytest.mark.parametrize("absorber", [TunedAbsorber(0.05, 1e20, 0.0), TunedAbsorber(1e3, 1e3, 1e12)])
+def test_spring_whose_stretch_has_no_digits_is_refused_with_what_is_allowed(absorber: TunedAbsorber) -> None:
+    with pytest.raises(ParameterError, match=r"at most about 3\.0e\+11 N/m and 1\.2e\+09 N s/m on this beam"):
         run(scene_of(absorber), drive_of(1.0, 1.0))
 
 
-def test_light_and_heavy_absorbers_within_the_allowed_range_run() -> None:
-    for mass_ratio, frequency, ratio in ((1e-6, 900.0, 0.0), (1e3, 1.1e-3, 0.0), (1e-6, 1.0, 450.0)):
-        mass, omega = mass_ratio * Beam().mass, frequency * OMEGA
-        absorber = TunedAbsorber(mass_ratio, mass * omega**2, 2 * mass * omega * ratio)
-        response = run(scene_of(absorber), drive_of(1.0, 1.0, periods=3))
-        assert response.energy is not None
-        assert abs(response.energy.relative_error) < 1e-9
+@pytest.mark.parametrize(
+    ("mass_ratio", "frequency", "ratio"),
+    [(1e-6, 900.0, 0.0), (1e3, 1.1e-3, 0.0), (1e-6, 1.0, 450.0), (1e-9, 1e4, 0.0), (1e-4, 1e-6, 0.1), (1e-4, 1.0, 1.0)],
+)
+def test_light_and_heavy_slow_and_fast_absorbers_run(mass_ratio: float, frequency: float, ratio: float) -> None:
+    mass, omega = mass_ratio * Beam().mass, frequency * OMEGA
+    absorber = TunedAbsorber(mass_ratio, mass * omega**2, 2 * mass * omega * ratio)
+    response = run(scene_of(absorber), drive_of(1.0, 1.0, periods=3))
+    assert response.energy is not None
+    assert abs(response.energy.relative_error) < 1e-9
 
 
 def test_stuck_absorber_moves_with_the_tip() -> None:

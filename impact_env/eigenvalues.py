@@ -1,0 +1,146 @@
+"""All eigenvalues of a beam with masses on it: where they begin to be looked for, and which are too close to each other (see secular.py).
+
+A mode that hardly feels the masses has its eigenvalue by its own pole, whatever else there is: it is looked for from there, since no dense
+eigensolver could tell the two apart. For the others together a dense eigensolver gives start values.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from impact_env.secular import (
+    Complex,
+    Coupling,
+    Eigen,
+    Index,
+    Leads,
+    Real,
+    at_points,
+    at_poles,
+    chosen,
+    close_pairs,
+    eigenvectors,
+    eliminated,
+    one_after_the_other,
+    solved,
+    together,
+)
+
+NEAR_CRITICAL = 0.01  # of 1 - D^2: offsets are then from the middle of both poles
+CLOSE, REAL = (
+    1e-3,
+    3e-5,
+)  # imaginary part over size of a complex pair that has no modal form in practice, and half the distance of two real eigenvalues
+FARTHEST = 0.3  # share of |s| that a Newton step may go
+
+Starts = tuple[Leads, Complex]
+
+
+def _by_middles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
+    """Return leads and offsets of weakly coupled oscillators close to critical damping, and which these are."""
+    near = np.flatnonzero(np.abs(c.spread()) < NEAR_CRITICAL * c.omega**2)
+    leads = at_points(c, near, (-c.rate[near] / 2).astype(complex))
+    begin = eliminated(c, leads, np.zeros(len(near), complex))
+    rest, slope = (begin.f - leads.constant).real, begin.slope.real
+    ok = (np.abs(rest) < weak * c.omega[near] ** 2) & (np.abs(slope) < 10 * weak * c.omega[near])
+    square = begin.f.real + slope**2 / 4
+    half = np.sqrt(np.abs(square))
+    up = (leads, (-slope / 2 + np.where(square > 0, 1j * half, half)).astype(np.complex128))
+    down = (leads, (-slope / 2 - half).astype(np.complex128))
+    return [_chosen(up, ok), _chosen(down, ok & (square <= 0))], near[ok]
+
+
+def _by_poles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
+    """Return leads and offsets of weakly coupled oscillators farther from critical damping, and which these are."""
+    far = np.flatnonzero(np.abs(c.spread()) >= NEAR_CRITICAL * c.omega**2)
+    one, other = c.own_poles()
+    swift = c.ratio[far] >= 1
+    ok = np.ones(len(far), dtype=bool)
+    starts = []
+    for p, q, used in ((one[far], other[far], np.ones_like(swift)), (other[far], one[far], swift)):
+        leads, nothing = at_poles(c, far, p, q), np.zeros(len(far), complex)
+        begin, size = eliminated(c, leads, nothing), np.abs(leads.slope)
+        small = (np.abs(begin.f) < weak * np.abs(p) * size) & (np.abs(begin.slope - leads.slope) < 10 * weak * size)
+        ok &= small | ~used
+        starts.append((leads, nothing, used))
+    return [_chosen((leads, offset), ok & used) for leads, offset, used in starts], far[ok]
+
+
+def _chosen(starts: Starts, which: NDArray[np.bool_]) -> Starts:
+    return chosen(starts[0], which), starts[1][which]
+
+
+def _by_dense_solver(c: Coupling, which: Index) -> Starts:
+    """Return leads and offsets of oscillators ``which`` that move together, from a dense eigensolver."""
+    modes, sprung = which[which < c.modes], c.sprung and len(which) > 0
+    psi, omega, rate = c.psi[:, modes], c.omega[modes], c.rate[modes]
+    if sprung:
+        line = np.append(-psi[0], 1.0)
+        m, own = np.eye(len(line)), np.append(modes, c.modes)
+        damping = np.diag(np.append(rate, 0)) + c.rate[-1] * np.outer(line, line)
+        stiffness = np.diag(np.append(omega**2, 0)) + c.omega[-1] ** 2 * np.outer(line, line)
+    else:
+        m, own, damping, stiffness = np.eye(len(modes)) + psi.T @ psi, modes, np.diag(rate), np.diag(omega**2)
+    values, shapes = quadratic_modes(m, damping, stiffness)
+    lead = own[np.argmax(np.abs(shapes), axis=0)]
+    one, other = (pole[lead] for pole in c.own_poles())
+    nearer = np.abs(values - one) <= np.abs(values - other)
+    pole, second = np.where(nearer, one, other), np.where(nearer, other, one)
+    near = np.abs(values - pole) < np.abs(values)
+    parts = at_poles(c, lead[near], pole[near], second[near]), at_points(c, lead[~near], np.zeros(int(np.sum(~near)), complex))
+    leads = one_after_the_other(list(parts))
+    return leads, np.concatenate([values[near], values[~near]]) - leads.point
+
+
+def quadratic_modes(m: Real, c: Real, k: Real) -> tuple[Complex, Complex]:
+    """Return approximate eigenvalues (J,) of s^2 m + s c + k with imaginary part not below 0, and their vectors (N, J)."""
+    squares, vectors = scipy.linalg.eigh(k, m)
+    frequencies = np.sqrt(np.maximum(squares, 1e-16 * np.max(squares)))
+    zero = np.zeros_like(k)
+    block = np.block([[zero, np.diag(frequencies)], [-np.diag(frequencies), -vectors.T @ c @ vectors]])
+    values, states = scipy.linalg.eig(block)
+    values = np.where(np.abs(values.imag) < 1e-9 * np.abs(values), values.real, values)
+    upper = values.imag >= 0
+    return values[upper], vectors @ states[len(k) :, upper]
+
+
+def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
+    """Return which eigenvalues (J,) are alone, and lead and place of each close pair: the upper of a complex one, the middle of two real ones."""
+    alone = np.ones(len(s), dtype=bool)
+    leads, places = [], []
+    for k in np.flatnonzero((s.imag != 0) & (np.abs(s.imag) < CLOSE * np.abs(s))):
+        alone[k] = False
+        leads.append(lead[k])
+        places.append(s[k])
+    real = np.flatnonzero(s.imag == 0)
+    real = real[np.lexsort((s[real].real, lead[real]))]
+    for a, b in pairwise(real):
+        if alone[a] and lead[a] == lead[b] and abs(s[a] - s[b]) < REAL * abs(s[a] + s[b]):
+            alone[[a, b]] = False
+            leads.append(lead[a])
+            places.append((s[a] + s[b]) / 2)
+    return alone, np.array(leads, dtype=int), np.array(places, dtype=complex)
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # where two poles are one: what is not a number is no start, or found by the check of the basis
+def all_eigen(c: Coupling, weak: float) -> Eigen:
+    """Return all eigenvalues and vectors; ``weak``: up to which share of |s|^2 in R a mode is looked for at its own pole."""
+    middles, near = _by_middles(c, weak)
+    poles, far = _by_poles(c, weak)
+    starts = middles + poles
+    left = np.setdiff1d(np.arange(len(c.omega)), np.concatenate([near, far]))
+    if len(left) > 0:
+        if c.sprung:  # the dense solver always has the mass
+            starts = [_chosen(part, part[0].lead < c.modes) for part in starts]
+        starts.append(_by_dense_solver(c, left))
+    leads, offset = one_after_the_other([part[0] for part in starts]), np.concatenate([part[1] for part in starts])
+    alone, lead, place = _close(leads.lead, leads.point + offset)
+    single = chosen(leads, alone)
+    found = [eigenvectors(c, single, solved(c, single, offset[alone], FARTHEST))]
+    if len(lead) > 0:
+        found.append(close_pairs(c, lead, place))
+    return together(found)

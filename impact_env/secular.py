@@ -1,0 +1,312 @@
+"""Eigenvalues and eigenvectors of a beam with masses on it, rigidly or through one spring, with all digits.
+
+In scaled coordinates sqrt(m_a) x_a the masses are 1, psi_a = sqrt(m_a) phi_a, and with d_i(s) = s^2 + 2 D_i omega_i s + omega_i^2 the eigenvalues are
+where
+
+    W(s) = (1/s^2 + 1/kappa(s)) I + psi^T diag(1/d_i(s)) psi        (one row and column for each mass)
+
+has a null vector y; v_i = psi_i y/d_i is the beam's share. kappa = (k + c s)/m is a spring's, without a spring 1/kappa = 0.
+
+W is large and cancels where a mode hardly feels the masses. So each eigenvalue is solved for in the coordinate that moves most in it, its *lead*,
+the others being eliminated: for the mode j
+
+    f_j(s) = d_j(s) + R_j(s) = 0,    R_j = psi_j^T W_j(s)^-1 psi_j,    y = -W_j^-1 psi_j,    v_j = 1,
+
+W_j being W without the mode j, and likewise s^2 + kappa + R_a for a mass on a spring. R is small and smooth where the coupling is weak. The
+unknown is the offset from the lead's own pole, so that neither d_j nor a small offset loses digits. Mass, damping and stiffness matrices are
+symmetric, so left and right eigenvectors agree, and f_j' is what they are normalised with.
+
+Two eigenvalues that (almost) coincide on the real axis, as those of a critically damped mode do, have no modal form. Their part of exp(A t) is
+that of a 2 x 2 matrix with eigenvalues a +- sqrt(-b), an analytic function of b. Its two vectors are found with a small constant added to f that
+makes b what it is, or, where b < 0, from three such beside it. The slots then have b = (SPLIT |s|)^2, four and nine times that, weighted so that
+what is of second order in b is right: the error is of sixth order in SPLIT, 1e-13, and rounding grows by 1/SPLIT only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+SPLIT = 5e-3  # imaginary part over size below which a pair of eigenvalues is replaced by several
+RAISED = (1, 2, 3)  # with imaginary parts of so many times SPLIT
+LOWEST, LOW, APART = 1e-9, 1e-4, 1e-5  # imaginary part over size: as good as none, small, and what Newton's method keeps apart from none
+ITERATIONS, ROUNDING = 30, 1e-15  # of Newton's method, and the share of |s| in a step after which another one changes nothing
+
+Complex = NDArray[np.complex128]
+Real = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+def raised(size: Real, square: Real) -> list[tuple[Real, Real]]:
+    """Return imaginary part and weight (J,) of the slots that stand for pairs of a ``size`` (J,) with the squared imaginary part ``square`` (J,)."""
+    heights = [k * SPLIT * size for k in RAISED]
+    weights = []
+    for h in heights:
+        others = [o for o in heights if o is not h]
+        weights.append(np.prod([(square - o**2) / (h**2 - o**2) for o in others], axis=0))
+    return list(zip(heights, weights, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """Oscillators (N,): the beam's modes, and last a mass on its spring if ``sprung``; ``psi`` (p, n) couples the n modes to p masses.
+
+    ``omega`` in rad/s, ``ratio`` dimensionless damping.
+    """
+
+    omega: Real
+    ratio: Real
+    psi: Real
+    sprung: bool
+
+    @property
+    def rate(self) -> Real:
+        """Twice damping ratio times frequency in 1/s, (N,)."""
+        return np.asarray(2 * self.ratio * self.omega)
+
+    @property
+    def modes(self) -> int:
+        """Number of the beam's modes."""
+        return self.psi.shape[1]
+
+    def spread(self) -> Real:
+        """Return omega^2 (1 - D^2) (N,): the square of an oscillator's own imaginary part."""
+        return np.asarray(self.omega**2 * (1 - self.ratio) * (1 + self.ratio))
+
+    def own_poles(self) -> tuple[Complex, Complex]:
+        """Return the roots of s^2 + rate s + omega^2, each (N,): the upper of a pair and its conjugate, or the slow and the fast real one."""
+        root = np.sqrt(np.abs(self.spread()))
+        swift = self.ratio >= 1
+        half = self.rate / 2
+        fast = -(half + root)
+        slow = np.divide(self.omega**2, fast, out=np.zeros_like(fast), where=swift)  # the product of both is omega^2: nothing cancels
+        upper = np.where(swift, slow, -half + 1j * root)
+        return upper, np.where(swift, fast, np.conj(upper))
+
+
+@dataclass(frozen=True, eq=False)
+class Leads:
+    """For each of J eigenvalues its lead (J,) and the point p (J,) that offsets are from: f = constant + offset (offset + slope) + R.
+
+    ``d`` (J, n): d_i(p) of the modes; ``turn`` (J, N): p + rate.
+    """
+
+    lead: Index
+    point: Complex
+    constant: Complex
+    slope: Complex
+    d: Complex
+    turn: Complex
+
+
+def at_points(c: Coupling, lead: Index, point: Complex) -> Leads:
+    """Return leads with offsets from any ``point``."""
+    p, j = point[:, None], lead
+    away = point + c.rate[j] / 2
+    turn = p + c.rate
+    d = p * turn[:, : c.modes] + c.omega[: c.modes] ** 2
+    return Leads(lead, point, away**2 + c.spread()[j], 2 * away, d, turn)
+
+
+def at_poles(c: Coupling, lead: Index, pole: Complex, other: Complex) -> Leads:
+    """Return leads with offsets from one of their own poles; ``other`` is the second one."""
+    n, rows = c.modes, np.arange(len(lead))
+    at = at_points(c, lead, pole)
+    j = np.minimum(lead, n - 1) if n else lead
+    difference = pole[:, None] * (c.rate[:n] - c.rate[j][:, None]) + (c.omega[:n] - c.omega[j][:, None]) * (c.omega[:n] + c.omega[j][:, None])
+    d = np.where((lead < n)[:, None], difference, at.d)
+    turn = at.turn.copy()
+    turn[rows, lead] = -other
+    return Leads(lead, pole, np.zeros_like(pole), pole - other, d, turn)
+
+
+def one_after_the_other(parts: list[Leads]) -> Leads:
+    """Return the leads of several parts as one."""
+    return Leads(*(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)))
+
+
+def chosen(leads: Leads, which: NDArray[np.bool_] | Index) -> Leads:
+    """Return some of the leads."""
+    return Leads(*(value[which] for value in vars(leads).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """f and its derivative (J,), and the vectors with 1 for the lead: modes ``v`` (J, n), masses ``y`` (J, p) in W y = 0, spring's stretch (J,)."""
+
+    f: Complex
+    slope: Complex
+    v: Complex
+    y: Complex
+    stretch: Complex
+
+
+def eliminated(c: Coupling, leads: Leads, offset: Complex) -> Elimination:
+    """Return f and what belongs to it where offsets (J,) from the leads' points are given."""
+    count, n, p = len(offset), c.modes, len(c.psi)
+    s, at = leads.point + offset, offset[:, None]
+    rate = leads.turn[:, :n] + leads.point[:, None]  # 2 p + rate
+    rows = np.arange(count)
+    mode = leads.lead < n
+    d = leads.d + at * (at + rate)
+    d[rows[mode], leads.lead[mode]] = np.inf  # the lead itself is not eliminated
+    change = 2 * at + rate
+    own = leads.constant + offset * (offset + leads.slope)
+    own_slope = 2 * offset + leads.slope
+    v, y, stretch = np.zeros((count, n), complex), np.zeros((count, p), complex), np.zeros(count, complex)
+    rest, rest_slope = np.zeros(count, complex), np.zeros(count, complex)
+    kappa, damper = (c.omega[-1] ** 2 + c.rate[-1] * s, float(c.rate[-1])) if c.sprung else (np.full(count, np.inf, complex), 0.0)
+    if np.any(mode):
+        k, e, x = leads.lead[mode], 1 / kappa[mode], s[mode]
+        w = c.psi / d[mode][:, None, :] @ c.psi.T + (1 / x**2 + e)[:, None, None] * np.eye(p)
+        force = -np.linalg.solve(w, c.psi.T[k][:, :, None])[:, :, 0]
+        moved = force @ c.psi / d[mode]
+        y[mode], stretch[mode] = force, force[:, 0] * e
+        rest[mode] = -np.einsum("ja,ja->j", c.psi.T[k], force)
+        rest_slope[mode] = (2 / x**3 + damper * e**2) * np.sum(force**2, axis=1) + np.sum(change[mode] * moved**2, axis=1)
+        moved[np.arange(len(k)), k] = 1
+        v[mode] = moved
+    if not np.all(mode):
+        mass, g = ~mode, kappa[~mode]
+        mobility = np.sum(c.psi[0] ** 2 / d[mass], axis=1)
+        part = 1 / (1 + g * mobility)
+        v[mass], y[mass, 0], stretch[mass] = c.psi[0] * (g * part)[:, None] / d[mass], g * part, part
+        rest[mass] = -g * part * g * mobility
+        rest_slope[mass] = -damper * g * mobility * part * (part + 1) + np.sum(change[mass] * v[mass] ** 2, axis=1)
+    return Elimination(own + rest, own_slope + rest_slope, v, y, stretch)
+
+
+def solved(c: Coupling, leads: Leads, offset: Complex, most: float) -> Complex:
+    """Return the offsets where f vanishes, by Newton's method with steps of at most ``most`` times |s|; real ones stay real."""
+    real = (offset.imag == 0) & (leads.point.imag == 0)
+    for _ in range(ITERATIONS):
+        now = eliminated(c, leads, offset)
+        step = now.f / now.slope
+        good = np.isfinite(step) & (np.abs(step) < most * np.abs(leads.point + offset))
+        step = np.where(good, step, 0)
+        offset = offset - step
+        offset = np.where(real, offset.real, offset)
+        if np.all(np.abs(step) <= ROUNDING * np.abs(leads.point + offset)):
+            break
+    return offset
+
+
+def risen(c: Coupling, leads: Leads, height: Real) -> tuple[Complex, Real]:
+    """Return offsets from real points at which f is real and the imaginary part is ``height``, and -f there: the perturbation, (J,)."""
+    offset = np.array(1j * height, dtype=np.complex128)
+    for _ in range(ITERATIONS):
+        now = eliminated(c, leads, offset)
+        step = now.f.imag / now.slope.imag
+        offset -= np.where(np.isfinite(step) & (np.abs(step) < 0.1 * np.abs(leads.point)), step, 0)
+        if np.all(np.abs(step) <= ROUNDING * np.abs(leads.point)):
+            break
+    return offset, np.asarray(-eliminated(c, leads, offset).f.real)
+
+
+@dataclass(frozen=True, eq=False)
+class Eigen:
+    """Eigenvalues (J,), and of each slot what it moves: modes ``v`` (J, n), scaled masses ``z`` (J, p), the spring's ``stretch`` (J,).
+
+    The other half moves it: ``by_displacement``, ``by_velocity`` (J, N) of the oscillators, ``by_force`` (J, n) on the modes, ``by_pull`` (J,) of the
+    scaled masses against their places. Real parts of a slot, twice where it is complex, are to be summed.
+    """
+
+    s: Complex
+    v: Complex
+    z: Complex
+    stretch: Complex
+    by_displacement: Complex
+    by_velocity: Complex
+    by_force: Complex
+    by_pull: Complex
+
+
+def eigenvectors(c: Coupling, leads: Leads, offset: Complex) -> Eigen:
+    """Return eigenvalues and vectors for solved offsets."""
+    now, s = eliminated(c, leads, offset), leads.point + offset
+    return _vectors(c, leads, offset, now, _masses(c, leads, s, now), now.slope)
+
+
+def _masses(c: Coupling, leads: Leads, s: Complex, now: Elimination) -> Complex:
+    z = -now.y / s[:, None] ** 2
+    z[leads.lead >= c.modes] = 1
+    return z
+
+
+def _vectors(c: Coupling, leads: Leads, offset: Complex, now: Elimination, z: Complex, norm: Complex) -> Eigen:
+    s, n, divisor = leads.point + offset, c.modes, norm[:, None]
+    turn, v, stretch = leads.turn + offset[:, None], now.v, now.stretch
+    if not c.sprung:  # a mass moves with its place
+        displacement, velocity = v * turn - now.y @ c.psi / s[:, None], v - now.y @ c.psi / s[:, None] ** 2
+        return Eigen(s, v, z, np.zeros_like(s), displacement / divisor, velocity / divisor, v / divisor, np.zeros_like(s))
+    rate, square, damped = float(c.rate[-1]), float(c.omega[-1] ** 2), c.rate[-1] * stretch[:, None]
+    # v (s + rate) less the damper's share: where both are large, and that is for all but the lead, what cancels is left out
+    rest = v * (square * turn[:, :n] - rate * c.omega[:n] ** 2) / (square + rate * s)[:, None]
+    modes = np.where(leads.lead[:, None] == np.arange(n), v * turn[:, :n] - damped * c.psi[0], rest)
+    mass = np.where(leads.lead[:, None] == n, turn[:, n:] + rate * (stretch[:, None] - 1), s[:, None] * z + damped)
+    displacement, velocity = np.concatenate([modes, mass], axis=1), np.concatenate([v, z], axis=1)
+    return Eigen(s, v, z, stretch, displacement / divisor, velocity / divisor, v / divisor, stretch / norm)
+
+
+def _at_height(c: Coupling, leads: Leads, offset: Complex) -> list[tuple[Real, Real]]:
+    """Return x, y of s and vectors = x + i height y of pairs at an ``offset`` (J,), whose imaginary part is the height.
+
+    Complex numbers with imaginary parts of any smallness keep the digits of x and y apart, and so does the norm, which is i height times
+    v_y^T (2 s M + C) v + v*^T M v, from v^T (2 s M + C) v and the orthogonality of v and its conjugate.
+    """
+    height = offset.imag
+    now, s = eliminated(c, leads, offset), leads.point + offset
+    z = _masses(c, leads, s, now)
+    rate = leads.turn[:, : c.modes] + leads.point[:, None] + 2 * offset[:, None]
+    whole = np.sum(now.v.imag / height[:, None] * rate * now.v + np.abs(now.v) ** 2, axis=1)
+    whole += np.sum(z.imag / height[:, None] * 2 * s[:, None] * z + np.abs(z) ** 2, axis=1)
+    if c.sprung:
+        whole += c.rate[-1] * now.stretch.imag / height * now.stretch
+    parts = [value.T for value in vars(_vectors(c, leads, offset, now, z, whole)).values()]
+    return [(value.real.T, (value.imag / height).T) for value in parts]
+
+
+def _summed(shares: tuple[Real, ...], parts: list[tuple[Real, Real]]) -> tuple[Real, Real]:
+    """Return x and y summed with shares (J,) of the first axis."""
+    x, y = (sum(np.where(share != 0, share * part[k].T, 0).T for share, part in zip(shares, parts, strict=True)) for k in (0, 1))
+    return np.asarray(x), np.asarray(y)
+
+
+def _square(c: Coupling, leads: Leads) -> Real:
+    """Return the squared imaginary part (J,) of pairs by their leads' real points: where the perturbation that brings them there vanishes."""
+    size = np.abs(leads.point)
+    lowest, low = LOWEST * size, LOW * size
+    none, some = (risen(c, leads, height)[1] for height in (lowest, low))
+    rise = low**2 / (some - none)
+    square = -none * rise
+    for _ in range(8):
+        height = np.sqrt(np.maximum(square, lowest**2))
+        square = np.where(square > 0, square - risen(c, leads, height)[1] * rise, square)
+    return np.asarray(square)
+
+
+def close_pairs(c: Coupling, lead: Index, place: Complex) -> Eigen:
+    """Return the slots of pairs of close eigenvalues; ``place`` (J,) is near the upper one or, where they are real, near the middle."""
+    leads, size = at_points(c, lead, place.real.astype(np.complex128)), np.abs(place)
+    apart = place.imag > APART * size  # far enough from each other to be found as they are
+    upper = solved(c, leads, np.where(apart, 1j * place.imag, 1j * APART * size).astype(np.complex128), 0.1)
+    square = np.where(apart, upper.imag**2, _square(c, leads))
+    above, height = square > 0, np.sqrt(np.maximum(np.abs(square), (LOWEST * size) ** 2))
+    shares = np.where(above, 0.0, 3.0), np.where(above, 1.0, -3.0), np.where(above, 0.0, 1.0)  # at it, or extrapolated from three heights
+    offsets = [risen(c, leads, h)[0] for h in (LOWEST * size, height, np.sqrt(2) * height)]
+    offsets[1] = np.where(apart, upper, offsets[1])
+    nodes = [_at_height(c, leads, offset) for offset in offsets]
+    basis = [_summed(shares, [node[k] for node in nodes]) for k in range(len(nodes[0]))]
+    slots = []
+    for h, weight in raised(size, square):
+        parts = [(x.T + 1j * h * y.T) for x, y in basis]
+        factors = [1, weight, weight, weight] + 4 * [1 / (2j * h)]
+        slots.append(Eigen(*((part * factor).T for part, factor in zip(parts, factors, strict=True))))
+    return together(slots)
+
+
+def together(parts: list[Eigen]) -> Eigen:
+    """Return the slots of several parts as one."""
+    return Eigen(*(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)))

@@ -1,0 +1,90 @@
+"""Motion of a beam with masses on it by matrix exponentials with 40 digits, from nothing but its matrices."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+from core import Array
+
+from impact_env import ModalModel
+from impact_env.kernels.segments import Regime
+
+DIGITS = 40
+
+
+def _first_order(mass: mpmath.matrix, damping: mpmath.matrix, stiffness: mpmath.matrix) -> mpmath.matrix:
+    n, inverse = mass.rows, mass**-1
+    matrix = mpmath.zeros(2 * n)
+    matrix[:n, n:] = mpmath.eye(n)
+    matrix[n:, :n], matrix[n:, n:] = -inverse * stiffness, -inverse * damping
+    return matrix
+
+
+def joined_motion(model: ModalModel, masses: Array, shapes: Array, time: float) -> Array:
+    """Return exp(A t) (2 N_m, 2 N_m) with ``masses`` (p,) in kg fixed at places with ``shapes`` (p, N_m), each coordinate scaled to energy."""
+    with mpmath.workdps(DIGITS):
+        mass, damping, stiffness = _beam(model)
+        for m, shape in zip(masses, shapes, strict=True):
+            row = mpmath.matrix(list(shape))
+            mass += mpmath.mpf(float(m)) * row * row.T
+        return _scaled(_first_order(mass, damping, stiffness), np.append(model.omega, np.ones(model.modes)), time)
+
+
+def _with_spring(
+    model: ModalModel, mass: float, stiffness: float, damper: float
+) -> tuple[mpmath.matrix, mpmath.matrix, mpmath.matrix, mpmath.matrix]:
+    """Return mass, damping and stiffness matrices, and the column of a force on the absorber and against the tip."""
+    n = model.modes
+    whole = [mpmath.zeros(n + 1) for _ in range(3)]
+    for matrix, part in zip(whole, _beam(model), strict=True):
+        matrix[:n, :n] = part
+    whole[0][n, n] = mpmath.mpf(mass)
+    line = mpmath.matrix([*(-model.tip_shape), 1.0])
+    return whole[0], whole[1] + mpmath.mpf(damper) * line * line.T, whole[2] + mpmath.mpf(stiffness) * line * line.T, line
+
+
+def sprung_motion(model: ModalModel, mass: float, stiffness: float, damper: float, time: float, scale: Array) -> Array:
+    """Return exp(A t) (2 N_m + 2, 2 N_m + 2) with an absorber on a spring (N/m) and a damper (N s/m), coordinates times ``scale``."""
+    with mpmath.workdps(DIGITS):
+        masses, damping, springs, _ = _with_spring(model, mass, stiffness, damper)
+        return _scaled(_first_order(masses, damping, springs), scale, time)
+
+
+def swinging_tip(model: ModalModel, mass: float, stiffness: float, omega: float) -> complex:
+    """Return the tip's complex amplitude (m/N) under a force on the absorber and against the tip, at ``omega`` in rad/s."""
+    with mpmath.workdps(DIGITS):
+        masses, damping, springs, line = _with_spring(model, mass, stiffness, 0.0)
+        at = mpmath.mpf(omega)
+        moved = mpmath.lu_solve(springs - at**2 * masses + 1j * at * damping, line)
+        return complex(sum(mpmath.mpf(float(x)) * moved[i] for i, x in enumerate(model.tip_shape)))
+
+
+def _beam(model: ModalModel) -> tuple[mpmath.matrix, mpmath.matrix, mpmath.matrix]:
+    omega, ratio = [mpmath.mpf(float(x)) for x in model.omega], [mpmath.mpf(float(x)) for x in model.damping_ratio]
+    damping = [2 * d * w for d, w in zip(ratio, omega, strict=True)]
+    return mpmath.eye(model.modes), mpmath.diag(damping), mpmath.diag([w**2 for w in omega])
+
+
+def _scaled(matrix: mpmath.matrix, scale: Array, time: float) -> Array:
+    """Return exp(matrix t), in coordinates times ``scale``, as floats; by scaling and squaring of the Taylor series."""
+    size = len(scale)
+    for i in range(size):
+        for j in range(size):
+            matrix[i, j] *= mpmath.mpf(float(scale[i])) / mpmath.mpf(float(scale[j])) * mpmath.mpf(time)
+    halvings = max(0, int(mpmath.ceil(mpmath.log(mpmath.mnorm(matrix, 1), 2)))) + 3
+    step = matrix / mpmath.mpf(2) ** halvings
+    term, whole = mpmath.eye(size), mpmath.eye(size)
+    for k in range(1, 24):
+        term = term * step / k
+        whole += term
+    for _ in range(halvings):
+        whole = whole * whole
+    return np.array(whole.tolist(), dtype=float)
+
+
+def slot_motion(regime: Regime, states: Array, scale: Array, time: float) -> Array:
+    """Return the same for chosen ``states`` from a regime's slots: Re(out exp(s t) into)."""
+    s = regime.slots.rows[0] + 1j * regime.slots.rows[1]
+    out, into = regime.out[0] + 1j * regime.out[1], (regime.into[0] + 1j * regime.into[1]).T
+    whole = np.real((out * np.exp(s * time)) @ into)[np.ix_(states, states)]
+    return np.asarray(whole * scale[:, None] / scale)

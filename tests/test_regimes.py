@@ -1,0 +1,206 @@
+"""Eigenvalues, vectors and responses of the linear regimes against dense matrices with 40 digits. No kernel is compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.optimize
+from core import Array
+from dense_motion import joined_motion, slot_motion, sprung_motion, swinging_tip
+
+from impact_env import Beam, ModalModel, ParameterError
+from impact_env.kernels.segments import Regime
+from impact_env.kernels.slots import DRIVE, GUARD, RELATIVE, REST, TIP
+from impact_env.modes import modal_model
+from impact_env.regime_sets import set_modes
+from impact_env.regimes import basis_error, fastest, free_regime, joined_regime, padded_size, sprung_regime
+
+BAR = 1e-12  # of the energy norm
+
+
+def free(model: ModalModel) -> Regime:
+    return free_regime(model, padded_size(fastest(model)[1]), 0.01)
+
+
+def joined(model: ModalModel, mass: float) -> Regime:
+    return joined_regime(model, mass, padded_size(fastest(model, mass)[1]), 0.01)
+
+
+def sprung(model: ModalModel, mass: float, stiffness: float, damper: float = 0.0) -> Regime:
+    return sprung_regime(model, mass, stiffness, damper, padded_size(fastest(model, mass, stiffness, damper)[1]), 0.01)
+
+
+def times(model: ModalModel) -> tuple[float, float]:
+    return 2.0 / model.omega[0], 2.0 / model.omega[-1]
+
+
+def beam_states(model: ModalModel) -> tuple[Array, Array]:
+    n = model.modes
+    return np.concatenate([np.arange(n), n + 1 + np.arange(n)]), np.append(model.omega, np.ones(n))
+
+
+def joined_error(model: ModalModel, mass: float) -> float:
+    """Largest entry of the difference of the motions from all states, scaled to energy; ``mass`` 0: the free beam."""
+    regime = joined(model, mass) if mass > 0 else free(model)
+    states, scale = beam_states(model)
+    truths = [joined_motion(model, np.array([mass]), model.tip_shape[None], t) for t in times(model)]
+    return max(float(np.max(np.abs(slot_motion(regime, states, scale, t) - truth))) for t, truth in zip(times(model), truths, strict=True))
+
+
+def sprung_error(model: ModalModel, mass: float, stiffness: float, damper: float) -> float:
+    regime, n = sprung(model, mass, stiffness, damper), model.modes
+    own = np.sqrt(mass) * np.clip(np.sqrt(stiffness / mass), model.omega[0], model.omega[-1])
+    scale = np.concatenate([model.omega, [own], np.ones(n), [np.sqrt(mass)]])
+    worst = 0.0
+    for t in times(model):
+        truth = sprung_motion(model, mass, stiffness, damper, t, scale)
+        far = np.abs(slot_motion(regime, np.arange(2 * n + 2), scale, t) - truth)
+        worst = max(worst, float(np.max(far)) / max(1.0, float(np.max(np.abs(truth)))))
+    return worst
+
+
+def several_error(model: ModalModel, masses: Array) -> float:
+    assert model.absorber_shapes is not None
+    modes, n, worst = set_modes(model, masses, model.absorber_shapes), model.modes, 0.0
+    scale = np.append(model.omega, np.ones(n))
+    twice = np.where(modes.values.imag == 0, 1, 2)
+    out = np.concatenate([modes.shapes, modes.shapes * modes.values[:, None]], axis=1).T * twice
+    for t in times(model):
+        motion = np.real((out * np.exp(modes.values * t)) @ modes.into) * scale[:, None] / scale
+        worst = max(worst, float(np.max(np.abs(motion - joined_motion(model, masses, model.absorber_shapes, t)))))
+    return worst
+
+
+def custom(seed: int, modes: int, ratio: float | Array, absorbers: int = 1) -> ModalModel:
+    rng = np.random.default_rng(seed)
+    omega = np.cumsum(rng.uniform(30, 200, modes))
+    shapes = rng.normal(size=(absorbers, modes))
+    return ModalModel(omega, np.broadcast_to(ratio, modes), rng.normal(size=modes), shapes[0], 1.0, shapes)
+
+
+def all_errors(model: ModalModel, mass: float, own: float, damping: float) -> list[float]:
+    """Errors of the joined, the sprung and the several regime; ``own`` in units of the second frequency (or the only one)."""
+    omega = own * model.omega[min(1, model.modes - 1)]
+    errors = [joined_error(model, mass), sprung_error(model, mass, mass * omega**2, 2 * mass * omega * damping)]
+    assert model.absorber_shapes is not None
+    return [*errors, several_error(model, np.linspace(0.4, 1, len(model.absorber_shapes)) * mass)]
+
+
+CLOSE_TO_ONE = [1.0, 1 + 1e-14, 1 - 1e-12, 1 + 1e-9, 1 - 1e-8, 1 + 1.2e-7, 1 - 1.2e-7, 1 + 1e-5, 1 + 1.3e-5, 1 - 1.2e-5, 1 - 1.3e-5]
+
+
+@pytest.mark.parametrize("ratio", CLOSE_TO_ONE)
+def test_free_motion_at_and_beside_critical_damping(ratio: float) -> None:
+    assert joined_error(custom(1, 2, ratio), 0.0) < BAR
+
+
+@pytest.mark.parametrize("ratio", CLOSE_TO_ONE)
+def test_forced_motion_at_and_beside_critical_damping(ratio: float) -> None:
+    model = custom(2, 1, ratio)
+    rows, omega, d = free(model).slots.rows, model.omega[0], model.damping_ratio[0]
+    s, both = rows[0] + 1j * rows[1], (rows[TIP] + 1j * rows[TIP + 1]) * (rows[DRIVE] + 1j * rows[DRIVE + 1])
+    for at in np.array([0.0, 0.3, 1.0, 3.0]) * omega:
+        found = np.sum(both / (1j * at - s) + np.conj(both) / (1j * at - np.conj(s))) / 2
+        expected = model.tip_shape[0] * model.force_shape[0] / (omega**2 - at**2 + 2j * d * omega * at)
+        assert abs(found - expected) < 2 * BAR * abs(expected)
+
+
+@pytest.mark.parametrize("modes", [1, 2, 4])
+@pytest.mark.parametrize("every", [True, False])
+@pytest.mark.parametrize("mass", [1e-6, 1e-2, 2.0])
+def test_coupled_motion_with_critically_damped_modes(modes: int, every: bool, mass: float) -> None:
+    for seed in range(2):
+        ratio = np.ones(modes) if every else np.where(np.arange(modes) % 2 == seed % 2, 1.0, 0.02)
+        model = custom(10 + seed, modes, ratio, 2)
+        assert max(all_errors(model, mass, 0.7, (0.1, 1.0)[seed])) < 3 * BAR
+
+
+def test_critically_damped_modes_without_exception_span_the_state() -> None:
+    """A regime is refused where its modes do not: none of these is."""
+    rng = np.random.default_rng(5)
+    for scene in range(200):
+        modes = int(rng.choice([1, 2, 3, 10, 30]))
+        ratio = np.where(rng.random(modes) < rng.choice([0.4, 1.0]), 1.0, rng.choice([0.0, 0.01, 2.0]))
+        places = rng.uniform(0.05, 1, int(rng.integers(1, 5)))
+        model = modal_model(Beam(modes=modes, damping_ratio=tuple(ratio), absorber_position=float(places[0])), places)
+        mass, omega = 10 ** rng.uniform(-5, 1) * model.beam_mass, 10 ** rng.uniform(-1, 1.5) * model.omega[0]
+        fastest(model, mass)
+        fastest(model, mass, mass * omega**2, 2 * mass * omega * (0.0, 0.1, 1.0, 3.0)[scene % 4])
+        assert model.absorber_shapes is not None
+        set_modes(model, np.full(len(places), mass / len(places)), np.array(model.absorber_shapes))
+
+
+NODE = scipy.optimize.brentq(lambda x: modal_model(Beam(modes=3), [x]).absorber_shapes[0, 1], 0.7, 0.85, xtol=1e-16)  # type: ignore[index]
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.01, 1.0, 3.0])
+@pytest.mark.parametrize("beside", [1e-9, 1e-8, 1e-7])
+def test_places_beside_a_node_of_the_beam(ratio: float, beside: float) -> None:
+    model = modal_model(Beam(modes=3, damping_ratio=ratio, absorber_position=NODE + beside), [NODE + beside, 0.5])
+    assert max(all_errors(model, 0.05 * model.beam_mass, 1.0, 0.1)) < BAR
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.02, 1.0])
+@pytest.mark.parametrize("share", [1e-20, 1e-9, 1e-7, 1e-4])
+def test_tip_shapes_that_almost_vanish(ratio: float, share: float) -> None:
+    model = custom(3, 4, ratio, 2)
+    assert model.absorber_shapes is not None
+    shapes = model.absorber_shapes * np.array([[1, share, 1, 0.3 * share], [1, -3 * share, 1, share]])
+    changed = ModalModel(model.omega, model.damping_ratio, model.force_shape, shapes[0], 1.0, shapes)
+    assert max(all_errors(changed, 0.3, 1.0, 0.05)) < BAR
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-9, 1e-4])
+def test_two_modes_with_one_frequency(apart: float) -> None:
+    model = custom(4, 4, 0.01, 2)
+    omega = np.array(model.omega)
+    omega[2] = omega[1] * (1 + apart)
+    equal = ModalModel(omega, model.damping_ratio, model.force_shape, model.tip_shape, 1.0, model.absorber_shapes)
+    assert max(all_errors(equal, 0.1, 1.0, 0.1)) < BAR
+
+
+@pytest.mark.parametrize(("mass", "stiffness"), [(1.7e-6, 2.8e7), (1e-9, 1e9), (1e-4, 1e-6), (50.0, 1.0)])
+def test_light_heavy_stiff_and_soft_absorbers(mass: float, stiffness: float) -> None:
+    model = custom(6, 3, 0.01)
+    turned = fastest(model, mass, stiffness)[0] * max(times(model))  # an angle, of which rounding is a share
+    assert sprung_error(model, mass, stiffness, 0.0) < BAR + 4e-16 * turned
+
+
+@pytest.mark.parametrize(("mass", "stiffness"), [(1.7e-6, 2.8e7), (0.05, 2e3), (1e-9, 1e9)])
+def test_stretch_under_a_constant_force_is_that_of_the_spring(mass: float, stiffness: float) -> None:
+    """And the tip is where it was, since the spring takes the whole force; a drive that rests bends the beam as without absorber."""
+    model = custom(7, 3, 0.01)
+    regime = sprung(model, mass, stiffness)
+    rows = regime.slots.rows
+    stretch = np.sum(rows[GUARD] * rows[REST] - rows[GUARD + 1] * rows[REST + 1])
+    assert stretch == pytest.approx(1 / stiffness, rel=BAR)
+    assert abs(regime.tip_rest) < BAR * np.sum((model.tip_shape / model.omega) ** 2)
+    s, drive = rows[0] + 1j * rows[1], rows[DRIVE] + 1j * rows[DRIVE + 1]
+    bent = np.real(np.sum((rows[TIP] + 1j * rows[TIP + 1]) * -drive / s))
+    assert bent == pytest.approx(np.sum(model.tip_shape * model.force_shape / model.omega**2), rel=BAR)
+
+
+def test_the_tip_under_a_swinging_relative_force() -> None:
+    """A light absorber on a stiff spring, which takes all but a small part of the force."""
+    model, mass, stiffness = custom(8, 2, 0.01), 1.7e-6, 2.8e7
+    rows, at = sprung(model, mass, stiffness).slots.rows, 1.3 * model.omega[0]
+    s, both = rows[0] + 1j * rows[1], (rows[TIP] + 1j * rows[TIP + 1]) * (rows[RELATIVE] + 1j * rows[RELATIVE + 1])
+    found = np.sum(both / (1j * at - s) + np.conj(both) / (1j * at - np.conj(s))) / 2
+    expected = swinging_tip(model, mass, stiffness, at)
+    assert abs(found - expected) < 1e-10 * abs(expected)
+
+
+def test_the_whole_basis_is_checked() -> None:
+    """Energy that goes from one mode to another counts, in the units of energy."""
+    out, into, scale = np.eye(4, dtype=complex), np.eye(4, dtype=complex), np.array([10.0, 1e4, 1.0, 1.0])
+    assert basis_error(out, into, scale) == 0
+    into[1, 0] = 1e-9
+    assert basis_error(out, into, scale) == pytest.approx(1e-6)
+    into[1, 0] = np.nan
+    assert basis_error(out, into, scale) == np.inf
+
+
+def test_what_has_no_digits_is_refused() -> None:
+    model = custom(9, 3, 0.01)
+    with pytest.raises(ParameterError, match=r"at most about .* N/m and .* N s/m"):
+        sprung(model, 100.0, 1e22)
