@@ -85,7 +85,8 @@ def faults(response: Response, which: int = 0) -> list[str]:
     if limit > 0:
         slides = m.apart & (np.abs(m.force) > limit - slack)
         along = np.maximum(np.sign(m.force) * m.speed[:-1], np.sign(m.force) * m.speed[1:])
-        note("driven by friction", slides & (along > still), along)
+        turning = LOOSE * np.abs(np.diff(m.speed))  # a reversal so close to a sample that the mean force does not show it
+        note("driven by friction", slides & (along > still + turning), along)
     low, high = np.full_like(m.force, -limit), np.full_like(m.force, limit)
     low[m.kind == HELD_UPPER], high[m.kind == HELD_LOWER] = -np.inf, np.inf
     holds = m.joined & ~m.hit
