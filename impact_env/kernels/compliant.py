@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.budget import progress
 from impact_env.kernels.check import sample_guard
+from impact_env.kernels.energies import add_energy
+from impact_env.kernels.energy_account import new_account
 from impact_env.kernels.forced import Forced, add_forced, new_forced, solve_forced
 from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.observers import (
@@ -31,7 +33,7 @@ from impact_env.kernels.observers import (
     push_phase,
 )
 from impact_env.kernels.search import search
-from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
+from impact_env.kernels.segments import Work, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
 from impact_env.kernels.signals import HIT_HIGH, NOTHING, REVERSAL, Signal, new_signal
 from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
 
@@ -131,7 +133,8 @@ def run_to_event(regime, forced, window, contact, gap, limit, reach, losses, now
     end = tau + offset
     sample_tip(slots, forced.signals, window, work.z, work.u, regime.tip_rest * now[FORCE], tau, end, clock, level)
     sample_state(regime, forced, window, work.z, now[FORCE], now[Q : A + 1], tau, end, clock, work.rows[0], series)
-    add_energy(regime, forced, window, losses, work.z, now[FORCE], now[Q : A + 1], tau, end, work.rows, scratch, energy)
+    r = regime_number(now)
+    add_energy(regime, forced, window, losses, work.z, now[FORCE], now[Q : A + 1], tau, end, work.rows, scratch, r, energy)
     advance(slots.rows, slots.table, slots.scale, offset, work.z)
     if free:
         now[Q] += offset * (now[V] + 0.5 * offset * now[A])
@@ -341,12 +344,12 @@ def compliant_lane(free, wall, friction, both, contact, springs, gap, limit, los
     ``gap`` None: no walls; ``limit`` None: no friction. ``wall``, ``friction``, ``both``: the regimes with these springs. The friction loss contains
     what the slider's spring holds at the end.
     """
-    room, status = new_room(free, wall, friction, both, state), DONE
+    room, book, status = new_room(free, wall, friction, both, state), new_account(energy, 4, free.slots.rows.shape[1]), DONE
     now = room.now
     begin(springs, gap, limit, now, state, contact, 0.0, counters)
     for k in range(schedule.times.shape[0] - 1):
         status = compliant_stretch(
-            free, wall, friction, both, contact, springs, gap, limit, losses, schedule, k, room, state, clock, counters, level, events, series, energy
+            free, wall, friction, both, contact, springs, gap, limit, losses, schedule, k, room, state, clock, counters, level, events, series, book
         )
         if status != DONE:
             break

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.budget import progress
+from impact_env.kernels.energy_account import new_account
 from impact_env.kernels.forced import Forced, add_forced, new_forced, solve_forced
 from impact_env.kernels.free_and_joined import begin, enter, fly, free_state, hold, release, try_join
 from impact_env.kernels.jit import jit, jit_inline, jit_room
@@ -177,10 +178,10 @@ def exact_lane(free, joined, contact, walls, limit, losses, schedule, state, clo
 
     ``walls`` None: no cavity; ``limit`` None: no friction; ``level``, ``events``, ``series``, ``energy`` None: not observed.
     """
-    room, status = new_room(free, joined, state), DONE
+    room, book, status = new_room(free, joined, state), new_account(energy, 2, free.slots.rows.shape[1]), DONE
     for k in range(schedule.times.shape[0] - 1):
         status = exact_stretch(
-            free, joined, contact, walls, limit, losses, schedule, k, k > 0, room, state, clock, counters, level, events, series, energy
+            free, joined, contact, walls, limit, losses, schedule, k, k > 0, room, state, clock, counters, level, events, series, book
         )
         if status != DONE:
             break

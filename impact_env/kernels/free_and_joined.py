@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from impact_env.kernels.check import check_flight, check_hold
+from impact_env.kernels.energies import add_energy
 from impact_env.kernels.forced import add_forced, signal_value
 from impact_env.kernels.jit import jit
 from impact_env.kernels.next_event import end_of_flight, end_of_hold
@@ -35,7 +36,7 @@ from impact_env.kernels.rigid_contact import (
     tip_motion,
     touch,
 )
-from impact_env.kernels.segments import add_energy, sample_state, sample_tip, to_slots, to_state
+from impact_env.kernels.segments import sample_state, sample_tip, to_slots, to_state
 from impact_env.kernels.signals import HIT_HIGH
 from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
 
@@ -104,7 +105,7 @@ def fly(free, forced, window, contact, walls, limit, losses, now, work, signal, 
     end = tau + offset
     sample_tip(slots, forced.signals, window, work.z, work.u, free.tip_rest * now[FORCE], tau, end, clock, level)
     sample_state(free, forced, window, work.z, now[FORCE], now[Q : A + 1], tau, end, clock, work.rows[0], series)
-    add_energy(free, forced, window, losses, work.z, now[FORCE], now[Q : A + 1], tau, end, work.rows, state, energy)
+    add_energy(free, forced, window, losses, work.z, now[FORCE], now[Q : A + 1], tau, end, work.rows, state, FREE, energy)
     add_friction_loss(limit, slots, forced, omega, signal, tau, offset, energy)
     advance(slots.rows, slots.table, slots.scale, offset, work.z)
     now[Q] += offset * (now[V] + 0.5 * offset * now[A])
@@ -128,7 +129,7 @@ def hold(joined, forced, window, limit, losses, now, work, signal, state, clock,
     now[V], now[A] = 0.0, 0.0
     now[Q] = now[OFFSET]
     sample_state(joined, forced, window, work.z, 0.0, now[Q : A + 1], tau, end, clock, work.rows[0], series)
-    add_energy(joined, forced, window, losses, work.z, 0.0, now[Q : A + 1], tau, end, work.rows, state, energy)
+    add_energy(joined, forced, window, losses, work.z, 0.0, now[Q : A + 1], tau, end, work.rows, state, JOINED, energy)
     advance(slots.rows, slots.table, slots.scale, offset, work.z)
     now[TAU] = end
     counters.values[STUCK_TIME] += offset

@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.budget import note_time
+from impact_env.kernels.energies import add_energy
+from impact_env.kernels.energy_account import new_account
 from impact_env.kernels.forced import Forced, add_forced, new_forced, solve_response
 from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.observers import DONE, NOT_FINITE, REACHED, STEPS
-from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
+from impact_env.kernels.segments import Work, last_sample, new_work, sample_state, sample_tip, to_slots, to_state, window_count, window_of
 from impact_env.kernels.slots import advance
 
 
@@ -46,7 +48,7 @@ def linear_stretch(regime, losses, schedule, k, room, clock, counters, level, se
         add_forced(forced.slots, window.omega, -window.half, -1.0, work.z)
         sample_tip(slots, forced.signals, window, work.z, work.u, 0.0, -window.half, window.half, clock, level)
         sample_state(regime, forced, window, work.z, 0.0, still, -window.half, window.half, clock, work.rows[0], series)
-        add_energy(regime, forced, window, losses, work.z, 0.0, still, -window.half, window.half, work.rows, scratch, energy)
+        add_energy(regime, forced, window, losses, work.z, 0.0, still, -window.half, window.half, work.rows, scratch, 0, energy)
         advance(slots.rows, slots.table, slots.scale, 2.0 * window.half, work.z)
         add_forced(forced.slots, window.omega, window.half, 1.0, work.z)
         counters.values[STEPS] += 1.0
@@ -61,10 +63,10 @@ def linear_stretch(regime, losses, schedule, k, room, clock, counters, level, se
 @jit_room
 def linear_lane(regime, tip_shape, losses, schedule, state, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
     """Propagate one lane; ``state`` (2 N_m + 2,) is the start and becomes the end. Return a status code."""
-    room, status = new_room(regime, state), DONE
+    room, book, status = new_room(regime, state), new_account(energy, 1, regime.slots.rows.shape[1]), DONE
     to_slots(regime.into, state, room.work.z)
     for k in range(schedule.times.shape[0] - 1):
-        status = linear_stretch(regime, losses, schedule, k, room, clock, counters, level, series, energy)
+        status = linear_stretch(regime, losses, schedule, k, room, clock, counters, level, series, book)
         if status != DONE:
             break
     if status == DONE:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from impact_env.kernels.forced import CHIRP_REMAINDER, Window, add_forced
 from impact_env.kernels.forced_sums import slots_of_state, state_of_slots
 from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.observers import ABSORBER_DAMPING, WORK, push_block, push_level
+from impact_env.kernels.observers import push_block, push_level
 from impact_env.kernels.sampling import fill_samples
-from impact_env.kernels.slots import REST, SPEED, TIP, Slots, add, advance, copy, weigh
+from impact_env.kernels.slots import REST, TIP, Slots, add, advance, copy, weigh
 
 Array = NDArray[np.float64]
 SAMPLE_ROUNDING = 1e-12  # of the sampling interval
@@ -164,60 +164,6 @@ def last_sample(state, tip_shape, end, clock, level, series):  # type: ignore[no
             for i in range(tip_shape.shape[0]):
                 q += tip_shape[i] * state[i]
             push_level(level, q)
-
-
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
-PANEL = 2.0  # phase of the fastest active slot in a quadrature panel
-ACTIVE = 1e-11  # of the largest slot velocity
-
-
-@jit
-def _active_speed(rows, omega, z):  # type: ignore[no-untyped-def]
-    largest = 0.0
-    for j in range(z.shape[1]):
-        largest = max(largest, rows[SPEED, j] * (abs(z[0, j]) + abs(z[1, j])))
-    for m in range(z.shape[1]):
-        j = z.shape[1] - 1 - m
-        if rows[SPEED, j] * (abs(z[0, j]) + abs(z[1, j])) > ACTIVE * largest:
-            return max(rows[SPEED, j], omega)
-    return max(rows[SPEED, 0], omega)
-
-
-@jit
-def add_energy(regime, forced, window, losses, z, constant, absorber, tau, end, scratch, state, energy):  # type: ignore[no-untyped-def]
-    """Add work and losses of the stretch [tau, end] by Gauss-Legendre quadrature, in panels that resolve every slot still active.
-
-    ``absorber`` as in `sample_state`, of which only a tuned one has a damper; ``scratch`` (2, 2, J).
-    """
-    if energy is None:
-        return
-    modes, half = losses.rate.shape[0], state.shape[0] // 2
-    slots, p = regime.slots, scratch[0]
-    copy(z, p)
-    force_size = np.sqrt(window.force_r**2 + window.force_i**2)
-    phase = np.arctan2(window.force_i, window.force_r)
-    x = tau
-    while x < end:
-        h = min(PANEL / _active_speed(slots.rows, window.omega, p), end - x)
-        if end - x - h < 1e-6 * h:
-            h = end - x
-        for k in range(_NODES.shape[0]):
-            t = 0.5 * h * (1.0 + _NODES[k])
-            state_at(regime, forced, window.omega, p, constant, x, t, scratch[1], state)
-            c = x + t
-            f = force_size * np.cos(phase + (window.omega + 0.5 * window.alpha * c) * c)
-            weight = 0.5 * h * _WEIGHTS[k]
-            power, tip = 0.0, 0.0
-            for i in range(modes):
-                v = state[half + i]
-                power += losses.force_shape[i] * v
-                tip += losses.tip_shape[i] * v
-                energy.modal[i] += weight * losses.rate[i] * v * v
-            energy.totals[WORK] += weight * f * power
-            relative = state[half + modes] + absorber[1] + absorber[2] * (c - tau) - tip
-            energy.totals[ABSORBER_DAMPING] += weight * losses.damper * relative * relative
-        advance(slots.rows, slots.table, slots.scale, h, p)
-        x += h
 
 
 class Work(NamedTuple):

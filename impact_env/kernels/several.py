@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from impact_env.kernels.budget import progress
 from impact_env.kernels.check import check_set
 from impact_env.kernels.contact_law import Walls
+from impact_env.kernels.energies import add_energy
+from impact_env.kernels.energy_account import new_account
 from impact_env.kernels.forced import add_forced, signal_value
 from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.next_event import end_of_flight, end_of_hold
@@ -50,7 +52,7 @@ from impact_env.kernels.rigid_contact import (
     touch,
     turn,
 )
-from impact_env.kernels.segments import Work, add_energy, last_sample, new_work, sample_state, sample_tip, to_state, window_count, window_of
+from impact_env.kernels.segments import Work, last_sample, new_work, sample_state, sample_tip, to_state, window_count, window_of
 from impact_env.kernels.sets import (
     Flow,
     Signals,
@@ -151,7 +153,7 @@ def pass_time(sets, absorbers, window, losses, s, offset, clock, counters, level
         motion[3 * a + 1], motion[3 * a + 2] = 0.0 if joined else now[a, V], 0.0 if joined else now[a, A]
     sample_tip(regime.slots, forced.signals, window, work.z, work.u, room.bent[n], tau, end, clock, level)
     sample_state(regime, forced, window, work.z, 1.0, motion, tau, end, clock, work.rows[0], series)
-    add_energy(regime, forced, window, losses, work.z, 1.0, motion, tau, end, work.rows, room.scratch, energy)
+    add_energy(regime, forced, window, losses, work.z, 1.0, motion, tau, end, work.rows, room.scratch, s, energy)
     for a in range(n):
         if is_joined(s, a):
             counters.values[STUCK_TIME] += offset
@@ -444,9 +446,9 @@ def several_lane(sets, absorbers, losses, schedule, state, clock, counters, leve
 
     ``level``, ``events``, ``series``, ``energy`` None: not observed.
     """
-    room, status = new_room(sets, absorbers, state), DONE
+    room, book, status = new_room(sets, absorbers, state), new_account(energy, sets.rows.shape[0], sets.rows.shape[3]), DONE
     for k in range(schedule.times.shape[0] - 1):
-        status = several_stretch(sets, absorbers, losses, schedule, k, k > 0, room, state, clock, counters, level, events, series, energy)
+        status = several_stretch(sets, absorbers, losses, schedule, k, k > 0, room, state, clock, counters, level, events, series, book)
         if status != DONE:
             break
     if status == DONE:
