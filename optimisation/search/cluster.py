@@ -1,7 +1,7 @@
 """Runs on other machines: chunks of lanes sent to the workers of a Dask scheduler (``distributed``).
 
 A chunk is the same plain data that a thread of this machine would get, and a worker measures it with the same function, so the
-results are the same bit for bit on machines of one kind (compiled code for another processor rounds differently). A worker that dies
+results are the same bit for bit on machines of one kind (docs/method.md says what another processor may change). A worker that dies
 costs time only: the scheduler gives its chunks to another.
 """
 
