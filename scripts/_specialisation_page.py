@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 COLOURS = {"exact": "#0072B2", "moreau": "#D55E00", "runge-kutta": "#009E73"}
 PARTS = (
     "search", "forced", "slots", "segments", "exact", "free_and_joined", "rigid_contact", "compliant", "linear", "moreau", "contact_law",
-    "runge_kutta", "feedback", "observers",
+    "runge_kutta", "feedback", "observers", "energies",
 )  # fmt: skip
 
 
@@ -80,8 +80,9 @@ def _counts(entry: dict[str, Any]) -> dict[str, int]:
     counts = dict.fromkeys(PARTS, 0)
     for function in entry["functions"]:
         module = function["name"].partition(".")[0]
-        if module in counts:
-            counts[module] += function["arithmetic"]
+        part = "energies" if module.startswith("energ") else module
+        if part in counts:
+            counts[part] += function["arithmetic"]
     return counts
 
 
