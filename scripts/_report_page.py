@@ -14,6 +14,7 @@ import llvmlite.binding
 from _command_line import BadInput
 
 from impact_env.ensemble import available_cores
+from impact_env.kernels.cache import digest
 from optimisation.files import replacing
 
 T = TypeVar("T")
@@ -69,13 +70,14 @@ def _processor() -> str:
 
 
 def conditions() -> dict[str, object]:
-    """Return date, machine and versions of a measurement."""
+    """Return date, machine and versions of a measurement; the version of the kernels is the hash of their sources."""
+    packages = {name: version(name) for name in ("numpy", "scipy", "numba", "llvmlite")}
     return {
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "processor": f"{_processor()} ({llvmlite.binding.get_host_cpu_name()})",
         "cores": available_cores(),
         "system": f"{platform.system()} {platform.machine()}",
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in ("numpy", "scipy", "numba", "llvmlite")}},
+        "versions": {"python": platform.python_version(), **packages, "kernels": digest()},
     }
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numba
 
 from impact_env.ensemble import available_cores
+from impact_env.kernels.cache import digest
 from optimisation.files import write_csv, write_json
 
 Row = dict[str, Any]
@@ -107,7 +108,7 @@ def median_time(run: Callable[[], float], repeats: int, patience: float) -> floa
 
 def circumstances(quick: bool, seconds: float, complete: bool) -> Row:
     packages = ("numpy", "scipy", "numba", "mpmath", "heyoka")
-    versions = {name: metadata.version(name) for name in packages if _installed(name)}
+    versions = {name: metadata.version(name) for name in packages if _installed(name)} | {"kernels": digest()}
     return {
         "machine": processor(),
         "cores": available_cores(),
