@@ -40,9 +40,8 @@ def test_a_study_s_child_and_a_worker_give_the_same(words: list[str]) -> None:
     assert run(*words) == truth()
 
 
-@pytest.mark.parametrize("words", [[], ["none", "tuned"]])
-def test_a_process_that_compiles_gives_what_one_that_loads_gives(words: list[str], tmp_path: Path) -> None:
-    compiled = run(*words, folder=tmp_path)
+def test_a_process_that_compiles_gives_what_one_that_loads_gives(tmp_path: Path) -> None:
+    compiled = run("none", "tuned", folder=tmp_path)  # other kernels first: what they share was once compiled into them
     assert compiled == truth()
     assert run(folder=tmp_path) == compiled
 
