@@ -236,20 +236,38 @@ class SeveralAbsorbers:
 Absorber = StuckAbsorber | TunedAbsorber | SlidingAbsorber | SeveralAbsorbers
 
 
+def friction_law(limit: float | None, stiffness: float | None = None) -> CoulombFriction | ElasticCoulombFriction | None:
+    """Return friction of a ``limit`` in N, elastic if it has a ``stiffness`` (N/m); a limit of 0 or None is no friction."""
+    stiffness = None if stiffness is None else positive("friction stiffness", stiffness)
+    if limit is None or non_negative("friction limit", limit) == 0:
+        return None
+    return CoulombFriction(limit) if stiffness is None else ElasticCoulombFriction(limit, stiffness)
+
+
 def impact_absorber(
     gap: float = RigidWalls.gap,
     restitution: float = RigidWalls.restitution,
     friction_limit: float | None = None,
     mass_ratio: float = DEFAULT_MASS_RATIO,
 ) -> SlidingAbsorber:
-    """Return the impact absorber with rigid contact; ``friction_limit`` None leaves friction out."""
-    friction = None if friction_limit is None else CoulombFriction(friction_limit)
-    return SlidingAbsorber(mass_ratio, RigidWalls(gap, restitution), friction)
+    """Return the impact absorber with rigid contact; a ``friction_limit`` of 0 or None leaves friction out."""
+    return SlidingAbsorber(mass_ratio, RigidWalls(gap, restitution), friction_law(friction_limit))
 
 
-def friction_damper(friction_limit: float = 0.5, mass_ratio: float = DEFAULT_MASS_RATIO) -> SlidingAbsorber:
-    """Return the pure friction damper; the default limit is the paper's optimum for 3.5 N."""
-    return SlidingAbsorber(mass_ratio, None, CoulombFriction(friction_limit))
+def friction_damper(friction_limit: float = 0.5, mass_ratio: float = DEFAULT_MASS_RATIO, friction_stiffness: float | None = None) -> SlidingAbsorber:
+    """Return the pure friction damper, elastic if there is a ``friction_stiffness`` (N/m); the default limit is the paper's optimum for 3.5 N."""
+    friction = friction_law(friction_limit, friction_stiffness)
+    allowed = "above 0 for a friction damper: without friction it would not touch the beam, so leave the absorber out"
+    require(friction is not None, "friction limit", friction_limit, allowed)
+    return SlidingAbsorber(mass_ratio, None, friction)
+
+
+def shared_masses(number: int, mass_ratio: float = DEFAULT_MASS_RATIO, shares: Iterable[float] | None = None) -> tuple[float, ...]:
+    """Return the mass ratio of each of several absorbers that share one: ``mass_ratio`` is that of all together, ``shares`` are equal by default."""
+    shares = (1 / max(number, 1),) * number if shares is None else tuple(positive("share", share) for share in shares)
+    require(len(shares) == number, "shares", shares, f"one for each of the {number} absorbers")
+    require(abs(math.fsum(shares) - 1) < 1e-9, "shares", shares, "numbers above 0 whose sum is 1")
+    return tuple(positive("mass_ratio", mass_ratio) * share for share in shares)
 
 
 def impact_absorbers(
@@ -262,17 +280,14 @@ def impact_absorbers(
 ) -> SeveralAbsorbers:
     """Return impact absorbers with rigid contact that share one mass: ``mass_ratio`` all together, of which each has its share (default: equal ones).
 
-    ``gaps`` in m and ``positions`` (shares of the beam's length): one each. ``restitution`` and ``friction_limit`` (N, None: none): one for all, or
-    one each.
+    ``gaps`` in m and ``positions`` (shares of the beam's length): one each. ``restitution`` and ``friction_limit`` (N; 0 or None: none): one for
+    all, or one each.
     """
     gaps, positions = tuple(gaps), tuple(positions)
     n = len(gaps)
-    shares = (1 / max(n, 1),) * n if shares is None else tuple(positive("share", share) for share in shares)
     restitutions = tuple(restitution) if isinstance(restitution, Iterable) else (restitution,) * n
     limits = tuple(friction_limit) if isinstance(friction_limit, Iterable) else (friction_limit,) * n
-    for name, values in (("positions", positions), ("restitution", restitutions), ("friction_limit", limits), ("shares", shares)):
+    for name, values in (("positions", positions), ("restitution", restitutions), ("friction_limit", limits)):
         require(len(values) == n, name, values, f"one for each of the {n} gaps")
-    require(abs(math.fsum(shares) - 1) < 1e-9, "shares", shares, "numbers above 0 whose sum is 1")
-    masses = [positive("mass_ratio", mass_ratio) * share for share in shares]
-    every = zip(gaps, restitutions, limits, masses, strict=True)
+    every = zip(gaps, restitutions, limits, shared_masses(n, mass_ratio, shares), strict=True)
     return SeveralAbsorbers(tuple(impact_absorber(*one) for one in every), positions)

@@ -121,10 +121,9 @@ class Design:
         v = self.values
         if self.concept == SEVERAL:
             gaps, positions, restitutions, limits = ([v[of_absorber(n, k)] for k in MEMBERS] for n in (GAP, POSITION, RESTITUTION, FRICTION_LIMIT))
-            frictions = [limit if limit != 0 else None for limit in limits]
-            return impact_absorbers(gaps, positions, restitutions, frictions, v[MASS_RATIO], (v[SHARE], 1 - v[SHARE]))
+            return impact_absorbers(gaps, positions, restitutions, limits, v[MASS_RATIO], (v[SHARE], 1 - v[SHARE]))
         if self.concept == IMPACT:
-            return impact_absorber(v[GAP], v[RESTITUTION], v[FRICTION_LIMIT] if v[FRICTION_LIMIT] != 0 else None, v[MASS_RATIO])
+            return impact_absorber(v[GAP], v[RESTITUTION], v[FRICTION_LIMIT], v[MASS_RATIO])
         if self.concept == FRICTION:
             return friction_damper(v[FRICTION_LIMIT], v[MASS_RATIO])
         return TunedAbsorber(v[MASS_RATIO], v[STIFFNESS], v[DAMPING])

@@ -13,7 +13,7 @@ from _table import markdown
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, CoulombFriction, SlidingAbsorber, non_negative
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative
 from optimisation.bounds import design_gap
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.gap_check import FRICTION, RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber
@@ -105,8 +105,7 @@ def main(
         model = modal_model(Beam(modes=modes, absorber_position=position))
         absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution)
         if friction_limit is not None:
-            friction = CoulombFriction(friction_limit) if non_negative("friction_limit", friction_limit) > 0 else None
-            absorber = replace(absorber, friction=friction)
+            absorber = replace(absorber, friction=friction_law(non_negative("friction_limit", friction_limit)))
         gap_factors(gaps)
         require_writable("--out", out)
         rule = design_gap(model, mass_ratio * model.beam_mass, force, resonance)

@@ -15,8 +15,6 @@ from impact_env.parameters import (
     Absorber,
     Beam,
     CompliantWalls,
-    CoulombFriction,
-    ElasticCoulombFriction,
     ParameterError,
     RigidWalls,
     SlidingAbsorber,
@@ -25,6 +23,7 @@ from impact_env.parameters import (
     count,
     finite,
     friction_damper,
+    friction_law,
     non_negative,
     positive,
     require,
@@ -79,19 +78,17 @@ def make_absorber(kind: str, options: Mapping[str, Any]) -> Absorber | None:
         return StuckAbsorber(**mass)
     if kind == "tuned":
         return TunedAbsorber(**given)
+    hard, limit, soft = (given.get(name) for name in ("contact_stiffness", "friction_limit", "friction_stiffness"))
+    if kind == "friction":
+        return friction_damper(**mass, **{name: given[name] for name in ("friction_limit", "friction_stiffness") if name in given})
     gap = {name: given[name] for name in ("gap",) if name in given}
-    hard, limit = given.get("contact_stiffness"), given.get("friction_limit")
-    walls: RigidWalls | CompliantWalls | None = None
-    if kind == "impact" and hard is not None:
+    walls: RigidWalls | CompliantWalls
+    if hard is not None:
         require("restitution" not in given, "restitution", given.get("restitution"), "left out with contact_stiffness: compliant walls lose nothing")
         walls = CompliantWalls(hard, **gap)
-    elif kind == "impact":
-        walls = RigidWalls(**gap, **{name: given[name] for name in ("restitution",) if name in given})
     else:
-        limit = friction_damper().friction.limit if limit is None else limit  # type: ignore[union-attr]
-    soft = given.get("friction_stiffness", hard)
-    friction = None if limit is None else CoulombFriction(limit) if soft is None else ElasticCoulombFriction(limit, soft)
-    return SlidingAbsorber(**mass, walls=walls, friction=friction)
+        walls = RigidWalls(**gap, **{name: given[name] for name in ("restitution",) if name in given})
+    return SlidingAbsorber(**mass, walls=walls, friction=friction_law(limit, hard if soft is None else soft))
 
 
 def make_method(name: str, steps_per_period: int | None) -> Method:
