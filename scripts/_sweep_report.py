@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from impact_env.ensemble import LaneLevels
+from impact_env.parameters import Beam
+from impact_env.plain import from_scene
 from impact_env.response import Response
 from impact_env.wording import absorber_words, number_of_modes
 
@@ -30,8 +32,8 @@ class Result:
         return [self.response.level.frequency_ratio, *([] if self.others is None else self.others.frequency_ratio.tolist())]
 
 
-def contract(result: Result) -> dict[str, object]:
-    """Return what the JSON file holds."""
+def contract(result: Result, beam: Beam | None) -> dict[str, object]:
+    """Return what the JSON file holds; the scene is written with its ``beam``, or with its modes if that is None."""
     response = result.response
     level, impacts, energy = response.level, response.impacts, response.energy
     assert level is not None
@@ -49,6 +51,7 @@ def contract(result: Result) -> dict[str, object]:
         "pseudo_periods": response.drive.schedule.periods,
         "wall_s": result.wall_time,
         "omega_rad_s": response.scene.model.omega.tolist(),
+        "scene": from_scene(response.scene, beam),
     }
 
 

@@ -12,14 +12,15 @@ from impact_env.parameters import (
     Absorber,
     Beam,
     CompliantWalls,
-    CoulombFriction,
-    ElasticCoulombFriction,
     RigidWalls,
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
     friction_damper,
+    friction_law,
 )
+from impact_env.plain import to_beam, to_scene
+from impact_env.plain_files import read_plain
 from impact_env.scene import Scene, beam_scene
 
 Options = dict[str, Any]  # the options of the command line; None: not given
@@ -31,10 +32,16 @@ PARTS = {
     "stuck": {"mass_ratio"},
     "none": set(),
 }
+DEFAULT_ABSORBER = "impact"
+SCENE_OPTIONS = ("absorber", "modes", "damping", *sorted(set().union(*PARTS.values())))  # what a file of a scene says
 
 
 def option_name(name: str) -> str:
     return "--" + name.replace("_", "-")
+
+
+def kind_of(given: Options) -> str:
+    return DEFAULT_ABSORBER if given["absorber"] is None else str(given["absorber"])
 
 
 def chosen(given: Options, **options: str) -> Options:
@@ -44,7 +51,17 @@ def chosen(given: Options, **options: str) -> Options:
 
 def refuse_contradictions(given: Options) -> None:
     """Raise BadInput if two options do not go together."""
-    kind = given["absorber"]
+    if given["scene"] is None:
+        _refuse_parts(given)
+    else:
+        for name in SCENE_OPTIONS:
+            if given[name] is not None:
+                raise BadInput(f"{option_name(name)} does not go with --scene: the file says what the scene is")
+    _refuse_runs(given)
+
+
+def _refuse_parts(given: Options) -> None:
+    kind = kind_of(given)
     for name in sorted(set().union(*PARTS.values()) - PARTS[kind]):
         if given[name] is not None:
             kinds = " or ".join(k for k, parts in PARTS.items() if name in parts)
@@ -56,6 +73,9 @@ def refuse_contradictions(given: Options) -> None:
         raise BadInput(
             "--friction-stiffness needs --contact-stiffness and a --friction-limit above 0: walls and friction are both rigid or both compliant"
         )
+
+
+def _refuse_runs(given: Options) -> None:
     if given["steps_per_period"] is not None and given["method"] == "exact":
         raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
     if given["most_events"] is not None and given["method"] != "exact":
@@ -73,7 +93,7 @@ def refuse_contradictions(given: Options) -> None:
 
 def make_absorber(given: Options) -> Absorber | None:
     """Return the absorber that the options describe; what is not given keeps the library's default."""
-    kind, limit, stiffness = given["absorber"], given["friction_limit"], given["contact_stiffness"]
+    kind, limit, stiffness = kind_of(given), given["friction_limit"], given["contact_stiffness"]
     mass = chosen(given, mass_ratio="mass_ratio")
     if kind == "none":
         return None
@@ -81,22 +101,21 @@ def make_absorber(given: Options) -> Absorber | None:
         return StuckAbsorber(**mass)
     if kind == "tuned":
         return TunedAbsorber(**mass, **chosen(given, stiffness="stiffness", damping="absorber_damping"))
-    walls: RigidWalls | CompliantWalls | None = None
-    if kind == "impact":
-        rigid = stiffness is None
-        walls = RigidWalls(**chosen(given, gap="gap", restitution="restitution")) if rigid else CompliantWalls(stiffness, **chosen(given, gap="gap"))
-        limit = None if limit == 0 else limit
-    elif limit is None:
-        limit = FRICTION_DAMPER_LIMIT
+    if kind == "friction":
+        return friction_damper(**mass, **chosen(given, friction_limit="friction_limit", friction_stiffness="friction_stiffness"))
+    gap = chosen(given, gap="gap")
+    walls = RigidWalls(**gap, **chosen(given, restitution="restitution")) if stiffness is None else CompliantWalls(stiffness, **gap)
     tangential = stiffness if given["friction_stiffness"] is None else given["friction_stiffness"]
-    friction: CoulombFriction | ElasticCoulombFriction | None = None
-    if limit is not None:
-        friction = CoulombFriction(limit) if tangential is None else ElasticCoulombFriction(limit, tangential)
-    return SlidingAbsorber(**mass, walls=walls, friction=friction)
+    return SlidingAbsorber(**mass, walls=walls, friction=friction_law(limit, tangential))
 
 
-def make_scene(given: Options) -> Scene:
-    return beam_scene(Beam(**chosen(given, modes="modes", damping_ratio="damping")), make_absorber(given))
+def make_scene(given: Options) -> tuple[Scene, Beam | None]:
+    """Return the scene and its beam, which is None where a file has a modal model."""
+    if given["scene"] is not None:
+        plain = read_plain(given["scene"])
+        return to_scene(plain), to_beam(plain)
+    beam = Beam(**chosen(given, modes="modes", damping_ratio="damping"))
+    return beam_scene(beam, make_absorber(given)), beam
 
 
 def make_method(given: Options) -> Method:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import click
 from _command_line import BadInput, check_target, plain_errors
 from _sweep_report import Result, contract, describe_run, summary
-from _sweep_scene import FRICTION_DAMPER_LIMIT, PARTS, Options, make_method, make_scene, make_schedule, refuse_contradictions
+from _sweep_scene import DEFAULT_ABSORBER, FRICTION_DAMPER_LIMIT, PARTS, Options, make_method, make_scene, make_schedule, refuse_contradictions
 from _timing import Timed
 from tqdm import tqdm
 
@@ -96,11 +96,12 @@ def refuse_long_plot(scene: Scene, schedule: FrequencySchedule, samples: int) ->
         raise BadInput(f"--plot of {schedule.periods:g} pseudo periods needs {size / 2**30:.1f} GiB: leave it out, or take fewer periods or modes")
 
 
-def write(result: Result, given: Options) -> None:
+def write(result: Result, given: Options, beam: Beam | None) -> None:
     """Write the files asked for: all of them or none."""
     with ExitStack() as files:
         if given["json"] is not None:
-            files.enter_context(replacing(given["json"].resolve())).write_text(json.dumps(contract(result), indent=1, allow_nan=False) + "\n")
+            text = json.dumps(contract(result, beam), indent=1, allow_nan=False)
+            files.enter_context(replacing(given["json"].resolve())).write_text(text + "\n")
         if given["plot"] is not None:
             from _sweep_plot import save_figure
 
@@ -113,7 +114,7 @@ def run(given: Options) -> str:
     refuse_contradictions(given)
     check_target("--json", given["json"])
     check_target("--plot", given["plot"], (".png", ".pdf", ".svg"))
-    scene, method = make_scene(given), make_method(given)
+    (scene, beam), method = make_scene(given), make_method(given)
     check_supported(scene, method)
     schedule = make_schedule(given, scene)
     count("members", given["members"], 1)
@@ -122,7 +123,7 @@ def run(given: Options) -> str:
     first = Drive(given["force"], schedule, given["phase"])
     drives = draw_members(given["members"], given["seed"]).drives(first.amplitude, schedule, first.phase)
     result = compute(scene, drives, method, given["plot"] is not None, given["most_events"])
-    write(result, given)
+    write(result, given, beam)
     return summary(result, given["resonance"])
 
 
@@ -134,9 +135,10 @@ def default(text: str, value: object) -> str:
 @click.option(
     "--absorber",
     type=click.Choice(list(PARTS)),
-    default="impact",
-    show_default=True,
-    help="Impact absorber, friction damper, linear tuned absorber, added mass, nothing.",
+    help=default("Impact absorber, friction damper, linear tuned absorber, added mass, nothing.", DEFAULT_ABSORBER),
+)
+@click.option(
+    "--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Beam and absorber from a .toml or .json file (docs/scenes.md)."
 )
 @click.option("--modes", type=int, help=default("Number of modes kept.", Beam.modes))
 @click.option("--damping", type=float, help=default("Modal damping ratio, the same for all modes.", Beam.damping_ratio))

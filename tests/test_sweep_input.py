@@ -72,6 +72,29 @@ def test_bad_input_is_one_clear_error_and_leaves_no_file(arguments: str, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
+def test_bad_scene_files_are_one_clear_error(tmp_path: Path) -> None:
+    good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
+    good.write_text("[beam]\nmodes = 2\n")
+    bad.write_text("[beam]\nlength = 2\n")
+    cases = {
+        ("--scene", str(bad)): "scene.beam.length = 2 is not allowed: only the keys length_m",
+        ("--scene", str(tmp_path / "none.toml")): "none.toml' is not allowed: TOML that can be read",
+        ("--scene", str(tmp_path / "scene.txt")): "a name that ends in .toml or .json",
+        ("--scene", str(good), "--modes", "2"): "--modes does not go with --scene",
+        ("--scene", str(good), "--absorber", "impact"): "--absorber does not go with --scene",
+        ("--scene", str(good), "--gap", "0"): "--gap does not go with --scene",
+        ("--scene", str(good), "--damping", "0"): "--damping does not go with --scene",
+        ("--scene", str(good), "--steps-per-period", "20"): "--steps-per-period does not go with --method exact",
+        ("--scene", str(good), "--resonance", "3"): "resonance = 3 is not allowed",
+    }
+    for arguments, message in cases.items():
+        result = call(*arguments, "--json", str(tmp_path / "sweep.json"))
+        assert result.exit_code == 2
+        assert message in result.output
+        assert result.output.count("Error:") == 1
+    assert sorted(tmp_path.iterdir()) == [bad, good]
+
+
 def test_bad_targets_are_refused_before_the_run(tmp_path: Path) -> None:
     cases = {
         ("--json", str(tmp_path / "nowhere" / "sweep.json")): "a file in a folder that exists",

@@ -24,6 +24,8 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
+from impact_env.plain import from_scene
+from impact_env.scene import beam_scene
 
 STRONG = [*SHORT, "--force", "20"]
 CONSTANT = ["--modes", "2", "--from", "1", "--to", "1"]
@@ -39,6 +41,7 @@ KEYS = {
     "pseudo_periods": float,
     "wall_s": float,
     "omega_rad_s": list,
+    "scene": dict,
 }
 
 
@@ -82,6 +85,8 @@ def test_json_keeps_the_contract(arguments: list[str], tmp_path: Path) -> None:
     assert set(values) == set(KEYS)
     for key, kind in KEYS.items():
         assert isinstance(values[key], kind), key
+        if kind is dict:
+            continue
         for number in values[key] if kind is list else [values[key]]:
             assert isinstance(number, int | float), key
             assert math.isfinite(number), key
@@ -189,6 +194,21 @@ def test_plot_of_impacts_has_cavity_and_energies(tmp_path: Path) -> None:
         assert label in text
 
 
+@pytest.mark.usefixtures("untimed")
+def test_scene_from_a_file_is_the_scene_of_the_options(tmp_path: Path) -> None:
+    options_alone = results(tmp_path, *SHORT, "--absorber", "stuck", "--mass-ratio", "0.03")
+    assert options_alone["scene"] == from_scene(beam_scene(Beam(modes=2), StuckAbsorber(0.03)), Beam(modes=2))
+    as_toml, as_json, modes = tmp_path / "a.toml", tmp_path / "a.json", tmp_path / "modes.json"
+    as_toml.write_text('[beam]\nmodes = 2\n[absorber]\nkind = "stuck"\nmass_ratio = 0.03\n')
+    as_json.write_text(json.dumps(options_alone["scene"]))
+    modes.write_text(json.dumps(from_scene(beam_scene(Beam(modes=2), StuckAbsorber(0.03)))))
+    for file in (as_toml, as_json):
+        assert results(tmp_path, "--scene", str(file), *SHORT[2:]) == options_alone
+    of_modes = results(tmp_path, "--scene", str(modes), *SHORT[2:])
+    assert of_modes.pop("scene") == json.loads(modes.read_text())
+    assert of_modes == {key: value for key, value in options_alone.items() if key != "scene"}
+
+
 def test_options_become_the_librarys_parameters() -> None:
     cases = {
         (): impact_absorber(),
@@ -220,7 +240,8 @@ def test_options_become_the_librarys_parameters() -> None:
 
 def test_defaults_are_the_papers() -> None:
     given = options()
-    scene = _sweep_scene.make_scene(given)
+    scene, beam = _sweep_scene.make_scene(given)
+    assert beam == Beam()
     schedule = _sweep_scene.make_schedule(given, scene)
     assert scene.model.modes == Beam.modes
     assert set(scene.model.damping_ratio) == {Beam.damping_ratio}

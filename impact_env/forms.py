@@ -1,0 +1,122 @@
+"""Forms of plain data: how numbers, strings, lists and dicts become the values of classes, and back. `impact_env.plain` has those of a scene.
+
+A sort is a pair of functions, ``read(path, plain)`` and ``write(value)``; ``path`` is the key path that an error names.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from impact_env.parameters import ParameterError, finite, require
+
+
+@dataclass(frozen=True)
+class Sort:
+    """A sort of value: ``read`` raises ParameterError with the key path, or returns what a class takes; ``write`` is its inverse."""
+
+    read: Callable[[str, Any], Any]
+    write: Callable[[Any], Any]
+
+
+Keys = Mapping[str, tuple[str, Sort]]  # key of the plain form -> argument and attribute of the class, and its sort
+
+
+def _number(path: str, plain: Any) -> Any:
+    """Return what is given: the classes check single numbers themselves, but an int of a file may be too large for any of their checks."""
+    require(not isinstance(plain, int) or abs(plain) <= sys.float_info.max, path, "a whole number of very many digits", "a finite number")
+    return plain
+
+
+def _numbers(path: str, plain: Any) -> list[float]:
+    require(isinstance(plain, list | tuple) and len(plain) > 0, path, plain, "a list of finite numbers")
+    return [finite(f"{path}[{i}]", _number(f"{path}[{i}]", x)) for i, x in enumerate(plain)]
+
+
+def _lists(path: str, plain: Any) -> list[list[float]]:
+    require(isinstance(plain, list | tuple) and len(plain) > 0, path, plain, "a list of lists of finite numbers")
+    rows = [_numbers(f"{path}[{i}]", row) for i, row in enumerate(plain)]
+    require(len({len(row) for row in rows}) == 1, path, plain, "lists of one length")
+    return rows
+
+
+def _row(values: Any) -> list[float]:
+    return [float(x) for x in values]
+
+
+NUMBER = Sort(_number, float)
+WHOLE = Sort(_number, int)
+ROW = Sort(_numbers, _row)
+ROWS = Sort(_lists, lambda values: [_row(row) for row in values])
+
+
+def require_keys(path: str, plain: Any, keys: Mapping[str, Any], needed: tuple[str, ...] = ()) -> None:
+    """Raise ParameterError unless ``plain`` is a dict that has the ``needed`` keys, and none but ``keys``."""
+    require(isinstance(plain, Mapping), path, plain, f"a table with keys among {', '.join(keys)}")
+    for key in plain:
+        require(key in keys, f"{path}.{key}", plain[key], f"only the keys {', '.join(keys)} are known here")
+    for key in needed:
+        require(key in plain, path, dict(plain), f"the key {key} must be given: it has no default")
+
+
+def form(make: Callable[..., Any], keys: Keys) -> Sort:
+    """Return the sort of a dict that stands for what ``make``, a class or a function, returns.
+
+    A key that is left out has the default of ``make``; one whose argument has none must be given. Attributes that are None are not written.
+    """
+    arguments = inspect.signature(make).parameters
+    needed = tuple(key for key, (name, _) in keys.items() if arguments[name].default is inspect.Parameter.empty)
+
+    def read(path: str, plain: Any) -> Any:
+        require_keys(path, plain, keys, needed)
+        given = {name: sort.read(f"{path}.{key}", plain[key]) for key, (name, sort) in keys.items() if key in plain}
+        try:
+            return make(**given)
+        except ParameterError as error:
+            raise _at(path, keys, error) from error
+
+    def write(value: Any) -> dict[str, Any]:
+        found = {key: (getattr(value, name), sort) for key, (name, sort) in keys.items()}
+        return {key: sort.write(part) for key, (part, sort) in found.items() if part is not None}
+
+    return Sort(read, write)
+
+
+def _at(path: str, keys: Keys, error: ParameterError) -> ParameterError:
+    """Return a class's error with the key path in the place of the argument's name, or before the message if it is about several arguments."""
+    name, _, rest = str(error).partition(" = ")
+    for key, (argument, _sort) in keys.items():
+        named = re.fullmatch(rf"(?:\w+ |number of )?{argument}(?: \w+)?((?:\[|').*)?", name)
+        if named is not None:
+            return ParameterError(f"{path}.{key}{named[1] or ''} = {rest}")
+    return ParameterError(f"{path}: {error}")
+
+
+def either(kinds: Mapping[str, tuple[Callable[[Any], bool], Sort]], default: str | None = None) -> Sort:
+    """Return the sort of a dict whose key ``kind`` says which of some forms it has: by name, whether a value is of that kind, and its form.
+
+    Without the key it is of the kind ``default``; if that is None the key must be given.
+    """
+
+    def read(path: str, plain: Any) -> Any:
+        require(isinstance(plain, Mapping), path, plain, f"a table whose kind is one of {', '.join(kinds)}")
+        kind = plain.get("kind", default)
+        require(isinstance(kind, str) and kind in kinds, f"{path}.kind", kind, f"one of {', '.join(kinds)}")
+        return kinds[kind][1].read(path, {key: part for key, part in plain.items() if key != "kind"})
+
+    def write(value: Any) -> dict[str, Any]:
+        for kind, (is_one, sort) in kinds.items():
+            if is_one(value):
+                return {"kind": kind, **sort.write(value)}
+        raise ParameterError(f"{value!r} is not allowed: it has none of the plain forms {', '.join(kinds)}")
+
+    return Sort(read, write)
+
+
+def optional(sort: Sort) -> Sort:
+    """Return a sort that may also be None, for what is absent."""
+    return Sort(lambda path, plain: None if plain is None else sort.read(path, plain), sort.write)

@@ -1,0 +1,42 @@
+"""Plain data from files: TOML or JSON, by the name's ending."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from impact_env.parameters import ParameterError, require
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return a JSON object as a dict; what is named twice raises ValueError, as in TOML, since one of the two would be lost in silence."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {key} twice")
+        found[key] = value
+    return found
+
+
+def _json(text: str) -> Any:
+    return json.loads(text, object_pairs_hook=_once)
+
+
+READERS: dict[str, Callable[[str], Any]] = {".toml": tomllib.loads, ".json": _json}
+
+
+def read_plain(path: Path | str) -> dict[str, Any]:
+    """Return the table that a file holds. Raises ParameterError that names the file if it cannot be read, or is not TOML or JSON."""
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ParameterError(f"file = {str(path)!r} is not allowed: a name that ends in {' or '.join(READERS)}")
+    try:
+        plain = reader(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ParameterError(f"file = {str(path)!r} is not allowed: {path.suffix.lower()[1:].upper()} that can be read ({error})") from error
+    require(isinstance(plain, dict), "file", str(path), "a table of keys and values")
+    return plain
