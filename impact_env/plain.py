@@ -48,17 +48,17 @@ def _ratios(path: str, plain: Any) -> dict[int, float]:
     require(isinstance(plain, Mapping), path, plain, 'a table from mode numbers, 2 or more, to frequency ratios, as {"2" = 6.3}')
     for mode in plain:
         require(isinstance(mode, str) and mode.isascii() and mode.isdigit() and mode[0] != "0", f"{path}'s mode", mode, "a mode number, 2 or more")
-    return {int(mode): ratio for mode, ratio in plain.items()}
+    return {int(mode): NUMBER.read(f"{path}[{mode}]", ratio) for mode, ratio in plain.items()}
 
 
 # one number for all modes, or one each
 DAMPING_RATIO = Sort(
-    lambda path, plain: tuple(ROW.read(path, plain)) if isinstance(plain, list | tuple) else plain,
+    lambda path, plain: tuple(ROW.read(path, plain)) if isinstance(plain, list | tuple) else NUMBER.read(path, plain),
     lambda value: list(map(float, value)) if isinstance(value, tuple) else float(value),
 )
 RATIOS = Sort(_ratios, lambda ratios: {str(mode): float(ratio) for mode, ratio in ratios.items()})
 GAP = Sort(
-    lambda _path, plain: math.inf if isinstance(plain, str) and plain == INFINITY else plain,
+    lambda path, plain: math.inf if isinstance(plain, str) and plain == INFINITY else NUMBER.read(path, plain),
     lambda gap: INFINITY if math.isinf(gap) else float(gap),
 )
 BEAM = form(

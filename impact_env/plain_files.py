@@ -36,7 +36,7 @@ def read_plain(path: Path | str) -> dict[str, Any]:
         raise ParameterError(f"file = {str(path)!r} is not allowed: a name that ends in {' or '.join(READERS)}")
     try:
         plain = reader(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ParameterError(f"file = {str(path)!r} is not allowed: {path.suffix.lower()[1:].upper()} that can be read ({error})") from error
     require(isinstance(plain, dict), "file", str(path), "a table of keys and values")
     return plain

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.parameters import SlidingAbsorber, StuckAbsorber
+from impact_env.parameters import SlidingAbsorber, TunedAbsorber
 from impact_env.response import History, Response
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ def save_figure(path: Path, title: str, response: Response, resonance: int) -> N
     assert history is not None
     assert level is not None
     axis = _Axis(response, resonance)
-    moving = response.scene.absorber is not None and not isinstance(response.scene.absorber, StuckAbsorber)
+    moving = isinstance(response.scene.absorber, SlidingAbsorber | TunedAbsorber)  # several move at places of their own, away from the tip
     rows = 3 if moving else 2
     figure = Figure(figsize=(12, 3.1 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, width_ratios=[2, 1], squeeze=False)
