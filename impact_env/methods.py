@@ -25,7 +25,7 @@ from impact_env.scene import Scene
 LEAST_STEPS = 4  # per period of the highest mode, and of the force
 ROUNDING = 1e-9  # a step this close to its limit counts as at it
 SURE_REACH = 2.5  # |s| h up to which the classical Runge-Kutta method is stable for every damping
-PAPER_STEPS = 20  # per period of the highest mode (paper, section 2.3), and per contact (paper, appendix A)
+PAPER_STEPS = 20  # per period of the highest mode (paper, section 2.4), and per contact (paper, appendix A)
 
 
 def _compliance(scene: Scene) -> float:
@@ -58,7 +58,7 @@ class Exact:
 
 @dataclass(frozen=True)
 class Moreau:
-    """The paper's time stepping for rigid contact (paper, section 2.3): ``steps_per_period`` of the highest mode."""
+    """The paper's time stepping for rigid contact (paper, section 2.4): ``steps_per_period`` of the highest mode."""
 
     steps_per_period: int = PAPER_STEPS
 

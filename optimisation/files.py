@@ -5,11 +5,12 @@ from __future__ import annotations
 import csv
 import json
 import os
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from impact_env.parameters import require
+from impact_env.parameters import ParameterError, require
 
 
 @contextmanager
@@ -21,6 +22,21 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def held(path: Path, refusal: ParameterError) -> Iterator[None]:
+    """Hold a file for this process; the system lets go of it however the process ends. Raises ``refusal`` if another holds it.
+
+    The file itself is locked, but on Windows, where nothing else could read it then, one beside it.
+    """
+    from filelock import lock_descriptor  # only studies that go on where they were killed need it
+
+    lock = path.with_name(f"{path.name}.lock") if sys.platform == "win32" else path
+    with lock.open("ab") as handle:
+        if not lock_descriptor(handle.fileno(), blocking=False):
+            raise refusal
+        yield
 
 
 def require_writable(name: str, folder: Path) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import platform
-import resource
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,6 +13,7 @@ import click
 import numba
 import numpy as np
 import scipy
+from _memory import peak_memory
 from _progress import UNIT_BAR
 from tqdm import tqdm
 
@@ -141,13 +140,8 @@ def study_bar(label: str, wanted: int) -> Iterator[Callable[[Progress], None]]:
         yield show
 
 
-def peak_memory() -> int:
-    """Return the largest resident memory that this process had, in bytes; worker processes of a cluster are not in it."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-
-
 def conditions_of(given: dict[str, Any]) -> dict[str, object]:
-    """Return what a result was computed with and how much memory it took."""
+    """Return what a result was computed with and how much memory it took; worker processes of a cluster are not in it."""
     versions = {"python": platform.python_version()} | {module.__name__: module.__version__ for module in (np, scipy, numba, optuna)}
     where = {"cluster": given["cluster"]} if given["cluster"] else {"threads": given["threads"] or available_cores()}
     return {"versions": versions, **where, "memory_bytes": peak_memory()}

@@ -10,10 +10,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from _design_options import peak_memory
 from _design_search import Plan, find
 from _findings_parts import AT, Json, Study
 from _front_search import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
+from _memory import peak_memory
 from tqdm import tqdm
 
 from impact_env.extras import optional

@@ -1,4 +1,4 @@
-"""Tables of judged policies: all of a task, and the few that the README shows."""
+"""Tables of judged policies: all of a task, and the few that stand at the top of its page."""
 
 from __future__ import annotations
 

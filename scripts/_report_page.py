@@ -18,7 +18,12 @@ from impact_env.kernels.cache import digest
 from optimisation.files import replacing
 
 T = TypeVar("T")
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[1]  # of the checkout, or of what a wheel brings of it
+
+
+def published(docs: Path, results: Path) -> Path:
+    """Return where a whole study is written by default: into the checkout's docs, or where there is no checkout among other results."""
+    return docs if (ROOT / "pyproject.toml").is_file() else results
 
 
 def require_markers(path: Path, template: Path, names: Iterable[str]) -> str:

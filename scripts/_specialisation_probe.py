@@ -16,11 +16,11 @@ IMPORTED = sorted({name.partition(".")[0] for name in sys.modules if not name.st
 
 import json  # noqa: E402
 import operator  # noqa: E402
-import resource  # noqa: E402
 import statistics  # noqa: E402
 import tracemalloc  # noqa: E402
 from typing import Any  # noqa: E402
 
+from _memory import peak_memory  # noqa: E402
 from _specialisation_scenes import METHODS, RECORDS, Variant  # noqa: E402
 
 from impact_env import simulate  # noqa: E402
@@ -72,10 +72,6 @@ def instructions(lane: Any) -> int:
     return sum(line.startswith("\t") and not line.lstrip().startswith((".", "#")) for line in text.splitlines())
 
 
-def _memory_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1e-6 if sys.platform == "darwin" else 1024e-6)
-
-
 def _peak_kb(variant: Variant, periods: float) -> float:
     """Return the largest memory in kB that Python and NumPy hold at once during a run."""
     scene, drive = variant.scene(), variant.drive(periods)
@@ -98,7 +94,7 @@ def main(absorber: str, method: str, record: str, what: str, periods: float, rep
     responses = [simulate(scene, drive, METHODS[method], record=RECORDS[record]) for _ in range(repeats)]
     values["ns_per_period"] = 1e9 * statistics.median(response.wall_time for response in responses) / periods
     values["impacts_per_period"] = responses[0].impact_count / periods
-    values["memory_mb"] = _memory_mb()
+    values["memory_mb"] = 1e-6 * peak_memory()
     values["peak_kb"] = [_peak_kb(variant, length) for length in (periods, LONGER * periods)]
     return values
 

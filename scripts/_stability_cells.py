@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import resource
-import sys
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from _memory import peak_memory
 from _stability_cases import EXACT, MOREAU, Case
 from _stability_truth import Truth, truth
 
@@ -88,7 +87,7 @@ def measure(case: Case, method: str) -> Cell:
         cell.verdict, cell.reason = FAILED, f"not a clear refusal: {type(error).__name__}: {error}"
     else:
         cell.verdict, cell.reason = _judge(cell, case)
-    cell.memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1e-6 if sys.platform == "darwin" else 1024e-6)
+    cell.memory_mb = 1e-6 * peak_memory()
     return cell
 
 

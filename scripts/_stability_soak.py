@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import resource
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+
+from _memory import peak_memory
 
 from impact_env import (
     Beam,
@@ -68,11 +68,6 @@ class Soak:
     reason: str = ""
 
 
-def memory_mb() -> float:
-    """Return the largest resident memory of this process so far."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1e-6 if sys.platform == "darwin" else 1024e-6)
-
-
 def soak(case: SoakCase, lengths: tuple[int, ...]) -> Soak:
     """Run a case over each length, the shortest first."""
     scene = beam_scene(Beam(modes=case.modes), case.absorber())
@@ -82,7 +77,7 @@ def soak(case: SoakCase, lengths: tuple[int, ...]) -> Soak:
         response = simulate(scene, Drive(case.force, schedule), case.method, record=RECORD)
         assert response.energy is not None
         result.balance.append(response.energy.relative_error)
-        result.memory_mb.append(memory_mb())
+        result.memory_mb.append(1e-6 * peak_memory())
         result.us_per_period.append(1e6 * response.wall_time / length)
         result.impacts_per_period.append(response.impact_count / length)
     result.passed, result.reason = _judge(result, isinstance(case.method, Exact))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import platform
-import resource
-import sys
 import time
 from pathlib import Path
 
@@ -13,6 +11,7 @@ import numba
 import numpy
 import scipy
 from _command_line import end_early, name_files, plain_errors
+from _memory import peak_memory
 from _progress import sweeps_bar
 
 from impact_env.curve import DEFAULT_MEMBERS
@@ -42,9 +41,13 @@ def run(forces: int, members: int, seed: int, threads: int | None) -> Comparison
 
 
 def conditions(started: float, threads: int | None) -> dict[str, object]:
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     versions = {"python": platform.python_version(), "numpy": numpy.__version__, "scipy": scipy.__version__, "numba": numba.__version__}
-    return {"versions": versions, "threads": threads or available_cores(), "wall_s": round(time.perf_counter() - started, 2), "memory_bytes": memory}
+    return {
+        "versions": versions,
+        "threads": threads or available_cores(),
+        "wall_s": round(time.perf_counter() - started, 2),
+        "memory_bytes": peak_memory(),
+    }
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

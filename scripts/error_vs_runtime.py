@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 from _command_line import INTERRUPTED, BadInput
 from _progress import BAR
+from _report_page import published
 from accuracy import bands, cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
 from accuracy.cases import KINDS
 from accuracy.study import FULL, QUICK, Result, Row, Settings, circumstances, load, save, with_scenes
@@ -22,7 +23,8 @@ from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
 from optimisation.files import replacing, require_writable
 
-OUT, QUICK_OUT = Path("docs/error_vs_runtime"), Path("results/error_vs_runtime")
+QUICK_OUT = Path("results/error_vs_runtime")
+OUT = published(Path("docs/error_vs_runtime"), QUICK_OUT)
 DPI = 110
 
 

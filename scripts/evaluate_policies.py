@@ -14,7 +14,7 @@ from typing import Any
 import click
 from _command_line import BadInput
 from _policy_tables import short_table, table
-from _report_page import ROOT, fill
+from _report_page import ROOT, fill, published
 from tqdm import tqdm
 
 from impact_env.parameters import ParameterError, require
@@ -27,8 +27,9 @@ from optimisation.rl.policies import Policy
 from optimisation.rl.statistics import RESAMPLES
 from optimisation.rl.traces import gap_curves, passage_curves
 
-OUT, PAGE, README = ROOT / "docs" / "policies", ROOT / "docs" / "agents.md", ROOT / "README.md"
+POLICIES, PAGE = ROOT / "docs" / "policies", ROOT / "docs" / "agents.md"
 QUICK_OUT = Path("results/evaluate_policies")
+OUT = published(POLICIES, QUICK_OUT)
 AGENTS = (ROOT / "docs" / "agents", Path("results/train_sweep_agent"))
 SEEDS, QUICK_SEEDS, QUICK_RESAMPLES, SHOWN = 128, 16, 100, 16  # SHOWN: passages a run in the figure of schedules
 INTERRUPTED = 130
@@ -93,14 +94,16 @@ def report(task: str, out: Path, results: list[Judged], curves: dict[str, Any], 
 @click.option("--agents", type=click.Path(path_type=Path), help="Folder with agents, or one agent's file.  [default: docs/agents, else results]")
 @click.option("--without-agents", is_flag=True, help="Judge only what does not learn.")
 @click.option(
-    "--baselines", type=click.Path(file_okay=False, path_type=Path), default=OUT, help="Folder of TASK_baselines.json.  [default: docs/policies]"
+    "--baselines", type=click.Path(file_okay=False, path_type=Path), default=POLICIES, help="Folder of TASK_baselines.json.  [default: docs/policies]"
 )
 @click.option("--policy", "names", multiple=True, metavar="NAME", help="Judge only this one of the baselines; may be given several times.")
 @click.option("--seeds", type=click.IntRange(min=2), help=f"Number of evaluation seeds.  [default: {SEEDS}]")
 @click.option("--quick", is_flag=True, help=f"{QUICK_SEEDS} evaluation seeds, into {QUICK_OUT} unless told otherwise: a look, not a result.")
 @click.option("--redraw", is_flag=True, help="Tables and figures again from the files in the folder; nothing is played.")
 @click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for results.  [default: docs/policies, with the page docs/agents.md]"
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help=f"Folder for results.  [default: docs/policies, with the page docs/agents.md; without a checkout {QUICK_OUT}]",
 )
 def main(
     task: str,
@@ -131,10 +134,9 @@ def main(
                 write_json(folder / f"{name}_curves.json", curves)
             lines[name] = report(name, folder, results, curves, resamples)
             click.echo(f"{name}:\n{table(name, lines[name])}\n")
-        if folder.resolve() == OUT.resolve():
-            fill(PAGE, PAGE, {f"{name} table": table(name, found) for name, found in lines.items()})
-            if task == "both":
-                fill(README, README, {"policies": short_table(lines)})
+        if folder.resolve() == POLICIES.resolve():
+            short = {"policies": short_table(lines)} if task == "both" else {}
+            fill(PAGE, PAGE, short | {f"{name} table": table(name, found) for name, found in lines.items()})
     except ParameterError as error:
         raise BadInput(str(error)) from error
     except KeyboardInterrupt:

@@ -12,10 +12,11 @@ from typing import Any
 
 import click
 from _command_line import BadInput, name_files, plain_errors
-from _design_options import QUICK_MEMBERS, QUICK_SPEED, peak_memory
+from _design_options import QUICK_MEMBERS, QUICK_SPEED
 from _findings_page import PARTS, data_rows, sections
 from _findings_parts import Json, Study, concepts, optima, place, robustness
-from _report_page import ROOT, conditions, fill, require_markers
+from _memory import peak_memory
+from _report_page import ROOT, conditions, fill, published, require_markers
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_RATE
@@ -23,7 +24,8 @@ from optimisation.evaluation import Threads
 from optimisation.files import replacing, require_writable, write_csv, write_json
 
 TEMPLATE = ROOT / "docs" / "findings.md"
-OUT, QUICK_OUT = Path("docs"), Path("results/findings")
+QUICK_OUT = Path("results/findings")
+OUT = published(Path("docs"), QUICK_OUT)
 JOURNALS = Path("results/findings/journals")
 DESIGNS, FEW, POINTS = 400, 4, 13  # odd: the study's own force is one of the points
 QUICK_DESIGNS, QUICK_POINTS = 20, 6

@@ -9,14 +9,15 @@ from pathlib import Path
 
 import click
 from _command_line import end_early, name_files, plain_errors
-from _report_page import ROOT, conditions, fill, load_results
+from _report_page import ROOT, conditions, fill, load_results, published
 from _specialisation_results import Measured, claims, measure, steps
 from tqdm import tqdm
 
 from optimisation.files import replacing, require_writable, write_csv, write_json
 
 TEMPLATE = ROOT / "docs" / "specialisation.md"
-QUICK_OUT, OUT = Path("results/specialisation"), Path("docs")
+QUICK_OUT = Path("results/specialisation")
+OUT = published(Path("docs"), QUICK_OUT)
 COLUMNS = (
     "absorber", "method", "record", "cold_s", "cached_s", "ns_per_period", "impacts_per_period", "memory_mb", "import_s", "instructions",
 )  # fmt: skip

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 from _command_line import end_early, plain_errors
 from _progress import BAR
-from _report_page import ROOT, conditions, fill, load_results
+from _report_page import ROOT, conditions, fill, load_results, published
 from _stability_page import CELL_COLUMNS, sections
 from _stability_tasks import Results, gather, tasks
 from _workers import Outcome, Pool
@@ -21,7 +21,8 @@ from optimisation.files import replacing, require_writable, write_csv, write_jso
 
 COMPILE_S = 240.0  # at most, for the kernels of a kind of scene
 TEMPLATE = ROOT / "docs" / "stability.md"
-QUICK_OUT, OUT = Path("results/stability"), Path("docs")
+QUICK_OUT = Path("results/stability")
+OUT = published(Path("docs"), QUICK_OUT)
 
 
 def run(quick: bool, workers: int) -> Results:

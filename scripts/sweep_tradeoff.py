@@ -12,7 +12,7 @@ from typing import Any
 import click
 import numpy as np
 from _command_line import BadInput
-from _report_page import ROOT
+from _report_page import ROOT, published
 from _table import markdown
 from tqdm import tqdm
 
@@ -22,7 +22,8 @@ from optimisation.files import require_writable, write_json
 from optimisation.report.policy_figures import save_tradeoff
 from optimisation.rl.tradeoff import constant_rates, windows
 
-OUT, QUICK_OUT = ROOT / "docs", Path("results/sweep_tradeoff")
+QUICK_OUT = Path("results/sweep_tradeoff")
+OUT = published(ROOT / "docs", QUICK_OUT)
 NAME = "sweep_tradeoff"
 SEEDS, QUICK_SEEDS = 64, 8
 RATES, QUICK_RATES = np.geomspace(0.0625, 8.0, 12), np.geomspace(0.25, 4.0, 3)
@@ -72,7 +73,11 @@ def table(result: dict[str, Any]) -> str:
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 @click.option("--quick", is_flag=True, help=f"One scene, few rates and seeds, into {QUICK_OUT} unless told otherwise.")
 @click.option("--redraw", is_flag=True, help="Draw the figure again from the JSON file in the folder; nothing is played.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for sweep_tradeoff.json and .png.  [default: docs]")
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help=f"Folder for sweep_tradeoff.json and .png.  [default: docs, without a checkout {QUICK_OUT}]",
+)
 def main(quick: bool, redraw: bool, out: Path | None) -> None:
     """Measure levels and scores of passages over the rate and over the place of a slow window, and draw them."""
     folder = out or (QUICK_OUT if quick else OUT)

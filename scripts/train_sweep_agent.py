@@ -12,6 +12,7 @@ from typing import Any
 import click
 import numpy as np
 from _command_line import BadInput
+from _report_page import ROOT, published
 from _table import markdown
 from tqdm import tqdm
 
@@ -23,7 +24,7 @@ from optimisation.rl.hyperparameters import ALGORITHMS, settings_for
 from optimisation.rl.policies import Constant, Random
 from optimisation.rl.runs import Evaluation, collect, find_runs, run_folder
 
-POLICIES = Path("docs/policies")
+POLICIES = published(Path("docs/policies"), ROOT / "docs" / "policies")
 SHOWN = {
     "sweep": (RANDOM, BEST_CONSTANT, BEST_SCHEDULE),
     "gap": (RANDOM, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE),

@@ -53,7 +53,7 @@ def result(folder: Path, part: str) -> dict[str, object]:
 
 
 def test_parts_write_numbers_figures_and_page(findings: ModuleType, tmp_path: Path) -> None:
-    from _design_options import peak_memory  # of the scripts, which the fixture has put on the path
+    from _memory import peak_memory  # of the scripts, which the fixture has put on the path
 
     chosen, before = [part for part in PARTS if part != "scaling"], peak_memory()  # which other tests have filled
     run = call(findings, "--quick", "--out", tmp_path, *[word for part in chosen for word in ("--part", part)])

@@ -87,7 +87,11 @@ def test_wheel_holds_both_packages(tmp_path: Path) -> None:
         "impact_env/parameters.py",
         "impact_env/kernels/jit.py",
         "optimisation/rl/hyperparameters.yaml",
+        "optimisation/shipped/scripts/sweep.py",
+        "optimisation/shipped/scripts/accuracy/study.py",
+        "optimisation/shipped/docs/findings.md",
     } <= names
+    assert not [name for name in names if "/scripts/lib/" in name or name.endswith(("scripts/run", ".pyc"))]
     assert {name.split("/")[0] for name in names if ".dist-info" not in name} == {"impact_env", "optimisation"}
 
 

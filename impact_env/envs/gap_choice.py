@@ -21,7 +21,7 @@ class GapChoiceEnv(TaskEnv):
 
     ## Description
     A machine runs at one frequency near a resonance (another one in each episode), and its force changes from time to time without notice. An
-    impact absorber works best where its clearance fits the force (paper, section 4), and the agent sets the clearance.
+    impact absorber works best where its clearance fits the force (paper, section 3.3), and the agent sets the clearance.
 
     ## Action Space
     A ``Box`` of one float32 number a in [-1, 1]: the half-clearance for the next control interval, from the low to the high one of ``gap_limits``.

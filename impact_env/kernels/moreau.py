@@ -1,4 +1,4 @@
-"""The paper's Moreau time stepping with rigid contact laws (paper, section 2.3; laws: Eqs. signorini, coulomb, impulse).
+"""The paper's Moreau time stepping with rigid contact laws (paper, section 2.4; laws: Eqs. signorini, coulomb, impulse).
 
 One step: q_M = q_n + dt/2 u_n; forces at q_M, u_n and t_M = t_n + dt/2; the contact problem at velocity level, with a wall taking part
 if q_M has reached it; q_n+1 = q_M + dt/2 u_n+1. Since the next q_M is q_M + dt u_n+1, the loop keeps the displacements at the middle of

@@ -7,7 +7,6 @@ versions and compiled kernels).
 
 from __future__ import annotations
 
-import fcntl
 import json
 import platform
 from collections.abc import Callable, Iterator, Mapping
@@ -25,7 +24,7 @@ from impact_env.envs.shells import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count
 from optimisation.differences import difference
-from optimisation.files import require_writable, write_json
+from optimisation.files import held, require_writable, write_json
 from optimisation.rl.agents import BEST, FINAL, actor_of, save_agent
 from optimisation.rl.checkpoints import forget_replay, last_checkpoint, save_checkpoint
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings
@@ -182,9 +181,5 @@ def check_folder(job: Job, folder: Path) -> None:
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
     """Hold a folder for this process; the system lets go of it however the process ends."""
-    with (folder / ".lock").open("ab") as handle:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise ParameterError(f"folder = {str(folder)!r} is not allowed: one that no other process trains in") from error
+    with held(folder / ".lock", ParameterError(f"folder = {str(folder)!r} is not allowed: one that no other process trains in")):
         yield

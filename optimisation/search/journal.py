@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -12,6 +11,7 @@ from typing import Any
 
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
+from optimisation.files import held
 
 with optional():
     from optuna.storages.journal import JournalFileBackend
@@ -47,12 +47,8 @@ class Journal(JournalFileBackend):
 
 @contextmanager
 def alone(journal: Path) -> Iterator[None]:
-    """Hold a journal for this process; the system lets go of it however the process ends. Raises StudyError if another holds it."""
-    with journal.open("ab") as handle:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise StudyError(f"study file = {journal} is in use by another process: wait for it, or choose another file") from error
+    """Hold a journal for this process; raises StudyError if another holds it."""
+    with held(journal, StudyError(f"study file = {journal} is in use by another process: wait for it, or choose another file")):
         yield
 
 

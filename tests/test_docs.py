@@ -1,0 +1,71 @@
+"""Pages: links lead somewhere, indexes are complete, and blocks that commands fill or print have their markers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+KERNELS = ROOT / "impact_env" / "kernels"
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), KERNELS / "README.md"]
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+MARKED = {
+    "README.md": ["benchmark"],
+    "docs/agents.md": ["policies", "sweep table", "gap table"],
+    "docs/reference_levels.md": ["levels"],
+    "docs/cost.md": ["cost"],
+}
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the names that a page's headings have in links."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in LINK.findall(page.read_text(encoding="utf-8")):
+        path, _, anchor = link.partition("#")
+        if not link.startswith("http"):
+            target = page.parent / path if path else page
+            assert target.exists(), link
+            assert not anchor or anchor in anchors(target), link
+
+
+def test_the_index_has_every_page_and_names_real_commands() -> None:
+    text = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    assert {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"} == {link for link in LINK.findall(text) if "/" not in link}
+    scripts = {script.stem for script in (ROOT / "scripts").glob("[!_]*.py")}
+    named = {name for row in re.findall(r"^\| .* \|$", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", row.rsplit(" | ", 1)[1])}
+    assert named <= scripts
+    assert {"findings", "stability", "evaluate_policies"} <= named
+
+
+def test_the_map_of_the_kernels_names_every_file_and_real_functions() -> None:
+    text, sources = (
+        (KERNELS / "README.md").read_text(encoding="utf-8"),
+        {file.name: file.read_text(encoding="utf-8") for file in KERNELS.glob("[!_]*.py")},
+    )
+    order = re.findall(r"`(\w+\.py)`", text[text.index("| how it is compiled") : text.index("## One event's way")])
+    assert set(order) >= set(sources)
+    for place, function in re.findall(r"`(\w+\.py)` \(`(\w+)`", text.partition("## The paper's equations")[2]):
+        assert re.search(rf"^def {function}\b", sources[place], re.MULTILINE), function
+    # to be read from top to bottom: nothing needs what comes later
+    known: set[str] = set()
+    for name in dict.fromkeys(order):
+        known.add(name)
+        needed = re.findall(r"^from impact_env\.kernels\.(\w+) import", sources[name], re.MULTILINE)
+        assert {f"{module}.py" for module in needed} <= known, name
+
+
+@pytest.mark.parametrize("name", MARKED)
+def test_blocks_have_their_markers(name: str) -> None:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    for block in MARKED[name]:
+        start, end = f"<!-- {block} -->\n|", f"|\n<!-- /{block} -->"
+        assert text.count(f"<!-- {block} -->") == text.count(f"<!-- /{block} -->") == 1
+        assert start in text
+        assert name == "README.md" or end in text
