@@ -105,7 +105,8 @@ def write(result: Result, given: Options, beam: Beam | None) -> None:
         if given["plot"] is not None:
             from _sweep_plot import save_figure
 
-            title = f"{absorber_words(result.response.scene.absorber)}\n{describe_run(result.response, given['resonance'])}"
+            absorbers = absorber_words(result.response.scene.absorber).split("; ")  # a line for each of several
+            title = "\n".join([*absorbers, describe_run(result.response, given["resonance"])])
             save_figure(files.enter_context(replacing(given["plot"].resolve())), title, result.response, given["resonance"])
 
 
