@@ -12,7 +12,12 @@ rounding of y.
 Leaving a wall. At a start on a wall (or at rate zero) y - wall is known to be zero while its computed value is rounding noise. There
 the signal less its start is developed in a Taylor series, divided by its known factor; the remainder is of relative size (|s| t)^4/360 with
 |s| t <= MICRO_REACH, s of the fastest slot or of a quicker force. Returns within that reach (the last flights of a chatter) are found in this
-series, and so is the wall ahead of a start at rate zero: the last bounces of a chatter against friction end on it.
+series, and so is the wall ahead of a start at rate zero: the last bounces of a chatter against friction end on it. A rate into the wall, as an
+impact of another absorber can leave it, is a hit at once, be it only for a moment. A rate that starts at zero grows in the sense that it is
+watched for, since sliding was begun in that sense: a second derivative of the other sign that is as small as rounding counts as zero.
+
+Grazing. A signal that would go beyond a wall by less than its rounding, and turns there, does not reach it. Else a joint whose force touches its
+bound would break and close without end.
 """
 
 from __future__ import annotations
@@ -22,11 +27,13 @@ import numpy as np
 from impact_env.kernels.forced import FIFTH, FOURTH, THIRD, guard_values, signal_value
 from impact_env.kernels.jit import jit, jit_inline
 from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOISE, NOTHING, REVERSAL, Event, at_offset, refine, signal_scale, time_resolution, wall_of
-from impact_env.kernels.slots import FASTEST, digits, high_derivatives, sum_and_bound
+from impact_env.kernels.slots import FASTEST, SPEED, digits, high_derivatives, sum_and_bound
 
 MICRO_REACH = 0.01
 MAX_EVALUATIONS = 2_000_000
 GROWTH = 4.0  # of a safe step against the one before
+RATE_NOISE = 16.0 * NOISE  # rounding of a computed rate, relative to its scale
+BEND_NOISE = 1e-11  # of a second derivative's scale: above the rounding of a change of basis
 
 
 @jit_inline
@@ -115,13 +122,25 @@ def leaves_quickly(slots, omega, side, direction, v, a, b2, b3):  # type: ignore
 
 
 @jit
-def start_on_guard(slots, forced, omega, signal, tau, low, high, side, direction, zero_rate, y, v, a):  # type: ignore[no-untyped-def]
+def rate_noise(rows, u, rate_bound, rate):  # type: ignore[no-untyped-def]
+    """Return the rounding of the rate of a signal: slots' amplitudes u, a bound of the forced part's rate, and the polynomial's."""
+    scale = rate_bound + abs(rate)
+    for j in range(u.shape[1]):
+        scale += rows[SPEED, j] * (abs(u[0, j]) + abs(u[1, j]))
+    return RATE_NOISE * scale
+
+
+@jit
+def start_on_guard(slots, forced, omega, signal, tau, low, high, side, direction, zero_rate, y, v, a, b2):  # type: ignore[no-untyped-def]
     """Return (offset, event): the offset from which the search may trust computed distances, or an event before it.
 
     ``side`` -1 or 1: the signal starts on the low or the high wall; ``zero_rate``: its rate starts at zero. ``y``, ``v``, ``a``: signal, rate and
-    second derivative at the start. What is known to be zero is left out: the constant term, divided by t, or the linear one. Where both a wall and
-    the rate are watched the earlier event is returned.
+    second derivative at the start, ``b2`` the last one's bound. What is known to be zero is left out: the constant term, divided by t, or the
+    linear one. Where both a wall and the rate are watched the earlier event is returned.
     """
+    if side != 0:
+        if side * v > rate_noise(slots.rows, signal.u, forced.bound[1], signal.polynomial[1]):
+            return 0.0, HIT_HIGH if side > 0 else HIT_LOW
     reach = MICRO_REACH / max(slots.scale[FASTEST], omega)
     j, s, c = high_derivatives(slots.rows, signal.u)
     j += signal_value(forced.signals, THIRD, omega, tau)
@@ -130,7 +149,10 @@ def start_on_guard(slots, forced, omega, signal, tau, low, high, side, direction
     offset, event = reach, NOTHING
     if direction is not None:
         if zero_rate:
-            t = micro_root(direction * a, direction * j / 2, direction * s / 3, direction * c / 4, 0.0, 0.0, offset)
+            bend = direction * a
+            if -BEND_NOISE * b2 <= bend < 0.0:
+                bend = 0.0
+            t = micro_root(bend, direction * j / 2, direction * s / 3, direction * c / 4, 0.0, 0.0, offset)
         else:
             t = micro_root(direction * v, direction * a, direction * j, direction * s, direction * c, 0.0, offset)
         if t >= 0.0:
@@ -204,18 +226,20 @@ def bounded_at(slots, forced, omega, signal, tau, offset):  # type: ignore[no-un
 
 
 @jit_inline
-def at_guard(low, high, direction, noise, y, v):  # type: ignore[no-untyped-def]
+def at_guard(low, high, direction, noise, y, v, a):  # type: ignore[no-untyped-def]
     """Return (kind, y): the event that the search has come to, NOTHING before one, and the signal, kept off the walls by its ``noise``."""
+    slowing = -a if v > 0.0 else a
+    beyond = v * v > 2.0 * slowing * noise  # it goes on by more than its rounding before it turns
     if direction is not None:
         if direction * v <= 0.0:
             return REVERSAL, y
     if low is not None:
         if high - y <= noise:
-            if v > 0.0:
+            if v > 0.0 and beyond:
                 return HIT_HIGH, y
             y = high - noise
         if y - low <= noise:
-            if v < 0.0:
+            if v < 0.0 and beyond:
                 return HIT_LOW, y
             y = low + noise
     return NOTHING, y
@@ -239,7 +263,7 @@ def careful_search(slots, forced, omega, signal, tau, start, stop, length, low, 
                 return Event(NOTHING, length, 0.0, 0.0, 0.0, count)
             if side != 0 or zero_rate:
                 if not leaves_quickly(slots, omega, side, direction, v, a, b2, b3):
-                    offset, kind = start_on_guard(slots, forced, omega, signal, tau, low, high, side, direction, zero_rate, y, v, a)
+                    offset, kind = start_on_guard(slots, forced, omega, signal, tau, low, high, side, direction, zero_rate, y, v, a, b2)
                     if kind != NOTHING and offset <= length:
                         y, v, a = at_offset(slots, signals, omega, signal, tau, offset)
                         return Event(kind, offset, y, v, a, 2)
@@ -247,7 +271,7 @@ def careful_search(slots, forced, omega, signal, tau, start, stop, length, low, 
                 on_guard = True
                 y, v = exactly_on_guard(low, high, side, noise, y, v)
         if not on_guard:
-            kind, y = at_guard(low, high, direction, noise, y, v)
+            kind, y = at_guard(low, high, direction, noise, y, v, a)
             if kind != NOTHING:
                 return Event(kind, offset, y, v, a, count)
             kind, step = root_ahead(low, high, direction, y, v, a, b2, b3)

@@ -19,6 +19,7 @@ from impact_env.kernels.slots import REST, TIP, Slots, add, advance, copy, weigh
 
 Array = NDArray[np.float64]
 SAMPLE_ROUNDING = 1e-12  # of the sampling interval
+MOST_PHASE = 300.0  # rad of the force from a window's centre to its end: rounding of time makes that times 1e-16 of the forced part noise
 
 
 class Regime(NamedTuple):
@@ -55,12 +56,13 @@ class Losses(NamedTuple):
 
 @jit
 def window_count(schedule, k):  # type: ignore[no-untyped-def]
-    """Return how many windows stretch k of the schedule needs: within the tables' reach, and within the chirp's remainder."""
+    """Return how many windows stretch k of the schedule needs: within the tables' reach, the chirp's remainder and MOST_PHASE."""
     duration = schedule.times[k + 1] - schedule.times[k]
     alpha = abs(schedule.omegas[k + 1] - schedule.omegas[k]) / duration
     longest = schedule.reach
     if alpha > 0.0:
         longest = min(longest, 2.0 * np.sqrt(2.0 * (120.0 * CHIRP_REMAINDER) ** 0.2 / alpha))
+    longest = min(longest, 2.0 * MOST_PHASE / max(schedule.omegas[k], schedule.omegas[k + 1], 1e-300))
     return max(1, int(np.ceil(duration / longest * (1.0 - 1e-12))))
 
 

@@ -4,7 +4,8 @@ Each absorber has its own guard signal in the regime of the current set, and the
 friction are those of the single absorber. What is added here is what one absorber's event does to the others:
 - An impact changes all relative velocities at once, by the beam's mobility between the places. A finite friction force cannot hold against it, so a
   stuck absorber slides on with the velocity that it was given. One that a wall holds leaves it, or hits it at once and bounces. Only where all that
-  would stay below the rounding of the position does it stay joined: else two absorbers at rest on walls would set each other free for ever.
+  would stay below the rounding of the position does it stay joined: else two absorbers at rest on walls would set each other free for ever. Then the
+  impulse is still that of the law without joints, and the joint takes out what it gives, as coming to rest again would: bounces go on dying out.
 - Where a force jumps (a reversal, an impact with friction, a new joint), all absorbers without relative velocity are settled together (settle.py).
 Events at the same time are taken one after the other, in the order of the absorbers. Impacts at two places at once have no unique outcome in
 rigid-body mechanics: this is a choice.
@@ -362,6 +363,17 @@ def kick_others(sets, absorbers, window, s, a, impulse, state, room):  # type: i
 
 
 @jit
+def rebound(sets, absorbers, s, a):  # type: ignore[no-untyped-def]
+    """Return the restitution of an impact of absorber a in set s, in which those that are joined stay so.
+
+    The impulse is that of the free beam. What it gives to the joined ones is taken out by their joints, so that the beam and they give way less.
+    """
+    if s == 0:
+        return absorbers.restitution[a]
+    return max((1.0 + absorbers.restitution[a]) * sets.compliance[s, a, a] / sets.compliance[0, a, a] - 1.0, 0.0)
+
+
+@jit
 def hit(sets, absorbers, losses, window, s, a, found, state, counters, events, energy, room):  # type: ignore[no-untyped-def]
     """Absorber a hits a wall in set s."""
     now, side = room.now, 1.0 if found.kind == HIT_HIGH else -1.0
@@ -372,7 +384,7 @@ def hit(sets, absorbers, losses, window, s, a, found, state, counters, events, e
     now[a, KICK] = UNKNOWN if changed else room.kicks[s, a]
     regime, forced, signal = regime_with(sets, s, sets.rows[s, a]), forced_of(room.flow, s, a), signal_of(room.signals, a)
     contact = Contact(absorbers.mass[a], sets.compliance[s, a, a], absorbers.shapes[a])
-    walls, before = Walls(absorbers.gap[a], absorbers.restitution[a]), now[a, V]
+    walls, before = Walls(absorbers.gap[a], rebound(sets, absorbers, s, a)), now[a, V]
     rests = impact(regime, forced, window, contact, walls, absorbers.limit[a], now[a], room.work, signal, side, found, counters, events, energy)
     bend(sets, now, s, room.own, room.bent)
     now[a, AT_REST] = 1.0 if rests else 0.0
