@@ -144,7 +144,7 @@ def _draw_code(ax: Axes, entries: list[dict[str, Any]]) -> None:
     left = np.zeros(len(entries))
     colours = (
         "#D55E00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#AA4499", "#332288", "#882255", "#999999", "#E69F00", "#F0E442", "#44AA99", "#117733",
-        "#000000",
+        "#000000", "#BBBBBB",
     )  # fmt: skip
     for part, colour in zip(PARTS, colours, strict=True):
         width = np.array([_counts(entry)[part] for entry in entries], dtype=float)

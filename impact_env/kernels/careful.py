@@ -138,6 +138,8 @@ def start_on_guard(slots, forced, omega, signal, tau, low, high, side, direction
     second derivative at the start, ``b2`` the last one's bound. What is known to be zero is left out: the constant term, divided by t, or the
     linear one. Where both a wall and the rate are watched the earlier event is returned.
     """
+    if zero_rate:
+        v = 0.0
     if side != 0:
         if side * v > rate_noise(slots.rows, signal.u, forced.bound[1], signal.polynomial[1]):
             return 0.0, HIT_HIGH if side > 0 else HIT_LOW

@@ -126,7 +126,7 @@ def run_to_event(regime, forced, window, contact, gap, limit, reach, losses, now
     elif now[STICK] == 0.0:
         found = search(slots, forced, omega, signal, tau, length, window.half, low, high, side, now[SIGN], now[AT_REST] > 0.0)
     else:
-        found = search(slots, forced, omega, signal, tau, length, window.half, low, high, side, None, False)
+        found = search(slots, forced, omega, signal, tau, length, window.half, low, high, side, None, now[AT_REST] > 0.0)
     counters.values[EVALUATIONS] += found.evaluations
     offset = found.offset
     check_springs(counters.check, slots, forced, window, gap, limit, low, high, now, signal, offset)
@@ -217,7 +217,7 @@ def switch(found, gap, reach, now, state, contact, time, counters, events):  # t
     half = state.shape[0] // 2
     r, v = relative_motion(contact, state)
     if found.kind == REVERSAL:
-        now[STICK], now[ANCHOR], now[SIDE] = 1.0, r - now[SIGN] * reach, now[SIGN]
+        now[STICK], now[ANCHOR], now[SIDE], now[AT_REST] = 1.0, r - now[SIGN] * reach, now[SIGN], 1.0
         now[STICK_TIME] = time
         return
     sign = 1.0 if found.kind == HIT_HIGH else -1.0
