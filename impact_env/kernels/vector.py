@@ -35,18 +35,21 @@ def signal_place(code: Code, m: Any, n: int, part: int) -> Any:
 
 
 def _sum_slots(code: Code, orders: int, waves: Any, first: Any, w: Any, size: Any, count: Any) -> tuple[list[Number], list[Number]]:
-    """Return sum_j Re(w[q, j] wave[j, k]) as a vector over k, and sum_j Re(w[q, j]), for each order q."""
-    sums, firsts = [Sum(code, (POINTS,)) for _ in range(orders)], [Sum(code, (0,)) for _ in range(orders)]
+    """Return sum_j Re(w[q, j] wave[j, k]) as a vector over k, and sum_j Re(w[q, j]), for each order q.
+
+    The products of real and of imaginary parts have sums of their own, so that none waits for the other.
+    """
+    reals, imags, firsts = ([Sum(code, (lanes,)) for _ in range(orders)] for lanes in (POINTS, POINTS, 0))
     with code.loop(count) as j:
         at = code.plus(first, code.times(j, 2 * POINTS))
         wave = code.complex(waves, at, code.plus(at, POINTS), POINTS)
         for q in range(orders):
             index = code.plus(code.times(size, 2 * q), j)
             w_r, w_i = code.number(w, index), code.number(w, code.plus(index, size))
-            sums[q].add_product(code.spread(w_r, POINTS), wave.real)
-            sums[q].add_product(code.spread(-w_i, POINTS), wave.imag)
+            reals[q].add_product(code.spread(w_r, POINTS), wave.real)
+            imags[q].add_product(code.spread(w_i, POINTS), wave.imag)
             firsts[q] += w_r
-    return [s.number() for s in sums], [s.number() for s in firsts]
+    return [real.number() - imag.number() for real, imag in zip(reals, imags, strict=True)], [s.number() for s in firsts]
 
 
 def _horner(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
