@@ -71,7 +71,7 @@ def integrals(response: Response) -> Array:
     return total
 
 
-def check(scene: Scene, drive: Drive, initial: InitialState | None = None, samples: int = SAMPLES, error: float = 1e-10) -> Response:
+def assert_account(scene: Scene, drive: Drive, initial: InitialState | None = None, samples: int = SAMPLES, error: float = 1e-10) -> Response:
     """Compare a run's account with splines, relative to the largest term, and check its balance."""
     response = run(scene, drive, initial=initial, samples=samples)
     found, model, truth = response.energy, scene.model, integrals(response)
@@ -98,14 +98,14 @@ ABSORBERS = {
 
 @pytest.mark.parametrize("name", ABSORBERS)
 def test_three_modes(name: str) -> None:
-    response = check(scene_of(ABSORBERS[name]), drive_of(3.5, 0.97, 1.03, periods=4))
+    response = assert_account(scene_of(ABSORBERS[name]), drive_of(3.5, 0.97, 1.03, periods=4))
     assert response.impact_count > 2 or not name.startswith("impacts")
     assert (response.stuck_time > PERIOD) == name.startswith("stuck")
 
 
 @pytest.mark.parametrize("absorber", [impact_absorber(gap=3e-4, restitution=0.9, friction_limit=0.05), TunedAbsorber()])
 def test_ten_modes(absorber: Absorber) -> None:
-    check(beam_scene(Beam(modes=10), absorber), drive_of(3.5, 0.97, 1.03, periods=2))
+    assert_account(beam_scene(Beam(modes=10), absorber), drive_of(3.5, 0.97, 1.03, periods=2))
 
 
 @pytest.mark.parametrize("damping", [(0.0, 0.0, 0.0, 0.0), (0.02, 1.7, 0.1, 0.003), (1.0, 0.01, 0.0, 0.2), (0.05, 0.02, 4.0, 0.3)])
@@ -114,7 +114,7 @@ def test_ten_modes(absorber: Absorber) -> None:
 )
 def test_any_damping(damping: tuple[float, ...], absorber: Absorber) -> None:
     """Also modes that share slots, and two slots that almost coincide (damping ratio 1)."""
-    check(Scene(own_beam(*damping), absorber), drive_of(6.0, 0.8, 1.5, periods=3))
+    assert_account(Scene(own_beam(*damping), absorber), drive_of(6.0, 0.8, 1.5, periods=3))
 
 
 @pytest.mark.parametrize("ratios", [(0.0, 0.02), (0.3, 0.0), (5.0, 9.0), (1.0, 1.0), (0.9, 1.1)])
@@ -124,23 +124,23 @@ def test_any_drive_and_length(ratios: tuple[float, ...], periods: float, absorbe
     """A force that hardly turns, and windows so short that nothing turns: there the closed forms are series."""
     scene = Scene(own_beam(0.0, 0.01, 0.1), absorber)
     drive = drive_of(3.0, *ratios, periods=periods, phase=0.3)
-    check(scene, drive, InitialState(np.array([1e-3, -5e-4, 2e-4]), np.array([0.1, 0.2, -0.1])), samples=max(400, int(200 / periods)))
+    assert_account(scene, drive, InitialState(np.array([1e-3, -5e-4, 2e-4]), np.array([0.1, 0.2, -0.1])), samples=max(400, int(200 / periods)))
 
 
 def test_a_sharp_bend_in_every_stretch() -> None:
     schedule = FrequencySchedule(np.array([0.0, 0.3, 1.0, 1.01, 2.0]) * PERIOD, np.array([0.9, 1.0, 1.4, 0.2, 0.21]) * OMEGA, OMEGA)
-    check(Scene(own_beam(0.01, 0.0, 0.02)), Drive(2.0, schedule), samples=4000)
+    assert_account(Scene(own_beam(0.01, 0.0, 0.02)), Drive(2.0, schedule), samples=4000)
 
 
 @pytest.mark.parametrize("friction", [None, ElasticCoulombFriction(0.2, 3e3)])
 def test_springs(friction: ElasticCoulombFriction | None) -> None:
-    response = check(scene_of(SlidingAbsorber(walls=CompliantWalls(1e5, 2e-4), friction=friction)), drive_of(3.5, 0.97, 1.03, periods=3))
+    response = assert_account(scene_of(SlidingAbsorber(walls=CompliantWalls(1e5, 2e-4), friction=friction)), drive_of(3.5, 0.97, 1.03, periods=3))
     assert response.impact_count > 1
 
 
 def test_two_absorbers() -> None:
     scene = beam_scene(Beam(modes=3), impact_absorbers((3e-4, 1e-4), (1.0, 0.6), restitution=(0.9, 1.0), shares=(0.6, 0.4)))
-    assert check(scene, drive_of(4.0, 0.97, 1.03, periods=3)).impact_count > 3
+    assert assert_account(scene, drive_of(4.0, 0.97, 1.03, periods=3)).impact_count > 3
 
 
 def test_many_impacts_balance() -> None:
