@@ -13,15 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.ensemble import available_cores
+from impact_env.families import Batch, family
 from impact_env.first_use import CompilingFor
 from impact_env.kernels.interval import DURATION, FRESH, GAP, GAP_IN_USE, NOW, ORDERS, REPORTS, Lanes, Watch
 from impact_env.kernels.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.methods import Exact, Method, check_supported
-from impact_env.parameters import RigidWalls, SeveralAbsorbers, SlidingAbsorber, count, positive, require
-from impact_env.propagation import exact_lanes, slot_count
+from impact_env.methods import Exact, Method
+from impact_env.parameters import count, positive, require
 from impact_env.scene import Scene
-from impact_env.stepping import stepping_lanes
 from impact_env.sweep import REASONS, IntegrationError
 
 Array = NDArray[np.float64]
@@ -53,8 +52,9 @@ class ControlledRuns:
         threads: int | None = None,
     ) -> None:
         method = Exact() if method is None else method
-        check_supported(scene, method)
-        require(not isinstance(scene.absorber, SeveralAbsorbers), "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
+        kernels = family(scene, method)
+        require(kernels.control is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
+        assert kernels.control is not None
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
         period, modes = 2 * np.pi / positive("reference", reference), scene.model.modes
@@ -63,21 +63,20 @@ class ControlledRuns:
         self.orders, self.reports = np.zeros((lanes, ORDERS)), np.zeros((lanes, REPORTS))
         self.status = np.zeros(lanes, dtype=np.int64)
         self.idle = np.zeros(lanes, dtype=np.bool_)
-        slots = slot_count(scene, period) if isinstance(method, Exact) else 1
+        slots = kernels.slots(scene, period)
         ring = HALF_WINDOW_PERIODS * samples_per_period + 1
         self._memory = Lanes(
             np.zeros((lanes, 2, slots)), np.zeros((lanes, NOW)), np.zeros((lanes, 2 * modes + 2)), np.zeros((lanes, ring)), np.zeros((lanes, 10))
         )
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
         watch = Watch(period / samples_per_period, samples, float(exponent), unit, np.array(scene.model.omega), np.array(scene.model.tip_shape), mass)
-        parts = (watch, self._memory, self.orders, self.reports, self.status)
-        self._kernel = exact_lanes(scene, period, *parts) if isinstance(method, Exact) else stepping_lanes(scene, method, *parts)
+        self._kernel = kernels.control(scene, method, period, Batch(watch, self._memory, self.orders, self.reports, self.status))
         self._pool: ThreadPoolExecutor | None = None
         self._compiled = False
         self.orders[:, DURATION] = self.duration
-        absorber = scene.absorber
-        if isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls):
-            self.orders[:, GAP] = absorber.walls.gap
+        cavity = scene.cavity(0)
+        if cavity is not None:
+            self.orders[:, GAP] = cavity.gap
         self.restart(np.arange(lanes))
 
     @property

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, LaneLevels, Members, Progress, draw_members, run_lanes
+from impact_env.kinds import is_linear
 from impact_env.methods import Method
 from impact_env.parameters import require
-from impact_env.propagation import is_linear
 from impact_env.response import DEFAULT_SAMPLES
 from impact_env.scene import Scene
 

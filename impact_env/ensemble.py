@@ -6,7 +6,7 @@ The kernels release Python's lock, so plain threads share one copy of everything
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from impact_env.budget import checked_budget
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.methods import Exact, Method, check_supported
-from impact_env.parameters import ParameterError, SlidingAbsorber, count, require
+from impact_env.families import kernel_key
+from impact_env.methods import Exact, Method
+from impact_env.parameters import ParameterError, count, require
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, simulate
@@ -129,14 +130,13 @@ def run_lanes(
     method = Exact() if method is None else method
     workers = available_cores() if threads is None else count("threads", threads, 1)
     record, budget = Record(samples_per_period=samples_per_period), checked_budget(most_events)
-    for scene in {id(lane.scene): lane.scene for lane in lanes}.values():
-        check_supported(scene, method)
+    first = first_of_each([kernel_key(lane.scene, method) for lane in lanes])
     values = np.full((6, len(lanes)), np.nan)
 
     def run(k: int) -> None:
         values[:, k] = _level_of(k, lanes[k], method, record, budget)
 
-    _run_all(run, _first_of_each_kind(lanes), len(lanes), workers, progress)
+    _run_all(run, first, len(lanes), workers, progress)
     level, time, ratio, tip, impacts, stuck = values
     return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=not np.isnan(level).any())
 
@@ -153,13 +153,11 @@ def _level_of(k: int, lane: Lane, method: Method, record: Record, most_events: i
     return level.value, level.time, level.frequency_ratio, level.max_tip, float(response.impact_count), response.stuck_time
 
 
-def _first_of_each_kind(lanes: Sequence[Lane]) -> list[int]:
-    """Return the first lane of each kind of scene: the kernels are compiled once for each combination of parts."""
-    first: dict[tuple[type, ...], int] = {}
-    for k, lane in enumerate(lanes):
-        absorber = lane.scene.absorber
-        parts = (absorber.walls, absorber.friction) if isinstance(absorber, SlidingAbsorber) else ()
-        first.setdefault((type(absorber), *map(type, parts)), k)
+def first_of_each(keys: Iterable[Hashable]) -> list[int]:
+    """Return where each key comes first: what needs kernels that may have to be compiled."""
+    first: dict[Hashable, int] = {}
+    for k, key in enumerate(keys):
+        first.setdefault(key, k)
     return list(first.values())
 
 

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from impact_env.drive import Drive
+from impact_env.kinds import SceneKind, kind_of
 from impact_env.modes import MOST_HEAVINESS
 from impact_env.parameters import (
     CompliantWalls,
-    CoulombFriction,
     ElasticCoulombFriction,
-    RigidWalls,
-    SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
@@ -99,26 +97,27 @@ class RungeKutta:
 Method = Exact | Moreau | RungeKutta
 
 
+_REFUSED: dict[tuple[SceneKind, type[Method]], str] = {
+    (SceneKind.SEVERAL, Moreau): "Exact for several absorbers",
+    (SceneKind.SEVERAL, RungeKutta): "Exact for several absorbers",
+    (SceneKind.COMPLIANT, Moreau): "for compliant contact Exact or RungeKutta, since the Moreau scheme is for rigid laws",
+    (
+        SceneKind.RIGID,
+        RungeKutta,
+    ): ("for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force that is a function of the state"),
+}
+
+
+def method_class(method: Method) -> type[Method]:
+    """Return which of the methods this is, also for one that is derived from it."""
+    return next(known for known in (Exact, Moreau, RungeKutta) if isinstance(method, known))
+
+
 def check_supported(scene: Scene, method: Method) -> None:
     """Raise ParameterError if a method cannot do a scene."""
     require(isinstance(method, Exact | Moreau | RungeKutta), "method", method, "Exact(), Moreau(...) or RungeKutta(...)")
-    sliding = scene.absorber
-    if isinstance(sliding, SeveralAbsorbers):
-        require(isinstance(method, Exact), "method", method, "Exact for several absorbers")
-    if not isinstance(sliding, SlidingAbsorber):
-        return
-    parts = (sliding.walls, sliding.friction)
-    if isinstance(method, Moreau):
-        compliant = any(isinstance(part, CompliantWalls | ElasticCoulombFriction) for part in parts)
-        require(not compliant, "method", method, "for compliant contact Exact or RungeKutta, since the Moreau scheme is for rigid laws")
-    if isinstance(method, RungeKutta):
-        rigid = any(isinstance(part, RigidWalls | CoulombFriction) for part in parts)
-        require(
-            not rigid,
-            "method",
-            method,
-            "for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force that is a function of the state",
-        )
+    pair = kind_of(scene), method_class(method)
+    require(pair not in _REFUSED, "method", method, _REFUSED.get(pair, ""))
 
 
 def check_mass(scene: Scene) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -12,16 +11,15 @@ from numpy.typing import NDArray
 from impact_env.budget import Watcher, checked_budget, counters_for, onwards, watched
 from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount, stored_energy
+from impact_env.families import Observers, family
 from impact_env.first_use import CompilingFor
 from impact_env.kernels import observers
 from impact_env.kernels.observers import MISSES, REACHED, SEARCHES, Check, Counters, Energy, Events, Level, Series, close_level, new_check, new_level
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel
-from impact_env.methods import Exact, Method, Moreau, check_mass, check_step, check_supported
+from impact_env.methods import Exact, Method, check_mass, check_step
 from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
-from impact_env.propagation import is_linear, run_exact
 from impact_env.response import ContactPhases, History, Impacts, Record, Response, SearchCheck
 from impact_env.scene import InitialState, Scene
-from impact_env.stepping import run_moreau, run_runge_kutta
 
 Array = NDArray[np.float64]
 FIRST_CAPACITY = 16384  # of the list of impacts: enough for a sweep at the paper's rate
@@ -55,35 +53,19 @@ ADVICE = {
 }
 
 
-@dataclass
-class _Room:
-    """The observers' arrays of one run."""
-
-    counters: Counters
-    level: Level | None = None
-    events: Events | None = None
-    series: Series | None = None
-    energy: Energy | None = None
-
-
-def integrate(scene: Scene, drive: Drive, method: Method, state: Array, interval: float, room: _Room) -> int:
-    """Run the method's kernel on ``state`` in place and return its status code."""
-    parts = (state, interval, room.counters, room.level, room.events, room.series, room.energy)
+def integrate(scene: Scene, drive: Drive, method: Method, state: Array, interval: float, room: Observers) -> int:
+    """Run the method's kernel on ``state`` (2 N_m + 2 n,) in place, samples ``interval`` (s) apart, and return its status code."""
     with CompilingFor(scene, method):
-        if isinstance(method, Exact):
-            return run_exact(scene, drive, *parts)
-        if isinstance(method, Moreau):
-            return run_moreau(scene, drive, method, *parts)
-        return run_runge_kutta(scene, drive, method, *parts)
+        return family(scene, method).run(scene, drive, method, state, interval, room)
 
 
 def _sample_count(drive: Drive, interval: float) -> int:
     return int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
 
 
-def _room(scene: Scene, drive: Drive, record: Record, interval: float, capacity: int, counters: Counters) -> _Room:
+def _room(scene: Scene, drive: Drive, record: Record, interval: float, capacity: int, counters: Counters) -> Observers:
     n = scene.model.modes
-    return _Room(
+    return Observers(
         counters,
         level=new_level(record.samples_per_period, HALF_WINDOW_PERIODS) if record.level else None,
         events=Events(np.zeros((capacity, 5)), np.zeros((capacity, 4)), np.zeros(2, dtype=np.int64)) if record.events else None,
@@ -113,7 +95,7 @@ def simulate(
     """
     method = Exact() if method is None else method
     record = Record() if record is None else record
-    check_supported(scene, method)
+    kernels = family(scene, method)
     check_mass(scene)
     check_step(scene, drive, method)
     budget = checked_budget(most_events)
@@ -121,9 +103,8 @@ def simulate(
     interval = drive.schedule.pseudo_period / record.samples_per_period
     end, capacity = float(drive.schedule.times[-1]), FIRST_CAPACITY
     tell = None if progress is None else onwards(progress)
-    searched = isinstance(method, Exact) and not is_linear(scene)
     while True:
-        counters = counters_for(drive, budget, new_check() if record.check and searched else None)
+        counters = counters_for(drive, budget, new_check() if record.check and kernels.searched else None)
         room, state = _room(scene, drive, record, interval, capacity, counters), start.copy()
         work = partial(integrate, scene, drive, method, state, interval, room)
         began = time.perf_counter()
@@ -154,7 +135,7 @@ def _failure(response: Response, counters: Counters, status: int) -> Integration
 
 
 def _response(
-    scene: Scene, drive: Drive, method: Method, start: Array, state: Array, room: _Room, interval: float, wall_time: float, complete: bool
+    scene: Scene, drive: Drive, method: Method, start: Array, state: Array, room: Observers, interval: float, wall_time: float, complete: bool
 ) -> Response:
     """Return what was observed, up to the time reached if the run is not complete."""
     values = room.counters.values

@@ -22,8 +22,8 @@ from impact_env import (
     TunedAbsorber,
     beam_scene,
 )
-from impact_env.kernels.observers import DONE, Energy, Events, Series, new_counters
-from impact_env.stepping import run_moreau, run_runge_kutta
+from impact_env.families import Observers, family
+from impact_env.kernels.observers import DONE, Series, new_counters
 
 MOREAU, RUNGE_KUTTA = "moreau", "runge-kutta"
 STEPS = 50_000
@@ -172,10 +172,9 @@ def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
     n = len(state)
     weight = np.append(scene.model.omega, 0.0)
     size = np.hypot(*np.split(np.append(weight, np.ones(n // 2)) * state, 2)).max()
-    observers = new_counters(), None, Events(np.zeros((1, 4)), np.zeros((1, 3)), np.zeros(2, dtype=np.int64)), Series(np.zeros((2, n)))
+    observers = Observers(new_counters(), series=Series(np.zeros((2, n))))
     method = FixedMoreau(dt=dt) if case.method == MOREAU else FixedRungeKutta(dt=dt)
-    integrate = run_moreau if case.method == MOREAU else run_runge_kutta
-    status = integrate(scene, drive, method, state, duration, *observers, Energy(np.zeros(4), np.zeros(scene.model.modes)))  # type: ignore[arg-type]
+    status = family(scene, method).run(scene, drive, method, state, duration, observers)
     end = np.append(weight, np.ones(n // 2)) * state
     return status != DONE or not np.all(np.isfinite(end)) or bool(np.max(np.abs(end)) > GROWN * size)
 

@@ -19,9 +19,10 @@ from benchmark import CASES, START, Case, machine
 from tqdm import tqdm
 
 from impact_env.drive import PAPER_RATE, Drive, linear_sweep
+from impact_env.families.common import WINDOW_PERIODS
+from impact_env.families.rigid import rigid_regimes
 from impact_env.kernels.vector import POINTS
 from impact_env.methods import Exact
-from impact_env.propagation import WINDOW_PERIODS, rigid_regimes
 from optimisation.files import write_json
 
 PERIODS, QUICK_PERIODS = 800.0, 60.0

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
+from impact_env.families import Observers, family
 from impact_env.kernels.observers import Energy, Events, Series, new_counters
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.modes import ModalModel
 from impact_env.parameters import CompliantWalls, SlidingAbsorber, TunedAbsorber, impact_absorber
 from impact_env.scene import InitialState, Scene
-from impact_env.stepping import run_moreau, run_runge_kutta
 
 TRUTHS = Path(__file__).parent / "truths"
 
@@ -54,8 +54,7 @@ def integrate(scene: Scene, drive: Drive, method: Moreau | RungeKutta, initial: 
     rows = int(drive.schedule.times[-1] / sample_dt + 1e-9) + 1
     counters, events = new_counters(), Events(np.zeros((2000, 4)), np.zeros((2000, 3)), np.zeros(2, dtype=np.int64))
     series, energy = Series(np.full((rows, 2 * n + 2), np.nan)), Energy(np.zeros(4), np.zeros(n))
-    run = run_moreau if isinstance(method, Moreau) else run_runge_kutta
-    status = run(scene, drive, method, end, sample_dt, counters, None, events, series, energy)  # type: ignore[arg-type]
+    status = family(scene, method).run(scene, drive, method, end, sample_dt, Observers(counters, None, events, series, energy))
     losses = energy.totals[1:].sum() + energy.modal.sum() + stored_energy(scene, end) - stored_energy(scene, start)
     scale = max(abs(energy.totals[0]), stored_energy(scene, start), 1e-300)
     impacts, phases = events.impacts[: events.counts[0]], events.phases[: events.counts[1]]

@@ -5,6 +5,7 @@ import pytest
 from core import scene_of
 
 from impact_env import Drive, Moreau, ParameterError, Record, Response, Scene, constant_frequency, impact_absorber, simulate
+from impact_env.families.rigid import rigid_regimes
 from impact_env.kernels.check import check_flight, check_hold
 from impact_env.kernels.contact_law import Walls
 from impact_env.kernels.exact import new_room, solve_free, solve_joined
@@ -13,7 +14,6 @@ from impact_env.kernels.observers import MISSES, PASSED, PULLED, SEARCHES, TURNE
 from impact_env.kernels.rigid_contact import AT_REST, FORCE, SIGN, TAU, A, Contact, Q, V
 from impact_env.kernels.segments import Schedule, to_slots, window_of
 from impact_env.kernels.signals import HIT_HIGH, REVERSAL
-from impact_env.propagation import rigid_regimes
 
 GAP = 1e-3
 

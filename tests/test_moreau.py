@@ -5,6 +5,7 @@ import pytest
 from stepped import golden, integrate, order, still
 
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
+from impact_env.families import Observers, family
 from impact_env.kernels.chirp import fill_phases
 from impact_env.kernels.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, STUCK_TIME, close_level, new_counters, new_level
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
@@ -20,7 +21,6 @@ from impact_env.parameters import (
     impact_absorber,
 )
 from impact_env.scene import InitialState, Scene, beam_scene
-from impact_env.stepping import run_moreau
 
 LIGHT = 1e-9  # mass ratio of an absorber that the beam does not feel
 OMEGA = beam_scene(Beam(modes=1)).model.omega[0]
@@ -150,7 +150,8 @@ def test_level_agrees_with_the_series_and_any_step_grid() -> None:
     run = integrate(present, drive, Moreau())
     tip = run.states[:, :3] @ present.model.tip_shape
     level, counters = new_level(128), new_counters()
-    run_moreau(present, drive, Moreau(), InitialState().vector(present), drive.schedule.pseudo_period / 128, counters, level)
+    interval = drive.schedule.pseudo_period / 128
+    family(present, Moreau()).run(present, drive, Moreau(), InitialState().vector(present), interval, Observers(counters, level))
     assert level.state[0] == len(tip)
     at = int(np.argmax(np.abs(tip)))
     window = tip[max(0, at - 1280) + 1 : at + 1281]

@@ -10,11 +10,11 @@ from core import Array
 from search_truth import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Signals, first_events
 
 from impact_env import Beam, ModalModel, Scene, beam_scene, impact_absorber
+from impact_env.families.rigid import rigid_regimes
 from impact_env.kernels.forced import Forced, Window, new_forced, solve_forced
 from impact_env.kernels.search import search
 from impact_env.kernels.signals import new_signal
 from impact_env.kernels.slots import SPEED, S, Slots
-from impact_env.propagation import rigid_regimes
 
 Model = tuple[str, int]
 MODELS: tuple[Model, ...] = (("paper", 2), ("paper", 10), ("paper", 30), ("other", 2), ("other", 10), ("other", 30))

@@ -9,8 +9,8 @@ from dataclasses import asdict
 import numpy as np
 
 from impact_env.curve import BAND, DOWN, UP, Optimum, quantiles
+from impact_env.kinds import is_linear
 from impact_env.parameters import RigidWalls
-from impact_env.propagation import is_linear
 from impact_env.scene import Scene
 from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
 

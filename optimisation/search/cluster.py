@@ -17,8 +17,11 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.ensemble import first_of_each
 from impact_env.extras import optional
+from impact_env.families import kernel_key
 from impact_env.kernels.cache import digest
+from impact_env.methods import Exact
 from impact_env.parameters import ParameterError
 from optimisation.measures import Chunk, measure
 
@@ -53,7 +56,8 @@ class Workers:
 
     def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
         """See `optimisation.evaluation.Executor`. The first chunk of each kind is run here, which compiles its kernel before workers need it."""
-        first = _first_of_each_kind(chunks)
+        # kernels are compiled for each kind of scene and record, and two processes must not fill one cache at once
+        first = first_of_each([(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks])
         for k in first:
             yield k, measure(chunks[k])
         rest = [k for k in range(len(chunks)) if k not in set(first)]
@@ -114,13 +118,3 @@ class Workers:
 def sources() -> str:
     """Return the name that the kernels' sources have in their cache: the same where the kernels are the same."""
     return digest()
-
-
-def _first_of_each_kind(chunks: Sequence[Chunk]) -> list[int]:
-    """Return the first chunk of each kind of scene and record: kernels are compiled for each, and two processes must not fill one cache at once."""
-    first: dict[tuple[object, ...], int] = {}
-    for k, chunk in enumerate(chunks):
-        absorber = chunk.lanes[0].scene.absorber
-        parts = tuple(type(getattr(absorber, name, None)) for name in ("walls", "friction"))
-        first.setdefault((type(absorber), parts, chunk.record), k)
-    return list(first.values())

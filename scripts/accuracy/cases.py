@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 
 from impact_env.drive import PAPER_RATE, Drive, FrequencySchedule, linear_sweep
+from impact_env.kinds import is_linear
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, TunedAbsorber, friction_damper, impact_absorber
-from impact_env.propagation import is_linear
 from impact_env.response import Record
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate

@@ -13,9 +13,9 @@ from accuracy.statistics import bootstrap, distance_at_size, mean_difference, re
 from accuracy.study import Row, Settings, unique
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import Members, draw_members
+from impact_env.kinds import SceneKind, kind_of
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Beam
-from impact_env.propagation import is_compliant
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 
@@ -53,7 +53,7 @@ def rows(settings: Settings) -> Iterator[list[Row]]:
     for kind in _kinds(settings):
         for modes in settings.modes:
             scene = beam_scene(Beam(modes=modes), kind.absorber())
-            step_method = RungeKutta if is_compliant(scene) else Moreau
+            step_method = RungeKutta if kind_of(scene) is SceneKind.COMPLIANT else Moreau
             plans: list[tuple[str, Method, Members]] = [(TRUTH, Exact(), truth), ("", Exact(), members)]
             plans += [("", step_method(steps), members) for steps in settings.sweep_steps]
             found = []

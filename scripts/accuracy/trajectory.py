@@ -15,8 +15,8 @@ from accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integr
 from accuracy.reference import Trajectory, reference
 from accuracy.study import Row, Settings, median_time
 from impact_env.drive import Drive
+from impact_env.kinds import is_linear
 from impact_env.methods import Exact, Method
-from impact_env.propagation import is_linear
 from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]

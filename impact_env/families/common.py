@@ -1,0 +1,46 @@
+"""What the families of the exact method share: the losses, the schedule of windows, the contact at one absorber."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive
+from impact_env.kernels.rigid_contact import Contact
+from impact_env.kernels.segments import Losses, Schedule
+from impact_env.parameters import TunedAbsorber
+from impact_env.scene import Scene
+
+Array = NDArray[np.float64]
+WINDOW_PERIODS = 3.2  # wanted length of a window of the chirp, in pseudo periods
+
+
+def window_of(drive: Drive) -> float:
+    """Return the wanted length of a window in s."""
+    return WINDOW_PERIODS * drive.schedule.pseudo_period
+
+
+def clock_of(sample_dt: float) -> Array:
+    """Return the samples' clock: next sample's number, their distance in s, time of the stretch."""
+    return np.array([0.0, sample_dt, 0.0])
+
+
+def schedule_of(drive: Drive, reach: float) -> Schedule:
+    """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
+    breaks = drive.schedule
+    phases = breaks.phase_at(breaks.times) + drive.phase
+    return Schedule(np.array(breaks.times), np.array(breaks.omegas), np.asarray(phases), drive.amplitude, reach)
+
+
+def losses_of(scene: Scene) -> Losses:
+    """Return where a scene's force acts and what its dampers take."""
+    model, absorber = scene.model, scene.absorber
+    damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
+    return Losses(np.array(model.force_shape), np.array(model.tip_shape), 2 * model.damping_ratio * model.omega, damper)
+
+
+def contact_of(scene: Scene) -> Contact:
+    """Return the contact of one absorber with its place."""
+    mass, tip_shape = scene.absorber_mass, np.array(scene.model.tip_shape)
+    assert mass is not None
+    return Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape)

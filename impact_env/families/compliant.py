@@ -1,0 +1,68 @@
+"""One absorber whose contacts are springs (paper, appendix A): a spring to the wall, and elastic Coulomb friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+
+from impact_env.drive import Drive
+from impact_env.families.common import WINDOW_PERIODS, Array, clock_of, contact_of, losses_of, schedule_of, window_of
+from impact_env.families.family import Batch, Family, Observers
+from impact_env.kernels.compliant import Springs, compliant_lane
+from impact_env.kernels.lanes import compliant_lanes
+from impact_env.kernels.segments import Regime
+from impact_env.methods import Exact
+from impact_env.parameters import CompliantWalls, ElasticCoulombFriction, SlidingAbsorber
+from impact_env.regimes import fastest, free_regime, padded_size, sprung_regime
+from impact_env.scene import Scene
+from impact_env.tables import table_reach
+
+
+def _springs(scene: Scene) -> Springs:
+    """Return wall and friction stiffness in N/m, 0 where absent."""
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    wall = absorber.walls.stiffness if isinstance(absorber.walls, CompliantWalls) else 0.0
+    return Springs(wall, absorber.friction.stiffness if isinstance(absorber.friction, ElasticCoulombFriction) else 0.0)
+
+
+@lru_cache(maxsize=256)
+def compliant_regimes(scene: Scene, wanted: float) -> tuple[tuple[Regime, Regime, Regime, Regime], float]:
+    """Return the free regime and those with the wall's spring, with the friction's, and with both, and the reach of their tables in s.
+
+    An absent spring's regime repeats another.
+    """
+    model, mass = scene.model, scene.absorber_mass
+    assert mass is not None
+    wall, friction = _springs(scene)
+    springs = [wall or friction, friction or wall, wall + friction]
+    bounds = [fastest(model), *(fastest(model, mass, k) for k in springs)]
+    size = padded_size(max(slots for _, slots in bounds))
+    reach = table_reach(max(speed for speed, _ in bounds), wanted)
+    first, second, third = (sprung_regime(model, mass, k, 0.0, size, reach) for k in springs)
+    return (free_regime(model, size, reach), first, second, third), reach
+
+
+def _laws(scene: Scene) -> tuple[float | None, float | None]:
+    """Return gap (m) and friction limit (N), None where absent."""
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    return None if absorber.walls is None else absorber.walls.gap, None if absorber.friction is None else absorber.friction.limit
+
+
+def _run(scene: Scene, drive: Drive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
+    regimes, reach = compliant_regimes(scene, window_of(drive))
+    parts = (contact_of(scene), _springs(scene), *_laws(scene), losses_of(scene), schedule_of(drive, reach))
+    return int(compliant_lane(*regimes, *parts, state, clock_of(sample_dt), *observers.parts))
+
+
+def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+    regimes, reach = compliant_regimes(scene, WINDOW_PERIODS * pseudo_period)
+    return partial(compliant_lanes, *regimes, contact_of(scene), _springs(scene), *_laws(scene), losses_of(scene), reach, *batch)
+
+
+def _slots(scene: Scene, pseudo_period: float) -> int:
+    return compliant_regimes(scene, WINDOW_PERIODS * pseudo_period)[0][0].slots.rows.shape[1]
+
+
+COMPLIANT = Family("compliant", _laws, _run, _control, _slots, searched=True)

@@ -1,0 +1,87 @@
+"""What a family of kernels offers, and what a run hands to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive
+from impact_env.kernels.interval import Lanes, Watch
+from impact_env.kernels.observers import Counters, Energy, Events, Level, Series
+from impact_env.scene import Scene
+
+Array = NDArray[np.float64]
+Part = tuple[int, int]
+
+
+@dataclass
+class Observers:
+    """The arrays into which a run is observed; what is None is not."""
+
+    counters: Counters
+    level: Level | None = None
+    events: Events | None = None
+    series: Series | None = None
+    energy: Energy | None = None
+
+    @property
+    def parts(self) -> tuple[Counters, Level | None, Events | None, Series | None, Energy | None]:
+        """All of them, in the order of the kernels' arguments."""
+        return self.counters, self.level, self.events, self.series, self.energy
+
+
+class Batch(NamedTuple):
+    """Lanes under control: see `impact_env.kernels.interval`."""
+
+    watch: Watch
+    lanes: Lanes
+    orders: Array
+    reports: Array
+    status: NDArray[np.int64]
+
+
+class Run(Protocol):
+    """A family's single run."""
+
+    def __call__(self, scene: Scene, drive: Drive, method: Any, state: Array, sample_dt: float, observers: Observers, /) -> int:
+        """Integrate over the whole schedule and return a status code of `impact_env.kernels.observers`.
+
+        ``state`` (2 N_m + 2 n,) is the start and becomes the end. Samples lie ``sample_dt`` (s) apart from time 0. A slider of elastic friction
+        starts without force.
+        """
+
+
+class Control(Protocol):
+    """A family's lanes under control."""
+
+    def __call__(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch, /) -> Callable[[int, int], None]:
+        """Return a function that advances lanes [start, stop) of a scene by the intervals in their orders; ``pseudo_period`` in s."""
+
+
+def one_slot(scene: Scene, pseudo_period: float) -> int:
+    """Return the slots of a family that keeps nothing but the state."""
+    return 1
+
+
+@dataclass(frozen=True)
+class Family:
+    """One family of kernels.
+
+    ``laws``: parts of a scene without which the kernels are others, None where absent. ``searched``: its events are searched for.
+    ``control``: lanes in intervals, or None where the family has none. ``slots``: number of slots that a lane keeps between intervals.
+    """
+
+    name: str
+    laws: Callable[[Scene], tuple[object, ...]]
+    run: Run
+    control: Control | None = None
+    slots: Callable[[Scene, float], int] = one_slot
+    searched: bool = False
+
+    def key(self, scene: Scene) -> tuple[object, ...]:
+        """Return what is the same for two scenes that the same compiled kernels simulate."""
+        return self.name, *(law is None for law in self.laws(scene))

@@ -1,0 +1,54 @@
+"""Scenes of one linear regime: no absorber, a stuck one, a tuned one. The exact method is a closed form, without events."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+
+from impact_env.drive import Drive
+from impact_env.families.common import WINDOW_PERIODS, Array, clock_of, losses_of, schedule_of, window_of
+from impact_env.families.family import Batch, Family, Observers
+from impact_env.kernels.lanes import linear_lanes
+from impact_env.kernels.linear import linear_lane
+from impact_env.kernels.segments import Regime
+from impact_env.methods import Exact
+from impact_env.parameters import StuckAbsorber, TunedAbsorber
+from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime
+from impact_env.scene import Scene
+from impact_env.tables import table_reach
+
+
+@lru_cache(maxsize=256)
+def linear_regime(scene: Scene, wanted: float) -> tuple[Regime, float]:
+    """Return the regime and the reach of its tables in s: ``wanted`` or less."""
+    model, absorber, mass = scene.model, scene.absorber, scene.absorber_mass
+    spring = (absorber.stiffness, absorber.damping) if isinstance(absorber, TunedAbsorber) else (None, 0.0)
+    speed, slots = fastest(model, mass, *spring)
+    size, reach = padded_size(slots), table_reach(speed, wanted)
+    if mass is None:
+        return free_regime(model, size, reach), reach
+    if isinstance(absorber, StuckAbsorber):
+        return joined_regime(model, mass, size, reach), reach
+    return sprung_regime(model, mass, absorber.stiffness, absorber.damping, size, reach), reach  # type: ignore[union-attr]
+
+
+def _laws(scene: Scene) -> tuple[object, ...]:
+    return ()
+
+
+def _run(scene: Scene, drive: Drive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
+    regime, reach = linear_regime(scene, window_of(drive))
+    losses, seen = losses_of(scene), (observers.counters, observers.level, observers.series, observers.energy)
+    return int(linear_lane(regime, losses.tip_shape, losses, schedule_of(drive, reach), state, clock_of(sample_dt), *seen))
+
+
+def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+    regime, reach = linear_regime(scene, WINDOW_PERIODS * pseudo_period)
+    return partial(linear_lanes, regime, losses_of(scene), reach, *batch)
+
+
+def _slots(scene: Scene, pseudo_period: float) -> int:
+    return linear_regime(scene, WINDOW_PERIODS * pseudo_period)[0].slots.rows.shape[1]
+
+
+LINEAR = Family("linear", _laws, _run, _control, _slots)

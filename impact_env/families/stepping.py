@@ -1,0 +1,100 @@
+"""The time-stepping methods: Moreau's scheme for rigid contact, Runge-Kutta's for linear scenes and compliant contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive
+from impact_env.families.family import Batch, Family, Observers
+from impact_env.families.rigid import rigid_laws
+from impact_env.kernels import feedback, moreau
+from impact_env.kernels.contact_law import Spring, Walls
+from impact_env.kernels.feedback import Slider, Stops
+from impact_env.kernels.lanes import moreau_lanes, runge_kutta_lanes
+from impact_env.kernels.moreau import moreau_lane
+from impact_env.kernels.runge_kutta import runge_kutta_lane
+from impact_env.methods import Moreau, RungeKutta
+from impact_env.parameters import CompliantWalls, ElasticCoulombFriction, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
+from impact_env.scene import Scene
+
+Array = NDArray[np.float64]
+MoreauLaws = tuple[float | None, Walls | None, float | None, Spring | None, int | None]
+RungeKuttaLaws = tuple[float | None, float | None, Stops | None, Slider | None, Spring | None, int | None]
+
+
+def _writable(row: Array) -> Array:
+    """Return a copy: kernels are compiled for writable arrays only, so that no second variant of them is built."""
+    return np.array(row, dtype=np.float64, order="C")
+
+
+def _modes(scene: Scene) -> tuple[Array, Array, Array, Array]:
+    model = scene.model
+    return _writable(model.omega), _writable(model.damping_ratio), _writable(model.force_shape), _writable(model.tip_shape)
+
+
+def _drive(drive: Drive) -> tuple[Array, Array, Array, float, float]:
+    schedule = drive.schedule
+    phases = schedule.phase_at(schedule.times)
+    return _writable(schedule.times), _writable(schedule.omegas), _writable(phases), drive.amplitude, drive.phase
+
+
+def _spring(scene: Scene) -> Spring | None:
+    return Spring(scene.absorber.stiffness, scene.absorber.damping) if isinstance(scene.absorber, TunedAbsorber) else None
+
+
+def _wide(lanes: int, stride: int) -> int | None:
+    padded = 4 * -(-lanes // 4)
+    return padded if padded > stride else None
+
+
+def _moreau_laws(scene: Scene) -> MoreauLaws:
+    """Return absorber mass (kg), walls, friction limit (N), spring and padded width; a stuck absorber is one whose friction has no limit."""
+    walls, limit = None, np.inf if isinstance(scene.absorber, StuckAbsorber) else None
+    if isinstance(scene.absorber, SlidingAbsorber):
+        walls, limit = rigid_laws(scene)
+    return scene.absorber_mass, walls, limit, _spring(scene), _wide(scene.model.modes, moreau.STRIDE)
+
+
+def _run_moreau(scene: Scene, drive: Drive, method: Moreau, state: Array, sample_dt: float, observers: Observers) -> int:
+    mass, walls, limit, spring, wide = _moreau_laws(scene)
+    parts = (*_modes(scene), mass, walls, limit, spring, *_drive(drive))
+    return int(moreau_lane(*parts, state, method.step(scene), sample_dt, *observers.parts, wide))
+
+
+def _control_moreau(scene: Scene, method: Moreau, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+    mass, walls, limit, spring, wide = _moreau_laws(scene)
+    restitution = None if walls is None else walls.restitution
+    return partial(moreau_lanes, _modes(scene), mass, restitution, limit, spring, method.step(scene), wide, *batch)
+
+
+def _runge_kutta_laws(scene: Scene) -> RungeKuttaLaws:
+    """Return mass of an absorber that moves and mass added to the tip (kg), stops, slider, spring and padded width."""
+    absorber, mass = scene.absorber, scene.absorber_mass
+    stops = slider = None
+    if isinstance(absorber, SlidingAbsorber):
+        stops = Stops(absorber.walls.gap, absorber.walls.stiffness) if isinstance(absorber.walls, CompliantWalls) else None
+        elastic = isinstance(absorber.friction, ElasticCoulombFriction)
+        slider = Slider(absorber.friction.limit, absorber.friction.stiffness) if elastic else None  # type: ignore[union-attr]
+    free_mass, added_mass = (None, mass) if isinstance(absorber, StuckAbsorber) else (mass, None)
+    return free_mass, added_mass, stops, slider, _spring(scene), _wide(scene.model.modes + 1, feedback.STRIDE)
+
+
+def _run_runge_kutta(scene: Scene, drive: Drive, method: RungeKutta, state: Array, sample_dt: float, observers: Observers) -> int:
+    free_mass, added_mass, stops, slider, spring, wide = _runge_kutta_laws(scene)
+    parts = (*_modes(scene), free_mass, added_mass, stops, slider, spring, *_drive(drive))
+    return int(runge_kutta_lane(*parts, state, method.step(scene), sample_dt, *observers.parts, wide))
+
+
+def _control_runge_kutta(scene: Scene, method: RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+    free_mass, added_mass, stops, slider, spring, wide = _runge_kutta_laws(scene)
+    # a state of steps does not hold the slider
+    require(slider is None, "method", method, "Exact for elastic friction that is controlled in intervals")
+    return partial(runge_kutta_lanes, _modes(scene), free_mass, added_mass, stops, spring, method.step(scene), wide, *batch)
+
+
+MOREAU = Family("moreau", _moreau_laws, _run_moreau, _control_moreau)
+RUNGE_KUTTA = Family("runge_kutta", _runge_kutta_laws, _run_runge_kutta, _control_runge_kutta)

@@ -1,0 +1,35 @@
+"""The table: which family of kernels simulates a kind of scene with a method."""
+
+from __future__ import annotations
+
+from impact_env.families.compliant import COMPLIANT
+from impact_env.families.family import Family
+from impact_env.families.linear import LINEAR
+from impact_env.families.rigid import RIGID
+from impact_env.families.several import SEVERAL
+from impact_env.families.stepping import MOREAU, RUNGE_KUTTA
+from impact_env.kinds import SceneKind, kind_of
+from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported, method_class
+from impact_env.scene import Scene
+
+FAMILIES: dict[tuple[SceneKind, type[Method]], Family] = {
+    (SceneKind.LINEAR, Exact): LINEAR,
+    (SceneKind.LINEAR, Moreau): MOREAU,
+    (SceneKind.LINEAR, RungeKutta): RUNGE_KUTTA,
+    (SceneKind.RIGID, Exact): RIGID,
+    (SceneKind.RIGID, Moreau): MOREAU,
+    (SceneKind.COMPLIANT, Exact): COMPLIANT,
+    (SceneKind.COMPLIANT, RungeKutta): RUNGE_KUTTA,
+    (SceneKind.SEVERAL, Exact): SEVERAL,
+}
+
+
+def family(scene: Scene, method: Method) -> Family:
+    """Return what simulates a scene with a method; raises ParameterError if the method cannot do the scene."""
+    check_supported(scene, method)
+    return FAMILIES[kind_of(scene), method_class(method)]
+
+
+def kernel_key(scene: Scene, method: Method) -> tuple[object, ...]:
+    """Return what is the same for two scenes that the same compiled kernels simulate; raises ParameterError as `family` does."""
+    return family(scene, method).key(scene)
