@@ -1,8 +1,8 @@
 """Compile the kernels into their cache before they are needed: ``python -m impact_env.warm_up [environments]``.
 
 numba compiles a kernel once for each combination of absent and present parts. These are the combinations that the main job meets or, with the word
-``environments``, the Gymnasium environments with their default scenes; any other is compiled, and cached, when it is first used. One
-process, one after the other: two that fill one cache at the same time can spoil each other's entries.
+``environments``, the Gymnasium environments with their default scenes; any other is compiled, and cached, when it is first used. Each
+combination is compiled by a process of its own, as many at a time as there are cores.
 """
 
 from __future__ import annotations
@@ -10,13 +10,16 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
+from multiprocessing import get_context
 
 from impact_env.drive import Drive, constant_frequency
+from impact_env.ensemble import available_cores
 from impact_env.envs import ENVIRONMENTS, first_step
 from impact_env.first_use import quiet
 from impact_env.kernels.cache import cache_folder
-from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorber
+from impact_env.parameters import Absorber, Beam, impact_absorber
 from impact_env.response import Record
 from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
@@ -25,11 +28,11 @@ PERIODS = 1.0
 Jobs = list[tuple[str, Callable[[], None]]]
 FORCE = 1e-3  # N: nothing needs to happen, only to be compiled
 
+# the dearest first, so that none is left over at the end
 ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
-    "linear scenes": lambda: None,
-    "impact absorber with friction": lambda: impact_absorber(friction_limit=0.1),
-    "friction damper": friction_damper,
+    "impact absorber with friction, friction damper": lambda: impact_absorber(friction_limit=0.1),
     "impact absorber": impact_absorber,
+    "linear scenes": lambda: None,
 }
 RECORDS = {
     "level": Record(),
@@ -60,12 +63,29 @@ def environments() -> Jobs:
     return [(name, partial(first_step, name)) for name in ENVIRONMENTS]
 
 
-def warm_up(jobs: Jobs, say: Callable[[str], None]) -> None:
-    """Do all jobs, telling ``say`` a line for each."""
-    for k, (name, job) in enumerate(jobs, 1):
-        began = time.perf_counter()
+def timed(job: Callable[[], None]) -> float:
+    """Do a job and return the time it took in s."""
+    began = time.perf_counter()
+    with quiet():
         job()
-        say(f"  [{k:2}/{len(jobs)}] {name:<54}{time.perf_counter() - began:6.1f} s")
+    return time.perf_counter() - began
+
+
+def warm_up(jobs: Jobs, say: Callable[[str], None], processes: int) -> None:
+    """Do all jobs in a number of processes, telling ``say`` a line for each that is done."""
+    if processes == 1:
+        for k, (name, job) in enumerate(jobs, 1):
+            say(_line(k, len(jobs), name, timed(job)))
+        return
+    # spawned: a process that is forked from one with numba's threads may hang
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+        names = {pool.submit(timed, job): name for name, job in jobs}
+        for k, done in enumerate(as_completed(names), 1):
+            say(_line(k, len(jobs), names[done], done.result()))
+
+
+def _line(k: int, total: int, name: str, seconds: float) -> str:
+    return f"  [{k:2}/{total}] {name:<54}{seconds:6.1f} s"
 
 
 def main(words: list[str], say: Callable[[str], None]) -> int:
@@ -73,8 +93,8 @@ def main(words: list[str], say: Callable[[str], None]) -> int:
     if words not in ([], ["environments"]):
         say(f"{' '.join(words)} is not allowed: nothing, or the word environments")
         return 2
-    with quiet():
-        warm_up(environments() if words else main_job(), say)
+    jobs = environments() if words else main_job()
+    warm_up(jobs, say, min(available_cores(), len(jobs)))
     folder = cache_folder()
     say("  kernels are kept nowhere: no folder can be written to" if folder is None else f"  kernels are in {folder}")
     return 0

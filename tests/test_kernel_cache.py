@@ -135,3 +135,32 @@ def test_the_hash_sees_every_source(tmp_path: Path) -> None:
         (tmp_path / name).write_text(text)
         seen.add(digest(tmp_path))
     assert len(seen) == 5  # all but the last, which is no source
+
+
+FILLED = """
+import sys
+import numpy as np
+from impact_env.kernels.jit import jit
+
+@jit
+def size(a, b):
+    return a.ndim + b.ndim
+
+for k in map(int, sys.argv[1:]):
+    assert size(np.zeros((1,) * (1 + k % 6)), np.zeros((1,) * (1 + k // 6))) == 2 + k % 6 + k // 6
+print(sum(size.stats.cache_hits.values()), sum(size.stats.cache_misses.values()))
+"""
+
+
+def test_two_processes_that_fill_one_folder_lose_nothing(tmp_path: Path) -> None:
+    """numba reads an index, adds to it and writes it back; 18 variants each of one function make the two meet in that again and again."""
+    script = tmp_path / "filled.py"
+    script.write_text(FILLED)
+    environment = os.environ | {"IMPACT_ENV_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+
+    def start(variants: range) -> subprocess.Popen[str]:
+        return subprocess.Popen([sys.executable, script, *map(str, variants)], env=environment, stdout=subprocess.PIPE, text=True)
+
+    both = [start(range(0, 36, 2)), start(range(1, 36, 2))]
+    assert [process.communicate()[0].split() for process in both] == [["0", "18"]] * 2
+    assert start(range(36)).communicate()[0].split() == ["36", "0"]

@@ -24,6 +24,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 
 PACKAGE = Path(__file__).resolve().parent
 LOG = logging.getLogger("impact_env")
+PATIENCE = 60.0  # s to wait for another process that writes into the same folder
 
 
 def digest(package: Path = PACKAGE) -> str:
@@ -159,11 +160,16 @@ class KernelCache(FunctionCache):
         return None
 
     def _save_overload(self, sig: Any, data: Any) -> None:
-        if folders().write is None:
+        folder = folders().write
+        if folder is None:
             return
+        from filelock import FileLock  # only a process that compiles needs it
+
         try:
-            super()._save_overload(sig, data)
-        except OSError as error:  # a full disk must not stop a simulation
+            # an index is read, changed and written: without a lock two processes would lose each other's entries
+            with FileLock(folder / "lock", timeout=PATIENCE):
+                super()._save_overload(sig, data)
+        except (OSError, NotImplementedError) as error:  # a full disk, or one without locks, must not stop a simulation
             _say_once(str(error))
 
 

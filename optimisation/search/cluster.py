@@ -56,7 +56,7 @@ class Workers:
 
     def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
         """See `optimisation.evaluation.Executor`. The first chunk of each kind is run here, which compiles its kernel before workers need it."""
-        # kernels are compiled for each kind of scene and record, and two processes must not fill one cache at once
+        # kernels are compiled for each kind of scene and record: workers that share this machine's cache then find them there
         first = first_of_each([(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks])
         for k in first:
             yield k, measure(chunks[k])
