@@ -8,7 +8,7 @@ from impact_env import Beam, Drive, FrequencySchedule, InitialState, ParameterEr
 from impact_env.parameters import Absorber
 from impact_env.response import Response
 from impact_env.verification import dense
-from impact_env.verification.contact import Automaton
+from impact_env.verification.automaton import Automaton
 from impact_env.verification.mechanics import Mechanics
 
 LINEAR = [None, StuckAbsorber(0.5), TunedAbsorber(), TunedAbsorber(damping=0.0), TunedAbsorber(0.1, 1e6, 300.0)]

@@ -19,7 +19,7 @@ from accuracy.event_driven import Integrator, Mechanics, PeerFailedError, PeerRu
 
 from impact_env.scene import beam_scene
 from impact_env.verification import digits
-from impact_env.verification.contact import Automaton
+from impact_env.verification.automaton import Automaton
 
 REST = InitialState()
 

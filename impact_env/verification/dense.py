@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive
 from impact_env.scene import InitialState, Scene
-from impact_env.verification.contact import CONTACT, HOLD, SLIP, WALL, Contacts, Guard, Number, Regime
+from impact_env.verification.automaton import CONTACT, HOLD, SLIP, WALL, Guard, Number, Regime
+from impact_env.verification.contact import Contacts
 from impact_env.verification.mechanics import Linear, Mechanics
 
 Array = NDArray[np.float64]

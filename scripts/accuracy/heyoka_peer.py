@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from accuracy.event_driven import Integrator, Mechanics, PeerFailedError
 from impact_env.extras import optional
-from impact_env.verification.contact import Automaton, Regime
+from impact_env.verification.automaton import Automaton, Regime
 
 with optional():
     import heyoka
