@@ -26,7 +26,7 @@ def error(scene: Scene, drive: Drive, initial: InitialState | None = None, sampl
     assert response.history is not None
     assert response.energy is not None
     n = scene.model.modes
-    truth = np.delete(dense.follow(scene, drive, initial, response.history.time).states, [n, 2 * n + 1], axis=1)
+    truth = np.delete(dense.follow(scene, drive, initial, response.history.time, long_steps=True).states, [n, 2 * n + 1], axis=1)
     deviation = np.max(np.abs(modal_states(response) - truth) / np.max(np.abs(truth), axis=0))
     return float(max(deviation, response.energy.relative_error))
 
