@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 from _memory import peak_memory
 from _stability_cases import EXACT, MOREAU, Case
-from _stability_truth import Truth, truth
 
 from impact_env import (
     Drive,
@@ -29,6 +28,7 @@ from impact_env import (
 )
 from impact_env.energy import stored_energy
 from impact_env.methods import Method
+from impact_env.verification.dense import Truth, follow
 
 SAMPLES = 32  # per pseudo period
 LEAST_SAMPLES = 33
@@ -133,7 +133,7 @@ def _truth(case: Case) -> Truth:
     scene, drive, initial = case.build()
     interval = drive.schedule.pseudo_period / _samples(drive)
     samples = int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
-    return truth(scene, drive, initial, interval, samples, case.impacts)
+    return follow(scene, drive, initial, interval * np.arange(samples), case.impacts)
 
 
 def _deviation(expected: Truth, response: Response) -> float:

@@ -33,7 +33,7 @@ IMPORTS = {
     "impact_env.envs.passive": ("gymnasium", "rl"),
     "impact_env.envs.drawing": ("PIL", "rl"),
     "accuracy.heyoka_peer": ("heyoka", "peers"),
-    "accuracy.reference": ("mpmath", "peers"),
+    "impact_env.verification.digits": ("mpmath", "peers"),
 }
 TRY = """
 import importlib, sys

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accuracy.contact_automaton import Automaton, Regime
 from accuracy.event_driven import Integrator, Mechanics, PeerFailedError
 from impact_env.extras import optional
+from impact_env.verification.automaton import Automaton, Regime
 
 with optional():
     import heyoka
