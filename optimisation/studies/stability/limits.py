@@ -39,6 +39,7 @@ class FixedMoreau(Moreau):
     dt: float = 0.0
 
     def step(self, scene: Scene) -> float:  # noqa: ARG002 - as the method's
+        """Return the step in s."""
         return self.dt
 
 
@@ -49,6 +50,7 @@ class FixedRungeKutta(RungeKutta):
     dt: float = 0.0
 
     def step(self, scene: Scene) -> float:  # noqa: ARG002 - as the method's
+        """Return the step in s."""
         return self.dt
 
 
@@ -64,6 +66,7 @@ class LimitCase:
     damper: float = 0.0
 
     def scene(self) -> Scene:
+        """Return the scene whose step is searched."""
         absorber = None
         if self.spring is not None:
             walls = SlidingAbsorber(walls=CompliantWalls(self.spring, 0.0))
@@ -95,6 +98,7 @@ class Limit:
 
     @property
     def agrees(self) -> bool:
+        """Whether what was found is what theory says."""
         return abs(self.found_s / self.theory_s - 1) <= AGREE
 
 

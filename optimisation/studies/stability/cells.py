@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from _memory import peak_memory
-from _stability_cases import EXACT, MOREAU, Case
 from _stability_truth import Truth, truth
 
 from impact_env import (
@@ -29,13 +28,19 @@ from impact_env import (
 )
 from impact_env.energy import stored_energy
 from impact_env.methods import Method
+from optimisation.memory import peak_memory
+from optimisation.studies.stability.case import EXACT, MOREAU, Case
 
 SAMPLES = 32  # per pseudo period
 LEAST_SAMPLES = 33
 FINER = {MOREAU: 16, "runge-kutta": 4}
 FINER_FAST = 4  # the same for scenes with a highest mode above this many first ones
 FAST = 5e3
-MAKE = {EXACT: lambda _: Exact(), MOREAU: lambda factor: Moreau(20 * factor), "runge-kutta": lambda factor: RungeKutta(20 * factor, 20 * factor)}
+MAKE: dict[str, Callable[[int], Method]] = {
+    EXACT: lambda _: Exact(),
+    MOREAU: lambda factor: Moreau(20 * factor),
+    "runge-kutta": lambda factor: RungeKutta(20 * factor, 20 * factor),
+}
 
 GOOD, WEAK, REFUSED, FAILED = "good", "fewer digits", "refused", "FAILED"
 # what an exact method may lose to rounding, and from where on its numbers are called wrong

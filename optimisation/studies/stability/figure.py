@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from _stability_cells import FAILED, REFUSED
-from _stability_tasks import Results
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+
+from optimisation.studies.stability.cells import FAILED, REFUSED
+from optimisation.studies.stability.tasks import Results
 
 COLOURS = {"exact": "#0072B2", "moreau": "#D55E00", "runge-kutta": "#009E73"}
 LABELS = {"exact": "exact", "moreau": "Moreau", "runge-kutta": "Runge-Kutta"}

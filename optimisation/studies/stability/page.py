@@ -6,10 +6,11 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from _report_page import conditions_line
-from _stability_cells import FAILED, GOOD, REFUSED, WEAK
-from _stability_tasks import Results
-from _table import markdown
+from optimisation.report.markdown import markdown
+from optimisation.studies.machine import sources
+from optimisation.studies.stability.cells import FAILED, GOOD, REFUSED, WEAK
+from optimisation.studies.stability.tasks import Results
+from optimisation.studies.study import Measured
 
 CELL_COLUMNS = (
     "group", "case", "method", "verdict", "reason", "balance", "identity", "drift", "penetration", "deviation", "finer", "followed", "impacts",
@@ -18,10 +19,14 @@ CELL_COLUMNS = (
 LONGEST_REASON = 150
 
 
-def sections(results: Results) -> dict[str, str]:
-    """Return the page's sections by the names of their markers."""
+MARKERS = tuple(f"stability:{name}" for name in ("summary", "matrix", "remarks", "limits", "stiffness", "eigenproblem", "soak", "checks"))
+
+
+def sections(measured: Measured) -> dict[str, str]:
+    """Return the page's sections by the names of their `MARKERS`."""
+    results = Results(**measured.values)
     return {
-        "stability:summary": _summary(results),
+        "stability:summary": _summary(results, measured),
         "stability:matrix": _matrix(results.cells),
         "stability:remarks": _remarks(results.cells),
         "stability:limits": _limits(results.limits),
@@ -32,6 +37,12 @@ def sections(results: Results) -> dict[str, str]:
     }
 
 
+def said(measured: Measured) -> str:
+    """Return what the command prints: the matrix, and all that failed."""
+    failures = list(Results(**measured.values).failures())
+    return "\n".join([sections(measured)["stability:matrix"], *(f"FAILED  {line}" for line in failures), f"\n{len(failures)} failures"])
+
+
 def _number(value: float | None) -> str:
     return "" if value is None else "0" if value == 0 else f"{value:.1e}"
 
@@ -40,15 +51,16 @@ def _worst(cells: Sequence[dict[str, Any]], name: str) -> str:
     return _number(max((cell[name] for cell in cells if cell[name] is not None), default=None))
 
 
-def _summary(results: Results) -> str:
+def _summary(results: Results, measured: Measured) -> str:
     counts = Counter(cell["verdict"] for cell in results.cells)
     failures = list(results.failures())
     parts = ", ".join(
         f"{counts[verdict]} {text}" for verdict, text in ((GOOD, "good"), (WEAK, "with fewer digits"), (REFUSED, "refused with an error"))
     )
-    lines = [f"{len(results.cells)} cells: {parts}, {counts[FAILED]} failed. {conditions_line(results.conditions)}"]
-    lines.append(f"Wall time {results.conditions.get('wall_s', 0):.0f} s on {results.conditions.get('workers', '?')} processes, compiling included.")
-    if not results.complete:
+    lines = [f"{len(results.cells)} cells: {parts}, {counts[FAILED]} failed. {sources(measured.conditions)}"]
+    made = measured.conditions
+    lines.append(f"Wall time {made.get('wall_s', 0):.0f} s on {made.get('workers', '?')} processes, compiling included.")
+    if not measured.complete:
         lines.append("**Stopped early or a quick look: not all of the report.**")
     if failures:
         lines += ["", "Failures:", "", *(f"- {line}" for line in failures)]

@@ -43,6 +43,7 @@ class Accuracy:
 
     @property
     def wrong(self) -> bool:
+        """Whether a frequency has lost so many digits that it is no frequency of these elements."""
         return any(value > WRONG for value in self.rounding.values())
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from _memory import peak_memory
-
 from impact_env import (
     Beam,
     CompliantWalls,
@@ -23,6 +21,7 @@ from impact_env import (
 )
 from impact_env.methods import Method
 from impact_env.parameters import Absorber
+from optimisation.memory import peak_memory
 
 LENGTHS = (1_000, 10_000, 100_000, 1_000_000)  # pseudo periods
 QUICK_LENGTHS = (100, 1_000, 10_000)

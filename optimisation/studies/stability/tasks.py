@@ -8,15 +8,15 @@ from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from typing import Any
 
-import _stability_cells as cells
-import _stability_checks as checks
-import _stability_eigen as eigen
-import _stability_limits as limits
-import _stability_soak as soaks
-from _stability_cases import Case, cases
-from _workers import Outcome, Task
-
 from impact_env import ParameterError, SlidingAbsorber
+from optimisation.studies.stability import cells as cells
+from optimisation.studies.stability import checks as checks
+from optimisation.studies.stability import eigen as eigen
+from optimisation.studies.stability import limits as limits
+from optimisation.studies.stability import soak as soaks
+from optimisation.studies.stability.case import Case
+from optimisation.studies.stability.cases import cases
+from optimisation.studies.workers import Outcome, Task
 
 CELL_LIMIT_S, QUICK_CELL_LIMIT_S = 90.0, 30.0
 SOAK_LIMIT_S = 400.0
@@ -31,26 +31,31 @@ def _by_name() -> dict[tuple[str, str], Case]:
 
 
 def run_cell(group: str, name: str, method: str) -> dict[str, Any]:
+    """Run a case with a method."""
     values = asdict(cells.measure(_by_name()[group, name], method))
     return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in values.items()}
 
 
 def run_limit(number: int) -> dict[str, Any]:
+    """Find a step limit."""
     found = limits.find_limit(limits.CASES[number])
     return asdict(found) | {"agrees": found.agrees}
 
 
 def run_eigen(elements: int) -> dict[str, Any]:
+    """Compute the errors of the modes."""
     found = eigen.accuracy(elements)
     values = asdict(found) | {"wrong": found.wrong}
     return values | {name: {str(mode): error for mode, error in values[name].items()} for name in ("rounding", "discretisation")}
 
 
 def run_soak(number: int, lengths: tuple[int, ...]) -> dict[str, Any]:
+    """Do one very long run."""
     return asdict(soaks.soak(soaks.CASES[number], lengths))
 
 
 def run_check(number: int, searches: int) -> dict[str, Any]:
+    """Check searches of one scene."""
     found = checks.check(checks.CASES[number], searches, number)
     return asdict(found) | {"passed": found.passed}
 
@@ -89,8 +94,6 @@ def tasks(quick: bool) -> list[Task]:
 class Results:
     """What has been measured: plain values for JSON, section by section, in the order of the tasks."""
 
-    conditions: dict[str, Any] = field(default_factory=dict)
-    complete: bool = False
     cells: list[dict[str, Any]] = field(default_factory=list)
     limits: list[dict[str, Any]] = field(default_factory=list)
     eigen: list[dict[str, Any]] = field(default_factory=list)
@@ -120,17 +123,40 @@ class Results:
             yield f"{lost['what']}: {lost['error']}"
 
 
-def gather(outcomes: Sequence[Outcome], order: Sequence[Task], conditions: dict[str, Any]) -> Results:
-    """Return the results of finished tasks. A cell that was lost (time, crash) is a failed cell."""
-    results = Results(conditions, complete=len(outcomes) == len(order))
+def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Results:
+    """Return the results of finished tasks, in the given order. A cell that was lost (time, crash) is a failed cell."""
+    results = Results()
     place = {(task.function, task.arguments): number for number, task in enumerate(order)}
     for outcome in sorted(outcomes, key=lambda outcome: place[outcome.task.function, outcome.task.arguments]):
         task = outcome.task
         if outcome.value is not None:
-            getattr(results, SECTIONS[task.function]).append(outcome.value)  # type: ignore[index]
+            getattr(results, SECTIONS[task.function]).append(outcome.value)
         elif task.function is run_cell:
             group, case, method = task.arguments
             results.cells.append(asdict(cells.Cell(group, case, method, cells.FAILED, outcome.error)))
         else:
             results.lost.append({"what": f"{task.function.__name__[4:]} {task.arguments}", "error": outcome.error})
     return results
+
+
+def _identity(task: Task) -> dict[str, Any]:
+    """Return what tells the result of a task from the others of its section."""
+    if task.function is run_cell:
+        return dict(zip(("group", "case", "method"), task.arguments, strict=True))
+    number = task.arguments[0]
+    if task.function is run_limit:
+        case = limits.CASES[number]
+        return {"method": case.method, "what": case.what, "damping_ratio": case.damping_ratio}
+    if task.function is run_eigen:
+        return {"elements": number}
+    return {"name": (soaks.CASES if task.function is run_soak else checks.CASES)[number].name}
+
+
+def finished(order: Sequence[Task], known: dict[str, Any]) -> list[Outcome]:
+    """Return what an earlier run has found of the tasks; one that was lost there is not among it."""
+    found = []
+    for task in order:
+        own = _identity(task)
+        entries = known.get(SECTIONS[task.function], ())
+        found += [Outcome(task, entry, "", 0.0) for entry in entries if all(entry[name] == value for name, value in own.items())][:1]
+    return found

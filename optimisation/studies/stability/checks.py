@@ -42,16 +42,19 @@ class CheckCase:
 
 
 def beam(modes: int, absorber: Absorber) -> Scene:
+    """Return the paper's beam with so many modes and an absorber."""
     return beam_scene(Beam(modes=modes), absorber)
 
 
 def odd_structure() -> Scene:
     """Modes close together, far apart and hardly damped: no beam."""
-    model = ModalModel([100.0, 101.0, 730.0, 9000.0], [0.002, 0.03, 0.3, 1e-4], [0.8, -0.5, 1.0, 0.3], [1.0, 0.7, -1.2, 0.4], 0.5)
+    omega, damping = np.array([100.0, 101.0, 730.0, 9000.0]), np.array([0.002, 0.03, 0.3, 1e-4])
+    model = ModalModel(omega, damping, np.array([0.8, -0.5, 1.0, 0.3]), np.array([1.0, 0.7, -1.2, 0.4]), 0.5)
     return Scene(model, impact_absorber(restitution=0.9, friction_limit=0.02))
 
 
 def two_absorbers() -> Scene:
+    """Return two cavities in different places, one of them with friction."""
     absorbers = (impact_absorber(mass_ratio=0.01, restitution=0.7, friction_limit=0.03), impact_absorber(mass_ratio=0.01, restitution=0.9))
     return beam_scene(Beam(modes=5), SeveralAbsorbers(absorbers, (0.7, 1.0)))
 
@@ -96,6 +99,7 @@ class Checked:
 
     @property
     def passed(self) -> bool:
+        """Whether something was checked and nothing missed."""
         return self.misses == 0 and self.searches > 0
 
 
