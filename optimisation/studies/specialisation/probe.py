@@ -20,10 +20,9 @@ import statistics  # noqa: E402
 import tracemalloc  # noqa: E402
 from typing import Any  # noqa: E402
 
-from _memory import peak_memory  # noqa: E402
-from _specialisation_scenes import METHODS, RECORDS, Variant  # noqa: E402
-
 from impact_env import simulate  # noqa: E402
+from optimisation.memory import peak_memory  # noqa: E402
+from optimisation.studies.specialisation.scenes import METHODS, RECORDS, Variant  # noqa: E402
 
 LONGER = 10  # memory is compared between a run and one so many times longer
 
@@ -32,7 +31,7 @@ def _lane() -> Any:
     """Return the one lane kernel that has been compiled."""
     from impact_env.kernels import compliant, exact, linear, moreau, runge_kutta
 
-    lanes = (linear.linear_lane, exact.exact_lane, compliant.compliant_lane, moreau.moreau_lane, runge_kutta.runge_kutta_lane)
+    lanes: tuple[Any, ...] = (linear.linear_lane, exact.exact_lane, compliant.compliant_lane, moreau.moreau_lane, runge_kutta.runge_kutta_lane)
     (used,) = (lane for lane in lanes if lane.signatures)
     return used
 
@@ -83,6 +82,7 @@ def _peak_kb(variant: Variant, periods: float) -> float:
 
 
 def main(absorber: str, method: str, record: str, what: str, periods: float, repeats: int) -> dict[str, Any]:
+    """Return what is found of a variant: its first run, and its compiled code or the times of its runs."""
     variant = Variant(absorber, method, record)
     scene, drive = variant.scene(), variant.drive(1.0)
     began = time.perf_counter()
@@ -100,4 +100,5 @@ def main(absorber: str, method: str, record: str, what: str, periods: float, rep
 
 
 if __name__ == "__main__":
-    print(json.dumps(main(*sys.argv[1:5], float(sys.argv[5]), int(sys.argv[6]))))
+    names = sys.argv[1:5]
+    print(json.dumps(main(names[0], names[1], names[2], names[3], float(sys.argv[5]), int(sys.argv[6]))))

@@ -7,16 +7,17 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import click
-from _report_page import ROOT
-from _specialisation_scenes import Pair, Variant, own, pairs
+from impact_env.sweep import IntegrationError
+from optimisation.studies.specialisation.scenes import Pair, Variant, own, pairs
+from optimisation.studies.study import Json, Steps
 
-PROBE = Path(__file__).with_name("_specialisation_probe.py")
+PROBE = Path(__file__).with_name("probe.py")
+PACKAGES = PROBE.parents[3]  # the folder from which they are imported
 PERIODS, QUICK_PERIODS = 400.0, 60.0
 REPEATS, QUICK_REPEATS = 5, 3
 HEAVY = ("torch", "matplotlib", "stable_baselines3", "cvxpy", "optuna", "pandas", "optimisation")
@@ -27,11 +28,9 @@ FLAT_KB = 64.0  # memory that a longer run may need more, when nothing is stored
 
 
 @dataclass
-class Measured:
+class Results:
     """What was found, as plain values: own[name] of each variant, pairs in their order."""
 
-    conditions: dict[str, Any] = field(default_factory=dict)
-    complete: bool = False
     own: dict[str, dict[str, Any]] = field(default_factory=dict)
     pairs: list[dict[str, Any]] = field(default_factory=list)
 
@@ -46,45 +45,43 @@ class Claim:
 
 
 def _probe(variant: Variant, what: str, cache: Path, periods: float, repeats: int) -> dict[str, Any]:
-    command = [sys.executable, str(PROBE), variant.absorber, variant.method, variant.record, what, str(periods), str(repeats)]
-    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    # -P: the folder of the probe is not among those from which the simulator imports
+    command = [sys.executable, "-P", str(PROBE), variant.absorber, variant.method, variant.record, what, str(periods), str(repeats)]
+    path = os.pathsep.join([str(PACKAGES), *filter(None, [os.environ.get("PYTHONPATH")])])
     environment = {**os.environ, "IMPACT_ENV_CACHE": str(cache), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-    result = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, cwd=ROOT)
+    result = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, cwd=PACKAGES)
     if result.returncode:
-        raise click.ClickException(f"{variant.name}: {result.stderr.strip().splitlines()[-1] if result.stderr.strip() else result.returncode}")
+        raise IntegrationError(f"{variant.name}: {result.stderr.strip().splitlines()[-1] if result.stderr.strip() else result.returncode}")
     values: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
     return values
 
 
-def steps(quick: bool) -> int:
-    """Return the number of measurements."""
-    return 2 * len(own(quick)) + len(pairs(quick))
+def left(quick: bool, known: Json) -> tuple[list[Variant], list[Pair]]:
+    """Return the variants and the pairs that an earlier run has not measured."""
+    done = {pair["part"] for pair in known.get("pairs", ())}
+    return [variant for variant in own(quick) if variant.name not in known.get("own", {})], [pair for pair in pairs(quick) if pair.part not in done]
 
 
-def measure(quick: bool, advance: Callable[[], object]) -> Measured:
-    """Measure everything, one process after the other; an interrupt ends it and keeps what is finished."""
+def measure(quick: bool, known: Json) -> Steps:
+    """Measure everything that is not known, one process after the other, and yield what there is after each."""
     periods, repeats = (QUICK_PERIODS, QUICK_REPEATS) if quick else (PERIODS, REPEATS)
-    measured = Measured()
-    timed: dict[Variant, dict[str, Any]] = {}
+    results = Results(**known)
+    variants, compared = left(quick, known)
+    timed = {variant: results.own[variant.name] for variant in own(quick) if variant.name in results.own}
     with tempfile.TemporaryDirectory(prefix="impact_env-") as folder:
         caches = {kind: Path(folder) / str(number) for number, kind in enumerate(dict.fromkeys(variant.kind for variant in own(quick)))}
-        try:
-            for variant in own(quick):
-                cold = _probe(variant, "inspect", caches[variant.kind], 1.0, 1)
-                advance()
-                timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
-                advance()
-                measured.own[variant.name] = _entry(variant, cold, timed[variant])
-            for pair in pairs(quick):
-                for variant in (pair.without, pair.switched_off):
-                    if variant not in timed:
-                        timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
-                measured.pairs.append(_compared(pair, timed))
-                advance()
-            measured.complete = True
-        except KeyboardInterrupt:
-            pass
-    return measured
+        for variant in variants:
+            cold = _probe(variant, "inspect", caches[variant.kind], 1.0, 1)
+            yield vars(results)
+            timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
+            results.own[variant.name] = _entry(variant, cold, timed[variant])
+            yield vars(results)
+        for pair in compared:
+            for variant in (pair.without, pair.switched_off):
+                if variant not in timed:
+                    timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
+            results.pairs.append(_compared(pair, timed))
+            yield vars(results)
 
 
 def _entry(variant: Variant, cold: dict[str, Any], cached: dict[str, Any]) -> dict[str, Any]:
@@ -104,9 +101,9 @@ def _arithmetic(entry: dict[str, Any], names: tuple[str, ...]) -> int:
     return sum(function["arithmetic"] for function in entry["functions"] if function["name"] in names)
 
 
-def claims(measured: Measured) -> Iterator[Claim]:
+def claims(results: Results) -> Iterator[Claim]:
     """Yield what has to be true of the compiled code and of the measurements."""
-    entries = list(measured.own.values())
+    entries = list(results.own.values())
     for entry in entries:
         called = [function["name"] for function in entry["functions"]]
         scene = f"{entry['absorber']}, {entry['method']}, {entry['record']}"
@@ -131,6 +128,6 @@ def claims(measured: Measured) -> Iterator[Claim]:
         yield Claim("importing the simulator loads no heavy package", f"loads {', '.join(imported)}", not heavy)
 
 
-def unreal(measured: Measured) -> list[str]:
+def unreal(results: Results) -> list[str]:
     """Return the parts whose absence saves no time that can be told from noise."""
-    return [pair["part"] for pair in measured.pairs if pair["ratio"] < REAL]
+    return [pair["part"] for pair in results.pairs if pair["ratio"] < REAL]

@@ -73,6 +73,7 @@ class Variant:
 
     @property
     def name(self) -> str:
+        """Absorber, method, and what is recorded beside the level."""
         return f"{self.absorber}, {self.method}" + ("" if self.record == "level" else f", {self.record} recorded")
 
     @property
@@ -83,9 +84,11 @@ class Variant:
         return f"{self.method}, {' '.join(type(part).__name__ for part in parts)}, {self.record}"
 
     def scene(self) -> Scene:
+        """Return the beam with the absorber."""
         return beam_scene(Beam(modes=MODES), ABSORBERS[self.absorber]())
 
     def drive(self, periods: float) -> Drive:
+        """Return a constant drive of so many pseudo periods near the first resonance."""
         return Drive(FORCE, constant_frequency(self.scene().model.resonance_omega(1), RATIO, periods))
 
 
