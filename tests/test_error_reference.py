@@ -138,7 +138,7 @@ def test_scipy_follows_the_reference(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["friction", "impacts", "impacts and friction", "springs", "tuned"])
 def test_heyoka_follows_the_reference(name: str) -> None:
-    heyoka_peer = pytest.importorskip("accuracy.heyoka_peer", exc_type=ImportError)
+    heyoka_peer = pytest.importorskip("optimisation.studies.accuracy.heyoka_peer", exc_type=ImportError)
     scene, drive = scene_of(SCENES[name], modes=2), drive_of(12.0, 0.97, 1.0, periods=3.3)
     found = follow(scene, drive, REST, heyoka_peer.heyoka_integrator(1e-15), energy=True)
     assert found.balance is not None

@@ -57,5 +57,5 @@ def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
 def sources(values: Mapping[str, Any]) -> str:
     """Say in a sentence when, where and from which sources something was measured: what `conditions` returned then."""
     named = ", ".join(f"{'Python' if name == 'python' else name} {number}" for name, number in values["versions"].items())
-    where = (values["date"], values["processor"], f"{values['cores']} cores", values["system"])
-    return f"Measured on {', '.join(where)}; {named}."
+    where = (values["date"], values["processor"], f"{values['cores']} cores", values.get("system"))
+    return f"Measured on {', '.join(part for part in where if part)}; {named}."

@@ -10,7 +10,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -53,17 +53,21 @@ class Part(Generic[S]):
     """What is measured together and kept in one JSON file.
 
     ``measure(settings, known)`` yields, after each of its ``steps(settings, known)``, all values that are known by then; what it yielded last is kept
-    however it ends. ``known`` are the values of an earlier run to go on from, else empty. ``steps`` is None where it shows a bar of its own. The rest
-    tells of what was measured: ``sections`` the text between the page's ``markers``, ``tables`` the CSV files, ``figures`` by file name without
-    ending, ``said`` what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
+    however it ends. ``known`` are the values of an earlier run to go on from, else empty. ``steps`` is None where it shows a bar of its own.
+    ``whole(settings, values)``: whether nothing is left to measure once ``measure`` has ended.
+
+    The rest tells of what was measured: ``sections`` the text between the page's ``markers``, ``tables`` the CSV files, ``figures`` by file name
+    without ending, ``said`` what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
     """
 
     name: str
     title: str
+    _: KW_ONLY
     measure: Callable[[S, Json], Steps]
     markers: tuple[str, ...]
     sections: Callable[[Measured], Mapping[str, str]]
     steps: Callable[[S, Json], int] | None = None
+    whole: Callable[[S, Json], bool] = lambda *_: True
     tables: Callable[[Measured], Iterable[Table]] = lambda _: ()
     figures: Callable[[Measured], Mapping[str, Saver]] = lambda _: {}
     said: Callable[[Measured], str] | None = None
@@ -95,7 +99,7 @@ class Study(Generic[S]):
     unpack: Callable[[str, Json], Measured] = unpack
     packages: tuple[str, ...] = PACKAGES
     same: tuple[str, ...] = ("processor", "versions", "quick")
-    kept: str = "Stopped early: the files hold what was finished."
+    kept: str = "the files hold what was finished."
 
     def chosen(self, names: Sequence[str]) -> list[Part[S]]:
         """Return the named parts in their own order; all if none is named."""
@@ -116,12 +120,23 @@ class Place:
         return self.json or (self.folder and self.folder / f"{name}.json")
 
 
-def run(study: Study[S], settings: S, place: Place, only: Sequence[str] = (), redraw: bool = False, resume: bool = False) -> None:
+def run(
+    study: Study[S],
+    settings: S,
+    place: Place,
+    *,
+    only: Sequence[str] = (),
+    redraw: bool = False,
+    resume: bool = False,
+    keep: Callable[[Json], Json] | None = None,
+) -> None:
     """Measure the parts (all, if ``only`` names none), or with ``redraw`` read them from their files, and write, draw and print what was found.
+
+    ``resume``: go on from files of runs that were stopped. ``keep`` returns what to keep of the values in a file; the rest is measured anew.
 
     Exits with 1 if something failed, 2 with bad input, 130 if the run was stopped; each with one message.
     """
-    with plain_errors(study.kept):
+    with plain_errors(f"Stopped early: {study.kept}"):
         parts = study.chosen(only)
         if place.folder is not None:
             require_writable("--out", place.folder)
@@ -131,7 +146,7 @@ def run(study: Study[S], settings: S, place: Place, only: Sequence[str] = (), re
             require_markers(place.page, place.template or place.page, [marker for part in parts for marker in part.markers])
         failures: list[str] = []
         for part in parts:
-            measured = load(study, part, place) if redraw else _measured_and_kept(study, part, settings, place, resume)
+            measured = load(study, part, place) if redraw else _measured_and_kept(study, part, settings, place, resume, keep)
             publish(part, measured, place, [] if redraw else [file for file in [place.numbers(part.name)] if file])
             failures += part.failures(measured)
             if not redraw and measured.conditions.get("failure"):
@@ -161,13 +176,17 @@ def load(study: Study[S], part: Part[S], place: Place, option: str = "--redraw")
         raise ParameterError(f"{option}: {path} is not allowed: a file that an earlier run of this command wrote ({error})") from error
 
 
-def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place, resume: bool) -> Measured:
+def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place, resume: bool, keep: Callable[[Json], Json] | None) -> Measured:
     """Measure a part and write its numbers; one that an earlier run has finished is left as it is with ``resume``."""
     path, earlier = place.numbers(part.name), None
-    if resume and path is not None and path.exists():
-        earlier = load(study, part, place, "--resume")
-        if earlier.complete:
+    if (resume or keep) and path is not None and path.exists():
+        earlier = load(study, part, place, "--resume" if resume else "--out")
+        if keep:
+            earlier = replace(earlier, values=keep(earlier.values))
+        elif earlier.complete:
             return earlier
+        else:
+            _require_same(study, earlier.conditions, conditions(study.packages) | study.notes(settings))
     measured = measure(study, part, settings, earlier)
     if path is not None:
         write_json(path, study.pack(part.name, measured))
@@ -175,13 +194,9 @@ def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place
 
 
 def measure(study: Study[S], part: Part[S], settings: S, earlier: Measured | None = None) -> Measured:
-    """Measure a part, or what ``earlier`` lacks of it. Ctrl-C or a run that breaks down ends it with what is known.
-
-    Raises KeyboardInterrupt if that is nothing, and ParameterError if ``earlier`` was measured under other conditions.
-    """
+    """Measure a part, or what ``earlier`` lacks of it. Ctrl-C or a run that breaks down leaves what is known, and is raised if that is nothing."""
     began, made, known, ended, failure = time.perf_counter(), conditions(study.packages), earlier.values if earlier else {}, False, ""
     if earlier is not None:
-        _require_same(study, earlier.conditions, made | study.notes(settings))
         began -= earlier.conditions["wall_s"]
     values: Json = known
     total = part.steps(settings, known) if part.steps else None
@@ -201,7 +216,7 @@ def measure(study: Study[S], part: Part[S], settings: S, earlier: Measured | Non
         finally:
             steps.close()
     made |= {"wall_s": round(time.perf_counter() - began, 1)} | study.notes(settings) | ({"failure": failure} if failure else {})
-    return Measured(values, made, ended)
+    return Measured(values, made, ended and part.whole(settings, values))
 
 
 def beside(out: Path, name: str, data: Path | None = None) -> Place:

@@ -44,7 +44,20 @@ def _unpack(name: str, content: Json) -> Measured:
 
 # settings: whether it is a quick look
 STUDY: Study[bool] = Study(
-    (Part(NAME, "what each scene leaves out", measure, MARKERS, sections, _steps, _tables, _figures, said, _failures),),
+    (
+        Part(
+            NAME,
+            "what each scene leaves out",
+            measure=measure,
+            markers=MARKERS,
+            sections=sections,
+            steps=_steps,
+            tables=_tables,
+            figures=_figures,
+            said=said,
+            failures=_failures,
+        ),
+    ),
     notes=lambda quick: {"quick": quick},
     unpack=_unpack,
 )

@@ -63,7 +63,20 @@ def _unpack(name: str, content: dict[str, Any]) -> Measured:
 
 
 STUDY: Study[Settings] = Study(
-    (Part(NAME, "stiff and extreme cases", _measure, MARKERS, sections, _steps, _tables, _figures, said, _failures),),
+    (
+        Part(
+            NAME,
+            "stiff and extreme cases",
+            measure=_measure,
+            markers=MARKERS,
+            sections=sections,
+            steps=_steps,
+            tables=_tables,
+            figures=_figures,
+            said=said,
+            failures=_failures,
+        ),
+    ),
     notes=lambda settings: {"workers": settings.workers, "quick": settings.quick},
     unpack=_unpack,
 )

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
-from accuracy.cases import BARE, KINDS, WATCHED, Case, Kind, case, kind_named, method_name
 from accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
 from accuracy.reference import Trajectory, reference
-from accuracy.study import Row, Settings, median_time
+from numpy.typing import NDArray
+
 from impact_env.drive import Drive
 from impact_env.methods import Exact, Method
 from impact_env.propagation import is_linear
 from impact_env.sweep import IntegrationError, simulate
+from optimisation.studies.accuracy.cases import BARE, KINDS, WATCHED, Case, Kind, case, method_name
+from optimisation.studies.accuracy.settings import FULL, Cases, Row, Settings, median_time
+from optimisation.studies.study import left
 
 Array = NDArray[np.float64]
 NAME = "trajectory"
@@ -164,33 +166,47 @@ def peers(settings: Settings) -> list[tuple[str, float, Maker]]:
         return []
     found: list[tuple[str, float, Maker]] = [("SciPy", tolerance, scipy_integrator) for tolerance in settings.scipy_tolerances]
     try:
-        from accuracy.heyoka_peer import heyoka_integrator
+        from optimisation.studies.accuracy.heyoka_peer import heyoka_integrator
     except ModuleNotFoundError:
         return found
     return found + [("heyoka", tolerance, heyoka_integrator) for tolerance in settings.heyoka_tolerances]
 
 
-def wanted_kinds(settings: Settings) -> list[Kind]:
-    return [kind_named(name) for name in settings.kinds] if settings.kinds else list(KINDS)
+def key(row: Row) -> tuple[str, int]:
+    """Return scene and number of modes."""
+    return row["scene"], row["modes"]
 
 
-def count(settings: Settings) -> int:
-    return len(wanted_kinds(settings)) * len(settings.modes)
+def order(settings: Settings) -> list[tuple[str, int]]:
+    """Return the keys in the order of the rows, whatever is measured of them."""
+    return [(kind.name, modes) for kind in KINDS for modes in sorted({*FULL.modes, *settings.modes})]
 
 
-def rows(settings: Settings) -> Iterator[list[Row]]:
-    """Yield the rows of one scene and number of modes after the other."""
-    for kind in wanted_kinds(settings):
-        for modes in settings.modes:
-            starts = _starts(kind, modes, settings)
-            found = [own_row(starts, method, settings) for method in starts[0][0].methods(settings.steps)]
-            found += [peer_row(starts, name, tolerance, make, settings) for name, tolerance, make in peers(settings)]
-            yield found
+def cases(settings: Settings) -> Cases:
+    """Return a case for each scene and number of modes."""
+    names = settings.scenes or settings.kinds or tuple(kind.name for kind in KINDS)
+    return {(kind.name, modes): partial(_measured, kind, modes, settings) for kind in KINDS if kind.name in names for modes in settings.modes}
+
+
+def is_whole(settings: Settings, values: dict[str, Any]) -> bool:
+    """Return whether there are rows of all scenes, of which a run may measure some anew."""
+    return not left(cases(replace(settings, scenes=())), key, values)
+
+
+def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
+    starts = _starts(kind, modes, settings)
+    found = [own_row(starts, method, settings) for method in starts[0][0].methods(settings.steps)]
+    return found + [peer_row(starts, name, tolerance, make, settings) for name, tolerance, make in peers(settings)]
+
+
+def without_scenes(values: dict[str, Any], scenes: tuple[str, ...]) -> dict[str, Any]:
+    """Return the values but for the rows of these scenes."""
+    return {"rows": [row for row in values["rows"] if row["scene"] not in scenes]}
 
 
 def _starts(kind: Kind, modes: int, settings: Settings) -> list[Start]:
     """Return a scene's starts with their references; one suffices where there are no events to be met by chance."""
-    cases = [case(kind, modes)]
-    if not is_linear(cases[0].scene):
-        cases += [case(kind, modes, number) for number in range(1, settings.starts)]
-    return [(it, truth_of(it)) for it in cases]
+    found = [case(kind, modes)]
+    if not is_linear(found[0].scene):
+        found += [case(kind, modes, number) for number in range(1, settings.starts)]
+    return [(it, truth_of(it)) for it in found]

@@ -46,6 +46,7 @@ KINDS = (
 
 
 def kind_named(name: str) -> Kind:
+    """Return the kind of this name."""
     return next(kind for kind in KINDS if kind.name == name)
 
 
@@ -61,10 +62,12 @@ class Case:
 
     @property
     def modes(self) -> int:
+        """Number of modes."""
         return self.scene.model.modes
 
     @property
     def period(self) -> float:
+        """A pseudo period in s."""
         return self.scene.model.pseudo_period()
 
     def drive(self, periods: float) -> Drive:
@@ -91,6 +94,7 @@ class Case:
 
 
 def method_name(method: Method, scene: Scene) -> str:
+    """Return a method's name in tables and figures."""
     if isinstance(method, Exact):
         return "closed form" if is_linear(scene) else "Exact"
     return type(method).__name__ if isinstance(method, Moreau) else "Runge-Kutta"

@@ -5,12 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from accuracy.cases import Kind, kind_named, method_name
-from accuracy.statistics import bootstrap, distance_at_size, mean_difference, relative_distance
-from accuracy.study import Row, Settings, unique
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import Members, draw_members
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
@@ -18,6 +16,9 @@ from impact_env.parameters import Beam
 from impact_env.propagation import is_compliant
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
+from optimisation.studies.accuracy.cases import Kind, kind_named, method_name
+from optimisation.studies.accuracy.settings import Cases, Row, Settings, unique
+from optimisation.studies.accuracy.statistics import bootstrap, distance_at_size, mean_difference, relative_distance
 
 NAME = "distribution"
 KINDS = ("impact, e = 1", "impact, e = 0.7", "impact, e = 0.7, with friction", "compliant walls, stiff")
@@ -27,10 +28,6 @@ FEWEST = 3  # runs of a method, however slow it is
 
 def _kinds(settings: Settings) -> list[Kind]:
     return [kind_named(name) for name in KINDS if not settings.kinds or name in settings.kinds]
-
-
-def count(settings: Settings) -> int:
-    return len(_kinds(settings)) * len(settings.modes)
 
 
 def _levels(
@@ -47,30 +44,38 @@ def _levels(
         yield member, response.level.value, response.wall_time
 
 
-def rows(settings: Settings) -> Iterator[list[Row]]:
-    """Yield the rows of one scene and number of modes after the other: one for each run."""
+def key(row: Row) -> tuple[str, int]:
+    """Return scene and number of modes."""
+    return row["scene"], row["modes"]
+
+
+def cases(settings: Settings) -> Cases:
+    """Return a case for each scene and number of modes."""
+    return {(kind.name, modes): partial(_measured, kind, modes, settings) for kind in _kinds(settings) for modes in settings.modes}
+
+
+def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
+    """Return a row for each run."""
     truth, members = draw_members(settings.truth_members, settings.seed + 1), draw_members(settings.members, settings.seed)
-    for kind in _kinds(settings):
-        for modes in settings.modes:
-            scene = beam_scene(Beam(modes=modes), kind.absorber())
-            step_method = RungeKutta if is_compliant(scene) else Moreau
-            plans: list[tuple[str, Method, Members]] = [(TRUTH, Exact(), truth), ("", Exact(), members)]
-            plans += [("", step_method(steps), members) for steps in settings.sweep_steps]
-            found = []
-            for label, method, own in plans:
-                list(_levels(scene, kind, method, own[:1], _short(settings), None))  # compile
-                for member, level, seconds in _levels(scene, kind, method, own, settings, None if label else settings.budget):
-                    row: Row = {
-                        "scene": kind.name,
-                        "modes": modes,
-                        "method": label or method_name(method, scene),
-                        "setting": None if isinstance(method, Exact) else method.steps_per_period,
-                        "member": member,
-                        "level_m": level,
-                        "wall_s": seconds,
-                    }
-                    found.append(row)
-            yield found
+    scene = beam_scene(Beam(modes=modes), kind.absorber())
+    step_method = RungeKutta if is_compliant(scene) else Moreau
+    plans: list[tuple[str, Method, Members]] = [(TRUTH, Exact(), truth), ("", Exact(), members)]
+    plans += [("", step_method(steps), members) for steps in settings.sweep_steps]
+    found = []
+    for label, method, own in plans:
+        list(_levels(scene, kind, method, own[:1], _short(settings), None))  # compile
+        for member, level, seconds in _levels(scene, kind, method, own, settings, None if label else settings.budget):
+            row: Row = {
+                "scene": kind.name,
+                "modes": modes,
+                "method": label or method_name(method, scene),
+                "setting": None if isinstance(method, Exact) else method.steps_per_period,
+                "member": member,
+                "level_m": level,
+                "wall_s": seconds,
+            }
+            found.append(row)
+    return found
 
 
 def _short(settings: Settings) -> Settings:
@@ -92,16 +97,20 @@ class Compared:
 
     @property
     def mean_difference(self) -> float:
+        """Difference of the means."""
         return mean_difference(self.levels, self.truth)
 
     def mean_interval(self) -> tuple[float, float]:
+        """Return the interval of the `mean_difference`."""
         return bootstrap(mean_difference, self.levels, self.truth)
 
     @property
     def distance(self) -> float:
+        """Distance of the distributions (W1)."""
         return relative_distance(self.levels, self.truth)
 
     def distance_interval(self) -> tuple[float, float]:
+        """Return the interval of the `distance`."""
         return bootstrap(relative_distance, self.levels, self.truth)
 
     def at_cost(self, seconds: float) -> float:

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import get_args
 
 import numpy as np
 
-from accuracy.cases import kind_named
-from accuracy.statistics import between_groups, kolmogorov_smirnov
-from accuracy.study import Row, Settings, unique
 from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import Lane, MemberKind, Members, draw_members, run_lanes
 from impact_env.parameters import Beam
 from impact_env.scene import beam_scene
+from optimisation.studies.accuracy.cases import kind_named
+from optimisation.studies.accuracy.settings import Cases, Row, Settings, unique
+from optimisation.studies.accuracy.statistics import between_groups, kolmogorov_smirnov
 
 NAME = "bands"
 KIND, MODES = "impact, e = 0.7, with friction", 10
 CROSSED = "phases x roundings"
 KINDS: tuple[MemberKind, ...] = get_args(MemberKind)
 DIRECTIONS = ("up", "down")
-
-
-def count(_settings: Settings) -> int:
-    return len(DIRECTIONS) * (len(KINDS) + 1)
 
 
 def _plans(settings: Settings) -> Iterator[tuple[str, Members, int]]:
@@ -36,29 +33,41 @@ def _plans(settings: Settings) -> Iterator[tuple[str, Members, int]]:
     yield CROSSED, Members(np.repeat(drawn, repeats), draw_members(phases * repeats + 1, seed, "rounding").factors[1:]), repeats
 
 
-def rows(settings: Settings) -> Iterator[list[Row]]:
-    """Yield the rows, one for each run of the exact method, of one direction and kind after the other."""
+def key(row: Row) -> tuple[str, str]:
+    """Return direction and kind of members."""
+    return row["direction"], row["kind"]
+
+
+def cases(settings: Settings) -> Cases:
+    """Return a case for each direction and kind of members."""
+    return {
+        (direction, name): partial(_measured, direction, name, members, shared)
+        for direction in DIRECTIONS
+        for name, members, shared in _plans(settings)
+    }
+
+
+def _measured(direction: str, name: str, members: Members, shared: int) -> list[Row]:
+    """Return a row for each run of the exact method."""
     kind = kind_named(KIND)
     scene = beam_scene(Beam(modes=MODES), kind.absorber())
-    for direction in DIRECTIONS:
-        limits = PAPER_LIMITS if direction == DIRECTIONS[0] else PAPER_LIMITS[::-1]
-        schedule = linear_sweep(scene.model.resonance_omega(1), *limits)
-        for name, members, shared in _plans(settings):
-            levels = run_lanes([Lane(scene, drive) for drive in members.drives(kind.force, schedule)])
-            if not levels.complete:
-                raise KeyboardInterrupt
-            yield [
-                {
-                    "direction": direction,
-                    "kind": name,
-                    "member": m,
-                    "group": m // shared,
-                    "phase_rad": float(members.phases[m]),
-                    "force_factor": float(members.factors[m]),
-                    "level_m": float(level),
-                }
-                for m, level in enumerate(levels.level)
-            ]
+    limits = PAPER_LIMITS if direction == DIRECTIONS[0] else PAPER_LIMITS[::-1]
+    schedule = linear_sweep(scene.model.resonance_omega(1), *limits)
+    levels = run_lanes([Lane(scene, drive) for drive in members.drives(kind.force, schedule)])
+    if not levels.complete:
+        raise KeyboardInterrupt
+    return [
+        {
+            "direction": direction,
+            "kind": name,
+            "member": m,
+            "group": m // shared,
+            "phase_rad": float(members.phases[m]),
+            "force_factor": float(members.factors[m]),
+            "level_m": float(level),
+        }
+        for m, level in enumerate(levels.level)
+    ]
 
 
 @dataclass(frozen=True)
@@ -92,7 +101,9 @@ def bands(all_rows: list[Row]) -> list[Band]:
     result = []
     for direction in unique(row["direction"] for row in all_rows):
         own = [row for row in all_rows if row["direction"] == direction]
-        found = {kind: np.array([row["level_m"] for row in own if row["kind"] == kind]) for kind in KINDS if any(row["kind"] == kind for row in own)}
+        found: dict[str, np.ndarray] = {
+            kind: np.array([row["level_m"] for row in own if row["kind"] == kind]) for kind in KINDS if any(row["kind"] == kind for row in own)
+        }
         crossed = [row for row in own if row["kind"] == CROSSED]
         groups = np.array([row["level_m"] for row in crossed]).reshape(len({row["group"] for row in crossed}), -1) if crossed else None
         for kind, levels in found.items():

@@ -6,17 +6,17 @@ A. Giorgilli, J.-M. Strelcyn, Meccanica 15, 1980). The mean logarithm of the gro
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from accuracy.cases import BARE, WATCHED, Case, case, kind_named
-from accuracy.study import Row, Settings
 from impact_env.drive import Drive, constant_frequency
 from impact_env.methods import Exact
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
+from optimisation.studies.accuracy.cases import BARE, WATCHED, Case, case, kind_named
+from optimisation.studies.accuracy.settings import Cases, Row, Settings
 
 Array = NDArray[np.float64]
 NAME = "growth"
@@ -40,10 +40,6 @@ MOST_PERIODS = 80.0
 
 def _kinds(settings: Settings) -> list[str]:
     return [name for name in KINDS if not settings.kinds or name in settings.kinds]
-
-
-def count(settings: Settings) -> int:
-    return len(_kinds(settings)) * len(settings.modes)
 
 
 class _Continued:
@@ -128,14 +124,22 @@ def _twins(run: _Continued, states: list[tuple[Array, int]], per_period: float, 
     return off
 
 
-def rows(settings: Settings) -> Iterator[list[Row]]:
-    """Yield a row for the exponent of one scene and number of modes after the other, and one for each impact followed."""
-    for name in _kinds(settings):
-        for modes in settings.modes:
-            run = _Continued(case(kind_named(name), modes))
-            generator = np.random.default_rng(settings.seed)
-            growth, impacts, states = _grow(run, settings, generator)
-            yield _rows(run, name, growth, impacts, states, generator)
+def key(row: Row) -> tuple[str, int]:
+    """Return scene and number of modes."""
+    return row["scene"], row["modes"]
+
+
+def cases(settings: Settings) -> Cases:
+    """Return a case for each scene and number of modes."""
+    return {(name, modes): partial(_measured, name, modes, settings) for name in _kinds(settings) for modes in settings.modes}
+
+
+def _measured(name: str, modes: int, settings: Settings) -> list[Row]:
+    """Return a row for the exponent, and one for each impact followed."""
+    run = _Continued(case(kind_named(name), modes))
+    generator = np.random.default_rng(settings.seed)
+    growth, impacts, states = _grow(run, settings, generator)
+    return _rows(run, name, growth, impacts, states, generator)
 
 
 def _rows(

@@ -7,15 +7,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from accuracy.cost import LANES, LENGTH, MODES, THREADS
-from accuracy.jumps import shares
-from accuracy.study import Row, unique
+from optimisation.studies.accuracy.cost import LANES, LENGTH, MODES, THREADS
+from optimisation.studies.accuracy.jumps import shares
+from optimisation.studies.accuracy.settings import Row, unique
 
 COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#777777")
 MARKERS = "osD^vPX*"
 
 
 def growth_figures(all_rows: list[Row]) -> dict[str, Figure]:
+    """Draw how twins drift apart, and the growth per impact over the number of modes."""
     exponents, twins = [row for row in all_rows if row["impact"] is None], [row for row in all_rows if row["impact"] is not None]
     scenes, modes = unique(row["scene"] for row in exponents), unique(row["modes"] for row in exponents)
     most = 10 if 10 in modes else modes[-1]
@@ -52,6 +53,7 @@ def _plain(panel: Axes, ticks: list[float]) -> None:
 
 
 def jump_figures(all_rows: list[Row]) -> dict[str, Figure]:
+    """Draw the share of runs that reach the high branch over the slowness."""
     found = shares(all_rows)
     figure = Figure(figsize=(8, 4.8), layout="constrained")
     panel = figure.subplots()
@@ -73,6 +75,7 @@ def jump_figures(all_rows: list[Row]) -> dict[str, Figure]:
 
 
 def cost_figures(all_rows: list[Row]) -> dict[str, Figure]:
+    """Draw the cost over modes, lanes, threads and length."""
     figure = Figure(figsize=(11, 8.6), layout="constrained")
     panels = figure.subplots(2, 2)
     titles = {

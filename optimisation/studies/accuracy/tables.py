@@ -1,17 +1,15 @@
-"""The tables of the study as Markdown, from rows alone, and their place in the page."""
+"""The tables of the study as Markdown, from rows alone."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from _table import markdown
-
-from accuracy.bands import KINDS, bands
-from accuracy.cost import LANES, LENGTH, MODES, THREADS
-from accuracy.distribution import compared
-from accuracy.jumps import shares
-from accuracy.study import Result, Row, unique
-from optimisation.files import replacing
+from optimisation.report.markdown import markdown
+from optimisation.studies.accuracy.bands import KINDS, bands
+from optimisation.studies.accuracy.cost import LANES, LENGTH, MODES, THREADS
+from optimisation.studies.accuracy.distribution import compared
+from optimisation.studies.accuracy.jumps import shares
+from optimisation.studies.accuracy.settings import Row, unique
+from optimisation.studies.machine import sources
+from optimisation.studies.study import Measured
 
 SHOWN_STEPS = (20, 200, 2000, 20000)
 MATCHED_RUNS = 16  # of the exact method: the cost at which methods are compared
@@ -50,6 +48,7 @@ def trajectory_table(rows: list[Row]) -> str:
 
 
 def distribution_table(rows: list[Row]) -> str:
+    """Return a line for each method of each scene and number of modes."""
     methods = compared(rows)
     header = ("scene", "modes", "method", "runs", "ms a run", "mean, %", "95 %", "distance, %", "95 %", "at matched cost, %")
     lines = []
@@ -74,6 +73,7 @@ def distribution_table(rows: list[Row]) -> str:
 
 
 def band_table(rows: list[Row]) -> str:
+    """Return a line for each direction and kind of members."""
     header = ("sweep", "members differ in", "runs", "median, mm", "5 to 95 %, mm", *(f"D (p) against {kind}" for kind in KINDS), "between phases")
     lines = []
     for band in bands(rows):
@@ -85,6 +85,7 @@ def band_table(rows: list[Row]) -> str:
 
 
 def growth_table(rows: list[Row]) -> str:
+    """Return a line for each scene and number of modes."""
     header = ("scene", "modes", "exponent per pseudo period", "95 %", "impacts per pseudo period", "factor per impact")
     lines = [
         (
@@ -102,6 +103,7 @@ def growth_table(rows: list[Row]) -> str:
 
 
 def jump_table(rows: list[Row]) -> str:
+    """Return a line for each slowness and method."""
     header = ("pseudo periods per 1 %", "method", "runs", "reach the high branch", "95 %, Wilson", "95 %, Clopper-Pearson", "near the limit")
     lines = [
         (
@@ -119,6 +121,7 @@ def jump_table(rows: list[Row]) -> str:
 
 
 def cost_table(rows: list[Row]) -> str:
+    """Return the costs over modes, lanes, threads and length, a table each."""
     over_modes = [row for row in rows if row["over"] == MODES]
     counts = unique(row["value"] for row in over_modes)
     lines = []
@@ -136,24 +139,9 @@ def cost_table(rows: list[Row]) -> str:
     return "\n\n".join(parts)
 
 
-def made_with(result: Result) -> str:
+def made_with(measured: Measured) -> str:
     """Say when, where and with what a part was measured."""
-    made = result.circumstances
-    versions = ", ".join(f"{name} {version}" for name, version in made["versions"].items())
-    words = f"{made['date']}, {made['machine']}, {made['cores']} cores, Python {made['python']}, {versions}; {made['seconds']:g} s."
-    if made["quick"]:
+    words = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s."
+    if measured.conditions["quick"]:
         words += " A quick look: few cases and runs."
-    return words if result.complete else words + " Stopped early: what was finished."
-
-
-def insert(page: Path, part: str, text: str) -> bool:
-    """Put a text between a page's markers ``<!-- part -->`` and ``<!-- /part -->``; return whether it has them."""
-    begin, end = f"<!-- {part} -->", f"<!-- /{part} -->"
-    content = page.read_text(encoding="utf-8")
-    before, found, rest = content.partition(begin)
-    _, closed, after = rest.partition(end)
-    if not (found and closed):
-        return False
-    with replacing(page) as temporary:
-        temporary.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
-    return True
+    return words if measured.complete else words + " Stopped early: what was finished."

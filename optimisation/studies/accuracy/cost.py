@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from accuracy.cases import case, kind_named, method_name
-from accuracy.study import Row, Settings, median_time
-from accuracy.trajectory import own_time
 from impact_env.drive import Drive, linear_sweep
 from impact_env.ensemble import Lane, available_cores, draw_members, run_lanes
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam
 from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
+from optimisation.studies.accuracy.cases import case, kind_named, method_name
+from optimisation.studies.accuracy.settings import Cases, Row, Settings, median_time
+from optimisation.studies.accuracy.trajectory import own_time
 
 NAME = "cost"
 MODES, LANES, THREADS, LENGTH = "modes", "lanes", "threads", "pseudo periods"
@@ -36,29 +37,44 @@ def _thread_counts() -> list[int]:
     return sorted({2**k for k in range(cores.bit_length()) if 2**k <= cores} | {cores})
 
 
-def count(settings: Settings) -> int:
-    return len(OVER_MODES) * len(settings.cost_modes) + len(settings.cost_lanes) + len(_thread_counts()) + len(settings.cost_periods)
-
-
 def _row(over: str, value: float, scene: str, modes: int, method: str, us: float) -> Row:
     return {"over": over, "value": value, "scene": scene, "modes": modes, "method": method, "us_per_period": us}
 
 
-def rows(settings: Settings) -> Iterator[list[Row]]:
-    """Yield one row after the other."""
+def key(row: Row) -> tuple[str, float, str, str]:
+    """Return what the cost is measured against, its value, scene and method."""
+    return row["over"], row["value"], row["scene"], row["method"]
+
+
+def cases(settings: Settings) -> Cases:
+    """Return a case for each row."""
+    found: dict[tuple[str, float, str, str], Callable[[], list[Row]]] = {}
     for name, method in OVER_MODES:
         for modes in settings.cost_modes:
-            it = case(kind_named(name), modes)
-            label = (
-                f"{method_name(method, it.scene)}, {method.steps_per_period} steps" if isinstance(method, Moreau) else method_name(method, it.scene)
-            )
-            yield [_row(MODES, modes, name, modes, label, own_time(it, method, 1.0, settings))]
-    for lanes in settings.cost_lanes:
-        yield [_row(LANES, lanes, LANE_KIND, LANE_MODES, "Exact", _lanes_time(lanes, 1, settings))]
-    for threads in _thread_counts():
-        yield [_row(THREADS, threads, LANE_KIND, LANE_MODES, "Exact", _lanes_time(THREAD_LANES, threads, settings))]
-    for periods in settings.cost_periods:
-        yield [_row(LENGTH, periods, LENGTH_KIND, LENGTH_MODES, "Exact", _length_time(periods, settings))]
+            label = _label(name, modes, method)
+            found[MODES, modes, name, label] = partial(_own_row, name, modes, method, label, settings)
+    for over, values, measure in (
+        (LANES, settings.cost_lanes, partial(_lanes_time, threads=1)),
+        (THREADS, _thread_counts(), partial(_lanes_time, THREAD_LANES)),
+        (LENGTH, settings.cost_periods, _length_time),
+    ):
+        scene, modes = (LENGTH_KIND, LENGTH_MODES) if over == LENGTH else (LANE_KIND, LANE_MODES)
+        for value in values:
+            found[over, value, scene, "Exact"] = partial(_timed_row, over, value, scene, modes, measure, settings)
+    return found
+
+
+def _label(name: str, modes: int, method: Method) -> str:
+    words = method_name(method, beam_scene(Beam(modes=modes), kind_named(name).absorber()))
+    return f"{words}, {method.steps_per_period} steps" if isinstance(method, Moreau) else words
+
+
+def _own_row(name: str, modes: int, method: Method, label: str, settings: Settings) -> list[Row]:
+    return [_row(MODES, modes, name, modes, label, own_time(case(kind_named(name), modes), method, 1.0, settings))]
+
+
+def _timed_row(over: str, value: int, scene: str, modes: int, measure: Callable[..., float], settings: Settings) -> list[Row]:
+    return [_row(over, value, scene, modes, "Exact", measure(value, settings=settings))]
 
 
 def _lanes_time(lanes: int, threads: int, settings: Settings) -> float:

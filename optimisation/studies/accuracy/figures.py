@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from accuracy import distribution, trajectory
-from accuracy.distribution import Compared, compared
-from accuracy.study import Row, unique
+from optimisation.studies.accuracy import distribution, trajectory
+from optimisation.studies.accuracy.distribution import Compared, compared
+from optimisation.studies.accuracy.settings import Row, unique
 
 # Okabe and Ito's colours, and a marker as well
 LOOKS = {
@@ -88,6 +88,7 @@ def _log(panel: Axes) -> None:
 
 
 def trajectory_figures(all_rows: list[Row]) -> dict[str, Figure]:
+    """Draw errors of the state and of the energy balance over all scenes, and the errors of the main ones."""
     scenes = unique(row["scene"] for row in all_rows)
     without = f"(without impacts: after {trajectory.WITHOUT_IMPACTS} pseudo periods)"
     error = f"Error of the state after {trajectory.IMPACTS} to {trajectory.LATEST - 1} impacts {without}, against run time"

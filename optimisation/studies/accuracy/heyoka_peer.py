@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
 from accuracy.contact_automaton import Automaton, Regime
 from accuracy.event_driven import Integrator, Mechanics, PeerFailedError
+from numpy.typing import NDArray
+
 from impact_env.extras import optional
 
 with optional():
@@ -59,6 +59,7 @@ class HeyokaRegimes:
     compiled: dict[str, tuple[Any, Any]] = field(default_factory=dict)  # with events, and without
 
     def __call__(self, mechanics: Mechanics, automaton: Automaton) -> Integrator:
+        """Compile the regimes that a run can meet, and return what integrates them."""
         for name in _reachable(automaton):
             if name not in self.compiled:
                 self.compiled[name] = self._compile(mechanics, automaton.regime(name))
@@ -111,4 +112,5 @@ def _reachable(automaton: Automaton) -> list[str]:
 
 
 def heyoka_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integrator]:
+    """Return the maker of integrators with a tolerance."""
     return HeyokaRegimes(tolerance)
