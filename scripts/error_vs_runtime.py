@@ -13,7 +13,7 @@ from optimisation.studies.accuracy import trajectory
 from optimisation.studies.accuracy.cases import KINDS
 from optimisation.studies.accuracy.settings import FULL, QUICK
 from optimisation.studies.accuracy.study import OUT, PARTS, QUICK_OUT, STUDY, place
-from optimisation.studies.study import run
+from optimisation.studies.runner import run
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

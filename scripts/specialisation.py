@@ -6,8 +6,9 @@ from pathlib import Path
 
 import click
 
+from optimisation.studies.runner import run
 from optimisation.studies.specialisation.study import NAME, OUT, QUICK_OUT, STUDY
-from optimisation.studies.study import beside, run
+from optimisation.studies.study import beside
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

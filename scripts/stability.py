@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from impact_env.ensemble import available_cores
+from optimisation.studies.runner import run
 from optimisation.studies.stability.study import NAME, OUT, QUICK_OUT, STUDY, Settings
-from optimisation.studies.study import beside, run
+from optimisation.studies.study import beside
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

@@ -35,7 +35,8 @@ from optimisation.studies.accuracy.statistics import (
     wasserstein,
     wilson,
 )
-from optimisation.studies.study import Measured, left, measure, rows_by_case
+from optimisation.studies.runner import measure
+from optimisation.studies.study import Measured, left, rows_by_case
 
 TINY = settings.Settings(
     quick=True,

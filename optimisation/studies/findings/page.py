@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from _table import markdown
+
+from optimisation.report.markdown import markdown
 
 Json = dict[str, Any]
 Data = tuple[str, Sequence[str], Sequence[Sequence[object]]]
@@ -59,11 +60,11 @@ def data_rows(part: str, result: Json) -> Iterator[Data]:
         rows = [[x, gap, *levels[i, k].tolist()] for i, x in enumerate(result["positions"]) for k, gap in enumerate(result["gaps_m"])]
         yield "place", ("position", "gap_m", "relative_first", "relative_second"), rows
     if part == "robustness":
-        columns = ("concept", "design", "detuning", "level_median_m", "level_5_percent_m", "level_95_percent_m", "without_m")
+        shifted = ("concept", "design", "detuning", "level_median_m", "level_5_percent_m", "level_95_percent_m", "without_m")
         keys = ("detuning", "median", "low", "high", "without")
         yield (
             "robustness",
-            columns,
+            shifted,
             [[x["concept"], x["name"], *point] for x in result["designs"] for point in zip(*(x[k] for k in keys), strict=True)],
         )
     if part == "front":

@@ -11,18 +11,18 @@ from typing import Any
 
 import numpy as np
 from _design_search import Plan, find
-from _findings_parts import AT, Json, Study
 from _front_search import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
-from _memory import peak_memory
 from tqdm import tqdm
 
 from impact_env.extras import optional
 from optimisation.designs import IMPACT
 from optimisation.evaluation import Executor, Threads, evaluate
+from optimisation.memory import peak_memory
 from optimisation.report.front_tables import front_summary
 from optimisation.search.cluster import Workers
 from optimisation.search.judge import Audit
 from optimisation.search.settings import default_settings
+from optimisation.studies.findings.parts import AT, Json, Settings
 
 with optional():
     import distributed
@@ -39,7 +39,7 @@ def _cluster(workers: int) -> Iterator[Executor]:
         yield executor
 
 
-def scaling(study: Study) -> Json:
+def scaling(study: Settings) -> Json:
     """Time of one batch of random designs with one and two threads, and with one and two worker processes of a cluster, in turn."""
     problem = study.problem(IMPACT, AT, members=study.few)
     generator = np.random.default_rng(study.seed)
@@ -66,7 +66,7 @@ def _speedup(times: dict[tuple[str, int], list[float]], kind: str) -> float:
     return one / two
 
 
-def full_study(study: Study) -> Json:
+def full_study(study: Settings) -> Json:
     """A robust two-resonance study of full size with the defaults of scripts/optimise_design.py: time, share of it outside the runs, memory."""
     problem, began = study.problem(IMPACT, AT), time.perf_counter()
     found = find(problem, Plan(FULL if study.designs >= 100 else study.designs, seed=study.seed), study.folder / "full.journal", study.executor)
@@ -91,7 +91,7 @@ def full_study(study: Study) -> Json:
     }
 
 
-def front(study: Study) -> Json:
+def front(study: Settings) -> Json:
     """The front of first against second resonance, and its hypervolume beside that of random searches with the same budget."""
     members = min(FRONT_MEMBERS, study.members)
     problem = replace(study.problem(IMPACT, FORCES, members=members), objectives=BY_RESONANCE)

@@ -88,9 +88,10 @@ def save_optima(path: Path, result: Json) -> None:
     right.axvline(1, color=BLACK, lw=1.2, ls=":", label="design rule")
     right.set(ylim=(0, None), xlim=(0.5, 1.8), xlabel="force over the design rule's, impact absorber with a gap of 1 mm")
     force_axis(left.xaxis)
-    for axis, place in ((left, "lower left"), (right, "lower right")):
+    left.legend(fontsize=8, loc="lower left")
+    right.legend(fontsize=8, loc="lower right")
+    for axis in (left, right):
         draw_grid(axis)
-        axis.legend(fontsize=8, loc=place)
     write_figure(figure, path)
 
 
@@ -137,9 +138,9 @@ def save_robustness(path: Path, result: Json) -> None:
 
 def save_resonances(path: Path, result: Json) -> None:
     """Draw the front of first against second resonance."""
-    arrays = [np.array(result[name], dtype=float) for name in ("searched", "front_scores", "fresh", "paper", "bound")]
+    searched, front, fresh, paper, bound = (np.array(result[name], dtype=float) for name in ("searched", "front_scores", "fresh", "paper", "bound"))
     first, second = result["labels"]
-    save_front(path, (first, second), *arrays)
+    save_front(path, (first, second), searched, front, fresh, paper, bound)
 
 
 FIGURES: dict[str, Callable[[Path, Json], None]] = {

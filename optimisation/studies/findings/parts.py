@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,9 @@ from typing import Any
 import numpy as np
 from _design_options import make_conditions
 from _design_search import Plan, find
-from _progress import runs_bar
 
 from impact_env.drive import PAPER_RATE
-from impact_env.parameters import RigidWalls
+from impact_env.parameters import ParameterError, RigidWalls
 from optimisation.bounds import design_force, design_gap
 from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, TUNED, VARIABLES, Design, design_space
 from optimisation.evaluation import Executor
@@ -21,6 +21,7 @@ from optimisation.friction_rule import best_friction
 from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
+from optimisation.progress import runs_bar
 from optimisation.report.design_tables import Findings, limit, number, summary
 from optimisation.tuned import minimax
 
@@ -33,8 +34,11 @@ SPAN = 5.0  # curves reach from a force over this to the force times this
 
 
 @dataclass(frozen=True)
-class Study:
-    """Where and how large: ``folder`` of the journals, ``designs`` a search, ``members``, ``few`` of them for figures with many ``points``."""
+class Settings:
+    """Where and how large: ``folder`` of the journals, ``designs`` a search, ``members``, ``few`` of them for figures with many ``points``.
+
+    ``data`` is the folder of the numbers: the robustness is that of the designs that are found there.
+    """
 
     executor: Executor
     folder: Path
@@ -42,8 +46,10 @@ class Study:
     members: int
     few: int
     points: int
+    data: Path
     rate: float = PAPER_RATE
     seed: int = 0
+    quick: bool = False
 
     def problem(
         self,
@@ -93,7 +99,7 @@ def _listed(part: Levels) -> Json:
     }
 
 
-def concepts(study: Study) -> Json:
+def concepts(study: Settings) -> Json:
     """The best design of each concept for both resonances at the paper's mass, from scratch, and its levels over the force."""
     result: Json = {}
     for concept in VARIABLES:
@@ -111,13 +117,13 @@ def concepts(study: Study) -> Json:
     return result
 
 
-def optima(study: Study) -> Json:
+def optima(study: Settings) -> Json:
     """Friction limit, gap and force that are best at each resonance alone, from scratch, beside paper and rules."""
     rows = [_friction_optimum(study, resonance, force) for resonance, force in AT]
     return {"friction": rows, "impact": [_impact_optimum(study, resonance, force) for resonance, force in AT]}
 
 
-def _friction_optimum(study: Study, resonance: int, force: float) -> Json:
+def _friction_optimum(study: Settings, resonance: int, force: float) -> Json:
     problem = study.problem(FRICTION, [(resonance, force)], bounds={FRICTION_LIMIT: WIDE})
     found = study.find("", problem)
     (variable,) = problem.space.free
@@ -129,7 +135,7 @@ def _friction_optimum(study: Study, resonance: int, force: float) -> Json:
     return _found(found) | {"resonance": resonance, "force_n": force, "argued_n": argued, "argued_level_m": level, "curve": curve}
 
 
-def _impact_optimum(study: Study, resonance: int, force: float) -> Json:
+def _impact_optimum(study: Settings, resonance: int, force: float) -> Json:
     """The best force for the paper's absorber, member by member, and the best absorber for the force."""
     problem = study.problem(IMPACT, [(resonance, force)])
     mass = problem.space.default.values[MASS_RATIO] * problem.model.beam_mass
@@ -155,7 +161,7 @@ def _impact_optimum(study: Study, resonance: int, force: float) -> Json:
     }
 
 
-def place(study: Study) -> Json:
+def place(study: Settings) -> Json:
     """The best gap at each position along the beam, and a search with the position free."""
     least = min(LEAST, study.few)
     problem = study.problem(IMPACT, AT, (GAP, POSITION), members=least)
@@ -180,9 +186,17 @@ def place(study: Study) -> Json:
     }
 
 
-def robustness(study: Study, known: Json) -> Json:
+def found_concepts(path: Path) -> Json:
+    """Return the numbers of the part concepts; raises ParameterError if they are not there."""
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8"))["result"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ParameterError(f"{path} is not allowed: a file that an earlier run of this command wrote ({error})") from error
+
+
+def robustness(study: Settings) -> Json:
     """Levels near the first resonance where the beam's frequencies are not what they were thought to be, for winners and paper's designs."""
-    rows: list[Json] = []
+    known, rows = found_concepts(study.data / "concepts.json"), list[Json]()
     for concept in VARIABLES:
         problem = study.problem(concept, AT[:1], members=study.few)
         named = {"winner": Design(concept, known[concept]["winner"]["values"]), "paper": problem.space.default}
