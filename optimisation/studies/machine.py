@@ -54,6 +54,11 @@ def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
     }
 
 
+def machine(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a benchmark's file says of the machine: what `conditions` returned, with numba's version by its name."""
+    return {"processor": values["processor"], "numba": values["versions"]["numba"], **values}
+
+
 def sources(values: Mapping[str, Any]) -> str:
     """Say in a sentence when, where and from which sources something was measured: what `conditions` returned then."""
     named = ", ".join(f"{'Python' if name == 'python' else name} {number}" for name, number in values["versions"].items())

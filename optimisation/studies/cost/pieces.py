@@ -36,7 +36,7 @@ def make_room(regime: Regime, omega: float, half: float) -> Room:
 def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Look at a block of times, again and again."""
     w, b, p, size = room.signal.moving, room.signal.block, room.signal.polynomial, slots.rows.shape[1]
-    begin_orders(slots.rows, room.signal.u, w, size)
+    begin_orders(slots.rows, room.signal.u, w, size)  # type: ignore[call-arg]
     first, at, h, total = level * size * 2 * POINTS, 2 * POINTS * level, slots.steps[level, 0], 0
     waves, signals, carrier = slots.waves, room.forced.signals, room.forced.carrier
     for k in range(calls):
@@ -50,7 +50,7 @@ def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
 def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Move the amplitudes on by a block, again and again."""
     w, size = room.signal.moving, slots.rows.shape[1]
-    begin_orders(slots.rows, room.signal.u, w, size)
+    begin_orders(slots.rows, room.signal.u, w, size)  # type: ignore[call-arg]
     turns = slots.turns
     for _ in range(calls):
         turn_2(turns, (level * POINTS + POINTS - 1) * 2 * size, w, size)
