@@ -154,7 +154,7 @@ def publish(part: Part[S], measured: Measured, place: Place, written: Sequence[P
             files.append(place.folder / f"{table.name}.csv")
             write_csv(files[-1], table.columns, table.rows)
         for name, save in part.figures(measured).items():
-            files.append(place.folder / f"{name}.png")
+            files.append(place.folder / (name if "." in name else f"{name}.png"))
             with replacing(files[-1]) as temporary:
                 save(temporary)
     sections = part.sections(measured)

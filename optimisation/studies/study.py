@@ -1,4 +1,8 @@
-"""What a study is: cases measured as plain values, kept as JSON and CSV, and told on a page with figures. `runner.run` carries it out."""
+"""What a study is: cases measured as plain values, kept as JSON and CSV, and told on a page with figures. `runner.run` carries it out.
+
+A new one is its cases with a function that measures their rows, the text of its tables and figures, and a command with its options in scripts.
+`levels` is the smallest, with one table; `accuracy` has parts with rows by case, files and figures of their own.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +45,8 @@ class Part(Generic[S]):
     however it ends. ``known`` are the values of an earlier run to go on from, else empty. ``steps`` is None where it shows a bar of its own.
     ``whole(settings, values)``: whether nothing is left to measure once ``measure`` has ended.
 
-    The rest tells of what was measured: ``sections`` the text between the page's ``markers``, ``tables`` the CSV files, ``figures`` by file name
-    without ending, ``said`` what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
+    The rest tells of what was measured: ``sections`` the text between the page's ``markers``, ``tables`` the CSV files, ``figures`` by file name, a
+    PNG where it has no ending, ``said`` what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
     """
 
     name: str
