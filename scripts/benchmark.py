@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from optimisation.studies.benchmarks.speed import NAME, QUICK, QUICK_REPEATS, REPEATS, STUDY, WHOLE, Settings
-from optimisation.studies.options import table_options, table_place
+from optimisation.studies.one_table import table_options, table_place
 from optimisation.studies.runner import run
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from optimisation.studies.benchmarks.environments import NAME, QUICK_SECONDS, SECONDS, STUDY
-from optimisation.studies.options import table_options, table_place
+from optimisation.studies.one_table import table_options, table_place
 from optimisation.studies.runner import run
 
 

@@ -8,7 +8,7 @@ import click
 
 from impact_env.curve import DEFAULT_MEMBERS
 from optimisation.studies.levels import NAME, STUDY, Settings
-from optimisation.studies.options import table_options, table_place
+from optimisation.studies.one_table import table_options, table_place
 from optimisation.studies.runner import run
 
 

@@ -121,7 +121,7 @@ def test_levels_without_absorber_agree(monkeypatch: pytest.MonkeyPatch, tmp_path
     result = call(reference_levels.main, "--members", 2, "--json", target, "--page", page)
     assert result.exit_code == 0, result.output
     values = json.loads(target.read_text())
-    assert set(values) == {"members", "seed", "levels", "past_plateau_level_m", "conditions"}
+    assert set(values) == {"members", "seed", "levels", "past_plateau_level_m", "machine"}
     assert len(values["levels"]) == sum(len(column.forces) for column in (*linear, plateau))
     assert len(values["past_plateau_level_m"]) == 2
     for level in values["levels"][:6]:
@@ -130,7 +130,7 @@ def test_levels_without_absorber_agree(monkeypatch: pytest.MonkeyPatch, tmp_path
         assert 0 < low <= level["level_median_m"] <= high
         assert abs(level["deviation_percent"]) < 2
     assert "members lie above the plateau's" in result.output
-    assert_block(page, "levels", levels.table(values["levels"]), values["conditions"]["versions"]["kernels"])
+    assert_block(page, "levels", levels.table(values["levels"]), values["machine"]["versions"]["kernels"])
 
 
 def test_every_force_has_an_earlier_number() -> None:

@@ -13,8 +13,8 @@ from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorb
 from impact_env.scene import beam_scene
 from optimisation.progress import sweeps_bar
 from optimisation.report.markdown import markdown
-from optimisation.studies.machine import sources
-from optimisation.studies.study import Json, Measured, Part, Steps, Study
+from optimisation.studies.one_table import table_study
+from optimisation.studies.study import Json, Measured
 
 NAME = "levels"
 MM = 1e3
@@ -160,31 +160,18 @@ def notes(levels: Sequence[Json], members: int) -> str:
     )
 
 
-def _measure(settings: Settings, _known: Json) -> Steps:
+def _measure(settings: Settings) -> Json:
     with sweeps_bar("sweeping", leave=False) as show:
         curves = performance_curves([column.case() for column in (*COLUMNS, PAST)], settings.members, settings.seed, progress=show)
     if not all(curve.complete for curve in curves):
         raise KeyboardInterrupt
     levels = [result.values() for column, curve in zip(COLUMNS, curves, strict=False) for result in compare(column, curve)]
-    yield {"members": settings.members, "seed": settings.seed, "levels": levels, "past_plateau_level_m": curves[-1].combined[0].tolist()}
+    return {"members": settings.members, "seed": settings.seed, "levels": levels, "past_plateau_level_m": curves[-1].combined[0].tolist()}
 
 
-def _words(measured: Measured) -> str:
-    values = measured.values
-    return f"{notes(values['levels'], values['members'])}\n\n{plateau_sentence(values['levels'], values['past_plateau_level_m'])}"
+def _said(measured: Measured) -> str:
+    levels, past = measured.values["levels"], measured.values["past_plateau_level_m"]
+    return f"{table(levels)}\n\n{notes(levels, measured.values['members'])}\n\n{plateau_sentence(levels, past)}"
 
 
-STUDY: Study[Settings] = Study(
-    (
-        Part(
-            NAME,
-            "levels beside earlier numbers",
-            measure=_measure,
-            markers=(NAME,),
-            sections=lambda measured: {NAME: f"{table(measured.values['levels'])}\n\n{_words(measured)}\n\n{sources(measured.conditions)}"},
-            said=lambda measured: f"{table(measured.values['levels'])}\n\n{_words(measured)}",
-        ),
-    ),
-    pack=lambda _, measured: measured.values | {"conditions": measured.conditions},
-    kept="nothing is written.",
-)
+STUDY = table_study(NAME, "levels beside earlier numbers", _measure, _said)

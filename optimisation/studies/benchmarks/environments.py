@@ -16,8 +16,8 @@ from tqdm import tqdm
 from impact_env.ensemble import available_cores
 from impact_env.extras import optional
 from optimisation.report.markdown import markdown
-from optimisation.studies.machine import machine, sources
-from optimisation.studies.study import Json, Measured, Part, Steps, Study
+from optimisation.studies.one_table import table_study
+from optimisation.studies.study import Json, Measured
 
 with optional():
     import gymnasium
@@ -158,12 +158,12 @@ def table(speeds: Sequence[Json]) -> str:
     return markdown(("environment", "lanes", "steps/s", "over Gymnasium's best"), rows)
 
 
-def _measure(seconds: float, _known: Json) -> Steps:
+def _measure(seconds: float) -> Json:
     every = cases()
     with tqdm(total=REPEATS * len(every), desc="timing", unit="repeat", leave=False, disable=None) as bar:
         speeds = [asdict(case(seconds, bar.update)) for case in every]
     imported, made = first_step()
-    yield {"scene": SCENE, "repeat_s": seconds, "make_and_first_step_s": made, "import_s": imported, "speeds": speeds}
+    return {"scene": SCENE, "repeat_s": seconds, "make_and_first_step_s": made, "import_s": imported, "speeds": speeds}
 
 
 def _said(measured: Measured) -> str:
@@ -177,17 +177,4 @@ def _said(measured: Measured) -> str:
 
 
 # settings: length of a repeat in s
-STUDY: Study[float] = Study(
-    (
-        Part(
-            NAME,
-            "speed of the environments",
-            measure=_measure,
-            markers=(NAME,),
-            sections=lambda measured: {NAME: f"{_said(measured)}\n\n{sources(measured.conditions)}"},
-            said=_said,
-        ),
-    ),
-    pack=lambda _, measured: {"machine": machine(measured.conditions), **measured.values},
-    kept="nothing is written.",
-)
+STUDY = table_study(NAME, "speed of the environments", _measure, _said)

@@ -14,8 +14,8 @@ from impact_env.methods import PAPER_STEPS, Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import Scene, beam_scene
 from optimisation.report.markdown import markdown
-from optimisation.studies.machine import machine, sources
-from optimisation.studies.study import Json, Measured, Part, Steps, Study
+from optimisation.studies.one_table import table_study
+from optimisation.studies.study import Json, Measured
 from optimisation.studies.timing import Timed
 
 NAME = "benchmark"
@@ -157,10 +157,10 @@ def notes(cases: Sequence[Json], repeats: int) -> str:
     )
 
 
-def _measure(settings: Settings, _known: Json) -> Steps:
+def _measure(settings: Settings) -> Json:
     with tqdm(total=settings.repeats * len(CASES), desc="timing", unit="repeat", leave=False, disable=None) as bar:
         results = [measure(case, settings.periods, settings.repeats, bar.update) for case in CASES]
-    yield {"repeats": settings.repeats, "cases": [result.values() for result in results]}
+    return {"repeats": settings.repeats, "cases": [result.values() for result in results]}
 
 
 def _said(measured: Measured) -> str:
@@ -168,17 +168,4 @@ def _said(measured: Measured) -> str:
     return f"{table(cases)}\n\n{notes(cases, measured.values['repeats'])}"
 
 
-STUDY: Study[Settings] = Study(
-    (
-        Part(
-            NAME,
-            "speed of the exact method",
-            measure=_measure,
-            markers=(NAME,),
-            sections=lambda measured: {NAME: f"{_said(measured)}\n\n{sources(measured.conditions)}"},
-            said=_said,
-        ),
-    ),
-    pack=lambda _, measured: {"machine": machine(measured.conditions), **measured.values},
-    kept="nothing is written.",
-)
+STUDY = table_study(NAME, "speed of the exact method", _measure, _said)

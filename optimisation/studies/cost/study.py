@@ -17,8 +17,8 @@ from impact_env.propagation import WINDOW_PERIODS, rigid_regimes
 from optimisation.report.markdown import markdown
 from optimisation.studies.benchmarks.speed import CASES, START, Case
 from optimisation.studies.cost.pieces import make_room, repeat_advance, repeat_refine, repeat_scan, repeat_solve, repeat_turn
-from optimisation.studies.machine import machine, sources
-from optimisation.studies.study import Json, Measured, Part, Steps, Study
+from optimisation.studies.one_table import table_study
+from optimisation.studies.study import Json, Measured
 from optimisation.studies.timing import Timed
 
 NAME = "cost"
@@ -97,8 +97,8 @@ def table(cases: Sequence[Json]) -> str:
     return markdown(("case", "part", "ns x calls per period", "us", "share"), rows)
 
 
-def _measure(periods: float, _known: Json) -> Steps:
-    yield {"cases": [asdict(measure(case, periods)) for case in tqdm(CASES, desc="timing", unit="case", leave=False, disable=None)]}
+def _measure(periods: float) -> Json:
+    return {"cases": [asdict(measure(case, periods)) for case in tqdm(CASES, desc="timing", unit="case", leave=False, disable=None)]}
 
 
 def _said(measured: Measured) -> str:
@@ -109,17 +109,4 @@ def _said(measured: Measured) -> str:
 
 
 # settings: pseudo periods of a run
-STUDY: Study[float] = Study(
-    (
-        Part(
-            NAME,
-            "what the exact method's time is spent on",
-            measure=_measure,
-            markers=(NAME,),
-            sections=lambda measured: {NAME: f"{_said(measured)}\n\n{sources(measured.conditions)}"},
-            said=_said,
-        ),
-    ),
-    pack=lambda _, measured: {"machine": machine(measured.conditions), **measured.values},
-    kept="nothing is written.",
-)
+STUDY = table_study(NAME, "what the exact method's time is spent on", _measure, _said)
