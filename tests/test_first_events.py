@@ -1,9 +1,6 @@
-"""The first events of runs with friction, impacts, reversals, sticking and releases, against the reference of 28 digits that shares no formula."""
+"""The first events of runs with friction, impacts, reversals, sticking and releases, against the reference with many digits."""
 
 from __future__ import annotations
-
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +8,9 @@ from core import Array, drive_of, run, scene_of
 
 from impact_env import Drive, FrequencySchedule, InitialState, ModalModel, Scene, impact_absorber
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
-
 pytest.importorskip("mpmath")
-from accuracy.contact_automaton import RELEASE_DOWN, RELEASE_UP, REVERSAL, WALL
-from accuracy.reference import _Run
+from impact_env.verification import digits
+from impact_env.verification.contact import RELEASE_DOWN, RELEASE_UP, REVERSAL, WALL
 
 EVENTS = 40
 OTHER = ModalModel([60.0, 61.0, 340.0, 2100.0], [0.002, 0.0, 0.3, 0.05], [1.1, -0.7, 0.9, 0.4], [1.0, 0.8, -1.3, 1.6], 0.4)
@@ -35,14 +30,9 @@ CASES: dict[str, tuple[Scene, Drive, InitialState]] = {
 
 def true_events(scene: Scene, drive: Drive, initial: InitialState) -> list[tuple[str, float, str]]:
     """Return what ended each regime, when (s), and the regime that followed; a start that sticks counts as a reversal at 0."""
-    true = _Run(scene, drive, initial, None)
-    found = [(REVERSAL, 0.0, true.regime.name)] if true.regime.joined else []
-    while len(found) < EVENTS and true.time < true.end:
-        guard = true.advance(true.end)
-        if guard is not None:
-            true.jump(guard)
-            found.append((guard.event, float(true.time), true.regime.name))
-    return found
+    true = digits.follow(scene, drive, initial, events=EVENTS)
+    first = [(REVERSAL, 0.0, true.start[0])] if true.start[0] == "stuck" else []
+    return [*first, *((event.what, float(event.time), event.regime) for event in true.events)][:EVENTS]
 
 
 def speed_at(scene: Scene, drive: Drive, initial: InitialState, time: float) -> float:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import scipy.optimize
 from core import Array
-from dense_motion import joined_motion, slot_motion, sprung_motion, swinging_tip
 
 from impact_env import Beam, ModalModel, ParameterError
 from impact_env.kernels.segments import Regime
@@ -14,6 +13,9 @@ from impact_env.kernels.slots import DRIVE, GUARD, RELATIVE, REST, TIP
 from impact_env.modes import modal_model
 from impact_env.regime_sets import set_modes
 from impact_env.regimes import basis_error, fastest, free_regime, joined_regime, padded_size, sprung_regime
+
+pytest.importorskip("mpmath")
+from impact_env.verification.motion import joined_motion, sprung_motion, swinging_tip
 
 BAR = 1e-12  # of the energy norm
 
@@ -37,6 +39,14 @@ def times(model: ModalModel) -> tuple[float, float]:
 def beam_states(model: ModalModel) -> tuple[Array, Array]:
     n = model.modes
     return np.concatenate([np.arange(n), n + 1 + np.arange(n)]), np.append(model.omega, np.ones(n))
+
+
+def slot_motion(regime: Regime, states: Array, scale: Array, time: float) -> Array:
+    """Return the motion of chosen ``states`` from a regime's slots: Re(out exp(s t) into), in coordinates times ``scale``."""
+    s = regime.slots.rows[0] + 1j * regime.slots.rows[1]
+    out, into = regime.out[0] + 1j * regime.out[1], (regime.into[0] + 1j * regime.into[1]).T
+    whole = np.real((out * np.exp(s * time)) @ into)[np.ix_(states, states)]
+    return np.asarray(whole * scale[:, None] / scale)
 
 
 def joined_error(model: ModalModel, mass: float) -> float:

@@ -1,4 +1,4 @@
-"""The event search against brute force (search_truth.py): random signals of every start, looked for from every level of steps."""
+"""The event search against brute force (verification/signals.py): random signals of every start, looked for from every level of steps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from core import Array
-from search_truth import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Signals, first_events
 
 from impact_env import Beam, ModalModel, Scene, beam_scene, impact_absorber
 from impact_env.kernels.forced import Forced, Window, new_forced, solve_forced
@@ -15,6 +14,7 @@ from impact_env.kernels.search import search
 from impact_env.kernels.signals import new_signal
 from impact_env.kernels.slots import SPEED, S, Slots
 from impact_env.propagation import rigid_regimes
+from impact_env.verification.signals import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Signals, first_events
 
 Model = tuple[str, int]
 MODELS: tuple[Model, ...] = (("paper", 2), ("paper", 10), ("paper", 30), ("other", 2), ("other", 10), ("other", 30))

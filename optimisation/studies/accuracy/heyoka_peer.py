@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from accuracy.contact_automaton import Automaton, Regime
-from accuracy.event_driven import Integrator, Mechanics, PeerFailedError
 from numpy.typing import NDArray
 
 from impact_env.extras import optional
+from impact_env.verification.contact import Automaton, Regime
+from optimisation.studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError
 
 with optional():
     import heyoka

@@ -9,15 +9,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
-from accuracy.reference import Trajectory, reference
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
 from impact_env.methods import Exact, Method
 from impact_env.propagation import is_linear
 from impact_env.sweep import IntegrationError, simulate
+from impact_env.verification import digits
 from optimisation.studies.accuracy.cases import BARE, KINDS, WATCHED, Case, Kind, case, method_name
+from optimisation.studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
 from optimisation.studies.accuracy.settings import FULL, Cases, Row, Settings, median_time
 from optimisation.studies.study import left
 
@@ -49,16 +49,16 @@ def truth_of(it: Case) -> Truth:
     walled = getattr(it.scene.absorber, "walls", None) is not None
     periods = WITHOUT_IMPACTS
     if walled:
-        times = _times(reference(it.scene, drive, it.initial, impacts=LATEST)) / it.period
+        times = _times(digits.follow(it.scene, drive, it.initial, impacts=LATEST)) / it.period
         late = times[IMPACTS - 1 :]
         if len(late) > 1:
             k = int(np.argmax(np.diff(late)))
             periods = float(0.5 * (late[k] + late[k + 1]))
-    ended = reference(it.scene, it.drive(periods), it.initial)
+    ended = digits.follow(it.scene, it.drive(periods), it.initial)
     return Truth(periods, ended.end_state, _times(ended))
 
 
-def _times(trajectory: Trajectory) -> Array:
+def _times(trajectory: digits.Trajectory) -> Array:
     return np.array([float(t) for t in trajectory.impact_time])
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from _stability_truth import Truth, truth
 
 from impact_env import (
     Drive,
@@ -28,6 +27,7 @@ from impact_env import (
 )
 from impact_env.energy import stored_energy
 from impact_env.methods import Method
+from impact_env.verification.dense import Truth, follow
 from optimisation.memory import peak_memory
 from optimisation.studies.stability.case import EXACT, MOREAU, Case
 
@@ -138,7 +138,7 @@ def _truth(case: Case) -> Truth:
     scene, drive, initial = case.build()
     interval = drive.schedule.pseudo_period / _samples(drive)
     samples = int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
-    return truth(scene, drive, initial, interval, samples, case.impacts)
+    return follow(scene, drive, initial, interval * np.arange(samples, dtype=float), case.impacts)
 
 
 def _deviation(expected: Truth, response: Response) -> float:

@@ -1,4 +1,4 @@
-"""Peers that a user would reach for, on the regimes of `contact_automaton`: SciPy's solve_ivp, and heyoka, both with terminal events.
+"""Peers that a user would reach for, on the regimes of `impact_env.verification.contact`: SciPy's solve_ivp, and heyoka, both with terminal events.
 
 A peer integrates one regime until a guard turns negative; what is between regimes is the same for all peers. Events are directional, and a run
 in which a guard is found violated is refused: a missed event otherwise gives a wrong trajectory without a word.
@@ -7,7 +7,7 @@ in which a guard is found violated is refused: a missed event otherwise gives a 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from accuracy.contact_automaton import CONTACT, WALL, Automaton, Guard, Regime
 from impact_env.drive import Drive
-from impact_env.parameters import StuckAbsorber
+from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
 from impact_env.scene import InitialState, Scene
+from impact_env.verification.contact import Automaton, Contacts, Guard, Regime
 
 Array = NDArray[np.float64]
 REST_SPEED = 1e-11  # m/s: slower bounces end a chatter
@@ -44,15 +44,19 @@ class PeerRun:
 class Integrator(Protocol):
     """Integrates a state (2 N_m + 4,) in a regime: returns the time reached, the state, and the guard that ended it (-1: none)."""
 
-    def __call__(self, regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]: ...
+    def __call__(self, regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]:
+        """Integrate from ``start`` to ``stop`` (s)."""
 
 
 class Mechanics:
     """A scene's right-hand side. The state is q, q_a, q', v_a; with ``energy`` also the work of the force and the losses in J."""
 
     def __init__(self, scene: Scene, drive: Drive, energy: bool) -> None:
-        if isinstance(scene.absorber, StuckAbsorber) or len(drive.schedule.times) != 2:
-            raise ValueError("a stuck absorber and a bent schedule are not covered")
+        if isinstance(scene.absorber, StuckAbsorber | SeveralAbsorbers) or len(drive.schedule.times) != 2:
+            raise ValueError("a stuck absorber, several absorbers and a bent schedule are not covered")
+        automaton = Automaton(scene.absorber)
+        if automaton.slider is not None or automaton.bonded:
+            raise ValueError("elastic friction, and walls without clearance, are not covered")
         self.scene, self.drive, self.model, self.modes = scene, drive, scene.model, scene.model.modes
         self.energy = energy
         self.mass = 1.0 if scene.absorber_mass is None else scene.absorber_mass
@@ -63,20 +67,25 @@ class Mechanics:
         self.start_omega, self.slope = float(omegas[0]), float((omegas[1] - omegas[0]) / drive.schedule.times[1])
 
     def force(self, t: float) -> float:
+        """Return the force (N) at a time (s)."""
         return self.drive.amplitude * np.cos(self.drive.phase + (self.start_omega + 0.5 * self.slope * t) * t)
 
     def relative(self, x: Array) -> tuple[float, float]:
+        """Return the absorber's displacement and velocity relative to the tip (m, m/s)."""
         n = self.modes
         return x[n] - self.tip_shape @ x[:n], x[2 * n + 1] - self.tip_shape @ x[n + 1 : 2 * n + 1]
 
     def unjoined(self, f: float, x: Array) -> Array:
+        """Return the accelerations of the modes (N_m,) under a force, without contact."""
         n = self.modes
         return self.force_shape * f - self.square * x[:n] - self.rate * x[n + 1 : 2 * n + 1]
 
     def joint_force(self, t: float, x: Array) -> float:
+        """Return the force (N) that holds the absorber at the tip."""
         return float(self.tip_shape @ self.unjoined(self.force(t), x)) / self.compliance
 
     def contact_force(self, regime: Regime, f: float, x: Array) -> float:
+        """Return the force (N) on the absorber in a regime."""
         if regime.joined:
             return float(self.tip_shape @ self.unjoined(f, x)) / self.compliance
         if regime.stiffness == 0 and regime.damping == 0:
@@ -85,6 +94,7 @@ class Mechanics:
         return regime.constant - regime.stiffness * (y - regime.rest) - regime.damping * gamma
 
     def rates(self, regime: Regime, t: float, x: Array) -> Array:
+        """Return the rate of a state, with those of work and losses where energy is asked for."""
         n = self.modes
         f = self.force(t)
         u = x[n + 1 : 2 * n + 1]
@@ -99,6 +109,7 @@ class Mechanics:
         return out
 
     def guard(self, regime: Regime, guard: Guard, t: float, x: Array) -> float:
+        """Return a guard's value."""
         y, gamma = self.relative(x)
         value = guard.constant + guard.y_weight * y + guard.gamma_weight * gamma
         return value + guard.force_weight * self.contact_force(regime, self.force(t), x) if guard.force_weight else value
@@ -124,46 +135,54 @@ def follow(scene: Scene, drive: Drive, initial: InitialState, make: Callable[[Me
 
     Raises PeerFailedError if an event was missed or the peer gives up.
     """
-    mechanics, automaton = Mechanics(scene, drive, energy), Automaton(scene)
+    mechanics = Mechanics(scene, drive, energy)
     n, end = mechanics.modes, float(drive.schedule.times[1])
     x = np.concatenate([initial.vector(scene), np.zeros(2 if energy else 0)])
-    integrate, start = make(mechanics, automaton), x.copy()
-    y, gamma = mechanics.relative(x)
-    regime = automaton.regime(automaton.start(y, gamma, mechanics.joint_force(0.0, x)))
-    if gamma == 0:
-        _nudge(mechanics, regime, x)
-    t, times, events, wall_time = 0.0, [], 0, 0.0
-    while t < end:
-        began = time.perf_counter()
-        t, x, hit = integrate(regime, t, end, x)
+    integrate, start = make(mechanics, Automaton(scene.absorber)), x.copy()
+    state = _State(mechanics, x)
+    contacts = Contacts(scene, state, REST_SPEED)
+    state.nudge(contacts.regimes[0])
+    times, events, wall_time = [0.0] * len(contacts.struck), 0, 0.0
+    while state.t < end:
+        regime, began = contacts.regimes[0], time.perf_counter()
+        state.t, state.x, hit = integrate(regime, state.t, end, state.x)
         wall_time += time.perf_counter() - began
-        _check(mechanics, regime, t, x)
+        _check(mechanics, regime, state.t, state.x)
         if hit < 0:
             break
         events += 1
         if events > MAX_EVENTS:
             raise PeerFailedError(f"more than {MAX_EVENTS} events")
-        guard = regime.guards[hit]
-        if guard.event in (WALL, CONTACT):
-            times.append(t)
-        regime = _jump(mechanics, automaton, guard, t, x)
-    return PeerRun(np.array(times), x[: 2 * n + 2].copy(), _balance(mechanics, start, x) if energy else None, wall_time)
+        contacts.jump(0, regime.guards[hit])
+        times += [state.t] * len(contacts.struck)
+        state.nudge(contacts.regimes[0])
+    return PeerRun(np.array(times), state.x[: 2 * n + 2].copy(), _balance(mechanics, start, state.x) if energy else None, wall_time)
 
 
-def _jump(mechanics: Mechanics, automaton: Automaton, guard: Guard, t: float, x: Array) -> Regime:
-    """Change the state in place as the end of a guard demands, and return the regime that follows."""
-    if guard.event == WALL:
-        mechanics.kick(x, automaton.restitution or 0.0)
-    name, stop = automaton.after(guard, mechanics.relative(x)[1], mechanics.joint_force(t, x), REST_SPEED)
-    regime = automaton.regime(name)
-    if stop:
-        mechanics.kick(x, 0.0)
-        _nudge(mechanics, regime, x)
-    return regime
+class _State:
+    """The state of a peer's run, as the contacts want to see and to change it."""
 
+    def __init__(self, mechanics: Mechanics, x: Array) -> None:
+        self.mechanics, self.x, self.t = mechanics, x, 0.0
+        self.mobility = np.array([[mechanics.compliance]])
 
-def _nudge(mechanics: Mechanics, regime: Regime, x: Array) -> None:
-    x[2 * mechanics.modes + 1] += {"slide +": NUDGE, "slide -": -NUDGE}.get(regime.name, 0.0)
+    def relative(self, which: int) -> tuple[float, float]:  # noqa: ARG002 - there is one absorber
+        y, gamma = self.mechanics.relative(self.x)
+        return float(y), float(gamma)
+
+    def pull(self) -> Array:
+        return np.array([self.mechanics.joint_force(self.t, self.x) * self.mechanics.compliance])
+
+    def strike(self, which: int, restitution: float) -> None:  # noqa: ARG002
+        self.mechanics.kick(self.x, restitution)
+
+    def stop(self, which: Sequence[int]) -> None:  # noqa: ARG002
+        self.mechanics.kick(self.x, 0.0)
+
+    def nudge(self, regime: Regime) -> None:
+        """Start sliding from rest with a velocity of its sign."""
+        if regime.sliding and abs(self.relative(0)[1]) < NUDGE:
+            self.x[2 * self.mechanics.modes + 1] += regime.sliding * NUDGE
 
 
 def _balance(mechanics: Mechanics, start: Array, end: Array) -> float:

@@ -1,23 +1,19 @@
-"""Motion of a beam with masses on it by matrix exponentials with 40 digits, from nothing but its matrices."""
+"""Motion of a beam with masses on it by matrix exponentials with 40 digits, from nothing but its matrices: no events, and stiffness without limit."""
 
 from __future__ import annotations
 
-import mpmath
 import numpy as np
-from core import Array
+from numpy.typing import NDArray
 
-from impact_env import ModalModel
-from impact_env.kernels.segments import Regime
+from impact_env.extras import optional
+from impact_env.modes import ModalModel
 
+with optional():
+    import mpmath
+
+Array = NDArray[np.float64]
 DIGITS = 40
-
-
-def _first_order(mass: mpmath.matrix, damping: mpmath.matrix, stiffness: mpmath.matrix) -> mpmath.matrix:
-    n, inverse = mass.rows, mass**-1
-    matrix = mpmath.zeros(2 * n)
-    matrix[:n, n:] = mpmath.eye(n)
-    matrix[n:, :n], matrix[n:, n:] = -inverse * stiffness, -inverse * damping
-    return matrix
+TERMS = 24  # of the exponential's series, for an eighth at most
 
 
 def joined_motion(model: ModalModel, masses: Array, shapes: Array, time: float) -> Array:
@@ -28,19 +24,6 @@ def joined_motion(model: ModalModel, masses: Array, shapes: Array, time: float) 
             row = mpmath.matrix(list(shape))
             mass += mpmath.mpf(float(m)) * row * row.T
         return _scaled(_first_order(mass, damping, stiffness), np.append(model.omega, np.ones(model.modes)), time)
-
-
-def _with_spring(
-    model: ModalModel, mass: float, stiffness: float, damper: float
-) -> tuple[mpmath.matrix, mpmath.matrix, mpmath.matrix, mpmath.matrix]:
-    """Return mass, damping and stiffness matrices, and the column of a force on the absorber and against the tip."""
-    n = model.modes
-    whole = [mpmath.zeros(n + 1) for _ in range(3)]
-    for matrix, part in zip(whole, _beam(model), strict=True):
-        matrix[:n, :n] = part
-    whole[0][n, n] = mpmath.mpf(mass)
-    line = mpmath.matrix([*(-model.tip_shape), 1.0])
-    return whole[0], whole[1] + mpmath.mpf(damper) * line * line.T, whole[2] + mpmath.mpf(stiffness) * line * line.T, line
 
 
 def sprung_motion(model: ModalModel, mass: float, stiffness: float, damper: float, time: float, scale: Array) -> Array:
@@ -65,6 +48,27 @@ def _beam(model: ModalModel) -> tuple[mpmath.matrix, mpmath.matrix, mpmath.matri
     return mpmath.eye(model.modes), mpmath.diag(damping), mpmath.diag([w**2 for w in omega])
 
 
+def _with_spring(
+    model: ModalModel, mass: float, stiffness: float, damper: float
+) -> tuple[mpmath.matrix, mpmath.matrix, mpmath.matrix, mpmath.matrix]:
+    """Return mass, damping and stiffness matrices, and the column of a force on the absorber and against the tip."""
+    n = model.modes
+    whole = [mpmath.zeros(n + 1) for _ in range(3)]
+    for matrix, part in zip(whole, _beam(model), strict=True):
+        matrix[:n, :n] = part
+    whole[0][n, n] = mpmath.mpf(mass)
+    line = mpmath.matrix([*(-model.tip_shape), 1.0])
+    return whole[0], whole[1] + mpmath.mpf(damper) * line * line.T, whole[2] + mpmath.mpf(stiffness) * line * line.T, line
+
+
+def _first_order(mass: mpmath.matrix, damping: mpmath.matrix, stiffness: mpmath.matrix) -> mpmath.matrix:
+    n, inverse = mass.rows, mass**-1
+    matrix = mpmath.zeros(2 * n)
+    matrix[:n, n:] = mpmath.eye(n)
+    matrix[n:, :n], matrix[n:, n:] = -inverse * stiffness, -inverse * damping
+    return matrix
+
+
 def _scaled(matrix: mpmath.matrix, scale: Array, time: float) -> Array:
     """Return exp(matrix t), in coordinates times ``scale``, as floats; by scaling and squaring of the Taylor series."""
     size = len(scale)
@@ -74,17 +78,9 @@ def _scaled(matrix: mpmath.matrix, scale: Array, time: float) -> Array:
     halvings = max(0, int(mpmath.ceil(mpmath.log(mpmath.mnorm(matrix, 1), 2)))) + 3
     step = matrix / mpmath.mpf(2) ** halvings
     term, whole = mpmath.eye(size), mpmath.eye(size)
-    for k in range(1, 24):
+    for k in range(1, TERMS):
         term = term * step / k
         whole += term
     for _ in range(halvings):
         whole = whole * whole
     return np.array(whole.tolist(), dtype=float)
-
-
-def slot_motion(regime: Regime, states: Array, scale: Array, time: float) -> Array:
-    """Return the same for chosen ``states`` from a regime's slots: Re(out exp(s t) into)."""
-    s = regime.slots.rows[0] + 1j * regime.slots.rows[1]
-    out, into = regime.out[0] + 1j * regime.out[1], (regime.into[0] + 1j * regime.into[1]).T
-    whole = np.real((out * np.exp(s * time)) @ into)[np.ix_(states, states)]
-    return np.asarray(whole * scale[:, None] / scale)

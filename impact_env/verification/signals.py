@@ -12,7 +12,6 @@ from math import factorial
 
 import numpy as np
 import scipy.optimize
-from core import Array
 from numpy.typing import NDArray
 
 NOTHING, LOW, HIGH, TURN = 0, 1, 2, 3
@@ -24,6 +23,7 @@ CHUNK = 1024
 SERIES = 30  # terms of a Taylor series, for arguments up to EARLY
 TANGENT = 1e-12  # of a guard's terms: a touch less deep than this is not judged
 
+Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 
@@ -45,6 +45,7 @@ class Force:
 
     @classmethod
     def of(cls, polynomial: Complex, omega: float) -> Force:
+        """Return the force of a polynomial (K,), rising powers, at ``omega`` in rad/s."""
         rows = [polynomial]
         for _ in range(SERIES - 1):
             p = rows[-1]
@@ -52,6 +53,7 @@ class Force:
         return cls(np.array(rows), omega)
 
     def __call__(self, order: int, x: Array | float) -> Array:
+        """Return a derivative of the force at times x in s from the window's centre."""
         return np.real(np.polyval(self.polynomials[order, ::-1], x) * np.exp(1j * self.omega * x))
 
 
@@ -117,6 +119,7 @@ class Guards:
     direction: Array
 
     def of(self, which: Integers) -> Guards:
+        """Return some of the guards."""
         return Guards(self.low[which], self.high[which], self.direction[which])
 
     def room(self, y: Array, v: Array, a: Array) -> dict[int, tuple[Array, Array]]:
