@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+import click
+
 from optimisation.studies.accuracy import bands, cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
 from optimisation.studies.accuracy.settings import Cases, Row, Settings
 from optimisation.studies.page import has_markers, published
@@ -35,8 +37,13 @@ class Measures(Protocol):
 def place(out: Path, names: tuple[str, ...]) -> Place:
     """Return where files go: all into a folder, tables into the page FOLDER.md beside it, if there is one that has a place for them."""
     page = out.with_suffix(".md")
-    text = page.read_text(encoding="utf-8") if page.is_file() else ""
-    return Place(out, page if all(has_markers(text, name) for name in names) else None)
+    if not page.is_file():
+        return Place(out)
+    text = page.read_text(encoding="utf-8")
+    missing = [name for name in names if not has_markers(text, name)]
+    if missing:
+        click.echo(f"{page} has no place for {', '.join(missing)}", err=True)
+    return Place(out, None if missing else page)
 
 
 def _part(
