@@ -20,8 +20,9 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import stability  # noqa: E402 - the scripts' folder is known only now
 
 from impact_env.parameters import ParameterError  # noqa: E402
+from optimisation import workers  # noqa: E402
 from optimisation.files import write_json  # noqa: E402
-from optimisation.studies import machine, workers  # noqa: E402
+from optimisation.studies import machine  # noqa: E402
 from optimisation.studies import study as pattern  # noqa: E402
 from optimisation.studies.page import DOCS, fill  # noqa: E402
 from optimisation.studies.stability import case as one_case  # noqa: E402

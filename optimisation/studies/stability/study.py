@@ -12,7 +12,7 @@ from optimisation.studies.page import published
 from optimisation.studies.stability.page import CELL_COLUMNS, MARKERS, said, sections
 from optimisation.studies.stability.tasks import Results, finished, gather, tasks
 from optimisation.studies.study import Json, Measured, Part, Saver, Steps, Study, Table, unpack
-from optimisation.studies.workers import Pool
+from optimisation.workers import Pool
 
 NAME = "stability"
 COMPILE_S = 240.0  # at most, for the kernels of a kind of scene

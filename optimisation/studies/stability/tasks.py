@@ -16,7 +16,7 @@ from optimisation.studies.stability import limits as limits
 from optimisation.studies.stability import soak as soaks
 from optimisation.studies.stability.case import Case
 from optimisation.studies.stability.cases import cases
-from optimisation.studies.workers import Outcome, Task
+from optimisation.workers import Outcome, Task
 
 CELL_LIMIT_S, QUICK_CELL_LIMIT_S = 90.0, 30.0
 SOAK_LIMIT_S = 400.0
