@@ -8,7 +8,7 @@ from impact_env import Beam, Drive, FrequencySchedule, InitialState, ParameterEr
 from impact_env.parameters import Absorber
 from impact_env.response import Response
 from impact_env.verification import dense
-from impact_env.verification.contact import Automaton
+from impact_env.verification.automaton import Automaton
 from impact_env.verification.mechanics import Mechanics
 
 LINEAR = [None, StuckAbsorber(0.5), TunedAbsorber(), TunedAbsorber(damping=0.0), TunedAbsorber(0.1, 1e6, 300.0)]
@@ -26,7 +26,7 @@ def error(scene: Scene, drive: Drive, initial: InitialState | None = None, sampl
     assert response.history is not None
     assert response.energy is not None
     n = scene.model.modes
-    truth = np.delete(dense.follow(scene, drive, initial, response.history.time).states, [n, 2 * n + 1], axis=1)
+    truth = np.delete(dense.follow(scene, drive, initial, response.history.time, long_steps=True).states, [n, 2 * n + 1], axis=1)
     deviation = np.max(np.abs(modal_states(response) - truth) / np.max(np.abs(truth), axis=0))
     return float(max(deviation, response.energy.relative_error))
 

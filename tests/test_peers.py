@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
 pytest.importorskip("mpmath")
 from impact_env.scene import beam_scene
 from impact_env.verification import digits
-from impact_env.verification.contact import Automaton
+from impact_env.verification.automaton import Automaton
 from optimisation.studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError, PeerRun, follow, scipy_integrator
 
 REST = InitialState()

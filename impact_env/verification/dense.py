@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive
 from impact_env.scene import InitialState, Scene
-from impact_env.verification.contact import CONTACT, HOLD, SLIP, WALL, Contacts, Guard, Number, Regime
+from impact_env.verification.automaton import CONTACT, HOLD, SLIP, WALL, Guard, Number, Regime
+from impact_env.verification.contact import Contacts
 from impact_env.verification.mechanics import Linear, Mechanics
 
 Array = NDArray[np.float64]
 TURN = 0.5  # rad by which the fastest motion turns in a step of the grid
 SLIDER_TURN = 0.125  # rad; the same where a spring gives way at the very peak of its force
 COARSE_TURN, COARSE_FROM = 1.0, 30  # the same for scenes of so many modes: their highest modes hardly move
-CALM_TURN = 1.0  # rad; the same where there are no events
+CALM_TURN = 1.0  # rad; the same without events, where long steps are asked for
 NODES, CALM_NODES = (np.polynomial.legendre.leggauss(n) for n in (8, 14))
 FINER, FINEST = 32, 32**5  # where an event seems to follow another within a step
 TAYLOR_TERMS = 20
@@ -74,8 +75,8 @@ def _exponential(matrix: Array, length: float, x: Array) -> Array:
 class Walk:
     """A reference under way: what `contact` asks for, and steps from event to event."""
 
-    def __init__(self, scene: Scene, drive: Drive, initial: InitialState, most_events: int = MOST_EVENTS) -> None:
-        self.mechanics, self.drive, self.most_events = Mechanics(scene), drive, most_events
+    def __init__(self, scene: Scene, drive: Drive, initial: InitialState, most_events: int = MOST_EVENTS, long_steps: bool = False) -> None:
+        self.mechanics, self.drive, self.most_events, self.long_steps = Mechanics(scene), drive, most_events, long_steps
         self.mobility = self.mechanics.mobility
         self.x, self.time = self.mechanics.state(initial.vector(scene)), 0.0
         self._made: dict[tuple[Regime, ...], tuple[Linear, float]] = {}
@@ -138,7 +139,7 @@ class Walk:
         return True
 
     def _turn(self) -> float:
-        if all(automaton.linear or automaton.bonded for automaton in self.contacts.automata):
+        if self.long_steps and not any(regime.guards for regime in self.contacts.regimes):
             return CALM_TURN
         if self.mechanics.modes >= COARSE_FROM:
             return COARSE_TURN
@@ -148,7 +149,7 @@ class Walk:
         """Advance to ``end`` or to the next event, on a grid ``finer`` times finer than usual and of ``least`` steps."""
         regimes = tuple(self.contacts.regimes)
         linear, fastest = self._linear(regimes)
-        calm = not any(regime.guards for regime in regimes)
+        calm = self.long_steps and not any(regime.guards for regime in regimes)
         if self.slipped and least == 1:
             held = self._linear((self.contacts.automata[0].sprung(regimes[0].side),))[1]
             return self._stretch(min(end, self.time + TURN / self._rate(held, False) / finer), finer, FIRST_SLIP)
@@ -275,14 +276,21 @@ def _dips(values: Array, slopes: Array, h: float) -> NDArray[np.bool_]:
 
 
 def follow(
-    scene: Scene, drive: Drive, initial: InitialState | None, times: Array, most_impacts: int | None = None, most_events: int = MOST_EVENTS
+    scene: Scene,
+    drive: Drive,
+    initial: InitialState | None,
+    times: Array,
+    most_impacts: int | None = None,
+    most_events: int = MOST_EVENTS,
+    long_steps: bool = False,
 ) -> Truth:
     """Return the reference at ``times`` (S,) in s, rising from 0, or as far as it goes.
 
     It ends at the first of the times after more than ``most_impacts``, or before an interval with more than ``most_events``, or with events so close
-    to one another that the grid cannot tell them apart.
+    to one another that the grid cannot tell them apart. ``long_steps`` are quicker where nothing ends a regime; a force far above all modes
+    then loses digits.
     """
-    walk = Walk(scene, drive, InitialState() if initial is None else initial, most_events)
+    walk = Walk(scene, drive, InitialState() if initial is None else initial, most_events, long_steps)
     rows, seen = [walk.x], [walk.seen()]
     for time in times[1:]:
         if not walk.to(float(time)) or (most_impacts is not None and len(walk.impacts) > most_impacts):

@@ -17,26 +17,21 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive
 from impact_env.extras import optional
 from impact_env.scene import InitialState, Scene
-from impact_env.verification.contact import Contacts, Guard, Number, Regime
+from impact_env.verification.automaton import Guard, Number, Regime
+from impact_env.verification.contact import Contacts
 from impact_env.verification.mechanics import Mechanics
+from impact_env.verification.whole_numbers import BITS, ONE, UNIT, Whole, first_root, fraction, inverse, value_at, whole, wholes
 
 with optional():
     import mpmath
 
 Array = NDArray[np.float64]
-Whole = NDArray[np.object_]  # integers, in units of 2^-BITS
 
-BITS = 200
 DIGITS = 70  # of the force's phase
 ORDER = 70
 REACH = 6.0  # rad of the fastest motion in a step: 6^70/70! is below 1e-45
-PARTS = 96  # places in a step at which the guards are looked at
 REST_SPEED = 1e-22  # m/s: slower bounces end a chatter
 MOST_EVENTS = 20_000
-BISECTIONS, NEWTON = 60, 5  # a quotient in double precision suffices for Newton's method: each pass gains its digits anew
-_ONE = 1 << BITS
-_UNIT = 2.0**-BITS
-_POWERS = (np.arange(PARTS + 1) / PARTS) ** np.arange(ORDER + 1)[:, None]
 
 
 @dataclass(frozen=True)
@@ -71,33 +66,6 @@ class Trajectory:
         return np.array([float(value) for value in self.end])
 
 
-def _whole(value: Number) -> int:
-    number = Fraction(value)
-    return (number.numerator << BITS) // number.denominator
-
-
-def _wholes(values: Sequence[Number] | Array) -> Whole:
-    return np.array([_whole(value) for value in values], dtype=object)
-
-
-def _fraction(value: int) -> Fraction:
-    return Fraction(value, _ONE)
-
-
-def _inverse(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
-    """Return the inverse of a small positive definite matrix."""
-    n = len(matrix)
-    rows = [[*row, *(Fraction(int(i == j)) for j in range(n))] for i, row in enumerate(matrix)]
-    for i in range(n):
-        pivot = rows[i][i]
-        rows[i] = [x / pivot for x in rows[i]]
-        for j in range(n):
-            if j != i:
-                factor = rows[j][i]
-                rows[j] = [x - factor * y for x, y in zip(rows[j], rows[i], strict=True)]
-    return [row[n:] for row in rows]
-
-
 @dataclass(frozen=True, eq=False)
 class _Laws:
     """The regimes of all absorbers in units of a step, (n,) each: forces without motion, stiffnesses with rests, dampings.
@@ -128,11 +96,11 @@ class Run:
             raise ValueError("a rate of its own takes the place of one slope: the schedule must be straight")
         self.slopes = slopes if rate is None else [Fraction(rate)]
         self.amplitude = Fraction(drive.amplitude)
-        self.shapes = np.array([_wholes(row) for row in m.shapes], dtype=object).reshape(m.places, m.modes)
-        self.inverse_mass = _wholes([1 / Fraction(mass) for mass in m.masses])
-        self.exact_mobility = [[_fraction(x) for x in row] for row in ((self.shapes @ self.shapes.T) >> BITS) + np.diag(self.inverse_mass)]
+        self.shapes = np.array([wholes(row) for row in m.shapes], dtype=object).reshape(m.places, m.modes)
+        self.inverse_mass = wholes([1 / Fraction(mass) for mass in m.masses])
+        self.exact_mobility = [[fraction(x) for x in row] for row in ((self.shapes @ self.shapes.T) >> BITS) + np.diag(self.inverse_mass)]
         start = initial.vector(scene)
-        self.place, self.speed = _wholes(start[: m.half]), _wholes(start[m.half :])
+        self.place, self.speed = wholes(start[: m.half]), wholes(start[m.half :])
         with mpmath.workdps(DIGITS):
             phase = mpmath.mpf(drive.phase)
             self.cosine, self.sine = (int(mpmath.floor(mpmath.ldexp(f(phase), BITS))) for f in (mpmath.cos, mpmath.sin))
@@ -140,9 +108,9 @@ class Run:
         self.contacts = Contacts(scene, self, REST_SPEED)
         self.step = Fraction(REACH / self._fastest(float(np.max(drive.schedule.omegas))))
         omega, ratio = [Fraction(x) for x in model.omega], [Fraction(x) for x in model.damping_ratio]
-        self.square = _wholes([(x * self.step) ** 2 for x in omega])
-        self.rate = _wholes([2 * d * x * self.step for d, x in zip(ratio, omega, strict=True)])
-        self.push = _wholes([Fraction(x) * self.amplitude * self.step**2 for x in model.force_shape])
+        self.square = wholes([(x * self.step) ** 2 for x in omega])
+        self.rate = wholes([2 * d * x * self.step for d, x in zip(ratio, omega, strict=True)])
+        self.push = wholes([Fraction(x) * self.amplitude * self.step**2 for x in model.force_shape])
 
     def _fastest(self, force: float) -> float:
         rates = [force, float(np.max(self.mechanics.model.omega))]
@@ -158,13 +126,13 @@ class Run:
         """Return relative displacement (m) and velocity (m/s) of an absorber."""
         n, shape = self.modes, self.shapes[which]
         y, gamma = (int(row[n + which]) - (int(shape @ row[:n]) >> BITS) for row in (self.place, self.speed))
-        return _fraction(y), _fraction(gamma)
+        return fraction(y), fraction(gamma)
 
     def pull(self) -> Array:
         """Return the accelerations (n,) in m/s^2 of the absorbers' places if no absorber pushed."""
         n, model = self.modes, self.mechanics.model
-        q, u = (row[:n].astype(float) * _UNIT for row in (self.place, self.speed))
-        force = float(self.amplitude) * self.cosine * _UNIT
+        q, u = (row[:n].astype(float) * UNIT for row in (self.place, self.speed))
+        force = float(self.amplitude) * self.cosine * UNIT
         return np.asarray(self.mechanics.shapes @ (force * model.force_shape - model.omega**2 * q - 2 * model.damping_ratio * model.omega * u))
 
     def strike(self, which: int, restitution: float) -> None:
@@ -178,9 +146,9 @@ class Run:
     def _change(self, which: Sequence[int], share: Fraction) -> None:
         """Change the relative velocities of absorbers by a multiple of themselves."""
         n, changes = self.modes, [share * Fraction(self.relative(a)[1]) for a in which]
-        inverse = _inverse([[self.exact_mobility[a][b] for b in which] for a in which])
-        for a, row in zip(which, inverse, strict=True):
-            impulse = _whole(sum((x * change for x, change in zip(row, changes, strict=True)), Fraction(0)))
+        inverted = inverse([[self.exact_mobility[a][b] for b in which] for a in which])
+        for a, row in zip(which, inverted, strict=True):
+            impulse = whole(sum((x * change for x, change in zip(row, changes, strict=True)), Fraction(0)))
             self.speed[:n] -= (self.shapes[a] * impulse) >> BITS
             self.speed[n + a] += (int(self.inverse_mass[a]) * impulse) >> BITS
 
@@ -190,22 +158,22 @@ class Run:
         regimes, h = self.contacts.regimes, self.step
         loose = [Regime("joined") if regime.joined else regime for regime in regimes]
         joined = [a for a, regime in enumerate(regimes) if regime.joined]
-        joint = _inverse([[self.exact_mobility[a][b] for b in joined] for a in joined])
+        joint = inverse([[self.exact_mobility[a][b] for b in joined] for a in joined])
         return _Laws(
-            constant=_wholes([Fraction(regime.constant) * h**2 for regime in loose]),
-            stiffness=_wholes([Fraction(regime.stiffness) * h**2 for regime in loose]),
-            rest=_wholes([regime.rest for regime in loose]),
-            slider=_wholes([Fraction(regime.slider) * h**2 for regime in loose]),
-            slider_rest=_wholes([regime.slider_rest for regime in loose]),
-            damping=_wholes([Fraction(regime.damping) * h for regime in loose]),
+            constant=wholes([Fraction(regime.constant) * h**2 for regime in loose]),
+            stiffness=wholes([Fraction(regime.stiffness) * h**2 for regime in loose]),
+            rest=wholes([regime.rest for regime in loose]),
+            slider=wholes([Fraction(regime.slider) * h**2 for regime in loose]),
+            slider_rest=wholes([regime.slider_rest for regime in loose]),
+            damping=wholes([Fraction(regime.damping) * h for regime in loose]),
             joined=joined,
-            joint=np.array([_wholes(row) for row in joint], dtype=object),
+            joint=np.array([wholes(row) for row in joint], dtype=object),
             springs=any(regime.stiffness or regime.slider or regime.damping for regime in loose),
         )
 
     def _pushes(self, omega: Fraction, slope: Fraction) -> tuple[list[int], list[int]]:
         """Return the coefficients (ORDER + 1,) of the force's cosine and sine."""
-        turn, bend = _whole(omega * self.step), _whole(slope * self.step**2)
+        turn, bend = whole(omega * self.step), whole(slope * self.step**2)
         cosine, sine = [self.cosine], [self.sine]
         for k in range(ORDER):
             before = (cosine[k - 1], sine[k - 1]) if k else (0, 0)
@@ -218,7 +186,7 @@ class Run:
         n, laws, shapes = self.modes, self._laws(), self.shapes
         x = np.zeros((ORDER + 1, n + self.places), dtype=object)
         forces = np.zeros((ORDER + 1, self.places), dtype=object)
-        h = _whole(self.step)
+        h = whole(self.step)
         x[0], x[1] = self.place, (self.speed * h) >> BITS
         y, later = self._distance(x[0]), self._distance(x[1])
         for k in range(ORDER - 1):
@@ -248,10 +216,10 @@ class Run:
         """Return the coefficients (ORDER - 1,) of a guard, times a positive factor, from those of an absorber's y and force."""
         if guard.gamma_weight:
             return [int(guard.gamma_weight) * (k + 1) * int(y[k + 1]) for k in range(ORDER - 1)]
-        weight = _whole(guard.y_weight or guard.force_weight)
+        weight = whole(guard.y_weight or guard.force_weight)
         row = [(weight * int(value)) >> BITS for value in (y if guard.y_weight else force)[: ORDER - 1]]
         constant = Fraction(guard.constant) - Fraction(guard.y_weight) * Fraction(guard.rest)
-        row[0] += _whole(constant if guard.y_weight else constant * self.step**2)
+        row[0] += whole(constant if guard.y_weight else constant * self.step**2)
         return row
 
     def advance(self, until: Fraction) -> tuple[int, Guard] | None:
@@ -261,56 +229,21 @@ class Run:
         cosine, sine = self._pushes(self.schedule[k][1] + slope * (self.time - self.schedule[k][0]), slope)
         x, forces = self._series(cosine)
         end = min(until, self.schedule[k + 1][0]) if k + 2 < len(self.schedule) else until
-        last = min(_ONE, _whole((end - self.time) / self.step))
+        last = min(ONE, whole((end - self.time) / self.step))
         hit, at = None, last
         if any(regime.guards for regime in self.contacts.regimes):
             y = self._distance(x)
             for which, regime in enumerate(self.contacts.regimes):
                 for guard, order in zip(regime.guards, self.contacts.zeros[which], strict=True):
-                    root = _first_root(self._guard(guard, y[:, which], forces[:, which])[order:], at)
+                    root = first_root(self._guard(guard, y[:, which], forces[:, which])[order:], at)
                     if root is not None and (hit is None or root < at):
                         hit, at = (which, guard), root
         self.contacts.go_on()
-        self.place, speed = _value(x, at)
-        self.speed = (speed * _whole(1 / self.step)) >> BITS
-        self.cosine, self.sine = (int(_value(np.array(row, dtype=object), at)[0]) for row in (cosine, sine))
-        self.time = end if hit is None and last < _ONE else self.time + self.step * _fraction(at)
+        self.place, speed = value_at(x, at)
+        self.speed = (speed * whole(1 / self.step)) >> BITS
+        self.cosine, self.sine = (int(value_at(np.array(row, dtype=object), at)[0]) for row in (cosine, sine))
+        self.time = end if hit is None and last < ONE else self.time + self.step * fraction(at)
         return hit
-
-
-def _value(rows: Whole, at: int) -> tuple[Whole, Whole]:
-    """Return the sums of rows[k] at^k, and their derivatives."""
-    count = np.arange(1, len(rows)).astype(object)
-    if at == _ONE:
-        return rows.sum(axis=0), count @ rows[1:]
-    powers = [_ONE]
-    for _ in range(len(rows) - 1):
-        powers.append((powers[-1] * at) >> BITS)
-    row = np.array(powers, dtype=object)
-    return (row @ rows) >> BITS, ((row[:-1] * count) @ rows[1:]) >> BITS
-
-
-def _first_root(row: list[int], end: int) -> int | None:
-    """Return the first place in (0, end], in steps, where a guard turns negative.
-
-    ``row`` is the guard's series less the powers of time that it starts with: so a regime that starts on its guard lasts until that is met again.
-    """
-    numbers = np.array(row, dtype=object).astype(float) * _UNIT
-    if numbers[0] < 0:
-        return 0
-    reach = end * _UNIT
-    negative = np.flatnonzero((numbers * reach ** np.arange(len(numbers))) @ _POWERS[: len(numbers), 1:] < 0)
-    if not len(negative):
-        return None
-    low, high = (reach * (int(negative[0]) + k) / PARTS for k in (0, 1))
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if np.polynomial.polynomial.polyval(middle, numbers) < 0 else (middle, high)
-    at, series = _whole(high), np.array(row, dtype=object)
-    for _ in range(NEWTON):
-        value, slope = (float(x) for x in _value(series, at))
-        at -= _whole(value / slope)
-    return at
 
 
 def follow(
@@ -345,5 +278,5 @@ def follow(
         happened.append(Event(run.time, which, guard.event, run.contacts.regimes[which].name))
         struck += [(run.time, *one) for one in run.contacts.struck]
     times, who, speeds = zip(*struck, strict=True) if struck else ((), (), ())
-    last = tuple(_fraction(int(x)) for x in (*run.place, *run.speed))
+    last = tuple(fraction(int(x)) for x in (*run.place, *run.speed))
     return Trajectory(times, speeds, who, start, tuple(happened), run.time, last)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.scene import Scene
-from impact_env.verification.contact import Guard, Regime
+from impact_env.verification.automaton import Guard, Regime
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,8 @@ from scipy.integrate import solve_ivp
 from impact_env.drive import Drive
 from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
 from impact_env.scene import InitialState, Scene
-from impact_env.verification.contact import Automaton, Contacts, Guard, Regime
+from impact_env.verification.automaton import Automaton, Guard, Regime
+from impact_env.verification.contact import Contacts
 
 Array = NDArray[np.float64]
 REST_SPEED = 1e-11  # m/s: slower bounces end a chatter

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.extras import optional
-from impact_env.verification.contact import Automaton, Regime
+from impact_env.verification.automaton import Automaton, Regime
 from optimisation.studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError
 
 with optional():
