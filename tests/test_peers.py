@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from core import drive_of, scene_of, still
 from truth_scenes import SCENES
 
 from impact_env import ElasticCoulombFriction, InitialState, SlidingAbsorber, impact_absorbers
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
 
 pytest.importorskip("mpmath")
 from impact_env.scene import beam_scene
