@@ -1,61 +1,8 @@
-"""What the scripts' command lines share: errors in one line, exit codes, and files that can be written."""
+"""Errors and exit codes: where the scripts that import them from here find them."""
 
-from __future__ import annotations
-
-import os
-import sys
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
-
-import click
-
-from impact_env.parameters import ParameterError
-from impact_env.sweep import IntegrationError
-
-INTERRUPTED = 130  # the shell's exit code after Ctrl-C
-
-
-class BadInput(click.ClickException):
-    """An error of the caller: one line, exit code 2."""
-
-    exit_code = 2
-
-
-def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = ()) -> None:
-    """Raise BadInput, before any work is done, if a file cannot be written or has a suffix other than ``suffixes``."""
-    if target is None:
-        return
-    folder = target.resolve().parent
-    if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-        raise BadInput(f"{option} = {target} is not allowed: a file in a folder that exists and can be written to")
-    if target.exists() and not target.is_file():
-        raise BadInput(f"{option} = {target} is not allowed: a plain file, since it is replaced as a whole")
-    if suffixes and target.suffix.lower() not in suffixes:
-        raise BadInput(f"{option} = {target} is not allowed: a name that ends in {', '.join(suffixes)}")
-
-
-@contextmanager
-def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
-    """Turn a bad value, a run that breaks down, and Ctrl-C into one line and an exit code."""
-    try:
-        yield
-    except ParameterError as error:
-        raise BadInput(str(error)) from error
-    except IntegrationError as error:
-        raise click.ClickException(str(error)) from error
-    except KeyboardInterrupt:  # where a script does not keep what is finished, or keeps it already
-        click.echo(broken_off, err=True)
-        sys.exit(INTERRUPTED)
-
-
-def name_files(files: Iterable[Path]) -> None:
-    """Say what has been written."""
-    click.echo("\nwritten: " + ", ".join(str(file) for file in files))
-
-
-def end_early(complete: bool, kept: str = "the files hold what was finished.") -> None:
-    """Exit with the code of Ctrl-C if a run did not come to its end."""
-    if not complete:
-        click.echo(f"Stopped early: {kept}", err=True)
-        sys.exit(INTERRUPTED)
+from optimisation.command_line import INTERRUPTED as INTERRUPTED
+from optimisation.command_line import BadInput as BadInput
+from optimisation.command_line import check_target as check_target
+from optimisation.command_line import end_early as end_early
+from optimisation.command_line import name_files as name_files
+from optimisation.command_line import plain_errors as plain_errors

@@ -40,7 +40,7 @@ RANGE_FORCES = 8  # forces between a third and three times the given one, for th
 Command = Callable[..., Any]
 
 
-class At(click.ParamType):
+class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     """RESONANCE:FORCE, the force in N."""
 
     name = "resonance:force"

@@ -49,7 +49,7 @@ def compare_with_random(front: Front, settings: Settings, seeds: int, executor: 
     """Search again with other seeds, by the method and at random, with the same budget; the members stay the same."""
     problem, wanted = front.problem, len(front.told)
     batch = settings.batch if settings.sampler != RANDOM else default_settings(problem, NSGA2).batch
-    rows = []
+    rows: list[tuple[int, float, float]] = []
     for seed in range(settings.seed, settings.seed + seeds):
         found = []
         for sampler in (settings.sampler, RANDOM):

@@ -1,31 +1,3 @@
-"""Time of an integration alone: compiled, in one thread, and with nothing observed."""
+"""Runs that can be timed: where the scripts that import them from here find them."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
-from impact_env.drive import Drive, constant_frequency
-from impact_env.methods import Method
-from impact_env.response import Record, Response
-from impact_env.scene import Scene
-from impact_env.sweep import simulate
-
-BARE = Record(level=False)
-
-
-@dataclass(frozen=True)
-class Timed:
-    """A run that can be timed again and again: compiled and with its tables made, both by one pseudo period at the resonance."""
-
-    scene: Scene
-    drive: Drive
-    method: Method
-    most_events: int | None = None
-
-    def __post_init__(self) -> None:
-        schedule = constant_frequency(self.drive.schedule.reference, 1.0, 1.0)
-        simulate(self.scene, Drive(self.drive.amplitude, schedule, self.drive.phase), self.method, record=BARE)
-
-    def run(self) -> Response:
-        """Return a response without records; its ``wall_time`` is the time in s."""
-        return simulate(self.scene, self.drive, self.method, record=BARE, most_events=self.most_events)
+from optimisation.studies.timing import Timed as Timed

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import click
@@ -67,7 +68,7 @@ def train_all(runs: Sequence[Planned], workers: int, told: Told | None = None) -
         if min(workers, len(runs)) > 1:
             return _in_processes(runs, workers, show)
         for planned in runs:
-            train(planned.job, planned.folder, lambda steps, evaluations, planned=planned: show(planned, steps, evaluations))
+            train(planned.job, planned.folder, partial(show, planned))
     return []
 
 

@@ -46,7 +46,7 @@ def film(env: gymnasium.Env[Any, Any], seed: int, action: float | None, most: in
                 bar.update()
         except KeyboardInterrupt:
             click.echo("Stopped early.", err=True)
-    return [frame for frame in frames if frame is not None]
+    return [frame for frame in frames if isinstance(frame, np.ndarray)]
 
 
 def save(path: Path, frames: list[np.ndarray], fps: int) -> None:
@@ -75,7 +75,7 @@ def main(name: str, target: Path | None, action: float, chance: bool, interval: 
     """
     check_target("--gif", target, (".gif",))
     mode = "human" if target is None else "rgb_array"
-    options = {"interval": interval} | ({} if force is None else {"force": force})
+    options: dict[str, Any] = {"interval": interval} | ({} if force is None else {"force": force})
     with plain_errors():
         env = gymnasium.make(NAMES[name], render_mode=mode, **options)
         pictures = film(env, seed, None if chance else action, frames)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 from _command_line import BadInput
@@ -22,7 +23,7 @@ INTERRUPTED = 130
 
 def scaled(effort: Effort, share: float, seeds: int | None) -> Effort:
     """Return an effort with a share of the generations, at least one, and another number of seeds if one is given."""
-    searches = {
+    searches: dict[str, Any] = {
         name: replace(search, generations=max(1, round(share * search.generations)))
         for name, search in (("rule", effort.rule), ("schedule", effort.schedule), ("fit", effort.fit))
     }

@@ -6,17 +6,20 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from _command_line import name_files, plain_errors
-from _progress import BAR
-from _table import markdown
 from tqdm import tqdm
 
 from impact_env.modes import modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
+from optimisation.command_line import check_target, name_files, plain_errors
 from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.progress import BAR
+from optimisation.report.markdown import markdown
+from optimisation.studies.machine import conditions, sources
+from optimisation.studies.page import fill, require_markers
 from optimisation.tuned import HIGH, LOW
 from optimisation.tuned.table import MINIMAX, PAPER_VALUES, TuningTable, tuning_table
 
+MARKER = "tunings"
 HEADER = ("tuning", "k, N/m", "c, N s/m", "omega_a/omega_r", "damping ratio", "peak, %", "at", "H2 norm, %", "proved, %")
 
 
@@ -75,7 +78,24 @@ def text(table: TuningTable, bounds: dict[str, float]) -> str:
 @click.option("--high", type=float, default=HIGH, show_default=True, help="End of the scoring range; a range that cannot hold both peaks is refused.")
 @click.option("--quick", is_flag=True, help="Without the proofs, which take a second for the first resonance and a minute for higher ones.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/tune_ltva"), show_default=True, help="Folder for figure and tables.")
-def main(resonance: int, mass_ratio: float, position: float, modes: int, damping: float, low: float, high: float, quick: bool, out: Path) -> None:
+@click.option(
+    "--page",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help=f"Write the table into this page, between <!-- {MARKER} --> and <!-- /{MARKER} -->, as in docs/limits.md.",
+)
+def main(
+    resonance: int,
+    mass_ratio: float,
+    position: float,
+    modes: int,
+    damping: float,
+    low: float,
+    high: float,
+    quick: bool,
+    out: Path,
+    page: Path | None,
+) -> None:
     """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam.
 
     Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
@@ -83,9 +103,15 @@ def main(resonance: int, mass_ratio: float, position: float, modes: int, damping
     with plain_errors():
         model = modal_model(Beam(modes=modes, damping_ratio=damping, absorber_position=position))
         require_writable("--out", out)
+        check_target("--page", page)
+        if page is not None:
+            require_markers(page, page, (MARKER,))
         table = tuning_table(model, mass_ratio, resonance, low, high)
         bounds = {} if quick else certificates(table)
         files = write(out, table, bounds)
+        if page is not None:
+            fill(page, page, {MARKER: f"{text(table, bounds)}\n\n{sources(conditions())}"})
+            files.append(page)
     click.echo(text(table, bounds))
     name_files(files)
 

@@ -86,6 +86,21 @@ def test_quick_look_has_no_proof(tune: ModuleType, tmp_path: Path) -> None:
     assert "Proved" not in result.stdout
 
 
+def test_table_goes_between_the_markers_of_a_page(tune: ModuleType, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("no markers\n")
+    refused = call(tune, "--modes", 2, "--quick", "--out", tmp_path, "--page", page)
+    assert refused.exit_code == 2
+    assert "one pair of markers" in refused.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["page.md"]
+    page.write_text("before\n<!-- tunings -->\nold\n<!-- /tunings -->\nafter\n")
+    result = call(tune, "--modes", 2, "--quick", "--out", tmp_path, "--page", page)
+    assert result.exit_code == 0, result.output
+    table = result.stdout.partition("\n\n")[0]
+    assert page.read_text().startswith(f"before\n<!-- tunings -->\n{table}\n\n")
+    assert page.read_text().endswith(".\n<!-- /tunings -->\nafter\n")
+
+
 def test_programme_without_an_optimum_ends_the_script(tune: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cvxpy = pytest.importorskip("cvxpy")
     monkeypatch.setattr(cvxpy.Problem, "status", property(lambda _self: "optimal_inaccurate"))

@@ -1,4 +1,4 @@
-"""Pages: links lead somewhere, indexes are complete, and blocks that commands fill or print have their markers."""
+"""Pages: links lead somewhere, indexes are complete, and blocks that commands fill have their markers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
+
+from optimisation.studies.page import has_markers
 
 ROOT = Path(__file__).resolve().parents[1]
 KERNELS = ROOT / "impact_env" / "kernels"
@@ -16,6 +18,8 @@ MARKED = {
     "docs/agents.md": ["policies", "sweep table", "gap table"],
     "docs/reference_levels.md": ["levels"],
     "docs/cost.md": ["cost"],
+    "docs/environments.md": ["speeds"],
+    "docs/limits.md": ["tunings"],
 }
 
 
@@ -65,7 +69,15 @@ def test_the_map_of_the_kernels_names_every_file_and_real_functions() -> None:
 def test_blocks_have_their_markers(name: str) -> None:
     text = (ROOT / name).read_text(encoding="utf-8")
     for block in MARKED[name]:
-        start, end = f"<!-- {block} -->\n|", f"|\n<!-- /{block} -->"
-        assert text.count(f"<!-- {block} -->") == text.count(f"<!-- /{block} -->") == 1
-        assert start in text
-        assert name == "README.md" or end in text
+        assert has_markers(text, block)
+        assert f"<!-- {block} -->\n|" in text
+
+
+def test_tables_are_written_by_the_commands_that_pages_name() -> None:
+    """No page says that a command prints what stands there, and each command that a page asks to fill it can do so."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(r"prints th(is|e) table", text), page.name
+        for command, target in re.findall(r"scripts/run (\w+) --page ([\w./]+)", text):
+            assert (ROOT / target).resolve() == page
+            assert target in (ROOT / "scripts" / f"{command}.py").read_text(encoding="utf-8")

@@ -19,6 +19,8 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import benchmark_envs  # noqa: E402 - the scripts' folder is known only now
 import render_episode  # noqa: E402
 
+from optimisation.studies.benchmarks import environments  # noqa: E402
+
 
 def call(command: Command, *arguments: object) -> Result:
     return CliRunner().invoke(command, [str(argument) for argument in arguments])
@@ -68,26 +70,28 @@ def test_bad_options_are_named(tmp_path: Path, arguments: tuple[object, ...], wo
 
 
 def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(benchmark_envs, "QUICK_SECONDS", 0.02)
-    monkeypatch.setattr(benchmark_envs, "SETTLE", 2)
+    monkeypatch.setattr(environments, "QUICK_SECONDS", 0.02)
+    monkeypatch.setattr(environments, "SETTLE", 2)
     monkeypatch.setattr(
-        benchmark_envs,
+        environments,
         "cases",
         lambda: [
-            benchmark_envs.single,
-            lambda seconds, advance: benchmark_envs.vector("native vector", "vector_entry_point", 64, seconds, advance),
-            lambda seconds, advance: benchmark_envs.vector("Gymnasium's SyncVectorEnv", "sync", 2, seconds, advance),
+            environments.single,
+            lambda seconds, advance: environments.vector("native vector", "vector_entry_point", 64, seconds, advance),
+            lambda seconds, advance: environments.vector("Gymnasium's SyncVectorEnv", "sync", 2, seconds, advance),
         ],
     )
-    target = tmp_path / "speed.json"
-    result = call(benchmark_envs.main, "--quick", "--json", target)
+    target, page = tmp_path / "speed.json", tmp_path / "page.md"
+    page.write_text("<!-- speeds -->\n<!-- /speeds -->\n")
+    result = call(benchmark_envs.main, "--quick", "--json", target, "--page", page)
     assert result.exit_code == 0, result.output
     values = json.loads(target.read_text())
     speeds = {speed["name"]: speed for speed in values["speeds"]}
-    assert all(len(speed["each"]) == benchmark_envs.REPEATS and min(speed["each"]) > 0 for speed in speeds.values())
+    assert all(len(speed["each"]) == environments.REPEATS and min(speed["each"]) > 0 for speed in speeds.values())
     native, own = speeds["native vector"]["steps_per_s"], speeds["Gymnasium's SyncVectorEnv"]["steps_per_s"]
-    shown = benchmark_envs.table([benchmark_envs.Speed(**speed) for speed in values["speeds"]])
+    shown = environments.table(values["speeds"])
     assert shown in result.output
+    assert f"<!-- speeds -->\n{shown}\n\n" in page.read_text()
     assert f" {native / own:.1f} |" in shown
     assert native > own
     assert 0 < values["make_and_first_step_s"] < 60

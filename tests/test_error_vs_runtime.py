@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +18,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
 
 pytest.importorskip("mpmath")
 import error_vs_runtime
-from accuracy import bands, cost, distribution, growth, jumps, study, tables, trajectory
-from accuracy.statistics import (
+
+from impact_env import Exact, Moreau
+from impact_env.sweep import IntegrationError
+from optimisation.command_line import INTERRUPTED
+from optimisation.studies.accuracy import bands, cost, distribution, growth, jumps, settings, study, tables, trajectory
+from optimisation.studies.accuracy.cases import case, kind_named
+from optimisation.studies.accuracy.statistics import (
     between_groups,
     bootstrap,
     clopper_pearson,
@@ -29,10 +35,11 @@ from accuracy.statistics import (
     wasserstein,
     wilson,
 )
+from optimisation.studies.runner import measure
+from optimisation.studies.study import Measured, left, rows_by_case
 
-from impact_env import Exact, Moreau
-
-TINY = study.Settings(
+TINY = settings.Settings(
+    quick=True,
     modes=(1,),
     kinds=("impact, e = 1",),
     steps=(20, 200),
@@ -145,7 +152,8 @@ def test_samples_of_one_distribution_are_told_from_others() -> None:
 
 
 def test_trajectories_show_who_is_exact() -> None:
-    (rows,) = trajectory.rows(TINY)
+    (measure,) = trajectory.cases(TINY).values()
+    rows = measure()
     by_name = {(row["method"], row["setting"]): row for row in rows}
     assert not any(row["note"] for row in rows)
     assert by_name["Exact", None]["state_error"] < 1e-9
@@ -153,11 +161,11 @@ def test_trajectories_show_who_is_exact() -> None:
     assert 1e-6 < by_name["Moreau", 200]["first_impact_error_periods"] < by_name["Moreau", 20]["first_impact_error_periods"] < 0.1
     assert by_name["SciPy", 1e-6]["state_error"] < by_name["Moreau", 20]["state_error"]
     assert all(row["us_per_period"] > 0 and row["balance_error"] < 0.1 for row in rows)
-    assert trajectory.count(TINY) == 1
+    assert {trajectory.key(row) for row in rows} == set(trajectory.cases(TINY))
 
 
 def test_error_of_a_state_is_relative_and_blind_to_an_absent_absorber() -> None:
-    it = trajectory.case(trajectory.kind_named("no absorber"), 1)
+    it = case(kind_named("no absorber"), 1)
     true = np.array([1e-3, 0.0, 0.2, 0.0])
     assert trajectory.state_error(it, 1.01 * true, true) == pytest.approx(0.01)
     assert trajectory.state_error(it, true + [0, 1.0, 0, 1.0], true) == 0
@@ -166,7 +174,8 @@ def test_error_of_a_state_is_relative_and_blind_to_an_absent_absorber() -> None:
 def test_impacts_make_errors_grow_and_friction_does_not() -> None:
     exponent = {}
     for name in ("impact, e = 1", "friction damper"):
-        found, *twins = next(growth.rows(replace(TINY, modes=(3,), kinds=(name,))))
+        (measure,) = growth.cases(replace(TINY, modes=(3,), kinds=(name,))).values()
+        found, *twins = measure()
         exponent[name] = found
         assert found["exponent_low"] <= found["exponent_per_period"] <= found["exponent_high"]
         assert bool(twins) == (name == "impact, e = 1")
@@ -174,7 +183,7 @@ def test_impacts_make_errors_grow_and_friction_does_not() -> None:
     assert exponent["friction damper"]["exponent_per_period"] < 0.2
 
 
-def level_row(method: str, setting: float | None, level: float, seconds: float) -> study.Row:
+def level_row(method: str, setting: float | None, level: float, seconds: float) -> settings.Row:
     return {"scene": "s", "modes": 3, "method": method, "setting": setting, "level_m": level, "wall_s": seconds}
 
 
@@ -193,7 +202,7 @@ def test_distribution_sees_a_bias_and_its_cost() -> None:
     assert distribution.TRUTH not in table
 
 
-def band_row(kind: str, member: int, level: float, group: int) -> study.Row:
+def band_row(kind: str, member: int, level: float, group: int) -> settings.Row:
     return {"direction": "up", "kind": kind, "member": member, "group": group, "phase_rad": 0.0, "force_factor": 1.0, "level_m": level}
 
 
@@ -217,8 +226,9 @@ def test_bands_compare_the_kinds_of_members() -> None:
 
 
 def test_members_of_a_band_are_of_their_kind() -> None:
-    found = list(bands.rows(TINY))
-    assert len(found) == bands.count(TINY) == 8
+    found = [measure() for measure in bands.cases(TINY).values()]
+    assert [bands.key(step[0]) for step in found] == list(bands.cases(TINY))
+    assert len(found) == 8
     assert {row["direction"] for step in found[:4] for row in step} == {"up"}
     for kind, step in zip((*bands.KINDS, bands.CROSSED), found, strict=False):
         assert {row["kind"] for row in step} == {kind}
@@ -249,10 +259,10 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("tiny")
 def test_tiny_run_writes_files_figures_and_page(tmp_path: Path) -> None:
     out, page = tmp_path / "study", tmp_path / "study.md"
-    page.write_text("".join(f"text\n<!-- {name} -->\nold\n<!-- /{name} -->\n" for name in error_vs_runtime.PARTS))
+    page.write_text("".join(f"text\n<!-- {name} -->\nold\n<!-- /{name} -->\n" for name in study.PARTS))
     result = call("--quick", "--out", out)
     assert result.exit_code == 0, result.output
-    for name in error_vs_runtime.PARTS:
+    for name in study.PARTS:
         content = json.loads((out / f"{name}.json").read_text())
         assert content["complete"]
         assert content["quick"]
@@ -265,7 +275,7 @@ def test_tiny_run_writes_files_figures_and_page(tmp_path: Path) -> None:
     text = page.read_text()
     assert "old" not in text
     assert text.count("| ") > 50
-    assert text.count("A quick look") == len(error_vs_runtime.PARTS)
+    assert text.count("A quick look") == len(study.PARTS)
 
     (out / "jumps.png").unlink()
     (out / "cost.json").unlink()
@@ -281,18 +291,45 @@ def test_tiny_run_writes_files_figures_and_page(tmp_path: Path) -> None:
 def test_an_interrupted_part_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     row = {"over": "threads", "value": 1, "scene": "s", "modes": 3, "method": "Exact", "us_per_period": 2.0}
 
-    def interrupted(_: study.Settings):  # type: ignore[no-untyped-def]
-        yield [row]
-        raise KeyboardInterrupt
+    measured, later = [], row | {"value": 2}
 
-    part = replace(error_vs_runtime.PARTS["cost"], rows=interrupted)
-    monkeypatch.setitem(error_vs_runtime.PARTS, "cost", part)
+    def ending(error: type[BaseException] | None):  # type: ignore[no-untyped-def]
+        def second() -> list[settings.Row]:
+            if error is not None:
+                raise error("at the second")
+            return [later]
+
+        def first() -> list[settings.Row]:
+            measured.append(row)
+            return [row]
+
+        return lambda _: {cost.key(row): first, cost.key(later): second}
+
+    def stored() -> dict[str, Any]:
+        return dict(json.loads((tmp_path / "cost.json").read_text()))
+
+    monkeypatch.setattr(cost, "cases", ending(KeyboardInterrupt))
     result = call("--quick", "--only", "cost", "--out", tmp_path)
-    assert result.exit_code == error_vs_runtime.INTERRUPTED
-    content = json.loads((tmp_path / "cost.json").read_text())
-    assert content["rows"] == [row]
-    assert not content["complete"]
+    assert result.exit_code == INTERRUPTED
+    assert stored()["rows"] == [row]
+    assert not stored()["complete"]
     assert "Stopped early" in result.output
+    # going on measures the rest alone, and one that breaks down keeps what there is as well
+    monkeypatch.setattr(cost, "cases", ending(IntegrationError))
+    result = call("--quick", "--only", "cost", "--out", tmp_path, "--resume")
+    assert result.exit_code == 1
+    assert "cost is not complete: at the second" in result.stderr
+    monkeypatch.setattr(cost, "cases", ending(None))
+    refused = call("--quick", "--only", "cost", "--out", tmp_path, "--resume", "--seed", 1)
+    assert refused.exit_code == 2
+    assert "seed" in refused.stderr
+    assert call("--quick", "--only", "cost", "--out", tmp_path, "--resume").exit_code == 0
+    assert stored()["rows"] == [row, later]
+    assert stored()["complete"]
+    assert measured == [row]
+    whole = (tmp_path / "cost.json").read_bytes()
+    assert call("--quick", "--only", "cost", "--out", tmp_path, "--resume").exit_code == 0
+    assert (tmp_path / "cost.json").read_bytes() == whole
 
 
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
@@ -313,24 +350,31 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
 
 
 def test_a_scene_that_is_measured_anew_replaces_its_rows_only() -> None:
-    def rows(modes: int, time: float, scene: str = "a") -> list[study.Row]:
+    def rows(modes: int, time: float, scene: str = "a") -> list[settings.Row]:
         return [{"scene": scene, "modes": modes, "method": method, "us_per_period": time} for method in ("x", "y")]
 
-    old = study.Result("trajectory", rows(1, 1.0, "b") + rows(3, 1.0), {"complete": False, "seconds": 10.0})
-    new = study.Result("trajectory", rows(3, 2.0) + rows(1, 2.0), {"complete": True, "seconds": 5.0})
-    order = [("a", 1), ("a", 3), ("b", 1)]
-    merged = study.with_scenes(old, new, order)
-    assert merged.rows == rows(1, 2.0) + rows(3, 2.0) + rows(1, 1.0, "b")
-    assert merged.complete
-    assert merged.circumstances["seconds"] == 15.0
-    assert not study.with_scenes(old, new, [*order, ("b", 3)]).complete
+    known = trajectory.without_scenes({"rows": rows(1, 1.0, "b") + rows(3, 1.0)}, ("a",))
+    cases = {("a", 3): lambda: rows(3, 2.0), ("a", 1): lambda: rows(1, 2.0)}
+    *_, merged = rows_by_case(cases, trajectory.key, known, [("a", 1), ("a", 3), ("b", 1)])
+    assert merged["rows"] == rows(1, 2.0) + rows(3, 2.0) + rows(1, 1.0, "b")
+    assert left([*cases, ("b", 1), ("b", 3)], trajectory.key, merged) == [("b", 3)]
+
+
+def test_times_of_runs_that_went_on_are_added() -> None:
+    part = replace(study.STUDY.parts[0], measure=lambda _, known: iter_of(known), steps=lambda *_: 1)
+    earlier = Measured({"rows": []}, {"wall_s": 1000.0}, complete=False)
+    assert 1000 <= measure(study.STUDY, part, TINY, earlier).conditions["wall_s"] < 1010
+
+
+def iter_of(known: dict[str, Any]):  # type: ignore[no-untyped-def]
+    yield known
 
 
 def test_one_scene_on_the_command_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(error_vs_runtime, "QUICK", TINY)
     out = tmp_path / "out"
     assert call("--quick", "--only", "trajectory", "--no-peers", "--out", out).exit_code == 0
-    assert call("--quick", "--scene", "no absorber", "--no-peers", "--out", out).exit_code in (0, error_vs_runtime.INTERRUPTED)
+    assert call("--quick", "--scene", "no absorber", "--no-peers", "--out", out).exit_code == 0
     scenes = [row["scene"] for row in json.loads((out / "trajectory.json").read_text())["rows"]]
     assert list(dict.fromkeys(scenes)) == ["no absorber", "impact, e = 1"]
     assert call("--scene", "no such", "--out", out).exit_code == 2

@@ -32,7 +32,7 @@ IMPORTS = {
     "impact_env.envs.gap_choice": ("gymnasium", "rl"),
     "impact_env.envs.passive": ("gymnasium", "rl"),
     "impact_env.envs.drawing": ("PIL", "rl"),
-    "accuracy.heyoka_peer": ("heyoka", "peers"),
+    "optimisation.studies.accuracy.heyoka_peer": ("heyoka", "peers"),
     "impact_env.verification.digits": ("mpmath", "peers"),
 }
 TRY = """

@@ -22,6 +22,7 @@ from impact_env import Beam, modal_model
 from optimisation.designs import VARIABLES
 from optimisation.evaluation import Clocked
 from optimisation.friction_rule import best_friction
+from optimisation.memory import peak_memory
 from optimisation.problem import Problem
 
 PARTS = ("concepts", "optima", "place", "robustness", "front", "scaling", "full")
@@ -31,16 +32,19 @@ PAGE = "# Findings\n" + "".join(f"<!-- findings:{part} -->\n<!-- /findings:{part
 @pytest.fixture
 def findings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     module = load("findings", monkeypatch)
-    import _findings_parts as parts
+    from optimisation.studies import study as pattern
+    from optimisation.studies.findings import parts, study
 
     def small(self: object, concept: str, at: object, free: object = None, bounds: object = None, members: int | None = None) -> Problem:
         space, conditions = parts.design_space(concept, free, bounds), parts.make_conditions(concept, list(at))  # type: ignore[call-overload]
         return Problem(space, conditions, beam=Beam(modes=2), members=members or self.members, rate=40.0)  # type: ignore[attr-defined]
 
-    monkeypatch.setattr(parts.Study, "problem", small)
-    for name, value in (("QUICK_DESIGNS", 4), ("QUICK_POINTS", 3), ("JOURNALS", tmp_path / "journals"), ("TEMPLATE", tmp_path / "template.md")):
-        monkeypatch.setattr(module, name, value)
-    (tmp_path / "template.md").write_text(PAGE)
+    monkeypatch.setattr(parts.Settings, "problem", small)
+    for name, value in (("QUICK_DESIGNS", 4), ("QUICK_POINTS", 3), ("JOURNALS", tmp_path / "journals")):
+        monkeypatch.setattr(study, name, value)
+    monkeypatch.setattr(pattern, "DOCS", tmp_path / "docs")
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "findings.md").write_text(PAGE)
     return module
 
 
@@ -53,8 +57,6 @@ def result(folder: Path, part: str) -> dict[str, object]:
 
 
 def test_parts_write_numbers_figures_and_page(findings: ModuleType, tmp_path: Path) -> None:
-    from _memory import peak_memory  # of the scripts, which the fixture has put on the path
-
     chosen, before = [part for part in PARTS if part != "scaling"], peak_memory()  # which other tests have filled
     run = call(findings, "--quick", "--out", tmp_path, *[word for part in chosen for word in ("--part", part)])
     assert run.exit_code == 0, run.output
@@ -85,8 +87,8 @@ def test_what_is_missing_is_named(findings: ModuleType, tmp_path: Path) -> None:
     for arguments in (["--redraw", "--part", "place"], ["--quick", "--part", "robustness"]):
         run = call(findings, "--out", tmp_path, *arguments)
         assert run.exit_code == 2, run.output
-        assert "an earlier run of this script wrote" in run.stderr
-    (tmp_path / "template.md").write_text("no markers\n")
+        assert "an earlier run of this command wrote" in run.stderr
+    (tmp_path / "docs" / "findings.md").write_text("no markers\n")
     assert "pair of markers" in call(findings, "--quick", "--out", tmp_path, "--part", "full").stderr
     assert call(findings, "--part", "colour").exit_code == 2
 
@@ -95,18 +97,18 @@ def test_interrupt_keeps_finished_parts(findings: ModuleType, tmp_path: Path, mo
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(findings, "optima", stop)
-    run = call(findings, "--quick", "--out", tmp_path, "--part", "full", "--part", "optima")
+    monkeypatch.setattr("optimisation.studies.findings.parts.place", stop)
+    run = call(findings, "--quick", "--out", tmp_path, "--part", "optima", "--part", "place")
     assert run.exit_code == 130
     assert "goes on from here" in run.stderr
-    assert (tmp_path / "findings" / "full.json").exists()
-    assert not (tmp_path / "findings" / "optima.json").exists()
+    assert (tmp_path / "findings" / "optima.json").exists()
+    assert not (tmp_path / "findings" / "place.json").exists()
 
 
 def test_scaling_compares_one_worker_with_two(findings: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    import _findings_measured as measured
+    from optimisation.studies.findings import measured
 
-    class Slow(measured.Threads):  # type: ignore[name-defined, misc]
+    class Slow(measured.Threads):
         def run(self, chunks):  # type: ignore[no-untyped-def]
             time.sleep(0.2 / self.threads)
             return super().run(chunks)

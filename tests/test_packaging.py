@@ -89,7 +89,8 @@ def test_wheel_holds_both_packages(tmp_path: Path) -> None:
         "impact_env/kernels/jit.py",
         "optimisation/rl/hyperparameters.yaml",
         "optimisation/shipped/scripts/sweep.py",
-        "optimisation/shipped/scripts/accuracy/study.py",
+        "optimisation/shipped/scripts/error_vs_runtime.py",
+        "optimisation/studies/study.py",
         "optimisation/shipped/docs/findings.md",
     } <= names
     assert not [name for name in names if "/scripts/lib/" in name or name.endswith(("scripts/run", ".pyc"))]

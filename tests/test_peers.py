@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from core import drive_of, scene_of, still
@@ -12,14 +9,11 @@ from truth_scenes import SCENES
 
 from impact_env import ElasticCoulombFriction, InitialState, SlidingAbsorber, impact_absorbers
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
-
 pytest.importorskip("mpmath")
-from accuracy.event_driven import Integrator, Mechanics, PeerFailedError, PeerRun, follow, scipy_integrator
-
 from impact_env.scene import beam_scene
 from impact_env.verification import digits
 from impact_env.verification.automaton import Automaton
+from optimisation.studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError, PeerRun, follow, scipy_integrator
 
 REST = InitialState()
 
@@ -43,7 +37,7 @@ def test_scipy_follows_the_reference(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["friction", "impacts", "impacts and friction", "springs", "tuned"])
 def test_heyoka_follows_the_reference(name: str) -> None:
-    heyoka_peer = pytest.importorskip("accuracy.heyoka_peer", exc_type=ImportError)
+    heyoka_peer = pytest.importorskip("optimisation.studies.accuracy.heyoka_peer", exc_type=ImportError)
     scene, drive = scene_of(SCENES[name], modes=2), drive_of(12.0, 0.97, 1.0, periods=3.3)
     found = follow(scene, drive, REST, heyoka_peer.heyoka_integrator(1e-15), energy=True)
     assert found.balance is not None

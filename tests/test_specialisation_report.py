@@ -14,11 +14,12 @@ from click.testing import CliRunner
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-import _report_page  # noqa: E402 - the scripts' folder is known only now
-import _specialisation_probe as probe  # noqa: E402
-import _specialisation_results as results  # noqa: E402
-import _specialisation_scenes as scenes  # noqa: E402
-import specialisation  # noqa: E402
+import specialisation  # noqa: E402 - the scripts' folder is known only now
+
+from optimisation.files import write_json  # noqa: E402
+from optimisation.studies.machine import conditions  # noqa: E402
+from optimisation.studies.specialisation import probe, results, scenes, study  # noqa: E402
+from optimisation.studies.study import Measured  # noqa: E402
 
 
 def function(name: str, arithmetic: int = 3) -> dict[str, Any]:
@@ -43,7 +44,7 @@ def entry(absorber: str, *functions: dict[str, Any], record: str = "level", grow
     }
 
 
-def measured(**others: Any) -> results.Measured:
+def measured(**others: Any) -> results.Results:
     good = {
         "no absorber, exact": entry("no absorber", function("linear.linear_lane"), function("slots.advance")),
         "impact, exact": entry("impact", function("search.search"), function("rigid_contact.friction_force", 0), function("rigid_contact.turn", 0)),
@@ -58,10 +59,10 @@ def measured(**others: Any) -> results.Measured:
         "switched_off_ns": 9e3,
         "ratio": 1.8,
     }
-    return results.Measured(_report_page.conditions(), True, good | others, [pair])
+    return results.Results(good | others, [pair])
 
 
-def broken(values: results.Measured) -> list[str]:
+def broken(values: results.Results) -> list[str]:
     return [claim.text for claim in results.claims(values) if not claim.holds]
 
 
@@ -100,7 +101,7 @@ def test_scenes_can_be_built(variant: scenes.Variant) -> None:
 
 
 def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
-    specialisation.save(tmp_path, measured())
+    write_json(tmp_path / "specialisation.json", study.STUDY.pack("specialisation", Measured(vars(measured()), conditions() | {"quick": True})))
     outcome = CliRunner().invoke(specialisation.main, ["--redraw", "--out", str(tmp_path)])
     assert outcome.exit_code == 0, outcome.output
     text = (tmp_path / "specialisation.md").read_text()
@@ -138,9 +139,8 @@ def test_what_is_absent_is_not_in_the_compiled_code(limit: float | None, operati
 
 
 def test_an_import_of_the_simulator_is_light() -> None:
-    assert "numpy" in probe.IMPORTED
-    code = "import sys; sys.path.insert(0, 'scripts'); import _specialisation_probe as p; print(sorted(p.IMPORTED))"
-    loaded = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    code = "import runpy, sys; print(sorted(runpy.run_path(sys.argv[1], run_name='probe')['IMPORTED']))"
+    loaded = subprocess.run([sys.executable, "-P", "-c", code, results.PROBE], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert "'numba'" in loaded
     assert not [name for name in results.HEAVY if f"'{name}'" in loaded]
 

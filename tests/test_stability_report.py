@@ -17,21 +17,20 @@ from impact_env import Beam, modal_model
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-import _report_page  # noqa: E402 - the scripts' folder is known only now
-import _stability_cases as cases  # noqa: E402
-import _stability_cells as cells  # noqa: E402
-import _stability_checks as checks  # noqa: E402
-import _stability_eigen as eigen  # noqa: E402
-import _stability_limits as limits  # noqa: E402
-import _stability_page as page  # noqa: E402
-import _stability_soak as soaks  # noqa: E402
-import _stability_tasks as tasks  # noqa: E402
-import _workers  # noqa: E402
-import stability  # noqa: E402
-from _command_line import BadInput  # noqa: E402
+import stability  # noqa: E402 - the scripts' folder is known only now
+
+from impact_env.parameters import ParameterError  # noqa: E402
+from optimisation import workers  # noqa: E402
+from optimisation.files import write_json  # noqa: E402
+from optimisation.studies import machine  # noqa: E402
+from optimisation.studies import study as pattern  # noqa: E402
+from optimisation.studies.page import DOCS, fill  # noqa: E402
+from optimisation.studies.stability import case as one_case  # noqa: E402
+from optimisation.studies.stability import cases, cells, checks, eigen, limits, page, study, tasks  # noqa: E402
+from optimisation.studies.stability import soak as soaks  # noqa: E402
 
 
-def case(group: str, name: str) -> cases.Case:
+def case(group: str, name: str) -> one_case.Case:
     (found,) = [c for c in cases.cases() if (c.group, c.name) == (group, name)]
     return found
 
@@ -189,8 +188,8 @@ def stumble(x: int) -> int:
 
 
 def test_tasks_in_processes() -> None:
-    order = [_workers.Task(double, (3,), "a", 60.0), _workers.Task(stumble, (4,), "a", 60.0), _workers.Task(time.sleep, (60,), "a", 0.2)]
-    outcomes = {o.task.function: o for o in _workers.Pool(1, 30.0).run(order)}
+    order = [workers.Task(double, (3,), "a", 60.0), workers.Task(stumble, (4,), "a", 60.0), workers.Task(time.sleep, (60,), "a", 0.2)]
+    outcomes = {o.task.function: o for o in workers.Pool(1, 30.0).run(order)}
     assert outcomes[double].value == 6
     assert "no 4" in outcomes[stumble].error
     assert "not finished" in outcomes[time.sleep].error
@@ -199,19 +198,23 @@ def test_tasks_in_processes() -> None:
 # --- the report --------------------------------------------------------------------------------------------------------------------------------
 
 
-def results() -> tasks.Results:
+def results() -> pattern.Measured:
     bad = tasks.asdict(cells.Cell("gap", "0 m", "exact", cells.FAILED, "off | by much", balance=1e-3, deviation=0.5, wall_s=0.1))
     good = tasks.asdict(cells.Cell("contact stiffness", "1e2 x 3EI/l^3", "exact", cells.GOOD, balance=1e-15, deviation=1e-13, wall_s=0.1))
     limit = {"method": "moreau", "what": "one mode", "damping_ratio": 0.0, "omega": 252.0, "theory_s": 2 / 252, "found_s": 2 / 252, "paper_s": 1e-3}
     entry = {"elements": 2, "rounding": {"1": 1e-16}, "discretisation": {"1": 1e-3}, "highest": None, "tip": 1e-3, "error": "", "wrong": False}
     soak = tasks.asdict(soaks.Soak("one, exact", [10, 100], [1e-13, 1e-13], [100.0, 101.0], [5.0, 5.0], [2.0, 2.0], True))
     check = tasks.asdict(checks.Checked("two modes", 100, 0)) | {"passed": True}
-    conditions = _report_page.conditions() | {"wall_s": 1.0, "workers": 2}
-    return tasks.Results(conditions, True, [bad, good], [limit | {"agrees": True}], [entry], [soak], [check])
+    found = tasks.Results([bad, good], [limit | {"agrees": True}], [entry], [soak], [check])
+    return pattern.Measured(vars(found), machine.conditions() | {"wall_s": 1.0, "workers": 2, "quick": True})
+
+
+def save(folder: Path, measured: pattern.Measured) -> None:
+    write_json(folder / "stability.json", study.STUDY.pack("stability", measured))
 
 
 def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
-    stability.save(tmp_path, results())
+    save(tmp_path, results())
     outcome = CliRunner().invoke(stability.main, ["--redraw", "--out", str(tmp_path)])
     assert outcome.exit_code == 1, outcome.output
     assert "FAILED  gap: 0 m, exact: off | by much" in outcome.output
@@ -226,19 +229,18 @@ def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
 def test_page_in_docs_has_all_markers(tmp_path: Path) -> None:
     target = tmp_path / "page.md"
     for _ in range(2):  # the second time into the page itself
-        _report_page.fill(target, stability.TEMPLATE, page.sections(results()))
+        fill(target, DOCS / "stability.md", page.sections(results()))
         assert target.read_text().count("1 failed") == 1
-    with pytest.raises(BadInput, match="markers"):
-        _report_page.fill(tmp_path / "page.md", stability.TEMPLATE, {"other": ""})
+    with pytest.raises(ParameterError, match="markers"):
+        fill(tmp_path / "page.md", DOCS / "stability.md", {"other": ""})
 
 
 def test_lost_tasks_are_failures() -> None:
-    order = [_workers.Task(tasks.run_cell, ("gap", "0 m", "exact"), "k", 1.0), _workers.Task(tasks.run_eigen, (2,), "k", 1.0)]
-    lost = [_workers.Outcome(task, None, "the process died", 1.0) for task in order]
-    gathered = tasks.gather(lost, order, {})
-    assert gathered.complete
+    order = [workers.Task(tasks.run_cell, ("gap", "0 m", "exact"), "k", 1.0), workers.Task(tasks.run_eigen, (2,), "k", 1.0)]
+    lost = [workers.Outcome(task, None, "the process died", 1.0) for task in order]
+    gathered = tasks.gather(lost, order)
     assert len(list(gathered.failures())) == 2
-    assert not tasks.gather(lost[:1], order, {}).complete
+    assert [outcome.task for outcome in tasks.finished(order, vars(gathered))] == order[:1]  # the other is asked again
 
 
 @pytest.mark.parametrize(
@@ -258,5 +260,19 @@ def test_bad_input(arguments: list[str], words: str, tmp_path: Path) -> None:
 
 
 def test_results_are_plain_values() -> None:
-    values = stability.asdict(results())
+    values = study.STUDY.pack("stability", results())
     assert json.loads(json.dumps(values, allow_nan=False)) == values
+
+
+def test_what_an_earlier_run_has_found_is_not_done_again() -> None:
+    order = tasks.tasks(quick=True)
+    everything = [workers.Outcome(task, tasks._identity(task) | {"number": k}, "", 1.0) for k, task in enumerate(order)]
+    known = vars(tasks.gather(everything, order))
+    assert [(outcome.task, outcome.value["number"]) for outcome in tasks.finished(order, known)] == list(zip(order, range(len(order)), strict=True))
+    assert [outcome.task for outcome in tasks.finished(order, known | {"cells": [], "soaks": []})] == [
+        task for task in order if task.function not in (tasks.run_cell, tasks.run_soak)
+    ]
+    settings = study.Settings(quick=True, workers=1)
+    assert study._steps(settings, known) == 0
+    assert study._steps(settings, {}) == len(order)
+    assert list(study._measure(settings, known)) == []

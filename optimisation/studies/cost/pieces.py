@@ -1,0 +1,82 @@
+"""The exact method's parts, each in a compiled loop of its own, so that one call of it can be timed."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from impact_env.kernels.forced import Forced, Window, new_forced, solve_forced
+from impact_env.kernels.segments import Regime
+from impact_env.kernels.signals import Signal, at_offset, new_signal
+from impact_env.kernels.slots import advance
+from impact_env.kernels.vector import POINTS, begin_orders, scan_walls, turn_2
+
+
+class Room(NamedTuple):
+    """A signal and a window to work on, and slots to advance (2, J)."""
+
+    signal: Signal
+    forced: Forced
+    window: Window
+    z: Any
+
+
+def make_room(regime: Regime, omega: float, half: float) -> Room:
+    """Return room with amplitudes of a millimetre on every slot, forced at ``omega`` in a window of half length ``half`` (s)."""
+    signal, forced = new_signal(regime.slots.rows.shape[1]), new_forced(regime.slots)
+    window = Window(0.0, half, omega, 0.0, 1.0, 0.0)
+    solve_forced(regime.slots, window, None, forced)
+    signal.u[:] = 1e-3
+    return Room(signal, forced, window, np.full_like(signal.u, 1e-3))
+
+
+@numba.njit(error_model="numpy", cache=True)
+def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
+    """Look at a block of times, again and again."""
+    w, b, p, size = room.signal.moving, room.signal.block, room.signal.polynomial, slots.rows.shape[1]
+    begin_orders(slots.rows, room.signal.u, w, size)  # type: ignore[call-arg]
+    first, at, h, total = level * size * 2 * POINTS, 2 * POINTS * level, slots.steps[level, 0], 0
+    waves, signals, carrier = slots.waves, room.forced.signals, room.forced.carrier
+    for k in range(calls):
+        w[0] = 1e-3 + 1e-12 * k
+        walls, _ = scan_walls(waves, first, w, size, size, signals, carrier, at, 1.0, 0.0, 0.0, h, 0.0, p, b, -1.0, 1.0, 0.0, 1e-9, 1e-9)
+        total += walls
+    return total
+
+
+@numba.njit(error_model="numpy", cache=True)
+def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
+    """Move the amplitudes on by a block, again and again."""
+    w, size = room.signal.moving, slots.rows.shape[1]
+    begin_orders(slots.rows, room.signal.u, w, size)  # type: ignore[call-arg]
+    turns = slots.turns
+    for _ in range(calls):
+        turn_2(turns, (level * POINTS + POINTS - 1) * 2 * size, w, size)
+
+
+@numba.njit(error_model="numpy", cache=True)
+def repeat_refine(calls, slots, room):  # type: ignore[no-untyped-def]
+    """Evaluate the signal exactly at another offset each time."""
+    total, step = 0.0, room.window.half / calls
+    for k in range(calls):
+        y, v, a = at_offset(slots, room.forced.signals, room.window.omega, room.signal, 0.0, k * step)
+        total += y + v + a
+    return total
+
+
+@numba.njit(error_model="numpy", cache=True)
+def repeat_advance(calls, slots, room):  # type: ignore[no-untyped-def]
+    """Advance slots by another offset each time."""
+    step = room.window.half / calls
+    for k in range(calls):
+        advance(slots.rows, slots.table, slots.scale, k * step, room.z)
+        room.z[0, 0] = 1e-3
+
+
+@numba.njit(error_model="numpy", cache=True)
+def repeat_solve(calls, slots, room):  # type: ignore[no-untyped-def]
+    """Solve a window's forced part, again and again."""
+    for _ in range(calls):
+        solve_forced(slots, room.window, None, room.forced)

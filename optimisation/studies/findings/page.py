@@ -1,0 +1,225 @@
+"""The numbers of docs/findings.md as tables: Markdown for the page, rows for CSV files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from optimisation.report.markdown import markdown
+
+Json = dict[str, Any]
+Data = tuple[str, Sequence[str], Sequence[Sequence[object]]]
+PARTS = {
+    "concepts": "the best design of each concept for two resonances",
+    "optima": "the best friction limit, gap and force at each resonance alone",
+    "place": "where along the beam",
+    "robustness": "a beam that is not what it was thought to be",
+    "front": "first against second resonance",
+    "scaling": "one worker and two",
+    "full": "a study of full size",
+}
+UNITS = {"gap": ("mm", 1e3), "friction_limit": ("N", 1.0), "restitution": ("", 1.0), "stiffness": ("N/m", 1.0), "damping": ("N s/m", 1.0)}
+SYMBOLS = {"restitution": "e", "friction_limit": "muN", "stiffness": "k", "damping": "c"}
+
+
+def sections(part: str, result: Json) -> str:
+    """Return the part's tables as Markdown."""
+    makers: dict[str, Callable[[Json], str]] = {
+        "concepts": _concepts,
+        "optima": _optima,
+        "place": _place,
+        "robustness": _robustness,
+        "front": _front,
+        "scaling": _scaling,
+        "full": _full,
+    }
+    return makers[part](result)
+
+
+def data_rows(part: str, result: Json) -> Iterator[Data]:
+    """Yield (name, columns, rows) of the part's CSV files."""
+    if part == "concepts":
+        columns = ("concept", "design", "resonance", "force_n", "level_median_m", "level_5_percent_m", "level_95_percent_m", "without_m")
+        rows = [
+            [concept, name, curve["resonance"], curve["force_n"][k], *(curve[x][d][k] for x in ("median", "low", "high")), curve["without"][k]]
+            for concept, found in result.items()
+            for curve in found["curves"]
+            for d, name in enumerate(("winner", "paper"))
+            for k in range(len(curve["force_n"]))
+        ]
+        yield "concepts", columns, rows
+    if part == "optima":
+        rows = [[x["resonance"], x["force_n"], *pair] for x in result["friction"] for pair in zip(*x["curve"].values(), strict=True)]
+        yield "optima_friction", ("resonance", "force_n", "friction_limit_n", "relative_level"), rows
+        rows = [[x["resonance"], *point] for x in result["impact"] for point in zip(*x["curve"].values(), strict=True)]
+        yield "optima_force", ("resonance", "force_n", "relative_5_percent", "relative_median", "relative_95_percent"), rows
+    if part == "place":
+        levels = np.array(result["relative"])
+        rows = [[x, gap, *levels[i, k].tolist()] for i, x in enumerate(result["positions"]) for k, gap in enumerate(result["gaps_m"])]
+        yield "place", ("position", "gap_m", "relative_first", "relative_second"), rows
+    if part == "robustness":
+        shifted = ("concept", "design", "detuning", "level_median_m", "level_5_percent_m", "level_95_percent_m", "without_m")
+        keys = ("detuning", "median", "low", "high", "without")
+        yield (
+            "robustness",
+            shifted,
+            [[x["concept"], x["name"], *point] for x in result["designs"] for point in zip(*(x[k] for k in keys), strict=True)],
+        )
+    if part == "front":
+        yield "front", ("relative_first", "relative_second"), result["searched"]
+
+
+def _percent(value: float | None, digits: int = 1) -> str:
+    return "-" if value is None else f"{100 * value:.{digits}f}"
+
+
+def _band(band: Sequence[float], scale: float = 100.0, form: str = ".1f") -> str:
+    return f"{scale * band[0]:{form}} to {scale * band[1]:{form}}"
+
+
+def _design(found: Json) -> str:
+    """Return the free values; of several absorbers the number of each stands behind its names."""
+    parts = []
+    for name in found["problem"]["space"]["free"]:
+        kind, _, which = name.rpartition("_") if name[-1].isdigit() else (name, "", "")
+        unit, scale = UNITS.get(kind, ("", 1.0))
+        symbol = SYMBOLS.get(kind, kind) + (f" {which}" if which else "")
+        parts.append(f"{symbol}{':' if which else ''} {scale * found['winner']['values'][name]:.3g} {unit}".rstrip())
+    return ", ".join(parts)
+
+
+def _judged(judged: Json) -> str:
+    return f"{_percent(judged['score'][0])} ({_band(judged['score_5_to_95_percent'][0])})"
+
+
+def _gain(found: Json, digits: int = 3) -> str:
+    gain = found["winner_over_paper"]
+    return f"{gain['median']:.{digits}f} ({_band(gain['5_to_95_percent'], 1.0, f'.{digits}f')})"
+
+
+def _concepts(result: Json) -> str:
+    header = ("concept", "found from scratch", "worse of both, %", "the paper's choice, %", "found over paper's", "first, %", "second, %", "share, %")
+    rows = []
+    for concept, found in result.items():
+        first, second = (c["winner"] for c in found["conditions"])
+        shares = " and ".join(_percent(x["share_of_possible_reduction"], 0) for x in (first, second))
+        levels = (_percent(first["relative"]), _percent(second["relative"]))
+        rows.append((concept, _design(found), _judged(found["winner"]), _judged(found["paper"]), _gain(found), *levels, shares))
+    best = np.array(result["impact"]["members_winner"])
+    others = []
+    for concept, found in result.items():
+        if concept != "impact":
+            ratio = np.quantile(np.array(found["members_winner"], dtype=float) / best, (0.5, 0.05, 0.95))
+            others.append(f"{ratio[0]:.2f} ({_band(ratio[1:], 1.0, '.2f')}) times for the concept {concept}")
+    lines = [f"{found['designs']} designs, {found['problem']['members']} members" for found in result.values()]
+    text = f"The worse level over that of the impact absorber found, member by member: {'; '.join(others)}."
+    return markdown(header, rows) + f"\n\n{text} Searches: {', '.join(f'{c} {x}' for c, x in zip(result, lines, strict=True))}."
+
+
+def _optima(result: Json) -> str:
+    header = ("friction damper at", "found, N", "energy argument, N", "paper, N", "level found, %", "with the paper's, %", "found over paper's")
+    rows = [
+        (
+            f"resonance {x['resonance']}, {x['force_n']:g} N",
+            f"{x['winner']['values']['friction_limit']:.3g}",
+            f"{x['argued_n']:.3g}",
+            f"{x['paper']['values']['friction_limit']:g}",
+            _judged(x["winner"]),
+            _judged(x["paper"]),
+            _gain(x),
+        )
+        for x in result["friction"]
+    ]
+    return markdown(header, rows) + "\n\n" + _impact_optima(result["impact"])
+
+
+def _impact_optima(impact: Sequence[Json]) -> str:
+    header = (
+        "impact absorber at",
+        "best force for 1 mm, N",
+        "rule, N",
+        "paper, N",
+        "found for that force",
+        "rule's gap, mm",
+        "level, %",
+        "paper's, %",
+        "found over paper's",
+    )
+    rows = [
+        (
+            f"resonance {x['resonance']}",
+            f"{x['best_force_n']:.3g} ({_band(x['best_force_5_to_95_percent_n'], 1.0, '.3g')})",
+            f"{x['rule_force_n']:.3g}",
+            f"{x['force_n']:g}",
+            _design(x),
+            f"{1e3 * x['rule_gap_m']:.3g}",
+            _judged(x["winner"]),
+            _judged(x["paper"]),
+            _gain(x, 2),
+        )
+        for x in impact
+    ]
+    return markdown(header, rows)
+
+
+def _place(result: Json) -> str:
+    levels_of = ("worse of both, %", "limit, %", "first alone, %", "second alone, %")
+    header = ("position x/l", "mass ratio to mode 1", "to mode 2", "best gap, mm", *levels_of)
+    gaps, relative, limits = 1e3 * np.array(result["gaps_m"]), np.array(result["relative"]), np.array(result["limit"])
+    rows = []
+    for x, shapes, levels, bounds in zip(result["positions"], result["shapes"], relative, limits, strict=True):
+        worse = levels.max(axis=1)
+        best = int(worse.argmin())
+        ratios = [f"{result['mass_kg'] * shape**2:.4f}" for shape in shapes]
+        bound = _percent(bounds[best].max())
+        rows.append((f"{x:g}", *ratios, f"{gaps[best]:.2f}", _percent(worse[best]), bound, *(_percent(v) for v in levels.min(axis=0))))
+    found = result["free"]
+    place = found["winner"]["values"]["position"]
+    text = f"With the position free among four variables the search ends at x/l = {place:.3g} ({_design(found)}): {_judged(found['winner'])} %."
+    return markdown(header, rows) + "\n\n" + text
+
+
+def _robustness(result: Json) -> str:
+    detunings = result["designs"][0]["detuning"]
+    shown = sorted({0, len(detunings) // 4, len(detunings) // 2, -1 - len(detunings) // 4, -1}, key=lambda k: k % len(detunings))
+    rows = []
+    for x in result["designs"]:
+        relative = [level / without for level, without in zip(x["median"], x["without"], strict=True)]
+        rows.append((f"{x['concept']}, {x['name']}", *(_percent(relative[k]) for k in shown), _percent(max(relative))))
+    return markdown(("level, %", *(f"{100 * detunings[k]:+.1f} %" for k in shown), "largest"), rows)
+
+
+def _front(result: Json) -> str:
+    seeds = result["against_random"]
+    rows = [(str(x["seed"]), f"{x['method']:.4f}", f"{x['random']:.4f}", f"{100 * (x['method'] / x['random'] - 1):+.1f}") for x in seeds]
+    won = result["seeds_won_against_random"]
+    text = f"{result['designs']} designs each. NSGA-II has the larger hypervolume in {won} of {len(seeds)} seeds."
+    figure = "![Level at the second resonance over that at the first: all designs, the front, the paper's design, limits](findings/front.png)"
+    return "\n\n".join([markdown(("seed", "NSGA-II", "random search", "difference, %"), rows), text, figure])
+
+
+def _scaling(result: Json) -> str:
+    rows = []
+    for kind, speedup in result["speedup"].items():
+        one, two = (x["seconds"] for x in result["rows"] if x["kind"] == kind)
+        rows.append((kind, f"{one:.2f}", f"{two:.2f}", f"{speedup:.2f}"))
+    text = f"{result['designs']} random designs, {result['runs']} sweeps; median of three rounds in turn."
+    return markdown(("workers", "one, s", "two, s", "times as fast"), rows) + "\n\n" + text
+
+
+def _full(result: Json) -> str:
+    behind = result["left_behind"]
+    what = f"{result['variables']} variables, {result['designs']} designs, {result['members']} members, both directions, {result['modes']} modes"
+    rows = [
+        ("study", what),
+        ("sweeps", f"{result['runs']:,}"),
+        ("time of the search", f"{result['search_s']:.0f} s"),
+        ("with judging and audit", f"{result['with_judging_s']:.0f} s"),
+        ("share of the search outside the runs", f"{_percent(result['overhead'])} %"),
+        ("largest resident memory", f"{result['memory_bytes'] / 2**30:.2f} GiB"),
+        ("left behind, now run in full: better than the best found", f"{behind['better_than_best_found']} of {behind['run_in_full']}"),
+        ("winner, worse of both resonances", f"{_percent(result['score'])} ({_band(result['score_5_to_95_percent'])}) %"),
+    ]
+    return markdown(("", "value"), rows)

@@ -1,0 +1,218 @@
+"""The studies behind docs/findings.md: each returns all numbers of its figure and its table as JSON values. SI units."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from _design_options import make_conditions
+from _design_search import Plan, find
+
+from impact_env.drive import PAPER_RATE
+from impact_env.parameters import ParameterError, RigidWalls
+from optimisation.bounds import design_force, design_gap
+from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, TUNED, VARIABLES, Design, design_space
+from optimisation.evaluation import Executor
+from optimisation.friction_rule import best_friction
+from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
+from optimisation.objectives import Condition
+from optimisation.problem import Problem
+from optimisation.progress import runs_bar
+from optimisation.report.design_tables import Findings, limit, number, summary
+from optimisation.tuned import minimax
+
+Json = dict[str, Any]
+AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at either
+Bounds = Mapping[str, tuple[float, float]]
+WIDE = (0.02, 100.0)  # N: from a damper that slides all the time to one that sticks
+DENSE, LEAST = 60, 2  # forces of the limit's curve; members where a point is one of a hundred and its run is recorded
+SPAN = 5.0  # curves reach from a force over this to the force times this
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where and how large: ``folder`` of the journals, ``designs`` a search, ``members``, ``few`` of them for figures with many ``points``.
+
+    ``data`` is the folder of the numbers: the robustness is that of the designs that are found there.
+    """
+
+    executor: Executor
+    folder: Path
+    designs: int
+    members: int
+    few: int
+    points: int
+    data: Path
+    rate: float = PAPER_RATE
+    seed: int = 0
+    quick: bool = False
+
+    def problem(
+        self,
+        concept: str,
+        at: Sequence[tuple[int, float]],
+        free: Sequence[str] | None = None,
+        bounds: Bounds | None = None,
+        members: int | None = None,
+    ) -> Problem:
+        """Return the problem of a concept at resonances and forces (N), for the level in the worse of them."""
+        space, conditions = design_space(concept, free, bounds), make_conditions(concept, list(at))
+        return Problem(space, conditions, members=members or self.members, seed=self.seed, rate=self.rate)
+
+    def find(self, name: str, problem: Problem, designs: int | None = None) -> Findings:
+        """Search from scratch and judge; raises KeyboardInterrupt if that is broken off (the journal keeps what is finished)."""
+        journal = self.folder / f"{name}.journal"
+        found = find(problem, Plan(designs or self.designs, seed=self.seed, from_scratch=True), journal, self.executor)
+        if not found.finished or found.verdict is None:
+            raise KeyboardInterrupt
+        return found
+
+
+def _numbers(values: np.ndarray) -> list[Any]:
+    """Return an array as nested lists, None where a run broke down."""
+    return [_numbers(row) for row in values] if values.ndim > 1 else [number(x) for x in values.tolist()]
+
+
+def _found(found: Findings) -> Json:
+    assert found.verdict is not None
+    members = {"members_winner": _numbers(found.verdict.winner.members[0]), "members_paper": _numbers(found.verdict.paper.members[0])}
+    return summary(found) | members
+
+
+def _limits(problem: Problem, design: Design, condition: Condition) -> Json:
+    """The stationary limit of a design's cavity over the force; None where there is no closed form."""
+    forces = np.geomspace(condition.force / SPAN, condition.force * SPAN, DENSE)
+    return {"limit_force_n": forces.tolist(), "limit_m": [number(limit(problem, design, c)) for c in over_force(condition, forces)]}
+
+
+def _listed(part: Levels) -> Json:
+    own = part.conditions[0]
+    return {
+        "resonance": own.resonance,
+        "force_n": [c.force for c in part.conditions],
+        "detuning": [c.detuning for c in part.conditions],
+        **{name: _numbers(getattr(part, name)) for name in ("median", "low", "high", "without")},
+    }
+
+
+def concepts(study: Settings) -> Json:
+    """The best design of each concept for both resonances at the paper's mass, from scratch, and its levels over the force."""
+    result: Json = {}
+    for concept in VARIABLES:
+        problem = study.problem(concept, AT)
+        found = study.find(f"concepts-{concept}", problem)
+        assert found.verdict is not None
+        both = [found.verdict.winner.design, found.verdict.paper.design]
+        curves = []
+        for condition in problem.conditions:
+            conditions = over_force(condition, np.geomspace(condition.force / SPAN, condition.force * SPAN, study.points))
+            with runs_bar(f"{concept}: levels over the force") as show:
+                part = levels(problem, both, conditions, study.few, study.executor, show)
+            curves.append(_listed(part) | _limits(problem, both[0], condition))
+        result[concept] = _found(found) | {"curves": curves}
+    return result
+
+
+def optima(study: Settings) -> Json:
+    """Friction limit, gap and force that are best at each resonance alone, from scratch, beside paper and rules."""
+    rows = [_friction_optimum(study, resonance, force) for resonance, force in AT]
+    return {"friction": rows, "impact": [_impact_optimum(study, resonance, force) for resonance, force in AT]}
+
+
+def _friction_optimum(study: Settings, resonance: int, force: float) -> Json:
+    problem = study.problem(FRICTION, [(resonance, force)], bounds={FRICTION_LIMIT: WIDE})
+    found = study.find("", problem)
+    (variable,) = problem.space.free
+    limits = [variable.value_at(share) for share in np.linspace(0, 1, 4 * study.points)]
+    with runs_bar("friction damper: levels over the friction limit") as show:
+        part = levels(problem, [problem.space.design({FRICTION_LIMIT: x}) for x in limits], problem.conditions, study.few, study.executor, show)
+    argued, level = best_friction(problem.model, problem.space.default.values[MASS_RATIO] * problem.model.beam_mass, force, resonance)
+    curve = {"friction_limit_n": limits, "relative": part.relative[:, 0].tolist()}
+    return _found(found) | {"resonance": resonance, "force_n": force, "argued_n": argued, "argued_level_m": level, "curve": curve}
+
+
+def _impact_optimum(study: Settings, resonance: int, force: float) -> Json:
+    """The best force for the paper's absorber, member by member, and the best absorber for the force."""
+    problem = study.problem(IMPACT, [(resonance, force)])
+    mass = problem.space.default.values[MASS_RATIO] * problem.model.beam_mass
+    rule = design_force(problem.model, mass, RigidWalls.gap, resonance)
+    forces = rule * np.geomspace(0.5, 1.8, 2 * study.points)
+    with runs_bar(f"resonance {resonance}: levels over the force") as show:
+        worse, without = member_levels(
+            problem, [problem.space.default], over_force(problem.conditions[0], forces), study.members, study.executor, show
+        )
+    relative = worse[0] / without
+    low, median, high = np.quantile(relative, (0.05, 0.5, 0.95), axis=0)
+    curve = {"force_n": forces.tolist(), "low": low.tolist(), "median": median.tolist(), "high": high.tolist()}
+    best = forces[np.argmin(relative, axis=1)]
+    found = study.find(f"optima-{resonance}", problem)
+    return _found(found) | {
+        "resonance": resonance,
+        "force_n": force,
+        "rule_force_n": rule,
+        "rule_gap_m": design_gap(problem.model, mass, force, resonance),
+        "best_force_n": float(forces[np.argmin(median)]),
+        "best_force_5_to_95_percent_n": np.quantile(best, (0.05, 0.95)).tolist(),
+        "curve": curve,
+    }
+
+
+def place(study: Settings) -> Json:
+    """The best gap at each position along the beam, and a search with the position free."""
+    least = min(LEAST, study.few)
+    problem = study.problem(IMPACT, AT, (GAP, POSITION), members=least)
+    positions = np.round(np.linspace(0.4, 1.0, 2 * study.points // 3 + 1), 4)
+    gaps = np.geomspace(2e-4, 1.6e-3, study.points)
+    designs = [Design(IMPACT, {**design.values, POSITION: float(x)}) for x in positions for design in with_gaps(problem.space.default, gaps)]
+    with runs_bar("levels over position and gap") as show:
+        part = levels(problem, designs, problem.conditions, least, study.executor, show)
+    relative = part.relative.reshape(len(positions), len(gaps), len(AT))
+    bounds = np.array([[limit(problem, design, condition) for condition in problem.conditions] for design in designs]) / part.without
+    shapes = [problem.space.design({GAP: 1e-3, POSITION: float(x)}).scene(problem.beam).model.tip_shape[:2].tolist() for x in positions]
+    free = study.problem(IMPACT, AT, (GAP, "restitution", FRICTION_LIMIT, POSITION), members=2 * study.few)
+    found = study.find("place", free, max(2, 3 * study.designs // 4))
+    return {
+        "positions": positions.tolist(),
+        "gaps_m": gaps.tolist(),
+        "relative": relative.tolist(),
+        "limit": bounds.reshape(relative.shape).tolist(),
+        "shapes": shapes,
+        "mass_kg": problem.space.default.values[MASS_RATIO] * problem.model.beam_mass,
+        "free": _found(found),
+    }
+
+
+def found_concepts(path: Path) -> Json:
+    """Return the numbers of the part concepts; raises ParameterError if they are not there."""
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8"))["result"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ParameterError(f"{path} is not allowed: a file that an earlier run of this command wrote ({error})") from error
+
+
+def robustness(study: Settings) -> Json:
+    """Levels near the first resonance where the beam's frequencies are not what they were thought to be, for winners and paper's designs."""
+    known, rows = found_concepts(study.data / "concepts.json"), list[Json]()
+    for concept in VARIABLES:
+        problem = study.problem(concept, AT[:1], members=study.few)
+        named = {"winner": Design(concept, known[concept]["winner"]["values"]), "paper": problem.space.default}
+        if concept == TUNED:
+            tuned = minimax(problem.model)
+            values = {**problem.space.default.values, "stiffness": tuned.stiffness, "damping": tuned.damping}
+            named["tuned to the first resonance"] = Design(TUNED, values)
+        with runs_bar(f"{concept}: detuned beams") as show:
+            conditions = detuned(problem.conditions[0], np.linspace(-0.1, 0.1, 2 * (study.points // 2) + 1))
+            part = levels(problem, list(named.values()), conditions, study.few, study.executor, show)
+        rows += [_one(concept, name, part, d) for d, name in enumerate(named)]
+    return {"designs": rows, "force_n": AT[0][1]}
+
+
+def _one(concept: str, name: str, part: Levels, d: int) -> Json:
+    listed = _listed(part)
+    return {"concept": concept, "name": name, "detuning": listed["detuning"], "without": listed["without"]} | {
+        key: listed[key][d] for key in ("median", "low", "high")
+    }

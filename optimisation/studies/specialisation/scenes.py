@@ -1,0 +1,135 @@
+"""What the specialisation report runs: scenes with their observers, and more general scenes with a part switched off by its value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    CoulombFriction,
+    Drive,
+    ElasticCoulombFriction,
+    Exact,
+    Moreau,
+    Record,
+    RigidWalls,
+    RungeKutta,
+    Scene,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    beam_scene,
+    constant_frequency,
+    friction_damper,
+    impact_absorber,
+)
+from impact_env.methods import Method
+from impact_env.parameters import Absorber
+
+MODES, FORCE, RATIO = 10, 3.5, 0.98
+OUT_OF_REACH = 1e6  # m: walls that are never met
+NO_FRICTION = 1e-300  # N: friction without any effect; a limit of 0 is not a friction
+SPRING = 100 * Beam().static_tip_stiffness
+
+ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
+    "no absorber": lambda: None,
+    "stuck": StuckAbsorber,
+    "tuned": TunedAbsorber,
+    "friction damper": lambda: friction_damper(0.1),
+    "impact": lambda: impact_absorber(restitution=0.7),
+    "impact and friction": lambda: impact_absorber(restitution=0.7, friction_limit=0.1),
+    "compliant": lambda: SlidingAbsorber(walls=CompliantWalls(SPRING)),
+    "compliant and elastic friction": lambda: SlidingAbsorber(walls=CompliantWalls(SPRING), friction=ElasticCoulombFriction(0.1, SPRING)),
+    # the general scenes with a part that does nothing
+    "impact out of reach": lambda: impact_absorber(OUT_OF_REACH, 0.7),
+    "impact out of reach, and friction": lambda: SlidingAbsorber(walls=RigidWalls(OUT_OF_REACH, 0.7), friction=CoulombFriction(0.1)),
+    "impact, and friction without effect": lambda: impact_absorber(restitution=0.7, friction_limit=NO_FRICTION),
+    "nothing in reach, friction without effect": lambda: impact_absorber(OUT_OF_REACH, 0.7, NO_FRICTION),
+    "compliant out of reach": lambda: SlidingAbsorber(walls=CompliantWalls(SPRING, OUT_OF_REACH)),
+    "compliant, and friction without effect": lambda: SlidingAbsorber(
+        walls=CompliantWalls(SPRING), friction=ElasticCoulombFriction(NO_FRICTION, SPRING)
+    ),
+}
+METHODS: dict[str, Method] = {"exact": Exact(), "moreau": Moreau(), "runge-kutta": RungeKutta()}
+RECORDS = {
+    "nothing": Record(level=False),
+    "level": Record(),
+    "level and events": Record(events=True),
+    "level and energy": Record(energy=True),
+    "level and samples": Record(series=True),
+    "everything": Record(events=True, series=True, energy=True),
+}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A scene, a method and observers, by name."""
+
+    absorber: str
+    method: str = "exact"
+    record: str = "level"
+
+    @property
+    def name(self) -> str:
+        """Absorber, method, and what is recorded beside the level."""
+        return f"{self.absorber}, {self.method}" + ("" if self.record == "level" else f", {self.record} recorded")
+
+    @property
+    def kind(self) -> str:
+        """The compiled code that it uses: the types of its parts."""
+        absorber = self.scene().absorber
+        parts = (absorber.walls, absorber.friction) if isinstance(absorber, SlidingAbsorber) else (absorber,)
+        return f"{self.method}, {' '.join(type(part).__name__ for part in parts)}, {self.record}"
+
+    def scene(self) -> Scene:
+        """Return the beam with the absorber."""
+        return beam_scene(Beam(modes=MODES), ABSORBERS[self.absorber]())
+
+    def drive(self, periods: float) -> Drive:
+        """Return a constant drive of so many pseudo periods near the first resonance."""
+        return Drive(FORCE, constant_frequency(self.scene().model.resonance_omega(1), RATIO, periods))
+
+
+OWN = (
+    *(Variant(name) for name in list(ABSORBERS)[:8]),
+    *(Variant(name, "moreau") for name in ("no absorber", "impact", "impact and friction")),
+    *(Variant(name, "runge-kutta") for name in ("no absorber", "compliant")),
+    *(Variant("impact", record=record) for record in RECORDS if record != "level"),
+)
+QUICK_OWN = tuple(variant for variant in OWN if variant in (Variant("no absorber"), Variant("impact"), Variant("impact and friction")))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A scene that lacks a part, and a more general one in which the part has no effect."""
+
+    part: str
+    without: Variant
+    switched_off: Variant
+
+
+PAIRS = (
+    Pair("walls (exact, no friction)", Variant("no absorber"), Variant("impact out of reach")),
+    Pair("walls and friction (exact)", Variant("no absorber"), Variant("nothing in reach, friction without effect")),
+    Pair("walls (exact, with friction)", Variant("friction damper"), Variant("impact out of reach, and friction")),
+    Pair("friction (exact)", Variant("impact"), Variant("impact, and friction without effect")),
+    Pair("compliant walls (exact)", Variant("no absorber"), Variant("compliant out of reach")),
+    Pair("elastic friction (exact)", Variant("compliant"), Variant("compliant, and friction without effect")),
+    Pair("walls (Moreau)", Variant("no absorber", "moreau"), Variant("impact out of reach", "moreau")),
+    Pair("friction (Moreau)", Variant("impact", "moreau"), Variant("impact, and friction without effect", "moreau")),
+    Pair("walls (Runge-Kutta)", Variant("no absorber", "runge-kutta"), Variant("compliant out of reach", "runge-kutta")),
+    *(Pair(f"{record} recorded", Variant("impact", record="nothing"), Variant("impact", record=record)) for record in RECORDS if record != "nothing"),
+)
+
+
+def own(quick: bool) -> tuple[Variant, ...]:
+    """Return the variants of which compiled code is looked at."""
+    return QUICK_OWN if quick else OWN
+
+
+def pairs(quick: bool) -> tuple[Pair, ...]:
+    """Return the pairs; in a quick look those whose kernels it compiles anyway."""
+    kinds = {variant.kind for variant in own(quick)}
+    return tuple(pair for pair in PAIRS if {pair.without.kind, pair.switched_off.kind} <= kinds)

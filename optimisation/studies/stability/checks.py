@@ -1,0 +1,123 @@
+"""Does the exact method's search for events miss any: searches checked by dense sampling, over a mix of scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    Drive,
+    ElasticCoulombFriction,
+    ModalModel,
+    Record,
+    Scene,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    beam_scene,
+    friction_damper,
+    impact_absorber,
+    linear_sweep,
+    simulate,
+)
+from impact_env.parameters import Absorber
+
+SEARCHES, QUICK_SEARCHES = 1_000_000, 20_000  # of all cases together
+SWEEP = (0.93, 1.05)  # frequencies over the first resonance that runs begin at
+WIDTH, RATE = 0.01, 1.0  # of a run's sweep, and percent per 100 pseudo periods
+FORCES = (1.0, 10.0)  # N, uniform in its logarithm
+KINDS = ("passed", "turned", "joint force")
+RECORD = Record(check=True)
+
+
+@dataclass(frozen=True)
+class CheckCase:
+    """A scene whose runs are checked."""
+
+    name: str
+    scene: Callable[[], Scene]
+
+
+def beam(modes: int, absorber: Absorber) -> Scene:
+    """Return the paper's beam with so many modes and an absorber."""
+    return beam_scene(Beam(modes=modes), absorber)
+
+
+def odd_structure() -> Scene:
+    """Modes close together, far apart and hardly damped: no beam."""
+    omega, damping = np.array([100.0, 101.0, 730.0, 9000.0]), np.array([0.002, 0.03, 0.3, 1e-4])
+    model = ModalModel(omega, damping, np.array([0.8, -0.5, 1.0, 0.3]), np.array([1.0, 0.7, -1.2, 0.4]), 0.5)
+    return Scene(model, impact_absorber(restitution=0.9, friction_limit=0.02))
+
+
+def two_absorbers() -> Scene:
+    """Return two cavities in different places, one of them with friction."""
+    absorbers = (impact_absorber(mass_ratio=0.01, restitution=0.7, friction_limit=0.03), impact_absorber(mass_ratio=0.01, restitution=0.9))
+    return beam_scene(Beam(modes=5), SeveralAbsorbers(absorbers, (0.7, 1.0)))
+
+
+def rounded_beam() -> Scene:
+    """Other damping, places and a second mode near twice the first."""
+    return beam_scene(
+        Beam(modes=5, damping_ratio=(0.001, 0.02, 0.005, 0.05, 0.01), force_position=0.7, absorber_position=0.8, modal_frequency_ratio={2: 2.001}),
+        impact_absorber(gap=3e-4, restitution=0.5),
+    )
+
+
+CASES = (
+    CheckCase("2 modes, e = 1", lambda: beam(2, impact_absorber(restitution=1.0))),
+    CheckCase("2 modes, e = 1, friction", lambda: beam(2, impact_absorber(restitution=1.0, friction_limit=0.025))),
+    CheckCase("5 modes, e = 0", lambda: beam(5, impact_absorber(restitution=0.0))),
+    CheckCase("5 modes, e = 0.5, friction", lambda: beam(5, impact_absorber(restitution=0.5, friction_limit=0.1))),
+    CheckCase("10 modes, e = 0.7", lambda: beam(10, impact_absorber(restitution=0.7))),
+    CheckCase("10 modes, friction damper", lambda: beam(10, friction_damper())),
+    CheckCase("30 modes, e = 0.8", lambda: beam(30, impact_absorber(restitution=0.8))),
+    CheckCase("30 modes, e = 0.8, friction", lambda: beam(30, impact_absorber(restitution=0.8, friction_limit=0.05))),
+    CheckCase("5 modes, compliant walls", lambda: beam(5, SlidingAbsorber(walls=CompliantWalls(1e6)))),
+    CheckCase(
+        "5 modes, compliant walls, elastic friction",
+        lambda: beam(5, SlidingAbsorber(walls=CompliantWalls(1e6), friction=ElasticCoulombFriction(0.1, 1e5))),
+    ),
+    CheckCase("5 modes, two absorbers", two_absorbers),
+    CheckCase("5 modes, other beam, e = 0.5", rounded_beam),
+    CheckCase("modes of no beam, e = 0.9, friction", odd_structure),
+)
+
+
+@dataclass
+class Checked:
+    """Searches checked of a case, misses among them, the worst as in `SearchCheck`, and where the first was."""
+
+    name: str
+    searches: int = 0
+    misses: int = 0
+    worst: float = 0.0
+    first: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether something was checked and nothing missed."""
+        return self.misses == 0 and self.searches > 0
+
+
+def check(case: CheckCase, searches: int, seed: int) -> Checked:
+    """Run sweeps of random force, phase and frequency until this many searches have been checked."""
+    scene, generator, result = case.scene(), np.random.default_rng(seed), Checked(case.name)
+    omega = scene.model.resonance_omega(1)
+    while result.searches < searches:
+        force = float(np.exp(generator.uniform(*np.log(FORCES))))
+        start, phase = float(generator.uniform(*SWEEP)), float(generator.uniform(0, 2 * np.pi))
+        stop = start + WIDTH * float(generator.choice([-1, 1]))
+        found = simulate(scene, Drive(force, linear_sweep(omega, start, stop, RATE), phase), record=RECORD).check
+        assert found is not None
+        result.searches += found.searches
+        result.misses += found.misses
+        result.worst = max(result.worst, found.worst)
+        if found.misses and not result.first:
+            at, kind = found.times[0] * omega / (2 * np.pi), KINDS[found.kinds[0]]
+            run = f"{force!r} N, phase {phase!r} rad, {start!r} to {stop!r}"
+            result.first = f"{kind} by {found.sizes[0]:.1e} at {at:.6g} pseudo periods of {run}"
+    return result

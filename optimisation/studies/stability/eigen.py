@@ -1,0 +1,119 @@
+"""How exact the modes are: the finite-element eigenproblem in many digits, and the continuous cantilever, beside what the package computes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal, localcontext
+from itertools import pairwise
+
+import numpy as np
+import scipy.optimize
+
+from impact_env import Beam, ParameterError, modal_model
+
+ELEMENTS = (2, 3, 5, 10, 20, 30, 50, 100, 200, 350, 500)
+QUICK_ELEMENTS = (2, 10, 30, 100)
+CHECKED = (1, 2, 10)  # modes
+WRONG = 1e-6  # relative error of a frequency from which on it is called wrong
+DIGITS = 50
+DIGITS_PER_ELEMENT = 3  # what the transfer matrix of an element loses at most
+HIGHEST_UP_TO = 200  # elements: the highest frequency needs as many digits as there are elements, and time
+
+Matrix = list[list[Decimal]]
+
+# an Hermite element of unit length, stiffness and mass per length; the mass matrix times 420
+_K = ((12, 6, -12, 6), (6, 4, -6, 2), (-12, -6, 12, -6), (6, 2, -6, 4))
+_M = ((156, 22, 54, -13), (22, 4, 13, -3), (54, 13, 156, -22), (-13, -3, -22, 4))
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Relative errors of computed frequencies, by mode counted from 1.
+
+    ``rounding``: against the same finite elements in many digits; ``discretisation``: of these against the beam; ``highest``: rounding of the last
+    mode, None where it was not computed; ``tip``: of the first mode's tip amplitude against 2/sqrt(mass). ``error`` tells why there are no numbers.
+    """
+
+    elements: int
+    rounding: dict[int, float]
+    discretisation: dict[int, float]
+    highest: float | None
+    tip: float | None
+    error: str = ""
+
+    @property
+    def wrong(self) -> bool:
+        """Whether a frequency has lost so many digits that it is no frequency of these elements."""
+        return any(value > WRONG for value in self.rounding.values())
+
+
+def _product(a: Matrix, b: Matrix) -> Matrix:
+    return [[sum((x * y for x, y in zip(row, column, strict=True)), Decimal(0)) for column in zip(*b, strict=True)] for row in a]
+
+
+def _transfer(square: Decimal) -> Matrix:
+    """Return the matrix from deflection, slope and end forces at an element's start to those at its end, for omega^2 in units of the element."""
+    d = [[Decimal(k) - square * m / 420 for k, m in zip(*rows, strict=True)] for rows in zip(_K, _M, strict=True)]
+    (a, b), (c, e) = d[0][2:], d[1][2:]
+    determinant = a * e - b * c
+    inverse = [[e / determinant, -b / determinant], [-c / determinant, a / determinant]]
+    start = _product(inverse, [row[:2] for row in d[:2]])
+    columns = [[-start[i][j] for j in range(2)] + inverse[i] for i in range(2)]
+    forces = []
+    for i in (2, 3):
+        row = [sum((d[i][2 + k] * columns[k][j] for k in range(2)), d[i][j] if j < 2 else Decimal(0)) for j in range(4)]
+        forces.append([-x for x in row])
+    return columns + forces
+
+
+def _end_forces(square: Decimal, elements: int) -> Decimal:
+    """Return the determinant that is zero where a clamped chain of elements has free ends' forces of zero."""
+    power, rest, base = None, elements, _transfer(square)
+    while rest:
+        if rest & 1:
+            power = base if power is None else _product(power, base)
+        base, rest = _product(base, base), rest >> 1
+    assert power is not None
+    return power[2][2] * power[3][3] - power[2][3] * power[3][2]
+
+
+def exact_frequency(elements: int, near: float) -> Decimal:
+    """Return omega (rad/s, for unit length, stiffness and mass per length) of the finite elements nearest to a start value, in many digits."""
+    with localcontext() as context:
+        context.prec = DIGITS + DIGITS_PER_ELEMENT * elements
+        unit = Decimal(elements) ** 4
+        one, other = Decimal(near) ** 2 / unit, (Decimal(near) * (1 + Decimal("1e-9"))) ** 2 / unit
+        value, last = _end_forces(other, elements), _end_forces(one, elements)
+        for _ in range(60):
+            if value == last or value == 0:
+                break
+            one, other, last = other, other - value * (other - one) / (value - last), value
+            if abs(other / one - 1) < Decimal(10) ** (5 - DIGITS):
+                break
+            value = _end_forces(other, elements)
+        return (other * unit).sqrt()
+
+
+def continuous_roots(count: int) -> np.ndarray:
+    """Return the first roots of cos x cosh x = -1, (count,)."""
+    ends = np.pi * np.arange(count + 1)
+    return np.array([scipy.optimize.brentq(lambda x: np.cos(x) + 1 / np.cosh(x), low, high, xtol=1e-15, rtol=1e-15) for low, high in pairwise(ends)])
+
+
+def accuracy(elements: int) -> Accuracy:
+    """Return the errors of the modes of a beam of so many elements, with all its modes kept."""
+    beam = Beam(length=1.0, bending_stiffness=1.0, mass_per_length=1.0, elements=elements, modes=2 * elements)
+    try:
+        model = modal_model(beam)
+    except ParameterError as error:
+        return Accuracy(elements, {}, {}, None, None, str(error))
+    roots = continuous_roots(max(CHECKED)) ** 2
+    modes = [mode for mode in CHECKED if mode <= 2 * elements]
+    exact = {mode: float(exact_frequency(elements, float(model.omega[mode - 1]))) for mode in modes}
+    rounding = {mode: abs(float(model.omega[mode - 1]) / exact[mode] - 1) for mode in modes}
+    discretisation = {mode: abs(exact[mode] / roots[mode - 1] - 1) for mode in modes}
+    highest = None
+    if elements <= HIGHEST_UP_TO:
+        last = float(model.omega[-1])
+        highest = abs(last / float(exact_frequency(elements, last)) - 1)
+    return Accuracy(elements, rounding, discretisation, highest, abs(float(model.tip_shape[0]) / 2 - 1))

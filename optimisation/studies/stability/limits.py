@@ -1,0 +1,196 @@
+"""Largest stable steps of the two stepping methods: found by bisection on runs, beside theory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    Drive,
+    FrequencySchedule,
+    InitialState,
+    Moreau,
+    RungeKutta,
+    Scene,
+    SlidingAbsorber,
+    TunedAbsorber,
+    beam_scene,
+)
+from impact_env.families import Observers, family
+from impact_env.kernels.observers import DONE, Series, new_counters
+
+MOREAU, RUNGE_KUTTA = "moreau", "runge-kutta"
+STEPS = 50_000
+GROWN = 100.0  # a run whose state is so many times larger at its end was not stable
+HALVINGS = 40
+AGREE = 1e-3  # relative difference to theory that the finite number of steps explains
+
+
+@dataclass(frozen=True)
+class FixedMoreau(Moreau):
+    """The Moreau scheme at a step in s."""
+
+    dt: float = 0.0
+
+    def step(self, scene: Scene) -> float:  # noqa: ARG002 - as the method's
+        """Return the step in s."""
+        return self.dt
+
+
+@dataclass(frozen=True)
+class FixedRungeKutta(RungeKutta):
+    """The Runge-Kutta method at a step in s."""
+
+    dt: float = 0.0
+
+    def step(self, scene: Scene) -> float:  # noqa: ARG002 - as the method's
+        """Return the step in s."""
+        return self.dt
+
+
+@dataclass(frozen=True)
+class LimitCase:
+    """A linear scene whose largest stable step is known: a mode, or a mode with a spring to the absorber (walls without clearance are one)."""
+
+    method: str
+    what: str
+    damping_ratio: float
+    modes: int = 1
+    spring: float | None = None
+    damper: float = 0.0
+
+    def scene(self) -> Scene:
+        """Return the scene whose step is searched."""
+        absorber = None
+        if self.spring is not None:
+            walls = SlidingAbsorber(walls=CompliantWalls(self.spring, 0.0))
+            absorber = TunedAbsorber(stiffness=self.spring, damping=self.damper) if self.method == MOREAU or self.damper else walls
+        return beam_scene(Beam(modes=self.modes, damping_ratio=self.damping_ratio), absorber)
+
+
+CASES = (
+    *(LimitCase(method, "one mode", ratio) for method in (MOREAU, RUNGE_KUTTA) for ratio in (0.0, 0.001, 0.01, 0.1, 0.3, 0.7, 1.0, 2.0, 5.0, 20.0)),
+    *(LimitCase(method, "ten modes", 0.01, 10) for method in (MOREAU, RUNGE_KUTTA)),
+    *(LimitCase(method, "spring 1e6 N/m", 0.01, 3, 1e6) for method in (MOREAU, RUNGE_KUTTA)),
+    *(LimitCase(method, "spring 1e10 N/m", 0.01, 3, 1e10) for method in (MOREAU, RUNGE_KUTTA)),
+    *(LimitCase(method, "spring 1e4 N/m, damper 100 N s/m", 0.01, 3, 1e4, 100.0) for method in (MOREAU, RUNGE_KUTTA)),
+)
+QUICK = tuple(case for case in CASES if case.damping_ratio in (0.0, 0.01, 1.0, 20.0))
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Largest stable step in s by theory and as found, and the method's own step at the paper's setting."""
+
+    method: str
+    what: str
+    damping_ratio: float
+    omega: float
+    theory_s: float
+    found_s: float
+    paper_s: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether what was found is what theory says."""
+        return abs(self.found_s / self.theory_s - 1) <= AGREE
+
+
+def first_order(scene: Scene) -> NDArray[np.float64]:
+    """Return the matrix of the linear scene with its spring closed, in displacements and velocities."""
+    mass, damping, stiffness = _matrices(scene)
+    zero, inverse = np.zeros_like(mass), np.diag(1 / np.diag(mass))
+    return np.block([[zero, np.eye(len(mass))], [-inverse @ stiffness, -inverse @ damping]])
+
+
+def _matrices(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    model, absorber = scene.model, scene.absorber
+    square, rate = model.omega**2, 2 * model.damping_ratio * model.omega
+    if absorber is None or scene.absorber_mass is None:
+        return np.eye(model.modes), np.diag(rate), np.diag(square)
+    line = np.append(-model.tip_shape, 1.0)
+    if isinstance(absorber, TunedAbsorber):
+        spring, damper = absorber.stiffness, absorber.damping
+    else:
+        assert isinstance(absorber, SlidingAbsorber)
+        assert isinstance(absorber.walls, CompliantWalls)
+        spring, damper = absorber.walls.stiffness, 0.0
+    outer = np.outer(line, line)
+    mass = np.diag(np.append(np.ones(model.modes), scene.absorber_mass))
+    return mass, np.diag(np.append(rate, 0.0)) + damper * outer, np.diag(np.append(square, 0.0)) + spring * outer
+
+
+def moreau_theory(scene: Scene) -> float:
+    """Return the step in s at which the scheme's one-step map leaves the unit circle.
+
+    A mode with x = omega dt and damping ratio D has z^2 - (2 - 2 D x - x^2) z + (1 - 2 D x) = 0, which passes z = -1 at
+    x = 2 (sqrt(D^2 + 1) - D). Modes that a spring and a damper couple: the spectral radius of the whole map.
+    """
+    model = scene.model
+    if scene.absorber is None:
+        return float(np.min(2 * (np.sqrt(model.damping_ratio**2 + 1) - model.damping_ratio) / model.omega))
+    mass, damping, stiffness = _matrices(scene)
+    inverse, eye = np.diag(1 / np.diag(mass)), np.eye(len(mass))
+
+    def radius(dt: float) -> float:
+        keep = eye - dt * inverse @ damping
+        pull = -dt * inverse @ stiffness
+        return float(np.max(np.abs(np.linalg.eigvals(np.block([[eye + dt * pull, dt * keep], [pull, keep]])))))
+
+    return _crossing(radius, 1 / float(np.max(np.abs(np.linalg.eigvals(first_order(scene))))))
+
+
+def runge_kutta_theory(scene: Scene) -> float:
+    """Return the step in s at which |1 + z + z^2/2 + z^3/6 + z^4/24| = 1 for an eigenvalue s, z = s h."""
+    eigenvalues = np.linalg.eigvals(first_order(scene))
+    eigenvalues = eigenvalues[np.abs(eigenvalues) > 1e-9 * np.max(np.abs(eigenvalues))]  # the absorber's own rest
+
+    def radius(h: float) -> float:
+        z = eigenvalues * h
+        return float(np.max(np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)))
+
+    return _crossing(radius, 1 / float(np.max(np.abs(eigenvalues))))
+
+
+def _crossing(radius: Callable[[float], float], unit: float) -> float:
+    """Return where a spectral radius leaves 1 for good, searched in units of the fastest time scale."""
+    grid = np.linspace(0.01, 4.0, 1600) * unit
+    grown = np.array([radius(dt) > 1 + 1e-9 for dt in grid])
+    k = int(np.flatnonzero(~grown)[-1])
+    return float(scipy.optimize.brentq(lambda dt: radius(dt) - 1 - 1e-9, grid[k], grid[k + 1]))
+
+
+def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
+    """Return whether a run of `STEPS` steps without a force ends far above its start."""
+    reference = float(scene.model.omega[0])
+    duration = dt * STEPS
+    drive = Drive(0.0, FrequencySchedule(np.array([0.0, duration]), np.full(2, reference), reference))
+    start = InitialState(1e-6 * np.ones(scene.model.modes) / scene.model.omega, 1e-6 * np.ones(scene.model.modes), absorber_velocity=1e-6)
+    state = start.vector(scene)
+    n = len(state)
+    weight = np.append(scene.model.omega, 0.0)
+    size = np.hypot(*np.split(np.append(weight, np.ones(n // 2)) * state, 2)).max()
+    observers = Observers(new_counters(), series=Series(np.zeros((2, n))))
+    method = FixedMoreau(dt=dt) if case.method == MOREAU else FixedRungeKutta(dt=dt)
+    status = family(scene, method).run(scene, drive, method, state, duration, observers)
+    end = np.append(weight, np.ones(n // 2)) * state
+    return status != DONE or not np.all(np.isfinite(end)) or bool(np.max(np.abs(end)) > GROWN * size)
+
+
+def find_limit(case: LimitCase) -> Limit:
+    """Bisect for the largest stable step of a case; theory has no part in it."""
+    scene = case.scene()
+    fastest = float(np.max(np.abs(np.linalg.eigvals(first_order(scene)))))
+    low, high = 0.01 / fastest, 10.0 / fastest
+    for _ in range(HALVINGS):
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if grows(case, scene, middle) else (middle, high)
+    theory = moreau_theory(scene) if case.method == MOREAU else runge_kutta_theory(scene)
+    paper = (Moreau() if case.method == MOREAU else RungeKutta()).step(scene)
+    return Limit(case.method, case.what, case.damping_ratio, float(np.max(scene.model.omega)), theory, float(np.sqrt(low * high)), paper)

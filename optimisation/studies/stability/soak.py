@@ -1,0 +1,96 @@
+"""Very long runs: does memory grow, and does the energy balance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    Drive,
+    Exact,
+    Moreau,
+    Record,
+    RungeKutta,
+    SlidingAbsorber,
+    beam_scene,
+    constant_frequency,
+    impact_absorber,
+    simulate,
+)
+from impact_env.methods import Method
+from impact_env.parameters import Absorber
+from optimisation.memory import peak_memory
+
+LENGTHS = (1_000, 10_000, 100_000, 1_000_000)  # pseudo periods
+QUICK_LENGTHS = (100, 1_000, 10_000)
+RECORD = Record(level=True, energy=True)
+MOST_GROWTH_MB = 20.0  # from the shortest run to the longest, far below what one number a period would take
+MOST_BALANCE = 1e-9  # of the exact method
+MOST_FACTOR = 4.0  # by which a stepping method's balance may differ between short and long runs
+
+
+@dataclass(frozen=True)
+class SoakCase:
+    """A scene cheap enough for a very long run."""
+
+    name: str
+    modes: int
+    force: float
+    ratio: float
+    absorber: Callable[[], Absorber]
+    method: Method
+    longest: int = 1_000_000  # pseudo periods; less where a period takes long
+
+
+CASES = (
+    SoakCase("3 modes, e = 0.8, exact", 3, 2.0, 0.98, lambda: impact_absorber(restitution=0.8), Exact()),
+    SoakCase("1 mode, e = 0.7, friction, exact", 1, 2.0, 0.98, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Exact(), 100_000),
+    SoakCase("1 mode, compliant walls, exact", 1, 2.0, 0.98, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), Exact(), 100_000),
+    SoakCase("1 mode, e = 0.7, friction, Moreau", 1, 2.0, 0.98, lambda: impact_absorber(restitution=0.7, friction_limit=0.05), Moreau()),
+    SoakCase("1 mode, compliant walls, Runge-Kutta", 1, 2.0, 0.98, lambda: SlidingAbsorber(walls=CompliantWalls(1e5)), RungeKutta()),
+)
+
+
+@dataclass
+class Soak:
+    """Per length in pseudo periods: relative balance error, largest memory of the process so far in MB, time in us and impacts per pseudo period."""
+
+    name: str
+    lengths: list[int]
+    balance: list[float]
+    memory_mb: list[float]
+    us_per_period: list[float]
+    impacts_per_period: list[float]
+    passed: bool = False
+    reason: str = ""
+
+
+def soak(case: SoakCase, lengths: tuple[int, ...]) -> Soak:
+    """Run a case over each length, the shortest first."""
+    scene = beam_scene(Beam(modes=case.modes), case.absorber())
+    result = Soak(case.name, [length for length in lengths if length <= case.longest], [], [], [], [])
+    for length in result.lengths:
+        schedule = constant_frequency(scene.model.resonance_omega(1), case.ratio, float(length))
+        response = simulate(scene, Drive(case.force, schedule), case.method, record=RECORD)
+        assert response.energy is not None
+        result.balance.append(response.energy.relative_error)
+        result.memory_mb.append(1e-6 * peak_memory())
+        result.us_per_period.append(1e6 * response.wall_time / length)
+        result.impacts_per_period.append(response.impact_count / length)
+    result.passed, result.reason = _judge(result, isinstance(case.method, Exact))
+    return result
+
+
+def _judge(result: Soak, exact: bool) -> tuple[bool, str]:
+    growth = result.memory_mb[-1] - result.memory_mb[0]
+    if growth > MOST_GROWTH_MB:
+        return False, f"memory grew by {growth:.0f} MB"
+    if exact and max(result.balance) > MOST_BALANCE:
+        return False, f"balance {max(result.balance):.1e}"
+    if not exact and result.balance[-1] > MOST_FACTOR * max(result.balance[0], 1e-12):
+        return False, f"balance grew from {result.balance[0]:.1e} to {result.balance[-1]:.1e}"
+    if min(result.impacts_per_period) == 0:
+        return False, "no impacts: nothing was tested"
+    return True, ""
