@@ -155,7 +155,8 @@ class Balance:
             residual, jacobian = self.evaluated(scale * x, FORCE)
             return residual, scale * jacobian[:, :-1]
 
-        found = scipy.optimize.root(values, z / scale, jac=True, method="lm", options={"maxiter": 400})
+        with np.errstate(over="ignore"):  # in the covariance that nobody asks for
+            found = scipy.optimize.root(values, z / scale, jac=True, method="lm", options={"maxiter": 400})
         problem = Problem(self.residual(FORCE), FORCE, scale=scale, parameter_scale=max(abs(self.force), 1.0))
         return np.asarray(start(problem, scale * found.x, self.force)[1].x[:-1] * scale)
 

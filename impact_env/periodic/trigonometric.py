@@ -29,12 +29,8 @@ def values(rows: Real, which: Index, angle: Real) -> tuple[Real, Real]:
     """Return values and derivatives of polynomials ``rows`` (p, 2H + 1), number ``which`` (q,) at each ``angle`` (q,)."""
     h = harmonics_of(rows)
     order = np.arange(1, h + 1)
-    turned = np.exp(1j * np.outer(angle, order))
-    taken = rows[which]
-    cosine, sine = taken[:, 1 : h + 1], taken[:, h + 1 :]
-    value = taken[:, 0] + np.sum(cosine * turned.real + sine * turned.imag, axis=1)
-    slope = np.sum(order * (sine * turned.real - cosine * turned.imag), axis=1)
-    return value, slope
+    terms = (rows[:, 1 : h + 1] - 1j * rows[:, h + 1 :])[which] * np.exp(1j * (angle[:, None] * order))
+    return rows[which, 0] + np.sum(terms.real, axis=1), -(terms.imag @ order)
 
 
 def derivative(row: Real) -> Real:
