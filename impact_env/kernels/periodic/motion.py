@@ -137,11 +137,10 @@ def tip_in(structure, point, h, flights, i, dt):  # type: ignore[no-untyped-def]
 
 
 @jit
-def peak_near(structure, point, h, flights, i, dt):  # type: ignore[no-untyped-def]
-    """Return the largest |tip displacement| (m) near ``dt`` (s) after event ``i``, within its flight."""
+def peak_near(structure, point, h, flights, i, dt, reach):  # type: ignore[no-untyped-def]
+    """Return the largest |tip displacement| (m) within ``reach`` (s) of ``dt`` (s) after event ``i``, and within its flight."""
     length = flights.time[i + 1] - flights.time[i]
     best, start = abs(tip_in(structure, point, h, flights, i, dt)[0]), dt
-    reach = PANEL / np.max(np.abs(structure.s))
     for _ in range(8):
         q, v, a = tip_in(structure, point, h, flights, i, dt)
         if a == 0.0 or q * a > 0.0:
@@ -203,5 +202,5 @@ def scan(structure, point, h, flights, order, turns):  # type: ignore[no-untyped
             for j in range(count):
                 e[j] *= leap[j]
     fits = fits and sign == order.mirror * order.wall[0]
-    tip = max(tip, peak_near(structure, point, h, flights, at, at_dt))
+    tip = max(tip, peak_near(structure, point, h, flights, at, at_dt, PANEL / fastest))
     return Extremes(tip, square / (flights.time[n] - flights.time[0]), distance), found, fits
