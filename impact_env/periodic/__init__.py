@@ -1,1 +1,1 @@
-"""Periodic orbits of a beam with an impact absorber: closed forms, event schedules, stability. docs/frequency_domain.md explains them."""
+"""Periodic responses: exact orbits, harmonic balance, and the continuation of both."""
