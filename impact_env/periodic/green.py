@@ -106,7 +106,7 @@ def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | N
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """The conditions at the events as a problem of continuation: ``residual(z, parameter)`` and its Jacobian, for one of `PARAMETERS` in SI units."""
+    """The conditions at the events as a residual(z, parameter) for continuation in one of `PARAMETERS`, in SI units."""
 
     case: Case
     schedule: EventSchedule
@@ -119,18 +119,10 @@ class Conditions:
         """Return the case at a value of the parameter; the units of unknowns stay those of its own gap."""
         return self.case.changed(**{self.parameter: value})
 
-    def residual(self, z: Array, value: float) -> Array:
-        """Return the conditions (m,) at unknowns (m,)."""
-        return self._evaluate(z, value)[0]
-
-    def jacobian(self, z: Array, value: float) -> Array:
-        """Return the derivatives (m, m + 1) by the unknowns and by the parameter."""
-        full = self._evaluate(z, value)[1]
-        return np.column_stack([full[:, : len(z)], full[:, len(z) + PARAMETERS[self.parameter]]])
-
-    def _evaluate(self, z: Array, value: float) -> tuple[Array, Array]:
+    def __call__(self, z: Array, value: float) -> tuple[Array, Array]:
+        """Return the conditions (m,) at unknowns (m,), and their derivatives (m, m + 1) by the unknowns and by the parameter."""
         order, structure, point = self.schedule.order, self.case.structure, self.at(value).point
         residual, jacobian = np.zeros(len(z)), np.zeros((len(z), len(z) + len(PARAMETERS)))
         z = np.ascontiguousarray(z, dtype=float)
         conditions(structure, point, order, z, self.case.scale, new_room(structure, order), residual, jacobian, True)
-        return residual, jacobian
+        return residual, np.column_stack([jacobian[:, : len(z)], jacobian[:, len(z) + PARAMETERS[self.parameter]]])

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit, Solution, solve
 from impact_env.periodic.motion import Motion, motion_of
-from impact_env.periodic.schedule import EventSchedule, flying_schedule
+from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
 from impact_env.periodic.stability import Stability, derivative_of, stability_of
 from impact_env.periodic.validation import trial_of
 
@@ -62,28 +62,32 @@ class Orbit:
         return tuple(sorted(found, key=lambda impact: impact.phase))
 
 
-def confirmed(motion: Motion, least_reversal: float, stability: Stability) -> Orbit | NoOrbit:
+def confirmed(motion: Motion) -> Orbit | NoOrbit:
     """Return the orbit of a motion if the exact method confirms it, or why it is none."""
-    reason = objection(motion, least_reversal)
+    matrix, turning = derivative_of(motion)
+    reason = objection(motion, turning)
     if reason is None:
         trial = trial_of(motion)
         if trial.reason is None:
-            return Orbit(motion, stability, trial.residual)
+            return Orbit(motion, stability_of(motion, matrix), trial.residual)
         reason = trial.reason
     solution = motion.solution
     return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
 
 
-def objection(motion: Motion, least_reversal: float = np.inf) -> str | None:
-    """Return what speaks against a motion without propagating it, or None: an impulse that pulls, a wall passed, friction in the wrong sense."""
+def objection(motion: Motion, turning: Array) -> str | None:
+    """Return what speaks against a motion without propagating it, or None: an impulse that pulls, a wall passed, friction in the wrong sense.
+
+    ``turning`` as `stability.derivative_of` returns it.
+    """
     solution, schedule = motion.solution, motion.solution.schedule
     if np.any(solution.impulses * schedule.order.wall > 0):
         return "a wall would have to pull"
     if motion.penetration > 0:
         return f"the absorber passes a wall by {motion.penetration:.3g} m"
-    if solution.case.friction_limit > 0 and (not motion.fits or len(motion.turns) != schedule.reversals):
-        return f"the relative velocity turns {len(motion.turns)} times, not {schedule.reversals} times, between impacts"
-    if least_reversal < 1:
+    if solution.case.friction_limit > 0 and not consistent(motion):
+        return f"the relative velocity turns {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
+    if np.max(turning) > -1:
         return "friction would hold the absorber at a reversal"
     return None
 
@@ -94,14 +98,11 @@ def orbit_at(case: Case, schedule: EventSchedule, start: ArrayLike, mend: bool =
     ``mend``: with friction the reversals of the schedule may be wrong at the start; they are then those that the motion shows, until both agree.
     """
     found = mended(case, schedule, start) if mend else settled(case, schedule, start)
-    if isinstance(found, NoOrbit):
-        return found
-    matrix, least = derivative_of(found)
-    return confirmed(found, least, stability_of(found, matrix))
+    return found if isinstance(found, NoOrbit) else confirmed(found)
 
 
 def settled(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
-    """Return the motion of the solution near ``start``."""
+    """Return the motion of the solution near ``start``, whatever it does between its events."""
     solution = solve(case, schedule, start)
     return solution if isinstance(solution, NoOrbit) else motion_of(solution)
 
@@ -109,24 +110,32 @@ def settled(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | N
 def mended(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
     """Return the motion near ``start`` whose schedule has the reversals that it shows.
 
-    A schedule that does not settle within `MOST_MENDINGS` is returned as no orbit: where friction holds for a moment no order of reversals is right.
+    Two reversals that change places are left out. Where friction holds the absorber for a moment no order of reversals is right: then what comes
+    back is a motion without those that it would hold at, or none; `confirmed` says so.
     """
+    start = np.asarray(start, dtype=float)
     motion = settled(case, schedule, start)
     for _ in range(MOST_MENDINGS):
-        if isinstance(motion, NoOrbit) or case.friction_limit == 0 or not motion.fits:
+        if isinstance(motion, NoOrbit):
+            if schedule.reversals < 2 or case.friction_limit == 0:
+                return motion
+            schedule, start = without_closest(schedule, start[: len(schedule.events)])
+            motion = settled(case, schedule, start)
+            continue
+        if case.friction_limit == 0 or not motion.fits or consistent(motion):
             return motion
-        if len(motion.turns) == motion.solution.schedule.reversals and same_order(motion):
-            return motion
-        motion = settled(case, *reordered(motion))
-    if isinstance(motion, NoOrbit):
-        return motion
-    return NoOrbit(case, motion.solution.schedule, "the order of its reversals does not settle", motion.solution.phases)
+        last = motion
+        schedule, start = reordered(motion)
+        motion = settled(case, schedule, start)
+        if not isinstance(motion, NoOrbit) and np.max(derivative_of(motion)[1]) > -1:
+            return last  # what turns there would be held: the reversals are left out
+    return motion
 
 
-def same_order(motion: Motion) -> bool:
+def consistent(motion: Motion) -> bool:
     """Return whether the turns seen lie between the same impacts as the schedule's reversals."""
-    schedule, phases = reordered(motion)
-    return schedule.events == motion.solution.schedule.events
+    schedule = motion.solution.schedule
+    return motion.fits and len(motion.turns) == schedule.reversals and reordered(motion)[0].events == schedule.events
 
 
 def reordered(motion: Motion) -> tuple[EventSchedule, Array]:
@@ -135,6 +144,33 @@ def reordered(motion: Motion) -> tuple[EventSchedule, Array]:
     hits = old.order.wall != 0
     phases = np.concatenate([solution.phases[hits], motion.turns])
     walls = np.concatenate([old.order.wall[hits], np.zeros(len(motion.turns), np.int64)])
+    return _sorted(old, walls, phases)
+
+
+def without_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedule, Array]:
+    """Return the schedule and phases (n,) without the two neighbouring reversals that are closest to each other, or unchanged if there are none."""
+    wall = schedule.order.wall
+    pairs = [(phases[k + 1] - phases[k], k) for k in range(len(phases) - 1) if wall[k] == 0 and wall[k + 1] == 0]
+    if not pairs:
+        return schedule, phases
+    k = min(pairs)[1]
+    return _sorted(schedule, np.delete(wall, [k, k + 1]), np.delete(phases, [k, k + 1]))
+
+
+def without_held(motion: Motion) -> tuple[EventSchedule, Array]:
+    """Return the schedule and phases (n,) of a motion without the reversals at which friction would hold, and their partners."""
+    solution, old = motion.solution, motion.solution.schedule
+    turning, wall = derivative_of(motion)[1], old.order.wall
+    leave: set[int] = set()
+    for k in np.flatnonzero(turning > -1):
+        partners = [j for j in (k - 1, k + 1) if 0 <= j < len(wall) and wall[j] == 0 and j not in leave]
+        if k not in leave and partners:
+            leave |= {int(k), min(partners, key=lambda j: abs(solution.phases[j] - solution.phases[k]))}
+    keep = np.array([k not in leave for k in range(len(wall))])
+    return _sorted(old, wall[keep], solution.phases[keep])
+
+
+def _sorted(old: EventSchedule, walls: NDArray[np.int64], phases: Array) -> tuple[EventSchedule, Array]:
     rank = np.argsort(phases, kind="stable")
-    friction = solution.case.friction_limit > 0
+    friction = any(event.regime is Regime.SLIDING for event in old.events)
     return flying_schedule(walls[rank].tolist(), friction, old.symmetric, old.period_multiple), phases[rank]

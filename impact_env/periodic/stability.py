@@ -54,19 +54,20 @@ class Stability:
         return np.asarray(self.multipliers**2 if self.half else self.multipliers)
 
 
-def derivative_of(motion: Motion) -> tuple[Array, float]:
-    """Return the derivative (2 N_m + 2,)^2 of the map over the schedule's span, and how far the tightest reversal is from sticking.
+def derivative_of(motion: Motion) -> tuple[Array, Array]:
+    """Return the derivative (2 N_m + 2,)^2 of the map over the schedule's span, and (n,) how each event turns the absorber.
 
-    The second number is the relative acceleration at it over twice that of friction: below 1 friction would hold the absorber.
+    The second is the relative acceleration before a reversal over the change that friction brings: -1 or below where the absorber slides on the other
+    way, in between friction would hold it, above 0 it never got there. It is -inf at impacts.
     """
     solution = motion.solution
     case, order = solution.case, solution.schedule.order
     size = 2 * case.model.modes + 2
     before = np.append(order.mirror * order.sign[-1], order.sign[:-1])
     jumps = case.friction_limit * (before - order.sign)
-    matrix = np.empty((size, size))
-    least = monodromy(case.structure, case.point, order, motion.flights, solution.impulses, jumps, matrix)
-    return matrix, float(least)
+    matrix, turning = np.empty((size, size)), np.empty(len(jumps))
+    monodromy(case.structure, case.point, order, motion.flights, solution.impulses, jumps, matrix, turning)
+    return matrix, turning
 
 
 def stability_of(motion: Motion, matrix: Array) -> Stability:

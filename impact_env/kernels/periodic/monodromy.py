@@ -66,17 +66,18 @@ def leap_over(structure, wall, restitution, impulse, jump, rate, bend, matrix): 
 
 
 @jit_room
-def monodromy(structure, point, order, flights, impulses, jumps, matrix):  # type: ignore[no-untyped-def]
+def monodromy(structure, point, order, flights, impulses, jumps, matrix, turning):  # type: ignore[no-untyped-def]
     """Write the derivative of the map over one span, from just after the first event to just after its return, mirrored back where the order is.
 
-    ``jumps`` (n,): changes of the friction force in N. Return the smallest |relative acceleration| at a reversal, over that of friction alone.
+    ``jumps`` (n,): changes of the friction force in N. ``turning`` (n,) takes the relative acceleration before each reversal over the change that
+    friction brings: -1 or below where the absorber slides on the other way, in between friction holds it; and -inf at impacts.
     """
     n, size = order.wall.shape[0], matrix.shape[0]
     modes = size // 2 - 1
     block, modal = np.zeros((2, modes)), np.zeros((3, modes))
     amplitude, state = np.zeros(structure.s.shape[0], np.complex128), np.zeros(size)
     matrix[:, :] = np.eye(size)
-    least = np.inf
+    turning[:] = -np.inf
     for k in range(1, n + 1):
         i, turn = (k, 1.0) if k < n else (0, order.mirror)
         dt = flights.time[k] - flights.time[k - 1]
@@ -87,8 +88,7 @@ def monodromy(structure, point, order, flights, impulses, jumps, matrix):  # typ
             rate -= structure.tip[m] * state[modes + 1 + m]
             bend -= structure.tip[m] * modal[2, m]
         if order.wall[i] == 0:
-            least = min(least, abs(bend) / (abs(jumps[i]) * structure.compliance))
+            turning[i] = bend / (turn * jumps[i] * structure.compliance) if jumps[i] != 0.0 else -np.inf
         leap_over(structure, order.wall[i], point.restitution, turn * impulses[i], turn * jumps[i], rate, bend, matrix)
     if order.mirror < 0.0:
         matrix[:, :] = -matrix
-    return least
