@@ -160,7 +160,7 @@ class Balance:
         problem = Problem(self.residual(FORCE), FORCE, scale=scale, parameter_scale=max(abs(self.force), 1.0))
         return np.asarray(start(problem, scale * found.x, self.force)[1].x[:-1] * scale)
 
-    def at_impacts(self, angles: Real, impulses: Real, friction: Callable[[Real], Real] | None = None) -> Real:
+    def at_impacts(self, angles: Real, impulses: Real, friction: Callable[[Real], NDArray[np.complex128]] | None = None) -> Real:
         """Return z of an orbit with impulses on the absorber (N s) at angles of the fundamental (rad): a start from an exact orbit.
 
         ``friction`` maps the orders k (H,) to the harmonics of the friction force in N, complex (H,); None: there is none.
