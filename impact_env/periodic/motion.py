@@ -37,8 +37,17 @@ class Motion:
     @property
     def penetration(self) -> float:
         """How far a wall is passed, in m; 0 where none is."""
-        deep = self.distance_max - self.solution.case.gap
+        deep = max(self.distance_max - self.solution.case.gap, -self.clearance)
         return deep if deep > PENETRATION * self.solution.case.gap else 0.0
+
+    @cached_property
+    def clearance(self) -> float:
+        """Least distance from a wall, in m, where the relative velocity turns between impacts: 0 is grazing, below it a wall is passed."""
+        gap, n = self.solution.case.gap, self.solution.case.model.modes
+        if len(self.turns) == 0:
+            return gap
+        states = self.states(self.turns)
+        return gap - float(np.max(np.abs(states[:, n] - states[:, :n] @ self.solution.case.model.tip_shape)))
 
     @cached_property
     def longest_flight(self) -> int:

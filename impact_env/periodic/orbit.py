@@ -87,9 +87,7 @@ def objection(motion: Motion, turning: Array) -> str | None:
         return f"the absorber passes a wall by {motion.penetration:.3g} m"
     if solution.case.friction_limit > 0 and not consistent(motion):
         return f"the relative velocity turns {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
-    if np.max(turning) > -1:
-        return "friction would hold the absorber at a reversal"
-    return None
+    return "friction would hold the absorber at a reversal" if np.max(turning) > -1 else None
 
 
 def orbit_at(case: Case, schedule: EventSchedule, start: ArrayLike, mend: bool = True) -> Orbit | NoOrbit:
@@ -122,14 +120,24 @@ def mended(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | No
             schedule, start = without_closest(schedule, start[: len(schedule.events)])
             motion = settled(case, schedule, start)
             continue
-        if case.friction_limit == 0 or not motion.fits or consistent(motion):
+        if case.friction_limit == 0 or not motion.fits:
             return motion
-        last = motion
+        last, held = motion, is_held(motion)
+        if consistent(motion):
+            if not held:
+                return motion
+            motion = settled(case, *without_held(last))
+            return last if isinstance(motion, NoOrbit) else motion
         schedule, start = reordered(motion)
         motion = settled(case, schedule, start)
-        if not isinstance(motion, NoOrbit) and np.max(derivative_of(motion)[1]) > -1:
-            return last  # what turns there would be held: the reversals are left out
+        if not isinstance(motion, NoOrbit) and is_held(motion) and not held:
+            return last
     return motion
+
+
+def is_held(motion: Motion) -> bool:
+    """Return whether friction would hold the absorber at one of its reversals."""
+    return bool(np.max(derivative_of(motion)[1]) > -1)
 
 
 def consistent(motion: Motion) -> bool:
