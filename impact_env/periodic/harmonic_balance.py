@@ -168,9 +168,9 @@ class Balance:
         d = self.linear.dynamics(self.omega)
         order = np.arange(1.0, len(d.stiffness))
         rate = self.omega / self.linear.multiple / np.pi  # harmonics of an impulse once a period: 2/T
-        pushed = rate * np.exp(-1j * np.outer(order, np.asarray(angles))) @ np.asarray(impulses)
+        pushed = np.asarray(rate * np.exp(-1j * np.outer(order, angles)) @ impulses, dtype=np.complex128)
         if friction is not None:
-            pushed = pushed + friction(order)
+            pushed += friction(order)
         relative = (pushed - self.force * d.drive[1:]) / d.stiffness[1:]
         return real_row(np.append(0.0, relative))[self.kept]
 

@@ -8,13 +8,13 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
+from impact_env.kernels.periodic.closed_form import line_of, phase_of
 from impact_env.parameters import require
 from impact_env.periodic.case import Case
 from impact_env.periodic.folds import Fold, level_fold, mended_fold
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, confirmed
 from impact_env.periodic.symmetric import fold_force, fold_impulse, symmetric_schedule
-from impact_env.kernels.periodic.closed_form import line_of, phase_of
 
 Array = NDArray[np.float64]
 FEWEST, MOST = 1001, 100001  # points of a map
