@@ -19,8 +19,7 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import LocatedFold, Threshold, folds, thresholds
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.starts import orbit_of_simulation
-from impact_env.periodic.survey import Found, different, orbits_over
+from impact_env.periodic.survey import Found, attractors, different, orbits_over
 from optimisation.files import write_json
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
@@ -104,10 +103,11 @@ def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) 
         ratios = np.union1d(np.linspace(low, high, AROUND), [at])
         here = next(group for group in orbits_over(case, ratios, told) if abs(group.case.omega_ratio - at) < 1e-12)
         found.append(here)
-        settled = orbit_of_simulation(here.case)
-        orbits = here.orbits if isinstance(settled, NoOrbit) else tuple(different([*here.orbits, settled]))
-        refused = (*here.refused, settled) if isinstance(settled, NoOrbit) else here.refused
-        found[:] = [Found(here.case, orbits, refused)]
+        for settled in attractors(here.case, here.orbits):
+            if isinstance(settled, NoOrbit):
+                found[0] = Found(here.case, found[0].orbits, (*found[0].refused, settled))
+            else:
+                found[0] = Found(here.case, tuple(different([*found[0].orbits, settled])), found[0].refused)
     return found
 
 
@@ -155,7 +155,7 @@ def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
     with counting_bar("orbits", "frequencies", leave=False) as told:
         found = listed(case, given, told, complete)
     orbits = [orbit for group in found for orbit in group.orbits]
-    notes = refusals([orbit for group in found for orbit in group.refused], "solutions of the conditions at the impacts are")
+    notes = refusals([orbit for group in found for orbit in group.refused], "solutions or runs are")
     stable = sum(orbit.stability.stable for orbit in orbits)
     text = "\n".join([orbit_table(orbits), "", f"{len(orbits)} orbits, {stable} of them stable.", *notes])
     return text, [plain_orbit(orbit) for orbit in orbits], complete[0]
@@ -171,7 +171,7 @@ def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
 @click.option("--force", type=float, default=FORCE, show_default=True, help="Amplitude of the harmonic force in N; not used for thresholds.")
 @click.option("--from", "start", type=float, default=FROM, show_default=True, help="First frequency over that of the first resonance.")
 @click.option("--to", "stop", type=float, default=TO, show_default=True, help="Last frequency over that of the first resonance.")
-@click.option("--at", type=float, help="One frequency only; also what a run from rest settles to there, of any period up to eight of the force's.")
+@click.option("--at", type=float, help="One frequency only; also what runs settle to there, of any period up to eight of the force's.")
 @click.option("--points", type=int, default=POINTS, show_default=True, help="Frequencies listed from the first to the last.")
 @click.option("--folds", is_flag=True, help="The folds of the branches at this force instead of orbits.")
 @click.option("--thresholds", is_flag=True, help="The forces at which isolas are born and merge instead of orbits.")

@@ -12,12 +12,15 @@ from impact_env.parameters import require
 from impact_env.periodic.case import Case
 from impact_env.periodic.corrector import NoConvergenceError
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.orbit import Orbit, orbit_at
+from impact_env.periodic.orbit import Orbit, mirrored, orbit_at
+from impact_env.periodic.starts import SETTLE, initial_of, orbit_of_simulation
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
 from impact_env.periodic.tracing import OrbitBranch, orbit_branch
+from impact_env.scene import InitialState
 
 Array = NDArray[np.float64]
 SAME = 1e-7  # rad and units of impulse: two orbits closer than this are one
+NUDGE = 1e-3  # of gap times omega: a disturbance that a run starts with beside an orbit
 Progress = Callable[[int, int], None]
 
 
@@ -118,3 +121,23 @@ def orbits_over(case: Case, ratios: Array, progress: Progress | None = None) -> 
         orbits = different([*group.orbits, *(orbit for orbit in more if isinstance(orbit, Orbit))])
         yield Found(group.case, tuple(orbits), tuple(orbit for orbit in more if isinstance(orbit, NoOrbit)) if more else group.refused)
 
+
+
+def attractors(case: Case, near: Iterable[Orbit], settle: float = SETTLE) -> Iterator[Orbit | NoOrbit]:
+    """Yield what runs settle to: one from rest, and one from beside each orbit in ``near`` that is not stable; with the mirror image where it differs.
+
+    A symmetric orbit that loses its symmetry so leads to the pair of orbits that took over from it. ``settle`` in periods of the force.
+    """
+    starts: list[tuple[InitialState | None, float]] = [(None, 0.0)]
+    for orbit in near:
+        if not orbit.stability.stable:
+            i = orbit.motion.longest_flight
+            phase = 0.5 * case.omega * float(np.sum(orbit.motion.flights.time[i : i + 2]))
+            state = orbit.motion.state_at(phase)
+            state[-1] += NUDGE * case.gap * case.omega
+            starts.append((initial_of(case, state), phase))
+    for initial, phase in starts:
+        found = orbit_of_simulation(case, settle, initial=initial, phase=phase)
+        yield found
+        if isinstance(found, Orbit) and not found.schedule.symmetric:
+            yield mirrored(found)
