@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,17 +12,21 @@ from numpy.typing import NDArray
 from impact_env.kernels.periodic.closed_form import line_of, phase_of
 from impact_env.parameters import require
 from impact_env.periodic.case import Case
-from impact_env.periodic.folds import Fold, level_fold, mended_fold
-from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.orbit import Orbit, confirmed
+from impact_env.periodic.folds import Fold, fold_near, level_fold, mended_fold
+from impact_env.periodic.green import NoOrbit, solution_of
+from impact_env.periodic.orbit import Orbit, confirmed, consistent
+from impact_env.periodic.survey import branches_from, closed_form_orbits
 from impact_env.periodic.symmetric import fold_force, fold_impulse, symmetric_schedule
 
 Array = NDArray[np.float64]
 FEWEST, MOST = 1001, 100001  # points of a map
 FINE = 20  # points in the narrowest resonance
+MAPPED = ("gap", "restitution", "friction_limit", "mass_ratio")
 BIRTH, MERGER = "birth", "merger"
 STEP = 1e-4  # relative step of the differences by which a level place of the map is found
 NEAR = 0.01  # relative: how far reversals may move a level place
+SEEDS = 40  # frequencies at which branches are begun
+SAME = 1e-8  # of the first resonance: two folds of one response closer than this are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,28 +110,75 @@ def _fold_start(case: Case) -> Array:
 def folds(case: Case, low: float, high: float) -> tuple[LocatedFold, ...]:
     """Return the folds of symmetric two-impact orbits at the case's force between two frequency ratios, those that are no orbits too.
 
-    Each is found in closed form, where friction is taken as one-signed; then its reversals are found, and the fold with them.
+    They are those of the closed form, where friction is taken as one-signed. With friction each of them is found again with its reversals, and the
+    branches beside it are followed: where reversals come and go a branch may fold more than once.
     """
-    schedule, found = symmetric_schedule(case.friction_limit > 0), []
+    found, reach = [], (low * float(case.model.omega[0]), high * float(case.model.omega[0]))
     for omega in closed_folds(case, low, high):
         at = case.changed(omega=omega)
-        fold = mended_fold(at, schedule, _fold_start(at), "omega")
-        ratio = at.omega_ratio if isinstance(fold, NoOrbit) else fold.case.omega_ratio
-        found.append(LocatedFold(case.force, ratio, _orbit_of(fold)))
-    return tuple(found)
+        found += [_located(at, fold) for fold in _both_folds(at, "omega")]
+    if case.friction_limit > 0:
+        seeds = [closed_form_orbits(case.changed(omega=float(omega))) for omega in np.linspace(*reach, SEEDS)]
+        for branch in branches_from(seeds, *reach):
+            found += [_located(case, fold) for fold in branch.folds() if not isinstance(fold, NoOrbit)]
+    return tuple(sorted(_apart(found), key=lambda fold: fold.omega_ratio))
+
+
+def _both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
+    """Return the closed form's fold if nothing turns there, and the one with the reversals that its neighbours show; at least one of them."""
+    schedule, start = symmetric_schedule(case.friction_limit > 0), _fold_start(case)
+    plain = fold_near(solution_of(case, schedule, start, 0.0), parameter)
+    alone = not isinstance(plain, NoOrbit) and (case.friction_limit == 0 or consistent(plain.motion))
+    if case.friction_limit == 0:
+        return [plain]
+    mended = mended_fold(case, schedule, start, parameter)
+    return [plain, mended] if alone else [mended]
+
+
+def _located(case: Case, fold: Fold | NoOrbit) -> LocatedFold:
+    return LocatedFold(case.force, case.omega_ratio if isinstance(fold, NoOrbit) else fold.case.omega_ratio, _orbit_of(fold))
+
+
+def _apart(found: list[LocatedFold]) -> list[LocatedFold]:
+    """Return folds that are orbits without repetitions, then those that are none and lie elsewhere."""
+    kept: list[LocatedFold] = []
+    for fold in sorted(found, key=lambda fold: isinstance(fold.orbit, NoOrbit)):
+        if not any(_same(fold, other) for other in kept):
+            kept.append(fold)
+    return kept
+
+
+def _same(one: LocatedFold, other: LocatedFold) -> bool:
+    if abs(one.omega_ratio - other.omega_ratio) > SAME:
+        return False
+    tips = [fold.orbit.motion.tip_max for fold in (one, other) if isinstance(fold.orbit, Orbit)]
+    return len(tips) < 2 or abs(tips[0] - tips[1]) < 1e-6 * tips[0]
 
 
 def thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...]:
-    """Return births and mergers of isolas of symmetric two-impact orbits between two frequency ratios, those that are no orbits too."""
-    schedule, found = symmetric_schedule(case.friction_limit > 0), []
+    """Return births and mergers of isolas of symmetric two-impact orbits between two frequency ratios, those that are no orbits too.
+
+    They are valleys and ridges of the closed form's fold force, found again with all reversals where something turns.
+    """
+    found = []
     for kind, force, omega in level_places(case, low, high):
         at = case.changed(omega=omega, force=force)
-        fold = mended_fold(at, schedule, _fold_start(at), "force")
+        fold = _both_folds(at, "force")[0]
         if not isinstance(fold, NoOrbit) and fold.motion.solution.schedule.reversals:
             fold = level_fold(fold, NEAR * omega)
         here = at if isinstance(fold, NoOrbit) else fold.case
         found.append(Threshold(kind, here.force, here.omega_ratio, _orbit_of(fold)))
     return tuple(found)
+
+
+def threshold_map(case: Case, parameter: str, values: Iterable[float], low: float, high: float) -> Iterator[tuple[float, tuple[Threshold, ...]]]:
+    """Yield each value of a parameter of the case (gap, restitution, friction_limit or mass_ratio, in SI units) with its births and mergers.
+
+    For a map over structures call `thresholds` with the cases of each model.
+    """
+    require(parameter in MAPPED, "parameter", parameter, f"one of {', '.join(MAPPED)}")
+    for value in values:
+        yield float(value), thresholds(case.changed(**{parameter: float(value)}), low, high)
 
 
 def _orbit_of(fold: Fold | NoOrbit) -> Orbit | NoOrbit:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.periodic.case import Case
-from impact_env.periodic.green import NoOrbit, Solution, solve
+from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
 from impact_env.periodic.motion import Motion, motion_of
 from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
 from impact_env.periodic.stability import Stability, derivative_of, stability_of
@@ -73,6 +73,16 @@ def confirmed(motion: Motion) -> Orbit | NoOrbit:
         reason = trial.reason
     solution = motion.solution
     return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
+
+
+def mirrored(orbit: Orbit) -> Orbit | NoOrbit:
+    """Return the mirror image of an orbit: every sign turned, half a period of the force later. A symmetric orbit is its own."""
+    solution, old = orbit.solution, orbit.schedule
+    schedule = EventSchedule(tuple(event.mirrored for event in old.events), old.symmetric, old.period_multiple)
+    z = unknowns_of(solution)
+    z[: len(old.events)] += np.pi
+    z[len(old.events) :] *= -1
+    return orbit_at(solution.case, schedule, z)
 
 
 def objection(motion: Motion, turning: Array) -> str | None:
