@@ -8,12 +8,14 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isola_map import IsolaMap
 from impact_env.periodic.isolas import BIRTH
 
 DPI = 160
+SAME = 0.012  # how far an isola's birth may move from one restitution to the next
 MARKS = {BIRTH: "v", "merger": "^"}
 
 
@@ -51,12 +53,18 @@ def _map(axes: Axes, found: IsolaMap) -> None:
     for n, colour in zip(numbers, colormaps["viridis"](np.linspace(0, 0.9, len(numbers))), strict=True):
         cells = [cell for cell in found.cells if cell.modes == n]
         for place, style in ((0, "-"), (1, "--")):
-            known = [(cell.restitution, t.force) for cell in cells if (t := cell.pair[place]) is not None]
-            if known:
-                label = f"{n} mode{'s' * (n != 1)}" if place == 0 else None
-                axes.plot(*np.array(known).T, style, marker="v^"[place], ms=4, color=colour, label=label)
-    axes.plot([], [], "k-", label="birth")
+            known = sorted((cell.restitution, t.force, t.omega_ratio) for cell in cells if (t := cell.pair[place]) is not None)
+            label = f"{n} mode{'s' * (n != 1)}" if place == 0 and known else None
+            for part in _one_isola_each(np.array(known).reshape(-1, 3)):
+                axes.plot(part[:, 0], part[:, 1], style, marker="v^"[place], ms=4, color=colour, label=label)
+                label = None
+    axes.plot([], [], "k-", label="birth (of the isola next to the resonance)")
     axes.plot([], [], "k--", label="merger")
     axes.set(xlabel="coefficient of restitution", ylabel="force in N", ylim=(0, None))
     axes.legend(fontsize=8)
     axes.grid(True, color="0.9", lw=0.6)
+
+
+def _one_isola_each(rows: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Split rows (restitution, force, ratio) where the ratio jumps: another isola is the next one to the resonance there."""
+    return [part for part in np.split(rows, np.flatnonzero(np.abs(np.diff(rows[:, 2])) > SAME) + 1) if len(part)]
