@@ -122,6 +122,7 @@ def _order(schedule: EventSchedule) -> Order:
 
 def flying_schedule(walls: Sequence[int], friction: bool, symmetric: bool = False, period_multiple: int = 1) -> EventSchedule:
     """Return the schedule of impacts on ``walls`` in this order, 0 standing for a reversal; the first is an impact."""
+    require(len(walls) > 0 and walls[0] != 0, "walls", list(walls), "a row of -1, 0 and 1 that begins with an impact")
     regime, sign, events = Regime.SLIDING if friction else Regime.FREE, 0, []
     for wall in walls:
         sign = -wall if wall != 0 else -sign
