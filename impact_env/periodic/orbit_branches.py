@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.parameters import require
 from impact_env.periodic.branch import STOPPED
@@ -13,12 +15,12 @@ from impact_env.periodic.continuation import Steps
 from impact_env.periodic.green import NoOrbit, Solution, unknowns_of
 from impact_env.periodic.orbit import mended
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
-from impact_env.periodic.tracing import OrbitBranch, orbit_branch
+from impact_env.periodic.tracing import PARAMETER_SHARE, OrbitBranch, orbit_branch
 
 Progress = Callable[[str, int, float], None]  # what is followed, number of points, frequency in rad/s
 SEEDS = 24
 STEPS = Steps(first=0.005, least=1e-8, most=0.03)  # fine enough to be drawn
-NEAR = 0.02  # of phases in rad and scaled impulses: a start this close to a known branch lies on it
+NEAR = 0.01  # of phases in rad, scaled impulses, and the frequency in its share: a start this close to a known branch lies on it
 
 
 def orbit_branches(case: Case, low: float, high: float, seeds: int = SEEDS, progress: Progress | None = None) -> tuple[OrbitBranch, ...]:
@@ -28,33 +30,34 @@ def orbit_branches(case: Case, low: float, high: float, seeds: int = SEEDS, prog
     """
     require(0 < low < high, "frequency range", (low, high), "two frequencies in rad/s above 0, the lower one first")
     found: list[OrbitBranch] = []
+    places: list[NDArray[np.float64]] = []
     schedule = symmetric_schedule(case.friction_limit > 0)
     for omega in np.linspace(low, high, seeds + 2)[1:-1]:
         at = case.changed(omega=float(omega))
         for start in closed_form(at):
             motion = mended(at, schedule, [start.phase]) if start.pushes else None
-            if motion is None or isinstance(motion, NoOrbit) or any(_lies_on(branch, motion.solution) for branch in found):
+            if motion is None or isinstance(motion, NoOrbit) or any(_lies_on(known, motion.solution) for known in places):
                 continue
             number = len(found) + 1
             show = None if progress is None else (lambda n, w, number=number: progress(f"orbits {number}", n, w))
             found.append(orbit_branch(motion.solution, "omega", (low, high), STEPS, show))
+            places.append(np.array([_place(found[-1].solution(k)) for k in range(len(found[-1].schedules))]))
             if found[-1].branch.ended == STOPPED:
                 return tuple(found)
     return tuple(found)
 
 
-def _lies_on(known: OrbitBranch, solution: Solution) -> bool:
-    """Return whether a solution lies next to a branch, by phase and impulse of its first impact."""
-    p, omega, z = known.branch.parameters, solution.case.omega, unknowns_of(solution)
-    own = np.array([z[0], z[len(solution.schedule.events)]])
-    for k in np.flatnonzero((p[:-1] - omega) * (p[1:] - omega) <= 0):
-        share = 0.5 if p[k] == p[k + 1] else (omega - p[k]) / (p[k + 1] - p[k])
-        ends = []
-        for j in (k, k + 1):
-            there = unknowns_of(known.solution(int(j)))
-            ends.append(np.array([there[0], there[len(known.schedules[j].events)]]))
-        away = (1 - share) * ends[0] + share * ends[1] - own
-        away[0] = (away[0] + np.pi) % (2 * np.pi) - np.pi
-        if np.max(np.abs(away)) <= NEAR * (1 + abs(own[1])) + float(np.max(np.abs(ends[1] - ends[0]))):
-            return True
-    return False
+def _place(solution: Solution) -> NDArray[np.float64]:
+    """Return phase, impulse and frequency of the first impact, in the units of the continuation."""
+    z = unknowns_of(solution)
+    return np.array([z[0], z[len(solution.schedule.events)], math.log(solution.case.omega) / PARAMETER_SHARE])
+
+
+def _lies_on(places: NDArray[np.float64], solution: Solution) -> bool:
+    """Return whether a solution lies next to the polyline through the places (m, 3) of a branch's points."""
+    points = places - _place(solution)
+    points[:, 0] = (points[:, 0] + np.pi) % (2 * np.pi) - np.pi
+    begin, chord = points[:-1], np.diff(points, axis=0)
+    square = np.sum(chord**2, axis=1)
+    share = np.clip(-np.sum(begin * chord, axis=1) / np.where(square > 0, square, 1), 0, 1)
+    return bool(np.any(np.linalg.norm(begin + share[:, None] * chord, axis=1) <= NEAR))
