@@ -32,11 +32,11 @@ def shown(value: Any, scale: float, digits: int) -> str:
 
 
 def text(exact: Exact, rows: list[BalanceRow]) -> str:
-    header = ("harmonics", "weight", "error, %", "first fold", "last fold", "peak error, %", "s for 250 points", "ended")
+    header = ("harmonics", "weight", "error, %", "first fold", "last fold", "peak error, %", "CPU s, 250 points", "ended")
     lines = []
     for row in rows:
         folds = [shown(row.first_fold_ratio, 1, 6), shown(row.last_fold_ratio, 1, 6)]
-        last = [shown(row.peak_error, 100, 2), shown(row.seconds_per_250_points, 1, 2), "closed" if row.closed else row.reason]
+        last = [shown(row.peak_error, 100, 2), shown(row.cpu_seconds_per_250_points, 1, 2), "closed" if row.closed else row.reason]
         lines.append([str(row.harmonics), f"{row.weight:g}", shown(row.tip_max_error, 100, 2), *folds, *last])
     case, peak = exact.case, exact.curve.peak
     folds = sorted(fold.omega_ratio for fold in exact.curve.folds)
@@ -80,7 +80,8 @@ def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the rows.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the rows.")
 def main(**given: Any) -> None:
-    """Compare harmonic balance with the exact orbit of the larger impulse, at one frequency and along its branch. Times are without compilation."""
+    """Compare harmonic balance with the exact orbit of the larger impulse, at one frequency and along its branch. Times are those of
+    the processor; nothing is compiled."""
     with plain_errors():
         for option in ("json", "csv"):
             check_target(f"--{option}", given[option], (f".{option}",))

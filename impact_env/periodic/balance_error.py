@@ -31,7 +31,8 @@ ELSEWHERE = 0.5  # of the start: a solution farther off is another one
 class BalanceRow:
     """Errors are relative to the exact orbit: of the largest tip displacement at the frequency asked for, and of the branch's peak.
 
-    ``weight`` in m_a omega_1^2; folds over omega_1; ``reason`` says why there is no solution, the other values then are None.
+    ``weight`` in m_a omega_1^2; folds over omega_1; time is that of the processor, so that other work on the machine does not
+    count; ``reason`` says why there is no solution, the other values then are None.
     """
 
     harmonics: int
@@ -42,7 +43,7 @@ class BalanceRow:
     last_fold_ratio: float | None = None
     peak_error: float | None = None
     points: int | None = None
-    seconds_per_250_points: float | None = None
+    cpu_seconds_per_250_points: float | None = None
     reason: str = ""
 
     def to_plain(self) -> dict[str, Any]:
@@ -97,9 +98,9 @@ def balance_rows(exact: Exact, low: float, high: float, settings: Iterable[tuple
 def _followed(exact: Exact, balance: Balance, z: Any, low: float, high: float, weight: float, error: float) -> BalanceRow:
     first = float(exact.case.model.omega[0])
     problem: Problem = frequency_problem(balance, low * first, high * first)
-    begin = time.perf_counter()
+    begin = time.process_time()
     branch = both_ways(problem, z, exact.case.omega, BALANCE_STEPS)
-    spent = time.perf_counter() - begin
+    spent = time.process_time() - begin
     curve = balance_curve(balance, branch, first)
     folds = sorted(fold.omega_ratio for fold in curve.folds)
     peak, reference = curve.peak, exact.curve.peak
