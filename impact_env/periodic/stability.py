@@ -18,9 +18,9 @@ Complex = NDArray[np.complex128]
 class Stability:
     """``multipliers`` (2 N_m + 2,) over the schedule's span, the largest first; ``half``: that is half a period, with the mirror image taken.
 
-    Half-period multipliers of a symmetric orbit: +1 is a fold, -1 breaks the symmetry. ``slow``: the places (2,) of the pair in which the resonant mode
-    takes the largest share of energy, so that it lives as long as the beam's own vibration; all others are fast. ``matrix``: the map's derivative, from just
-    after the first event on.
+    Half-period multipliers of a symmetric orbit: +1 is a fold, -1 breaks the symmetry. ``slow``: the places (2,) of the pair in which the resonant
+    mode takes the largest share of energy, so that it lives as long as the beam's own vibration; all others are fast. ``matrix``: the map's
+    derivative, from just after the first event on.
     """
 
     multipliers: Complex
