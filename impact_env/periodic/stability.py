@@ -83,7 +83,8 @@ def stability_of(motion: Motion, matrix: Array) -> Stability:
 def _slow_pair(motion: Motion, values: Complex, vectors: Complex) -> NDArray[np.int64]:
     """Return the places of the pair that lives like the beam's vibration in the mode nearest to the force's frequency.
 
-    Its disturbances lie in that mode (share of energy), and decay as the mode alone would over the span. A pair is a complex multiplier and its conjugate, or two real ones.
+    Its disturbances lie in that mode (share of energy), and decay as the mode alone would over the span. A pair is a complex multiplier and its
+    conjugate, or two real ones.
     """
     case = motion.solution.case
     model, n = case.model, case.model.modes
