@@ -62,7 +62,9 @@ def orbit_table(orbits: list[Orbit]) -> str:
     for orbit in orbits:
         slow, fast = (float(np.max(np.abs(values))) for values in (orbit.stability.slow_multipliers, orbit.stability.fast_multipliers))
         schedule = orbit.schedule
-        kind = ("symmetric" if schedule.symmetric else "one-sided") + ("" if schedule.period_multiple == 1 else f", period {schedule.period_multiple}")
+        kind = ("symmetric" if schedule.symmetric else "one-sided") + (
+            "" if schedule.period_multiple == 1 else f", period {schedule.period_multiple}"
+        )
         sides = 2 if schedule.symmetric else 1
         rows.append(
             [
@@ -113,7 +115,7 @@ def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) 
 
 def fold_text(located: tuple[LocatedFold, ...]) -> str:
     good = [fold for fold in located if isinstance(fold.orbit, Orbit)]
-    rows = [[f"{f.omega_ratio:.10f}", f"{f.force:g}", f"{1e3 * f.orbit.motion.tip_max:.6f}", str(2 * f.orbit.schedule.reversals)] for f in good]  # type: ignore[union-attr]
+    rows = [[f"{f.omega_ratio:.10f}", f"{f.force:g}", f"{1e3 * f.orbit.motion.tip_max:.6f}", str(2 * f.orbit.schedule.reversals)] for f in good]
     text = markdown(("omega/omega_1", "force, N", "tip max, mm", "reversals"), rows)
     return "\n".join([text, *refusals([f.orbit for f in located if isinstance(f.orbit, NoOrbit)], "folds of the closed form lead to")])
 
@@ -179,8 +181,9 @@ def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
 def main(**given: Any) -> None:
     """List exact periodic orbits of the impact absorber at the tip of the paper's beam under a harmonic force, each confirmed by the exact method.
 
-    Symmetric orbits with one impact a wall are found in closed form, with all reversals of friction, and along their branches. Multipliers of symmetric orbits are those of half a
-    period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair that lives as long as the beam's vibration, and of all others.
+    Symmetric orbits with one impact a wall are found in closed form, with all reversals of friction, and along their branches. Multipliers of
+    symmetric orbits are those of half a period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair that lives as
+    long as the beam's vibration, and of all others.
     """
     with plain_errors():
         text, content, complete = run(given)

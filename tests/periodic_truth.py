@@ -1,7 +1,8 @@
 """The symmetric orbit with one impact a wall by dense matrices: no kernel, no Green's function, no modal exponential.
 
-Physical state y = (q, q', x, x') of modes and absorber, y' = A y + B cos(omega t + phase) + C s with the friction's sign s. From just after the impact on the
-lower wall, y0, half a period to just before the one on the upper wall, y1, and by its impact to -y0: linear in y0, cos and sin of the phase.
+Physical state y = (q, q', x, x') of modes and absorber, y' = A y + B cos(omega t + phase) + C s with the friction's sign s. From just after the
+impact on the lower wall, y0, half a period to just before the one on the upper wall, y1, and by its impact to -y0: linear in y0, cos and sin of the
+phase.
 """
 
 from __future__ import annotations

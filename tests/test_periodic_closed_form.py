@@ -219,21 +219,21 @@ def test_only_an_impact_absorber_with_rigid_contact_is_a_case() -> None:
     case = case_of(scene, 1.0, 250.0)
     assert (case.restitution, case.friction_limit, case.model) == (0.6, 0.02, scene.model)
     for absorber in (None, StuckAbsorber(), impact_absorber(gap=0.0)):
-        with pytest.raises(ParameterError, match="^absorber = "):
+        with pytest.raises(ParameterError, match=r"^absorber = "):
             case_of(beam_scene(Beam(modes=2), absorber), 1.0, 250.0)
 
 
 def test_an_order_of_events_that_cannot_come_again_is_refused() -> None:
     sliding = Regime.SLIDING
-    with pytest.raises(ParameterError, match="^sign = "):
+    with pytest.raises(ParameterError, match=r"^sign = "):
         Event(sliding, 1, 1)
-    with pytest.raises(ParameterError, match="^sign = "):
+    with pytest.raises(ParameterError, match=r"^sign = "):
         Event(Regime.JOINED, 0, 1)
-    with pytest.raises(ParameterError, match="^period_multiple = "):
+    with pytest.raises(ParameterError, match=r"^period_multiple = "):
         EventSchedule((Event(sliding, -1, 1),), symmetric=True, period_multiple=2)
-    with pytest.raises(ParameterError, match="^events = "):
+    with pytest.raises(ParameterError, match=r"^events = "):
         EventSchedule((Event(sliding, -1, 1), Event(sliding, 0, 1)), symmetric=True)
-    with pytest.raises(ParameterError, match="^events = "):
+    with pytest.raises(ParameterError, match=r"^events = "):
         EventSchedule((), symmetric=True)
 
 

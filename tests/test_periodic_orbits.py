@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from periodic_truth import matched
 
-from impact_env import Beam, InitialState, ModalModel, ParameterError, Record, modal_model, simulate
+from impact_env import Beam, ModalModel, ParameterError, Record, modal_model
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import BIRTH, MERGER, Threshold, folds, threshold_map, thresholds
@@ -18,7 +18,7 @@ from impact_env.periodic.starts import initial_of, orbit_of_simulation, read_sch
 from impact_env.periodic.survey import attractors, closed_form_orbits, crossings, orbits_over, same
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
 from impact_env.periodic.tracing import PULLING, OrbitBranch, orbit_branch
-from impact_env.periodic.validation import BAR, propagated, residual_of, trial_of
+from impact_env.periodic.validation import BAR, map_over, propagated, residual_of, trial_of
 
 Array = np.ndarray
 
@@ -107,7 +107,9 @@ def test_the_merged_branch_of_three_modes() -> None:
 
 
 def named(found: tuple[Threshold, ...], kind: str) -> Array:
-    return np.array([[threshold.force, threshold.omega_ratio] for threshold in found if threshold.kind == kind and isinstance(threshold.orbit, Orbit)])
+    return np.array(
+        [[threshold.force, threshold.omega_ratio] for threshold in found if threshold.kind == kind and isinstance(threshold.orbit, Orbit)]
+    )
 
 
 def test_birth_and_merger_of_three_modes_with_reversals() -> None:
@@ -177,9 +179,7 @@ def test_the_motion_between_events_is_the_exact_methods(k: int) -> None:
     response, start = propagated(orbit.motion, Record(level=False, events=True, series=True))
     history = response.history
     assert history is not None
-    truth = np.column_stack(
-        [history.modal_displacement, history.absorber_displacement, history.modal_velocity, history.absorber_velocity]
-    )
+    truth = np.column_stack([history.modal_displacement, history.absorber_displacement, history.modal_velocity, history.absorber_velocity])
     states = orbit.motion.states(start + orbit.case.omega * history.time)
     half = truth.shape[1] // 2
     assert np.max(np.abs(states[:, :half] - truth[:, :half])) < 1e-10 * orbit.case.gap
@@ -197,27 +197,17 @@ def test_tip_extremes_and_rms_are_those_of_dense_samples(k: int) -> None:
     assert np.sqrt(np.mean(tip**2)) == pytest.approx(orbit.motion.tip_rms, rel=1e-8)
 
 
-def map_of(orbit: Orbit, start: float, state: Array) -> Array:
-    case, n = orbit.case, orbit.case.model.modes
-    initial = InitialState(state[:n], state[n + 1 : -1], float(state[n]), float(state[-1]))
-    drive = case.drive(orbit.schedule.turn / case.omega, start)
-    return simulate(case.scene, drive, initial=initial, record=Record(level=False, events=True)).end_state
-
-
 @pytest.mark.parametrize("k", range(5))
 def test_multipliers_are_those_of_disturbed_runs(k: int) -> None:
     """The exact method's map, differentiated by central differences in units in which all coordinates count alike."""
     orbit = judged()[k]
     case, n = orbit.case, orbit.case.model.modes
-    i = orbit.motion.longest_flight
-    start = 0.5 * case.omega * float(np.sum(orbit.motion.flights.time[i : i + 2]))
-    state = orbit.motion.state_at(start)
+    start, state = orbit.motion.mid_flight()
     unit = case.gap * np.concatenate([case.omega / case.model.omega, [1.0], np.full(n, case.omega), [case.omega]])
-    mirror = -1.0 if orbit.schedule.symmetric else 1.0
     columns = []
     for k_unit in range(len(state)):
         step = 2e-7 * unit[k_unit] * np.eye(len(state))[k_unit]
-        columns.append(mirror * (map_of(orbit, start, state + step) - map_of(orbit, start, state - step)) / (4e-7 * unit))
+        columns.append((map_over(orbit.motion, start, state + step) - map_over(orbit.motion, start, state - step)) / (4e-7 * unit))
     truth = np.linalg.eigvals(np.array(columns).T)
     assert matched(orbit.stability.multipliers, truth) < 1e-6 * max(1.0, float(np.max(np.abs(truth))))
 
@@ -226,14 +216,13 @@ def test_a_disturbance_of_an_orbit_dies_or_grows_as_its_multipliers_say() -> Non
     """Over a hundred spans beside a stable orbit, and over six beside one that is unstable; the largest multiplier of both is real."""
     for orbit, spans in ((many_reversals(), 100), (high_orbit(paper_case(1, 0.93, 1.5, 0.75)), 6)):
         largest = abs(orbit.stability.multipliers[0])
-        case, i = orbit.case, orbit.motion.longest_flight
-        start = 0.5 * case.omega * float(np.sum(orbit.motion.flights.time[i : i + 2]))
-        state = orbit.motion.state_at(start)
-        state[-1] += 1e-7 * case.gap * case.omega
+        start, first = orbit.motion.mid_flight()
+        state = first.copy()
+        state[-1] += 1e-7 * orbit.case.gap * orbit.case.omega
         sizes = []
-        for k in range(spans):
-            state = map_of(orbit, start + k * orbit.schedule.turn, state)
-            sizes.append(float(np.linalg.norm(state - orbit.motion.state_at(start + (k + 1) * orbit.schedule.turn))))
+        for _ in range(spans):
+            state = map_over(orbit.motion, start, state)
+            sizes.append(float(np.linalg.norm(state - first)))
         rate = (sizes[-1] / sizes[len(sizes) // 2 - 1]) ** (1 / (len(sizes) - len(sizes) // 2))
         assert rate == pytest.approx(largest, rel=0.02)
         assert (rate < 1) == orbit.stability.stable
@@ -350,17 +339,17 @@ def test_the_residual_is_measured_where_nothing_happens() -> None:
 
 def test_bad_input_is_named() -> None:
     case = paper_case(1, 0.93, 1.5, 0.75)
-    with pytest.raises(ParameterError, match="^frequency range = "):
+    with pytest.raises(ParameterError, match=r"^frequency range = "):
         folds(case, 1.0, 0.9)
-    with pytest.raises(ParameterError, match="^ratios = "):
+    with pytest.raises(ParameterError, match=r"^ratios = "):
         list(orbits_over(case, np.array([1.0, 0.9])))
-    with pytest.raises(ParameterError, match="^parameter = "):
+    with pytest.raises(ParameterError, match=r"^parameter = "):
         list(threshold_map(case, "omega", [1.0], 0.9, 1.0))
-    with pytest.raises(ParameterError, match="^most_multiple = "):
+    with pytest.raises(ParameterError, match=r"^most_multiple = "):
         orbit_of_simulation(case, most_multiple=0)
-    with pytest.raises(ParameterError, match="^periods = "):
+    with pytest.raises(ParameterError, match=r"^periods = "):
         orbit_of_simulation(case, settle=0)
-    with pytest.raises(ParameterError, match="^start = "):
+    with pytest.raises(ParameterError, match=r"^start = "):
         orbit_at(case, flying_schedule([-1, 1], False), [0.0, 1.0, 2.0])
 
 

@@ -30,7 +30,7 @@ CRITICAL = 1e-11  # a damping ratio this close to 1 is moved so far away: the tw
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A modal model with an impact absorber under force cos(omega t): ``omega`` in rad/s, ``force`` in N, ``gap`` in m, ``friction_limit`` in N (0: none).
+    """A modal model with an impact absorber under ``force`` cos(omega t): N, rad/s; ``gap`` in m, ``friction_limit`` in N (0: none).
 
     Raises ParameterError for values out of range.
     """
@@ -84,7 +84,7 @@ class Case:
 
     def changed(self, **values: float) -> Case:
         """Return the case with other parameters."""
-        return replace(self, **values)
+        return replace(self, **values)  # type: ignore[arg-type]
 
     def drive(self, duration: float, phase: float) -> Drive:
         """Return the force from a ``phase`` (rad) on for ``duration`` s."""
@@ -116,7 +116,9 @@ def structure_of(model: ModalModel, mass_ratio: float) -> Structure:
     """Return the exponentials of a model's modes, and the absorber's share: one complex exponential a mode, two real ones above critical damping."""
     omega, damping, tip = np.array(model.omega), np.array(model.damping_ratio), np.array(model.tip_shape)
     moved = np.where(np.abs(damping - 1) < CRITICAL, 1 + CRITICAL, damping)
-    s, weight, mode = [], [], []
+    s: list[complex] = []
+    weight: list[complex] = []
+    mode: list[int] = []
     for i, (w, d) in enumerate(zip(omega, moved, strict=True)):
         root = np.sqrt(complex(1 - d * d))
         if d < 1:

@@ -126,7 +126,7 @@ def _mended_beside(case: Case, schedule: EventSchedule, start: Array) -> Motion 
 
 
 def level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
-    """Return the fold in force next to ``fold`` whose force is level over the frequency: a birth or a merger. ``reach`` (rad/s): how far it may lie."""
+    """Return the fold within ``reach`` (rad/s) of ``fold`` whose force is level over the frequency: a birth or a merger."""
     last: list[Fold] = [fold]
 
     def slope(omega: float) -> float:

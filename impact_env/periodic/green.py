@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.kernels.periodic.green import FORCE, GAP, LIMIT, OMEGA, RESTITUTION, conditions, new_room
 from impact_env.kernels.periodic.newton import CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR, newton
+from impact_env.kernels.periodic.structure import Point
 from impact_env.parameters import require
 from impact_env.periodic.case import Case
 from impact_env.periodic.schedule import EventSchedule
@@ -115,13 +116,11 @@ class Conditions:
     def __post_init__(self) -> None:
         require(self.parameter in PARAMETERS, "parameter", self.parameter, f"one of {', '.join(PARAMETERS)}")
 
-    def at(self, value: float) -> Case:
-        """Return the case at a value of the parameter; the units of unknowns stay those of its own gap."""
-        return self.case.changed(**{self.parameter: value})
-
     def __call__(self, z: Array, value: float) -> tuple[Array, Array]:
         """Return the conditions (m,) at unknowns (m,), and their derivatives (m, m + 1) by the unknowns and by the parameter."""
-        order, structure, point = self.schedule.order, self.case.structure, self.at(value).point
+        order, structure = self.schedule.order, self.case.structure
+        field = Point._fields[PARAMETERS[self.parameter]]
+        point = self.case.point._replace(**{field: value})  # the units stay those of the case's own gap
         residual, jacobian = np.zeros(len(z)), np.zeros((len(z), len(z) + len(PARAMETERS)))
         z = np.ascontiguousarray(z, dtype=float)
         conditions(structure, point, order, z, self.case.scale, new_room(structure, order), residual, jacobian, True)

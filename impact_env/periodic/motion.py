@@ -75,6 +75,12 @@ class Motion:
         """Return the state (2 N_m + 2,) at one phase of the force in rad."""
         return np.asarray(self.states([phase])[0])
 
+    def mid_flight(self) -> tuple[float, Array]:
+        """Return the phase (rad) of the force in the middle of the longest flight, where nothing is near, and the state (2 N_m + 2,) there."""
+        i = self.longest_flight
+        phase = 0.5 * self.solution.case.omega * float(self.flights.time[i] + self.flights.time[i + 1])
+        return phase, self.state_at(phase)
+
 
 def motion_of(solution: Solution) -> Motion:
     """Return the motion of a solution, by its exponentials from event to event; it is sampled several times in a radian of the fastest mode."""

@@ -152,8 +152,12 @@ def is_held(motion: Motion) -> bool:
 
 def consistent(motion: Motion) -> bool:
     """Return whether the turns seen lie between the same impacts as the schedule's reversals."""
-    schedule = motion.solution.schedule
-    return motion.fits and len(motion.turns) == schedule.reversals and reordered(motion)[0].events == schedule.events
+    solution = motion.solution
+    if not motion.fits or len(motion.turns) != solution.schedule.reversals:
+        return False
+    hits = solution.schedule.order.wall != 0
+    impacts = solution.phases[hits]
+    return bool(np.all(np.searchsorted(impacts, motion.turns) == np.searchsorted(impacts, solution.phases[~hits])))
 
 
 def reordered(motion: Motion) -> tuple[EventSchedule, Array]:
@@ -183,7 +187,7 @@ def without_held(motion: Motion) -> tuple[EventSchedule, Array]:
     for k in np.flatnonzero(turning > -1):
         partners = [j for j in (k - 1, k + 1) if 0 <= j < len(wall) and wall[j] == 0 and j not in leave]
         if k not in leave and partners:
-            leave |= {int(k), min(partners, key=lambda j: abs(solution.phases[j] - solution.phases[k]))}
+            leave |= {int(k), int(min(partners, key=lambda j: abs(float(solution.phases[j] - solution.phases[k]))))}
     keep = np.array([k not in leave for k in range(len(wall))])
     return _sorted(old, wall[keep], solution.phases[keep])
 

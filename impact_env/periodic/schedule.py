@@ -26,8 +26,8 @@ class Regime(Enum):
 class Event:
     """One event, and the segment that follows it: its ``regime``, the ``wall`` touched (-1, 0, 1), the ``sign`` of the relative velocity (0: joined).
 
-    An impact touches a wall and leaves it: sign = -wall. A reversal touches none. Into a joined segment the wall is the one that holds the absorber, 0
-    where friction does.
+    An impact touches a wall and leaves it: sign = -wall. A reversal touches none. Into a joined segment the wall is the one that holds the
+    absorber, 0 where friction does.
     """
 
     regime: Regime
@@ -68,7 +68,12 @@ class EventSchedule:
         count("period_multiple", self.period_multiple, 1)
         require(len(self.events) > 0, "events", self.events, "one or more")
         odd = self.period_multiple % 2 == 1
-        require(odd or not self.symmetric, "period_multiple", self.period_multiple, "odd for a symmetric orbit: the force must turn its sign in half of it")
+        require(
+            odd or not self.symmetric,
+            "period_multiple",
+            self.period_multiple,
+            "odd for a symmetric orbit: the force must turn its sign in half of it",
+        )
         require(self.symmetric or len(self.events) > 1, "events", self.events, "two or more where no half mirrors the other")
         last = self.events[-1].mirrored if self.symmetric else self.events[-1]
         for before, after in zip((last, *self.events[:-1]), self.events, strict=True):

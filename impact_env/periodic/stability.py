@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +13,16 @@ from impact_env.periodic.motion import Motion
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True, eq=False)
 class Stability:
     """``multipliers`` (2 N_m + 2,) over the schedule's span, the largest first; ``half``: that is half a period, with the mirror image taken.
 
-    Half-period multipliers of a symmetric orbit: +1 is a fold, -1 breaks the symmetry. ``slow``: the places (2,) of the pair in which the resonant mode
-    takes the largest share of energy, so that it lives as long as the beam's own vibration; all others are fast. ``matrix``: the map's derivative, from just
-    after the first event on.
+    Half-period multipliers of a symmetric orbit: +1 is a fold, -1 breaks the symmetry. ``slow``: the places (2,) of the pair whose disturbances
+    lie most in the resonant mode and die out as slowly as that mode's own vibration; all others are fast. ``matrix``: the map's
+    derivative, from just after the first event on.
     """
 
     multipliers: Complex
@@ -79,13 +81,19 @@ def stability_of(motion: Motion, matrix: Array) -> Stability:
 
 
 def _slow_pair(motion: Motion, values: Complex, vectors: Complex) -> NDArray[np.int64]:
-    """Return the places of the two multipliers whose disturbances lie most in the mode nearest to the force's frequency."""
-    model = motion.solution.case.model
-    n, nearest = model.modes, int(np.argmin(np.abs(model.omega - motion.solution.case.omega)))
-    energy = np.abs(vectors) ** 2 * np.concatenate([model.omega**2, [0.0], np.ones(n), [motion.solution.case.structure.mass]])[:, None]
-    share = (energy[nearest] + energy[n + 1 + nearest]) / np.maximum(np.sum(energy, axis=0), np.finfo(float).tiny)
-    first = int(np.argmax(share))
-    other = np.flatnonzero(np.abs(values - np.conj(values[first])) <= 1e-12 * np.abs(values[first]))
-    paired = [k for k in other if k != first and values[first].imag != 0]
-    second = int(paired[0]) if paired else int(np.argmax(np.where(np.arange(len(values)) == first, -1.0, share)))
-    return np.array(sorted((first, second)), dtype=np.int64)
+    """Return the places of the pair that lives like the beam's vibration in the mode nearest to the force's frequency.
+
+    Its disturbances lie in that mode (share of energy), and decay as the mode alone would over the span. A pair is a complex multiplier and its
+    conjugate, or two real ones.
+    """
+    case = motion.solution.case
+    model, n = case.model, case.model.modes
+    nearest = int(np.argmin(np.abs(model.omega - case.omega)))
+    energy = np.abs(vectors) ** 2 * np.concatenate([model.omega**2, [0.0], np.ones(n), [case.structure.mass]])[:, None]
+    share = (energy[nearest] + energy[n + 1 + nearest]) / np.maximum(np.sum(energy, axis=0), TINY)
+    alone = -min(float(model.damping_ratio[nearest]), 1.0) * float(model.omega[nearest]) * motion.solution.schedule.turn / case.omega
+    unlike = np.abs(np.log(np.maximum(np.abs(values), TINY)) - alone) - np.log(np.maximum(share, TINY))
+    upper, real = np.flatnonzero(values.imag > 0), np.flatnonzero(values.imag == 0)
+    pairs = [(2 * float(unlike[k]), int(k), int(np.argmin(np.abs(values - np.conj(values[k]))))) for k in upper]
+    pairs += [(float(unlike[j] + unlike[k]), int(j), int(k)) for j, k in combinations(real, 2)]
+    return np.array(sorted(min(pairs)[1:]), dtype=np.int64)

@@ -22,7 +22,7 @@ MOST_MULTIPLE = 8
 
 
 def state_after(case: Case, periods: float, initial: InitialState | None = None, phase: float = 0.0) -> tuple[Array, float]:
-    """Return the state (2 N_m + 2,) after a number of the force's periods, from ``initial`` (default: rest), and the phase (rad, below 2 pi) there."""
+    """Return the state (2 N_m + 2,) after some of the force's periods from ``initial`` (default: rest), and the phase there (rad, below 2 pi)."""
     duration = positive("periods", periods) * case.period
     response = simulate(case.scene, case.drive(duration, phase), initial=initial, record=Record(level=False, events=True))
     return response.end_state, (phase + case.omega * duration) % (2 * np.pi)

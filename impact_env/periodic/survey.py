@@ -35,11 +35,16 @@ class Found:
 
 def closed_form_orbits(case: Case) -> Found:
     """Return the orbits that start from the closed form's branches where the wall pushes, their reversals mended."""
-    schedule, orbits, refused = symmetric_schedule(case.friction_limit > 0), [], []
+    schedule = symmetric_schedule(case.friction_limit > 0)
+    orbits: list[Orbit] = []
+    refused: list[NoOrbit] = []
     for branch in closed_form(case):
         if branch.pushes:
             found = orbit_at(case, schedule, np.array([branch.phase, branch.impulse / case.scale.impulse]))
-            (refused if isinstance(found, NoOrbit) else orbits).append(found)  # type: ignore[attr-defined]
+            if isinstance(found, NoOrbit):
+                refused.append(found)
+            else:
+                orbits.append(found)
     return Found(case, tuple(different(orbits)), tuple(refused))
 
 
@@ -122,18 +127,15 @@ def orbits_over(case: Case, ratios: Array, progress: Progress | None = None) -> 
         yield Found(group.case, tuple(orbits), tuple(orbit for orbit in more if isinstance(orbit, NoOrbit)) if more else group.refused)
 
 
-
 def attractors(case: Case, near: Iterable[Orbit], settle: float = SETTLE) -> Iterator[Orbit | NoOrbit]:
-    """Yield what runs settle to: one from rest, and one from beside each orbit in ``near`` that is not stable; with the mirror image where it differs.
+    """Yield what runs settle to: one from rest, and one from beside each unstable orbit in ``near``; with the mirror image where it differs.
 
     A symmetric orbit that loses its symmetry so leads to the pair of orbits that took over from it. ``settle`` in periods of the force.
     """
     starts: list[tuple[InitialState | None, float]] = [(None, 0.0)]
     for orbit in near:
         if not orbit.stability.stable:
-            i = orbit.motion.longest_flight
-            phase = 0.5 * case.omega * float(np.sum(orbit.motion.flights.time[i : i + 2]))
-            state = orbit.motion.state_at(phase)
+            phase, state = orbit.motion.mid_flight()
             state[-1] += NUDGE * case.gap * case.omega
             starts.append((initial_of(case, state), phase))
     for initial, phase in starts:

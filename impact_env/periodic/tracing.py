@@ -39,7 +39,7 @@ class OrbitBranch:
 
     def solution(self, k: int) -> Solution:
         """Return the solution at point ``k``."""
-        return self._solution(self.schedules[k], self.branch.points[k], float(self.branch.parameters[k]))
+        return _solution(self.case, self.branch.parameter, self.schedules[k], self.branch.points[k], float(self.branch.parameters[k]))
 
     def orbits(self) -> Iterator[Orbit | NoOrbit]:
         """Yield each point's orbit, confirmed by the exact method, or why it is none."""
@@ -48,22 +48,25 @@ class OrbitBranch:
 
     def folds(self) -> tuple[Fold | NoOrbit, ...]:
         """Return the folds located on the branch, finished by Newton's method."""
-        pairs = zip(self.branch.located, self.located_schedules, strict=True)
-        return tuple(fold_near(self._solution(schedule, e.point, e.parameter), self.branch.parameter) for e, schedule in pairs if e.kind == FOLD)
+        return tuple(fold_near(solution, self.branch.parameter) for solution in self._located(FOLD))
 
     def of(self, kind: str) -> tuple[Motion, ...]:
         """Return the motions at the places located of a kind, such as `GRAZING`."""
-        pairs = zip(self.branch.located, self.located_schedules, strict=True)
-        return tuple(motion_of(self._solution(schedule, e.point, e.parameter)) for e, schedule in pairs if e.kind == kind)
+        return tuple(motion_of(solution) for solution in self._located(kind))
 
-    def _solution(self, schedule: EventSchedule, z: Array, value: float) -> Solution:
-        case = self.case.changed(**{self.branch.parameter: value})
-        # the unknowns are in the units of the branch's own case
-        units, own = self.case.scale, case.scale
-        n, scaled = len(schedule.events), np.array(z)
-        scaled[n : n + schedule.impacts] *= units.impulse / own.impulse
-        scaled[n + schedule.impacts :] *= units.length / own.length
-        return solution_of(case, schedule, scaled, 0.0)
+    def _located(self, kind: str) -> Iterator[Solution]:
+        for event, schedule in zip(self.branch.located, self.located_schedules, strict=True):
+            if event.kind == kind:
+                yield _solution(self.case, self.branch.parameter, schedule, event.point, event.parameter)
+
+
+def _solution(units: Case, parameter: str, schedule: EventSchedule, z: Array, value: float) -> Solution:
+    """Return the solution with unknowns (m,) in the units of a branch's own case, at a value of its parameter."""
+    case = units.changed(**{parameter: value})
+    n, scaled = len(schedule.events), np.array(z)
+    scaled[n : n + schedule.impacts] *= units.scale.impulse / case.scale.impulse
+    scaled[n + schedule.impacts :] *= units.scale.length / case.scale.length
+    return solution_of(case, schedule, scaled, 0.0)
 
 
 @dataclass(eq=False)
@@ -74,11 +77,15 @@ class _Walk:
     parameter: str
     schedule: EventSchedule
     passed: list[EventSchedule] = field(default_factory=list)
+    last: tuple[tuple[EventSchedule, float, bytes], Motion] | None = None
     heading: Array | None = None  # of phases and impulses at impacts, and of the rest but the reversals, at the last orbit passed
 
     def motion(self, z: Array, value: float) -> Motion:
-        branch = OrbitBranch(self.case, Branch(self.parameter, (), np.empty(0), (), (), "", ""), (), ())
-        return motion_of(branch._solution(self.schedule, z, value))
+        """Return the motion at a point; monitors and `recentre` ask for the same one."""
+        key = (self.schedule, value, z.tobytes())
+        if self.last is None or self.last[0] != key:
+            self.last = (key, motion_of(_solution(self.case, self.parameter, self.schedule, z, value)))
+        return self.last[1]
 
     def monitors(self) -> tuple[Monitor, ...]:
         return (

@@ -31,12 +31,20 @@ class Trial:
 
 def propagated(motion: Motion, record: Record) -> tuple[Response, float]:
     """Return the exact method's run over the span of the schedule and the phase (rad) it began at: in the middle of the longest flight."""
-    solution, case = motion.solution, motion.solution.case
-    i, n = motion.longest_flight, case.model.modes
-    start = 0.5 * case.omega * float(motion.flights.time[i] + motion.flights.time[i + 1])
-    state = motion.state_at(start)
+    start, state = motion.mid_flight()
+    return _run(motion, start, state, record), start
+
+
+def map_over(motion: Motion, start: float, state: Array) -> Array:
+    """Return where the exact method takes a state (2 N_m + 2,) from a phase (rad) over the schedule's span, mirrored if that is half a period."""
+    end = _run(motion, start, state, Record(level=False, events=True)).end_state
+    return np.asarray(-end if motion.solution.schedule.symmetric else end)
+
+
+def _run(motion: Motion, start: float, state: Array, record: Record) -> Response:
+    case, n = motion.solution.case, motion.solution.case.model.modes
     initial = InitialState(state[:n], state[n + 1 : -1], float(state[n]), float(state[-1]))
-    return simulate(case.scene, case.drive(solution.schedule.turn / case.omega, start), initial=initial, record=record), start
+    return simulate(case.scene, case.drive(motion.solution.schedule.turn / case.omega, start), initial=initial, record=record)
 
 
 def residual_of(motion: Motion, response: Response, start: float) -> float:

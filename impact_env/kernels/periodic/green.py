@@ -5,8 +5,8 @@ The relative displacement is linear in the impulses P_j, the jumps J_j of the fr
     r(t) = c + sum_j P_j K(t - t_j) + sum_j J_j L(t - t_j) - Re(f H exp(i omega t)),     L' = K
 
 K answers an impulse that comes again after each span, mirrored or the same. It is a sum of exponentials and a polynomial (the absorber's share).
-Unknowns: the events' phases in rad of the force, scaled impulses, and scaled c where the span is a whole period. Conditions: at each event the rate (the
-mean of both sides equals -kappa P at a wall, 0 at a reversal), at each impact the distance, and over a whole period no net impulse.
+Unknowns: the events' phases in rad of the force, scaled impulses, and scaled c where the span is a whole period. Conditions: at each event the rate
+(the mean of both sides equals -kappa P at a wall, 0 at a reversal), at each impact the distance, and over a whole period no net impulse.
 """
 
 from __future__ import annotations
@@ -20,17 +20,18 @@ from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.periodic.closed_form import kappa_of
 from impact_env.kernels.periodic.structure import receptance
 
-# columns of Room.sums and of what `kernel_values` returns
+# columns of the Jacobian behind those of the unknowns
 OMEGA, FORCE, GAP, RESTITUTION, LIMIT = range(5)
 
 
 class Room(NamedTuple):
     """Scratch for n events, m unknowns and J exponentials.
 
-    ``steps`` (n, J): exp(s dt) from the event before; ``running``, ``first``, ``mean``, ``mean_slope``, ``stretch`` (J,): exponentials of the periodic
-    kernel at an event, just after its impulse, at it (mean of both sides), and their derivatives by the span; ``place`` (n,): where an event's impulse is
-    among the unknowns, -1 for a reversal; ``jump`` (n,): change of the friction force over muN; ``rub`` (n, 2): displacement and rate by friction over muN;
-    ``by_time`` (n, 2): their derivatives by the event's own time; ``by_span`` (n, 2): by omega with all phases kept, without the forced part.
+    ``steps`` (n, J): exp(s dt) from the event before; ``running``, ``first``, ``mean``, ``mean_slope``, ``stretch`` (J,): exponentials of the
+    periodic kernel at an event, just after its impulse, at it (mean of both sides), and their derivatives by the span; ``place`` (n,): where an
+    event's impulse is among the unknowns, -1 for a reversal; ``jump`` (n,): change of the friction force over muN; ``rub`` (n, 2): displacement and
+    rate by friction over muN; ``by_time`` (n, 2): their derivatives by the event's own time; ``by_span`` (n, 2): by omega with all phases kept,
+    without the forced part.
     """
 
     steps: NDArray[np.complex128]
@@ -58,8 +59,20 @@ def new_room(structure, order):  # type: ignore[no-untyped-def]
             at += 1
         before = order.sign[i - 1] if i > 0 else order.mirror * order.sign[n - 1]
         jump[i] = before - order.sign[i]
-    parts = (np.zeros(j, np.complex128), np.zeros(j, np.complex128), np.zeros(j, np.complex128), np.zeros(j, np.complex128), np.zeros(j, np.complex128))
-    return Room(np.zeros((n, j), np.complex128), *parts, place, jump, np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2)))
+    rows = np.zeros((5, j), np.complex128)
+    return Room(
+        np.zeros((n, j), np.complex128),
+        rows[0],
+        rows[1],
+        rows[2],
+        rows[3],
+        rows[4],
+        place,
+        jump,
+        np.zeros((n, 2)),
+        np.zeros((n, 2)),
+        np.zeros((n, 2)),
+    )
 
 
 @jit_inline

@@ -23,7 +23,7 @@ def fly_over(structure, dt, block, matrix):  # type: ignore[no-untyped-def]
         block[1, i] += (structure.s[j] * e).real
     for i in range(n):
         h, rate = block[0, i], block[1, i]
-        own, stiff = rate + structure.rate[i] * h, -structure.omega[i] ** 2 * h
+        own, stiff = rate + structure.rate[i] * h, -structure.omega[i] * structure.omega[i] * h
         for c in range(columns):
             q, v = matrix[i, c], matrix[n + 1 + i, c]
             matrix[i, c], matrix[n + 1 + i, c] = own * q + h * v, stiff * q + rate * v

@@ -17,7 +17,7 @@ POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
 
 
 class Flights(NamedTuple):
-    """What follows each of n events: ``amplitude`` (n, J) of the exponentials, ``force`` (n,) of friction on the absorber, its place and velocity (n,).
+    """What follows each of n events: ``amplitude`` (n, J) of the exponentials, ``force`` (n,) of friction, place and velocity (n,) of the absorber.
 
     ``time`` (n + 1,): the events' times, and the first one's of the next span.
     """
@@ -39,7 +39,7 @@ class Extremes(NamedTuple):
 
 @jit_inline
 def rates(structure, omega, force, rest, amplitude, phase, out):  # type: ignore[no-untyped-def]
-    """Write modal displacements, velocities and accelerations (3, N_m) for exponentials ``amplitude`` (J,), constant force ``rest`` (N) and phase (rad)."""
+    """Write modal displacements, velocities and accelerations (3, N_m): exponentials ``amplitude`` (J,), constant force ``rest`` (N), phase (rad)."""
     turning = force * np.exp(1j * phase)
     for i in range(structure.omega.shape[0]):
         q = structure.push[i] * turning / (structure.omega[i] ** 2 - omega * omega + 1j * structure.rate[i] * omega)
@@ -100,7 +100,7 @@ def absorber(structure, point, order, impulses, amplitude, phase, force, place, 
 
 @jit
 def state_in(structure, point, flights, i, dt, amplitude, modal, state):  # type: ignore[no-untyped-def]
-    """Write the state (2 N_m + 2,) ``dt`` (s) after event ``i``; ``amplitude`` (J,) and ``modal`` (3, N_m) are scratch, the latter holds q, q', q''."""
+    """Write the state (2 N_m + 2,) ``dt`` (s) after event ``i``; ``amplitude`` (J,) is scratch, ``modal`` (3, N_m) is left with q, q', q''."""
     n = structure.omega.shape[0]
     for j in range(structure.s.shape[0]):
         amplitude[j] = flights.amplitude[i, j] * np.exp(structure.s[j] * dt)

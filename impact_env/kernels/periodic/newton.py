@@ -17,7 +17,7 @@ SLIVER = 1e-9  # rad between events, below which their order is lost
 
 @jit
 def solve_in_place(matrix, columns, rows):  # type: ignore[no-untyped-def]
-    """Solve ``matrix`` x = column for the column ``columns`` of the same array, (m, > m), by elimination with row exchange; False if it is singular."""
+    """Solve ``matrix`` x = column number ``columns`` of the same array, (m, > m), by elimination with row exchange; False if it is singular."""
     m = rows.shape[0]
     largest = 0.0
     for i in range(m):
@@ -72,7 +72,7 @@ def least_gap(order, z):  # type: ignore[no-untyped-def]
 
 @jit_room
 def newton(structure, point, order, z, scale, residual, jacobian):  # type: ignore[no-untyped-def]
-    """Move the unknowns ``z`` (m,) to a solution; return (status, steps, largest scaled residual). ``residual``, ``jacobian`` end as those at ``z``."""
+    """Move the unknowns ``z`` (m,) to a solution; return status, steps, largest residual. ``residual`` and ``jacobian`` are left as at ``z``."""
     room, size = new_room(structure, order), z.shape[0]
     work, step = np.zeros((size, size + 1)), np.zeros(size)
     error, last = np.inf, np.inf

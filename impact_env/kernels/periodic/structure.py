@@ -14,8 +14,9 @@ from impact_env.kernels.jit import jit, jit_inline
 
 
 class Structure(NamedTuple):
-    """A modal model and an absorber. ``s``, ``weight`` (J,) complex: the modes' exponentials; ``powers`` (4, J): tip_shape^2 weight / s, and that times s, s^2, s^3.
+    """A modal model and an absorber.
 
+    ``s``, ``weight`` (J,): the modes' exponentials; ``powers`` (4, J): tip_shape^2 weight / s, and that times s, s^2, s^3.
     ``mode`` (J,): whose exponential it is. ``omega``, ``rate`` = 2 D omega, ``push`` = force shape, ``tip`` = tip shape (N_m,). ``mass`` (kg) of the
     absorber, ``compliance`` G = 1/mass + sum tip^2 (1/kg), ``static`` = sum tip^2/omega^2 (m/N).
     """
