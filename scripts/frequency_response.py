@@ -50,7 +50,7 @@ def computed(given: dict[str, Any]) -> Overview:
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
     rate = given["percent_per_100_periods"]
     with following(reference) as show:
-        return overview(scene, given["force"], reference, low, high, given["method"] != BALANCE, balance, sweeps, rate, show)
+        return overview(scene, given["force"], reference, low, high, given["method"] != BALANCE, balance, sweeps, rate, show, given["pairs"])
 
 
 def text(result: Overview) -> str:
@@ -101,6 +101,7 @@ def written(result: Overview, given: dict[str, Any]) -> list[Path]:
 @click.option("--from", "start", type=float, default=0.88, show_default=True, help="Lowest frequency over the resonance frequency.")
 @click.option("--to", "stop", type=float, default=1.06, show_default=True, help="Highest frequency over the resonance frequency.")
 @click.option("--method", type=click.Choice([EXACT, BALANCE, BOTH]), default=BOTH, show_default=True, help="Exact orbits, harmonic balance, both.")
+@click.option("--pairs", is_flag=True, help="With the pairs of exact orbits without symmetry that leave the symmetric branches.")
 @click.option("--harmonics", type=int, default=20, show_default=True, help="Highest harmonic of harmonic balance.")
 @click.option("--weight", type=float, default=WEIGHT, show_default=True, help="Weight of the rigid contact in harmonic balance, in m_a omega_1^2.")
 @click.option("--grounded-damper", is_flag=True, help=f"With the paper's damper of {PAPER_DAMPER} N s/m between absorber and ground (balance only).")

@@ -36,26 +36,31 @@ def orbit_branches(case: Case, low: float, high: float, seeds: int = SEEDS, prog
         at = case.changed(omega=float(omega))
         for start in closed_form(at):
             motion = mended(at, schedule, [start.phase]) if start.pushes else None
-            if motion is None or isinstance(motion, NoOrbit) or any(_lies_on(known, motion.solution) for known in places):
+            if motion is None or isinstance(motion, NoOrbit) or any(lies_on(known, motion.solution) for known in places):
                 continue
             number = len(found) + 1
             show = None if progress is None else (lambda n, w, number=number: progress(f"orbits {number}", n, w))
             found.append(orbit_branch(motion.solution, "omega", (low, high), STEPS, show))
-            places.append(np.array([_place(found[-1].solution(k)) for k in range(len(found[-1].schedules))]))
+            places.append(places_of(found[-1]))
             if found[-1].branch.ended == STOPPED:
                 return tuple(found)
     return tuple(found)
 
 
-def _place(solution: Solution) -> NDArray[np.float64]:
-    """Return phase, impulse and frequency of the first impact, in the units of the continuation."""
+def place(solution: Solution) -> NDArray[np.float64]:
+    """Return phase, impulse and frequency of the first impact, (3,), in the units of the continuation."""
     z = unknowns_of(solution)
     return np.array([z[0], z[len(solution.schedule.events)], math.log(solution.case.omega) / PARAMETER_SHARE])
 
 
-def _lies_on(places: NDArray[np.float64], solution: Solution) -> bool:
+def places_of(branch: OrbitBranch) -> NDArray[np.float64]:
+    """Return the place of each point of a branch, (m, 3)."""
+    return np.array([place(branch.solution(k)) for k in range(len(branch.schedules))])
+
+
+def lies_on(places: NDArray[np.float64], solution: Solution) -> bool:
     """Return whether a solution lies next to the polyline through the places (m, 3) of a branch's points."""
-    points = places - _place(solution)
+    points = places - place(solution)
     points[:, 0] = (points[:, 0] + np.pi) % (2 * np.pi) - np.pi
     begin, chord = points[:-1], np.diff(points, axis=0)
     square = np.sum(chord**2, axis=1)

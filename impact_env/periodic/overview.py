@@ -18,6 +18,7 @@ from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import Balance
 from impact_env.periodic.orbit_branches import orbit_branches
 from impact_env.periodic.response_curve import ResponseCurve, balance_curve, orbit_curve
+from impact_env.periodic.switching import asymmetric_branches
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -100,14 +101,23 @@ def sweep_envelope(
     return SweepEnvelope(np.asarray(schedule.omega_at(history.time[first])) / reference, largest)
 
 
-def exact_curves(scene: Scene, force: float, reference: float, low: float, high: float, progress: Progress | None = None) -> Iterator[ResponseCurve]:
-    """Yield the curves of symmetric orbits with one impact a wall between two ratios; none for an absorber without rigid walls."""
+def exact_curves(
+    scene: Scene, force: float, reference: float, low: float, high: float, pairs: bool = False, progress: Progress | None = None
+) -> Iterator[ResponseCurve]:
+    """Yield the curves of symmetric orbits with one impact a wall between two ratios; none for an absorber without rigid walls.
+
+    ``pairs``: with those of the pairs without symmetry that leave them.
+    """
     if isinstance(sliding(scene).walls, RigidWalls):
         case = case_of(scene, force, low * reference)
         for branch in orbit_branches(case, low * reference, high * reference, progress=progress):
             yield orbit_curve(branch, reference)
             if branch.branch.ended == STOPPED:
                 raise KeyboardInterrupt
+            for pair in asymmetric_branches(branch, (low * reference, high * reference)) if pairs else ():
+                yield orbit_curve(pair, reference)
+                if pair.branch.ended == STOPPED:
+                    raise KeyboardInterrupt
 
 
 def balance_curves(balance: Balance, reference: float, low: float, high: float, progress: Progress | None = None) -> Iterator[ResponseCurve]:
@@ -129,10 +139,12 @@ def overview(
     sweeps: tuple[tuple[float, float], ...],
     percent_per_100_periods: float = PAPER_RATE,
     progress: Progress | None = None,
+    pairs: bool = False,
 ) -> Overview:
     """Return the frequency response of a scene between two ratios of ``reference`` (rad/s) under a force in N.
 
-    ``exact``: with exact orbits; ``balance``: with harmonic balance, None: without; ``sweeps``: pairs of ratios, from and to. Ctrl-C ends it with
+    ``exact``: with exact orbits, ``pairs``: also those without symmetry; ``balance``: with harmonic balance, None:
+    without; ``sweeps``: pairs of ratios, from and to. Ctrl-C ends it with
     what is known so far. Raises ParameterError for bad values.
     """
     finite("force", force)
@@ -142,7 +154,7 @@ def overview(
     linear, complete = linear_curves(scene, force, reference, low, high), True
     try:
         if exact:
-            curves.extend(exact_curves(scene, force, reference, low, high, progress))
+            curves.extend(exact_curves(scene, force, reference, low, high, pairs, progress))
         if balance is not None:
             curves.extend(balance_curves(balance, reference, low, high, progress))
         for start, stop in sweeps:

@@ -17,9 +17,11 @@ from impact_env.periodic.locating import FOLD, Monitor
 from impact_env.periodic.motion import Motion, motion_of
 from impact_env.periodic.orbit import Orbit, confirmed, consistent, is_held, mended
 from impact_env.periodic.schedule import EventSchedule
+from impact_env.periodic.stability import derivative_of
 
 Array = NDArray[np.float64]
 GRAZING, PULLING = "grazing", "pulling"
+SYMMETRY_BREAKING, PERIOD_DOUBLING = "symmetry breaking", "period doubling"  # a multiplier of -1, of half a period and of a whole one
 PARAMETER_SHARE = 0.02  # of the parameter: a change that counts as much as a radian of an event's phase
 STEPS = Steps(first=0.01, least=1e-8, most=0.1)
 
@@ -91,7 +93,13 @@ class _Walk:
         return (
             Monitor(GRAZING, lambda z, value: self.motion(z, value).clearance / self.case.gap, ends=True),
             Monitor(PULLING, lambda z, _value: self._weakest(z), ends=True),
+            Monitor(SYMMETRY_BREAKING if self.schedule.symmetric else PERIOD_DOUBLING, self._turning_back),
         )
+
+    def _turning_back(self, z: Array, value: float) -> float:
+        """Return what is zero where a multiplier is -1: the product of all of them, each plus 1."""
+        matrix = derivative_of(self.motion(z, value))[0]
+        return float(np.linalg.det(matrix + np.eye(len(matrix))))
 
     def _weakest(self, z: Array) -> float:
         order, n = self.schedule.order, len(self.schedule.events)
