@@ -278,17 +278,28 @@ def test_joined_phases_of_a_run_are_joined_segments_of_its_schedule() -> None:
     assert len(found.phases) == len(found.schedule.events)
 
 
-def test_an_orbit_over_several_periods_of_the_force() -> None:
-    case = paper_case(1, 0.912, 1.5, 0.75)
-    high = high_orbit(case)
-    phase = float(high.solution.phases[0]) + 0.3
-    state = high.motion.state_at(phase)
-    state[-1] *= 1.001
-    found = orbit_of_simulation(case, settle=600, initial=initial_of(case, state), phase=phase)
+def test_an_orbit_over_three_periods_of_the_force() -> None:
+    found = orbit_of_simulation(paper_case(10, 0.972, 3.5, 0.7, 0.1))
     assert isinstance(found, Orbit)
-    assert found.schedule.period_multiple == 6
-    assert len(found.impacts) == 12
+    assert found.schedule.symmetric
+    assert found.schedule.period_multiple == 3
+    assert len(found.impacts) == 6
+    assert found.stability.stable
     assert found.residual < BAR
+    phase = float(found.solution.phases[0]) + 0.2
+    first, later = found.motion.state_at(phase), found.motion.state_at(phase + 2 * np.pi)
+    assert np.max(np.abs(later - first)) > 1e-3 * np.max(np.abs(first))
+    assert np.allclose(found.motion.state_at(phase + 6 * np.pi), first, rtol=0, atol=1e-9)
+
+
+def test_a_slow_approach_is_not_taken_for_a_long_period() -> None:
+    case = paper_case(1, 0.912, 1.5, 0.75)
+    phase, state = high_orbit(case).motion.mid_flight()
+    state[-1] *= 1.001
+    found = orbit_of_simulation(case, settle=80, initial=initial_of(case, state), phase=phase)
+    assert isinstance(found, Orbit)
+    assert found.schedule.period_multiple == 1
+    assert not found.schedule.symmetric
 
 
 def test_runs_without_impacts_or_return_are_no_orbits() -> None:

@@ -17,6 +17,7 @@ from impact_env.sweep import simulate
 Array = NDArray[np.float64]
 SAMPLES = 40  # in a period of the fastest mode: reversals are read off samples
 MOST_SAMPLES = 20000  # in a pseudo period; reversals between two samples are found when the orbit is mended
+SAME = 1e-8  # of the largest entry of a state: two states that are one
 CLOSE = 1e-3  # of gap and gap times omega: a return as close as this is taken for one
 SETTLE = 400.0  # periods of the force before anything is read off
 MOST_MULTIPLE = 8
@@ -115,7 +116,20 @@ def orbit_of_simulation(
     schedule, phases = read_schedule(case, response, here, multiple, symmetric)
     if not schedule.flies:
         return NoOrbit(case, schedule, "friction or a wall holds the absorber for a while", phases)
-    return orbit_at(case, schedule, phases)
+    found = orbit_at(case, schedule, phases)
+    shorter = multiple if isinstance(found, NoOrbit) else _least_multiple(found)
+    return found if shorter == multiple else orbit_at(case, *read_schedule(case, response, here, shorter, symmetric))
+
+
+def _least_multiple(orbit: Orbit) -> int:
+    """Return the multiple of the force's period after which an orbit really comes again: a slow approach may look like a long period."""
+    whole, start = orbit.schedule.period_multiple, float(orbit.solution.phases[0]) + 1e-3
+    first = orbit.motion.state_at(start)
+    for multiple in range(1, whole):
+        miss = np.abs(orbit.motion.state_at(start + 2 * np.pi * multiple) - first)
+        if whole % multiple == 0 and np.max(miss) < SAME * np.max(np.abs(first)):
+            return multiple
+    return whole
 
 
 def _blank(case: Case) -> EventSchedule:
@@ -133,6 +147,6 @@ def _return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool,
         symmetric = half % 2 == 1
         miss = np.abs((-1.0 if symmetric else 1.0) * state - first) / case.gap
         least = min(least, float(max(np.max(miss[:n]), np.max(miss[n:]) / case.omega)))
-        if least < CLOSE:
+        if least < CLOSE and (half <= most or not symmetric):
             return symmetric, half if symmetric else half // 2, least
     return False, 0, least
