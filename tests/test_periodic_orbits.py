@@ -10,14 +10,15 @@ from periodic_truth import matched
 
 from impact_env import Beam, ModalModel, ParameterError, Record, modal_model
 from impact_env.periodic.case import Case
-from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.green import NoOrbit, unknowns_of
 from impact_env.periodic.isolas import BIRTH, MERGER, Threshold, folds, threshold_map, thresholds
-from impact_env.periodic.orbit import Orbit, mirrored, orbit_at
+from impact_env.periodic.motion import Motion
+from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, settled
 from impact_env.periodic.schedule import Regime, flying_schedule
 from impact_env.periodic.starts import initial_of, orbit_of_simulation, read_schedule, recorded
 from impact_env.periodic.survey import attractors, closed_form_orbits, crossings, orbits_over, same
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
-from impact_env.periodic.tracing import PULLING, OrbitBranch, orbit_branch
+from impact_env.periodic.tracing import GRAZING, PULLING, OrbitBranch, orbit_branch
 from impact_env.periodic.validation import BAR, map_over, propagated, residual_of, trial_of
 
 Array = np.ndarray
@@ -362,6 +363,26 @@ def test_bad_input_is_named() -> None:
         orbit_of_simulation(case, settle=0)
     with pytest.raises(ParameterError, match=r"^start = "):
         orbit_at(case, flying_schedule([-1, 1], False), [0.0, 1.0, 2.0])
+
+
+def test_a_branch_ends_where_the_absorber_grazes_a_wall() -> None:
+    """Just before it orbits are confirmed, just behind it the exact method finds more impacts."""
+    case = paper_case(1, 0.9, 10.0, 0.6)
+    first = float(case.model.omega[0])
+    branch = orbit_branch(high_orbit(case).solution, "omega", (0.85 * first, 1.3 * first))
+    (motion,) = branch.of(GRAZING)
+    assert GRAZING in branch.branch.ended
+    assert abs(motion.clearance) < 1e-12 * case.gap
+    at = motion.solution
+    before, behind = (orbit_at(at.case.changed(omega=at.case.omega * share), at.schedule, unknowns_of(at)) for share in (1 - 1e-6, 1 + 1e-6))
+    assert isinstance(before, Orbit)
+    assert isinstance(behind, NoOrbit)
+    assert "passes a wall" in behind.reason
+    beyond = settled(behind.case, at.schedule, unknowns_of(at))
+    assert isinstance(beyond, Motion)
+    trial = trial_of(beyond)
+    assert trial.reason is not None
+    assert "impacts instead of" in trial.reason
 
 
 # --- surveys and maps ---------------------------------------------------------------------------------------------------------------
