@@ -168,6 +168,26 @@ def test_unknowns_may_change_on_the_way() -> None:
     assert [f.parameter for f in branch.of("fold")][:2] == pytest.approx([1, -1], abs=1e-10)
 
 
+def test_a_branch_is_closed_in_other_unknowns_than_it_began_with() -> None:
+    """From y > 0.5 on x is written down twice, and never again once only: the start's unknowns do not come back."""
+
+    def twice(z: Array, p: float) -> tuple[Array, Array]:
+        values, jacobian = circle(z[:1], p)
+        return np.array([values[0], z[1] - 2 * z[0]]), np.array([[jacobian[0, 0], 0.0, jacobian[0, 1]], [-2.0, 1.0, 0.0]])
+
+    def recentre(z: Array, p: float, tangent: Array) -> Chart | None:
+        if len(z) == 2 or p < 0.5:
+            return None
+        return Chart(twice, np.array([z[0], 2 * z[0]]), np.array([tangent[0], 2 * tangent[0], tangent[-1]]))
+
+    branch = continuation(Problem(circle, recentre=recentre), np.array([1.0]), 0.0)
+    assert branch.closed
+    assert "back at its point" in branch.message
+    again = [k for k, p in enumerate(branch.parameters) if p == branch.parameters[-1]]
+    assert len(again) == 2
+    assert branch.points[again[0]][0] == pytest.approx(branch.points[-1][0])
+
+
 def test_saved_and_loaded_branches_are_the_same(tmp_path: Path) -> None:
     branch = both_ways(Problem(cubic, "force", limits=(-1.0, 1.0)), np.array([0.1]), 0.1)
     for name in ("branch.json", "branch.npz"):

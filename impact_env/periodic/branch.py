@@ -16,7 +16,7 @@ from impact_env.plain_files import replacing
 Real = NDArray[np.float64]
 
 # why a branch ended
-CLOSED = "closed"  # it came back to its first point: an isola
+CLOSED = "closed"  # it came back to its first point, or to a later one where the unknowns changed: an isola
 LIMIT = "limit"  # the parameter's limit
 COUNT = "number of points"
 MINIMUM_STEP = "minimum step"  # no convergence, or a lost branch, whatever the step
@@ -78,7 +78,7 @@ class Branch:
 
     @property
     def closed(self) -> bool:
-        """Whether the last point is the first one again."""
+        """Whether the last point is the first one again, or a later one at which the unknowns changed."""
         return self.ended == CLOSED
 
     def of(self, kind: str) -> tuple[Located, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from impact_env.parameters import count, finite, positive, require
 from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, Branch, Located
 from impact_env.periodic.corrector import Corrected, NoConvergenceError, Real, Residual, System, corrected, kernel, tangent
-from impact_env.periodic.locating import KINK, Monitor, Place, determinant, located
+from impact_env.periodic.locating import KINK, Gate, Monitor, Place, determinant, located
 
 Progress = Callable[[int, float], None]  # number of points, parameter
 
@@ -129,7 +129,8 @@ def walk(problem: Problem, z: Real, parameter: float, direction: float | Real = 
     """
     steps = Steps() if steps is None else steps
     system, here = start(problem, z, parameter, direction, steps)
-    first, first_system, index, size = here, system, 0, steps.first
+    index, size = 0, steps.first
+    gates = [Gate(0, system, here)]
     yield Step(system, here)
     while True:
         try:
@@ -139,8 +140,9 @@ def walk(problem: Problem, z: Real, parameter: float, direction: float | Real = 
             yield Step(system, here, (), MINIMUM_STEP, f"no step from {problem.parameter} = {p:.10g} down to {steps.least:.1e}: {error}")
             return
         ended, message = None, ""
-        if index >= 2 and len(there.x) == len(first.x) and _returned(first_system, first, here, there):
-            there, ended, message = first, CLOSED, "back at its first point"
+        gate = next((gate for gate in gates if index - gate.index >= 2 and gate.returned(here, there)), None)
+        if gate is not None:
+            there, ended, message = gate.place, CLOSED, "back at its first point" if gate.index == 0 else f"back at its point {gate.index + 1}"
         bounded = _bounded(problem, system, here, there)
         if bounded is not None:
             there, ended = bounded, LIMIT
@@ -161,7 +163,10 @@ def walk(problem: Problem, z: Real, parameter: float, direction: float | Real = 
         if ended is not None:
             return
         try:
+            before = system
             problem, system, here = _recentred(problem, system, there, steps)
+            if system is not before:
+                gates.append(Gate(index, system, here))
         except NoConvergenceError as error:
             p = system.plain(there.x)[1]
             yield Step(system, there, (), MINIMUM_STEP, f"lost at {problem.parameter} = {p:.10g}, where the unknowns change: {error}")
@@ -188,23 +193,6 @@ def _next(system: System, here: Place, size: float, steps: Steps) -> tuple[Place
         if size <= steps.least:
             raise NoConvergenceError(why)
         size = max(size / 2.5, steps.least)
-
-
-def _returned(system: System, first: Place, here: Place, there: Place) -> bool:
-    """Return whether the step goes over the first point: next to its chord, and Newton's method from there ends in it."""
-    chord = there.x - here.x
-    length = float(np.linalg.norm(chord))
-    share = float((first.x - here.x) @ chord) / length**2
-    if not 0 < share <= 1 or first.tangent @ chord <= 0:
-        return False
-    nearest = here.x + share * chord
-    if np.linalg.norm(first.x - nearest) > 0.3 * length:
-        return False
-    try:
-        at = corrected(system, nearest, first.tangent, float(first.tangent @ first.x))
-    except NoConvergenceError:
-        return False
-    return bool(np.linalg.norm(at.x - first.x) <= 1e-6 * (1 + np.linalg.norm(first.x)))
 
 
 def _bounded(problem: Problem, system: System, here: Place, there: Place) -> Place | None:

@@ -86,7 +86,7 @@ def corrected(system: System, guess: Real, normal: Real, offset: float | None = 
         x = x + step
         unit = 1 + float(np.linalg.norm(x))
         if size <= system.tolerance * unit or (close and size <= 10 * system.tolerance * unit):
-            return Corrected(x, system(x)[1], iteration)
+            return Corrected(x, jacobian, iteration)  # of the last but one point, which is this one to all digits that a tangent needs
         last, close = size, size <= np.sqrt(system.tolerance) * unit
     raise NoConvergenceError(f"no convergence in {system.iterations} Newton steps, the last of {last:.1e}")
 

@@ -40,6 +40,31 @@ def determinant(jacobian: Real, along: Real) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
+class Gate:
+    """A place that closes the branch when it is met again: the first one, and the first in each set of unknowns (the start's may not come again)."""
+
+    index: int
+    system: System
+    place: Place
+
+    def returned(self, here: Place, there: Place) -> bool:
+        """Return whether the step goes over the place: next to the chord, and Newton's method from there ends in it."""
+        chord, first = there.x - here.x, self.place
+        if len(chord) != len(first.x) or first.tangent @ chord <= 0:
+            return False
+        length = float(np.linalg.norm(chord))
+        share = float((first.x - here.x) @ chord) / length**2
+        nearest = here.x + share * chord
+        if not 0 < share <= 1 or np.linalg.norm(first.x - nearest) > 0.3 * length:
+            return False
+        try:
+            at = corrected(self.system, nearest, first.tangent, float(first.tangent @ first.x))
+        except NoConvergenceError:
+            return False
+        return bool(np.linalg.norm(at.x - first.x) <= 1e-6 * (1 + np.linalg.norm(first.x)))
+
+
+@dataclass(frozen=True, eq=False)
 class _Between:
     """The branch between two places, as a function of the share s of the way: Newton's method from a cubic through both."""
 
