@@ -10,14 +10,15 @@ from periodic_truth import matched
 
 from impact_env import Beam, ModalModel, ParameterError, Record, modal_model
 from impact_env.periodic.case import Case
-from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.green import NoOrbit, unknowns_of
 from impact_env.periodic.isolas import BIRTH, MERGER, Threshold, folds, threshold_map, thresholds
-from impact_env.periodic.orbit import Orbit, mirrored, orbit_at
+from impact_env.periodic.motion import Motion
+from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, settled
 from impact_env.periodic.schedule import Regime, flying_schedule
 from impact_env.periodic.starts import initial_of, orbit_of_simulation, read_schedule, recorded
 from impact_env.periodic.survey import attractors, closed_form_orbits, crossings, orbits_over, same
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
-from impact_env.periodic.tracing import PULLING, OrbitBranch, orbit_branch
+from impact_env.periodic.tracing import GRAZING, PULLING, OrbitBranch, orbit_branch
 from impact_env.periodic.validation import BAR, map_over, propagated, residual_of, trial_of
 
 Array = np.ndarray
@@ -278,17 +279,28 @@ def test_joined_phases_of_a_run_are_joined_segments_of_its_schedule() -> None:
     assert len(found.phases) == len(found.schedule.events)
 
 
-def test_an_orbit_over_several_periods_of_the_force() -> None:
-    case = paper_case(1, 0.912, 1.5, 0.75)
-    high = high_orbit(case)
-    phase = float(high.solution.phases[0]) + 0.3
-    state = high.motion.state_at(phase)
-    state[-1] *= 1.001
-    found = orbit_of_simulation(case, settle=600, initial=initial_of(case, state), phase=phase)
+def test_an_orbit_over_three_periods_of_the_force() -> None:
+    found = orbit_of_simulation(paper_case(10, 0.972, 3.5, 0.7, 0.1))
     assert isinstance(found, Orbit)
-    assert found.schedule.period_multiple == 6
-    assert len(found.impacts) == 12
+    assert found.schedule.symmetric
+    assert found.schedule.period_multiple == 3
+    assert len(found.impacts) == 6
+    assert found.stability.stable
     assert found.residual < BAR
+    phase = float(found.solution.phases[0]) + 0.2
+    first, later = found.motion.state_at(phase), found.motion.state_at(phase + 2 * np.pi)
+    assert np.max(np.abs(later - first)) > 1e-3 * np.max(np.abs(first))
+    assert np.allclose(found.motion.state_at(phase + 6 * np.pi), first, rtol=0, atol=1e-9)
+
+
+def test_a_slow_approach_is_not_taken_for_a_long_period() -> None:
+    case = paper_case(1, 0.912, 1.5, 0.75)
+    phase, state = high_orbit(case).motion.mid_flight()
+    state[-1] *= 1.001
+    found = orbit_of_simulation(case, settle=80, initial=initial_of(case, state), phase=phase)
+    assert isinstance(found, Orbit)
+    assert found.schedule.period_multiple == 1
+    assert not found.schedule.symmetric
 
 
 def test_runs_without_impacts_or_return_are_no_orbits() -> None:
@@ -351,6 +363,26 @@ def test_bad_input_is_named() -> None:
         orbit_of_simulation(case, settle=0)
     with pytest.raises(ParameterError, match=r"^start = "):
         orbit_at(case, flying_schedule([-1, 1], False), [0.0, 1.0, 2.0])
+
+
+def test_a_branch_ends_where_the_absorber_grazes_a_wall() -> None:
+    """Just before it orbits are confirmed, just behind it the exact method finds more impacts."""
+    case = paper_case(1, 0.9, 10.0, 0.6)
+    first = float(case.model.omega[0])
+    branch = orbit_branch(high_orbit(case).solution, "omega", (0.85 * first, 1.3 * first))
+    (motion,) = branch.of(GRAZING)
+    assert GRAZING in branch.branch.ended
+    assert abs(motion.clearance) < 1e-12 * case.gap
+    at = motion.solution
+    before, behind = (orbit_at(at.case.changed(omega=at.case.omega * share), at.schedule, unknowns_of(at)) for share in (1 - 1e-6, 1 + 1e-6))
+    assert isinstance(before, Orbit)
+    assert isinstance(behind, NoOrbit)
+    assert "passes a wall" in behind.reason
+    beyond = settled(behind.case, at.schedule, unknowns_of(at))
+    assert isinstance(beyond, Motion)
+    trial = trial_of(beyond)
+    assert trial.reason is not None
+    assert "impacts instead of" in trial.reason
 
 
 # --- surveys and maps ---------------------------------------------------------------------------------------------------------------

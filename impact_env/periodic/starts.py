@@ -16,6 +16,8 @@ from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
 SAMPLES = 40  # in a period of the fastest mode: reversals are read off samples
+MOST_SAMPLES = 20000  # in a pseudo period; reversals between two samples are found when the orbit is mended
+SAME = 1e-8  # of the largest entry of a state: two states that are one
 CLOSE = 1e-3  # of gap and gap times omega: a return as close as this is taken for one
 SETTLE = 400.0  # periods of the force before anything is read off
 MOST_MULTIPLE = 8
@@ -38,7 +40,7 @@ def initial_of(case: Case, state: Array) -> InitialState:
 def recorded(case: Case, state: Array, phase: float, periods: int) -> Response:
     """Return a run of whole periods of the force with its events and enough samples to find reversals."""
     fastest = max(float(np.max(case.model.omega)), case.omega)
-    samples = int(np.ceil(SAMPLES * fastest / float(case.model.omega[0])))
+    samples = min(int(np.ceil(SAMPLES * fastest / float(case.model.omega[0]))), MOST_SAMPLES)
     record = Record(level=False, events=True, series=True, samples_per_period=max(samples, 64))
     return simulate(case.scene, case.drive(periods * case.period, phase), initial=initial_of(case, state), record=record)
 
@@ -105,37 +107,46 @@ def orbit_of_simulation(
     """
     count("most_multiple", most_multiple, 1)
     state, here = state_after(case, settle, initial, phase)
-    response = recorded(case, state, here, most_multiple)
-    symmetric, multiple, miss = _return_of(case, response, most_multiple)
-    nothing = NoOrbit(case, _blank(case), f"the run does not come again within {most_multiple} periods (miss {miss:.1e})", np.zeros(1))
+    symmetric, multiple, miss = _return_of(case, state, here, most_multiple)
     if multiple == 0:
-        return nothing
+        return NoOrbit(case, _blank(case), f"the run does not come again within {most_multiple} periods (miss {miss:.1e})", np.zeros(1))
+    response = recorded(case, state, here, multiple)
     if response.impact_count == 0:
         return NoOrbit(case, _blank(case), "the run has no impacts", np.zeros(1))
     schedule, phases = read_schedule(case, response, here, multiple, symmetric)
     if not schedule.flies:
         return NoOrbit(case, schedule, "friction or a wall holds the absorber for a while", phases)
-    return orbit_at(case, schedule, phases)
+    found = orbit_at(case, schedule, phases)
+    shorter = multiple if isinstance(found, NoOrbit) else _least_multiple(found)
+    return found if shorter == multiple else orbit_at(case, *read_schedule(case, response, here, shorter, symmetric))
+
+
+def _least_multiple(orbit: Orbit) -> int:
+    """Return the multiple of the force's period after which an orbit really comes again: a slow approach may look like a long period."""
+    whole, start = orbit.schedule.period_multiple, float(orbit.solution.phases[0]) + 1e-3
+    first = orbit.motion.state_at(start)
+    for multiple in range(1, whole):
+        miss = np.abs(orbit.motion.state_at(start + 2 * np.pi * multiple) - first)
+        if whole % multiple == 0 and np.max(miss) < SAME * np.max(np.abs(first)):
+            return multiple
+    return whole
 
 
 def _blank(case: Case) -> EventSchedule:
     return flying_schedule([-1], case.friction_limit > 0, symmetric=True)
 
 
-def _return_of(case: Case, response: Response, most: int) -> tuple[bool, int, float]:
-    """Return whether the motion mirrors itself after half of its period, the multiple of the force's period (0: none), and the least miss."""
-    history = response.history
-    assert history is not None
-    rows = np.column_stack(
-        [history.modal_displacement, history.absorber_displacement, history.modal_velocity / case.omega, history.absorber_velocity / case.omega]
-    )
-    first, least = rows[0] / case.gap, np.inf
-    for multiple in range(1, most + 1):
-        for symmetric in (True, False) if multiple % 2 else (False,):
-            at = multiple * case.period * (0.5 if symmetric else 1.0)
-            there = np.array([np.interp(at, history.time, column) for column in rows.T]) / case.gap
-            miss = float(np.max(np.abs((-1.0 if symmetric else 1.0) * there - first)))
-            least = min(least, miss)
-            if miss < CLOSE:
-                return symmetric, multiple, miss
+def _return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool, int, float]:
+    """Return whether the motion mirrors itself after half of its period, the multiple of the force's period (0: none), and the least miss.
+
+    The state ``first`` (2 N_m + 2,) at a ``phase`` (rad) is compared with those after each half period of the force.
+    """
+    n, state, least = case.model.modes + 1, first, np.inf
+    for half in range(1, 2 * most + 1):
+        state, phase = state_after(case, 0.5, initial_of(case, state), phase)
+        symmetric = half % 2 == 1
+        miss = np.abs((-1.0 if symmetric else 1.0) * state - first) / case.gap
+        least = min(least, float(max(np.max(miss[:n]), np.max(miss[n:]) / case.omega)))
+        if least < CLOSE and (half <= most or not symmetric):
+            return symmetric, half if symmetric else half // 2, least
     return False, 0, least

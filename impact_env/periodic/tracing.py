@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 GRAZING, PULLING = "grazing", "pulling"
 SYMMETRY_BREAKING, PERIOD_DOUBLING = "symmetry breaking", "period doubling"  # a multiplier of -1, of half a period and of a whole one
 PARAMETER_SHARE = 0.02  # of the parameter: a change that counts as much as a radian of an event's phase
-STEPS = Steps(first=0.01, least=1e-8, most=0.1)
+STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=1000)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,9 @@ EVENT_BAR = 1e-6  # rad: how far an event may lie from where the orbit has it; t
 class Trial:
     """What the exact method says of a motion: ``residual`` of the return, and ``reason`` why it is no orbit, None if it is one.
 
-    The residual is the largest difference of the state after a period (mirrored after half of one, for a symmetric orbit): displacements over the
-    gap, velocities over gap times omega.
+    Impacts are compared one by one. A reversal that the schedule misses or invents shows in the residual: friction would push the wrong way. The
+    residual is the largest difference of the state after a period (mirrored after half of one, for a symmetric orbit): displacements over the gap,
+    velocities over gap times omega.
     """
 
     residual: float

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_env.kernels.jit import jit, jit_inline
-from impact_env.kernels.periodic.structure import at_frequency, receptance
+from impact_env.kernels.periodic.structure import at_frequency, over, receptance
 
 
 class Line(NamedTuple):
@@ -38,7 +38,7 @@ def line_of(structure, point):  # type: ignore[no-untyped-def]
     for j in range(structure.s.shape[0]):
         s = structure.s[j]
         e = np.exp(s * half)
-        mean = 0.5 * (1.0 - e) / (1.0 + e)
+        mean = over(0.5 * (1.0 - e), 1.0 + e)
         share = structure.powers[1, j]
         k += (share * mean).real
         k_rate += (share * s * mean).real

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.periodic.closed_form import kappa_of
-from impact_env.kernels.periodic.structure import receptance
+from impact_env.kernels.periodic.structure import over, receptance
 
 # columns of the Jacobian behind those of the unknowns
 OMEGA, FORCE, GAP, RESTITUTION, LIMIT = range(5)
@@ -103,10 +103,10 @@ def prepare(structure, order, omega, z, room):  # type: ignore[no-untyped-def]
     for j in range(structure.s.shape[0]):
         s = structure.s[j]
         whole = mirror * np.exp(s * span)
-        room.first[j] = 1.0 / (1.0 - whole)
-        room.mean[j] = 0.5 * (1.0 + whole) / (1.0 - whole)
-        room.mean_slope[j] = s * whole / (1.0 - whole) ** 2
-        room.stretch[j] = s * whole / (1.0 - whole)
+        room.first[j] = over(complex(1.0, 0.0), 1.0 - whole)
+        room.mean[j] = over(0.5 * (1.0 + whole), 1.0 - whole)
+        room.stretch[j] = over(s * whole, 1.0 - whole)
+        room.mean_slope[j] = over(room.stretch[j], 1.0 - whole)
         for i in range(n):
             before = z[i - 1] if i > 0 else z[n - 1] - order.turn
             room.steps[i, j] = np.exp(s * ((z[i] - before) / omega))

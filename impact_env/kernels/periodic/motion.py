@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.periodic.green import new_room, prepare
+from impact_env.kernels.periodic.structure import over
 
 PANEL = 1.0  # rad of the fastest exponential in one panel of nodes
 NODES = 6  # of Gauss and Legendre in a panel
@@ -42,7 +43,7 @@ def rates(structure, omega, force, rest, amplitude, phase, out):  # type: ignore
     """Write modal displacements, velocities and accelerations (3, N_m): exponentials ``amplitude`` (J,), constant force ``rest`` (N), phase (rad)."""
     turning = force * np.exp(1j * phase)
     for i in range(structure.omega.shape[0]):
-        q = structure.push[i] * turning / (structure.omega[i] ** 2 - omega * omega + 1j * structure.rate[i] * omega)
+        q = over(structure.push[i] * turning, complex(structure.omega[i] ** 2 - omega * omega, structure.rate[i] * omega))
         out[0, i] = q.real - structure.tip[i] * rest / structure.omega[i] ** 2
         out[1, i] = (1j * omega * q).real
         out[2, i] = (-omega * omega * q).real

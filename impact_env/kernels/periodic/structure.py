@@ -70,13 +70,21 @@ def at_frequency(point, omega):  # type: ignore[no-untyped-def]
     return Point(omega, point.force, point.gap, point.restitution, point.limit)
 
 
+@jit_inline
+def over(a, b):  # type: ignore[no-untyped-def]
+    """Return a/b, complex; infinite or nan where b is 0 (an undamped mode at resonance), for which numba's own division raises an error."""
+    size = b.real * b.real + b.imag * b.imag
+    value = a * complex(b.real, -b.imag)
+    return complex(value.real / size, value.imag / size)
+
+
 @jit
 def receptance(structure, omega):  # type: ignore[no-untyped-def]
     """Return H (m/N) and dH/domega: displacement of the tip under a force exp(i omega t) at the place of the force."""
     value, slope = 0j, 0j
     for i in range(structure.omega.shape[0]):
         below = structure.omega[i] ** 2 - omega * omega + 1j * structure.rate[i] * omega
-        share = structure.tip[i] * structure.push[i] / below
+        share = over(complex(structure.tip[i] * structure.push[i], 0.0), below)
         value += share
-        slope -= share * (-2.0 * omega + 1j * structure.rate[i]) / below
+        slope -= over(share * complex(-2.0 * omega, structure.rate[i]), below)
     return value, slope
