@@ -51,16 +51,17 @@ def chosen(given: Options, **options: str) -> Options:
 
 def refuse_contradictions(given: Options) -> None:
     """Raise BadInput if two options do not go together."""
-    if given["scene"] is None:
-        _refuse_parts(given)
-    else:
-        for name in SCENE_OPTIONS:
-            if given[name] is not None:
-                raise BadInput(f"{option_name(name)} does not go with --scene: the file says what the scene is")
+    refuse_parts(given)
     _refuse_runs(given)
 
 
-def _refuse_parts(given: Options) -> None:
+def refuse_parts(given: Options) -> None:
+    """Raise BadInput if two options of the scene do not go together."""
+    if given["scene"] is not None:
+        for name in SCENE_OPTIONS:
+            if given[name] is not None:
+                raise BadInput(f"{option_name(name)} does not go with --scene: the file says what the scene is")
+        return
     kind = kind_of(given)
     for name in sorted(set().union(*PARTS.values()) - PARTS[kind]):
         if given[name] is not None:

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.envs.observation import STATE, Feature
-from impact_env.envs.reference import mean_power_of_cosine, steady_amplitude
+from impact_env.envs.reference import mean_power_of_cosine
 from impact_env.envs.settings import Range, Settings, one_of, span
 from impact_env.envs.task import Array, Mask, Task
+from impact_env.frequency import receptance
 from impact_env.kernels import interval as columns
 from impact_env.parameters import RigidWalls, SlidingAbsorber, positive, require
 
@@ -71,7 +72,8 @@ class GapTask(Task):
             held = max(1, round(generator.uniform(shortest, longest) / interval))
             self._forces[lane, done : done + held] = self.draw_force(generator)
             done += held
-        amplitude = steady_amplitude(self.settings.scene.model, float(self.ratio[lane]) * self.omega)
+        model = self.settings.scene.model
+        amplitude = float(abs(receptance(model, self.ratio[lane] * self.omega, model.tip_shape, model.force_shape)))
         exponent = self.control.fatigue_exponent
         for step in range(self.steps):
             largest = amplitude * float(self._forces[lane, step])

@@ -10,7 +10,6 @@ import numpy as np
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import PAPER_RATE
 from impact_env.kernels import interval as columns
-from impact_env.modes import ModalModel
 from impact_env.scene import Scene
 
 CHUNK = 20.0  # pseudo periods
@@ -38,12 +37,6 @@ def passage(scene: Scene, resonance: int, start: float, stop: float, samples_per
         runs.advance()
         damage += float(runs.reports[0, columns.DAMAGE])
     return float(runs.reports[0, columns.LEVEL]), damage
-
-
-def steady_amplitude(model: ModalModel, omega: float) -> float:
-    """Return the tip's amplitude in m per newton of a beam without absorber at a constant circular frequency (rad/s)."""
-    terms = model.force_shape * model.tip_shape / (model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega)
-    return float(abs(np.sum(terms)))
 
 
 def mean_power_of_cosine(exponent: float) -> float:

@@ -87,6 +87,14 @@ def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) 
     return _bounded(w, response)
 
 
+def receptance_slope(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
+    """Return the derivative of `receptance` by omega in m s/(N rad), complex, of omega's shape; arguments and errors as there."""
+    w, row_a, row_b = _frequencies(omega), _shape(model, "a", a), _shape(model, "b", b)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        terms = row_a * row_b * (2 * w[..., None] - 2j * model.damping_ratio * model.omega) / _denominators(model, w) ** 2
+    return _bounded(w, np.asarray(terms.sum(axis=-1)))
+
+
 def _attachment(model: ModalModel, absorber: LinearAbsorber, omega: Real) -> tuple[Complex, Complex]:
     """Return n and D of the attachment's T = n/D (N/m): n = m_a omega^2 K and D = K - m_a omega^2 with K = k + i omega c; K is infinite if stuck."""
     require(isinstance(absorber, LinearAbsorber), "absorber", absorber, "a TunedAbsorber or a StuckAbsorber (others are not linear)")
