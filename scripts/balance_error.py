@@ -35,9 +35,9 @@ def text(exact: Exact, rows: list[BalanceRow]) -> str:
     header = ("harmonics", "weight", "error, %", "first fold", "last fold", "peak error, %", "CPU s, 250 points", "ended")
     lines = []
     for row in rows:
-        folds = [shown(row.first_fold_ratio, 1, 6), shown(row.last_fold_ratio, 1, 6)]
+        located = [shown(row.first_fold_ratio, 1, 6), shown(row.last_fold_ratio, 1, 6)]
         last = [shown(row.peak_error, 100, 2), shown(row.cpu_seconds_per_250_points, 1, 2), "closed" if row.closed else row.reason]
-        lines.append([str(row.harmonics), f"{row.weight:g}", shown(row.tip_max_error, 100, 2), *folds, *last])
+        lines.append([str(row.harmonics), f"{row.weight:g}", shown(row.tip_max_error, 100, 2), *located, *last])
     case, peak = exact.case, exact.curve.peak
     folds = sorted(fold.omega_ratio for fold in exact.curve.folds)
     notes = [f"{case.scene}, {case.force:g} N. The exact orbit at {case.omega_ratio:g}: {1e3 * exact.motion.tip_max:.4f} mm."]

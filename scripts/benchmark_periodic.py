@@ -19,6 +19,7 @@ from tqdm import tqdm
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam
 from impact_env.periodic.case import Case
+from impact_env.periodic.continuation import Steps
 from impact_env.periodic.folds import fold_near
 from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
 from impact_env.periodic.isolas import FEWEST, closed_folds, level_places, map_frequencies
@@ -28,7 +29,7 @@ from impact_env.periodic.schedule import EventSchedule, flying_schedule
 from impact_env.periodic.stability import derivative_of, stability_of
 from impact_env.periodic.survey import attractors, closed_form_orbits
 from impact_env.periodic.symmetric import closed_form_branches, symmetric_schedule
-from impact_env.periodic.tracing import Steps, orbit_branch
+from impact_env.periodic.tracing import orbit_branch
 from impact_env.periodic.validation import BAR, map_over
 from optimisation.files import write_json
 

@@ -36,7 +36,9 @@ def computed(given: dict[str, Any]) -> IsolaMap:
 
 
 def table(cells: tuple[IsolaCell, ...]) -> str:
-    rows = [[str(n), f"{e:g}", kind, f"{force:.6f}", f"{ratio:.6f}", orbit] for cell in cells for n, e, kind, force, ratio, orbit in cell.rows()]
+    rows = [
+        [str(n), f"{e:g}", str(kind), f"{force:.6f}", f"{ratio:.6f}", str(orbit)] for cell in cells for n, e, kind, force, ratio, orbit in cell.rows()
+    ]
     return markdown(("modes", "restitution", "kind", "force, N", "omega/omega_1", "confirmed orbit"), rows)
 
 

@@ -114,15 +114,15 @@ def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) 
 
 
 def fold_text(located: tuple[LocatedFold, ...]) -> str:
-    good = [fold for fold in located if isinstance(fold.orbit, Orbit)]
-    rows = [[f"{f.omega_ratio:.10f}", f"{f.force:g}", f"{1e3 * f.orbit.motion.tip_max:.6f}", str(2 * f.orbit.schedule.reversals)] for f in good]
+    good = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
+    rows = [[f"{f.omega_ratio:.10f}", f"{f.force:g}", f"{1e3 * o.motion.tip_max:.6f}", str(2 * o.schedule.reversals)] for f, o in good]
     text = markdown(("omega/omega_1", "force, N", "tip max, mm", "reversals"), rows)
     return "\n".join([text, *refusals([f.orbit for f in located if isinstance(f.orbit, NoOrbit)], "folds of the closed form lead to")])
 
 
 def threshold_text(found: tuple[Threshold, ...]) -> str:
-    good = [threshold for threshold in found if isinstance(threshold.orbit, Orbit)]
-    rows = [[t.kind, f"{t.force:.8f}", f"{t.omega_ratio:.8f}", str(2 * t.orbit.schedule.reversals)] for t in good]  # type: ignore[union-attr]
+    good = [(threshold, threshold.orbit) for threshold in found if isinstance(threshold.orbit, Orbit)]
+    rows = [[t.kind, f"{t.force:.8f}", f"{t.omega_ratio:.8f}", str(2 * orbit.schedule.reversals)] for t, orbit in good]
     text = markdown(("kind", "force, N", "omega/omega_1", "reversals"), rows)
     return "\n".join([text, *refusals([t.orbit for t in found if isinstance(t.orbit, NoOrbit)], "level places of the closed form lead to")])
 
