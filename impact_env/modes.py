@@ -139,7 +139,8 @@ def _suspended(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
     rigid = rigid_shapes(beam)
     rigid = np.linalg.solve(np.linalg.cholesky(rigid.T @ mass @ rigid), rigid.T).T
     held = mass @ rigid
-    soft = min(section.bending_stiffness for section in (beam, *beam.sections)) / (beam.mass * beam.length**3)
+    softest = min([beam.bending_stiffness, *(section.bending_stiffness for section in beam.sections)])
+    soft = softest / (beam.mass * beam.length**3)
     vectors, _ = _elastic(beam, mass, stiffness + soft * held @ held.T)
     bending = vectors[:, np.sort(np.argsort(np.linalg.norm(held.T @ vectors, axis=0))[: -rigid.shape[1]])]
     bending = bending - rigid @ (held.T @ bending)

@@ -114,7 +114,9 @@ def simulate(
     method = Exact() if method is None else method
     record = Record() if record is None else record
     if record.level and scene.model.response_shape is not None and not isinstance(scene.absorber, SeveralAbsorbers):
-        return _read_elsewhere(simulate(scene, drive, method, initial=initial, record=_sampled(record), most_events=most_events, progress=progress), record)
+        return _read_elsewhere(
+            simulate(scene, drive, method, initial=initial, record=_sampled(record), most_events=most_events, progress=progress), record
+        )
     check_supported(scene, method)
     check_mass(scene)
     check_step(scene, drive, method)
@@ -141,11 +143,6 @@ def simulate(
     if status != observers.DONE:
         raise _failure(response, counters, status)
     return response
-
-
-def _sampled(record: Record) -> Record:
-    """Return what to record where the level is read from the samples afterwards."""
-    return replace(record, level=False, series=True)
 
 
 def _read_elsewhere(response: Response, record: Record) -> Response:
