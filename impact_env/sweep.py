@@ -114,9 +114,9 @@ def simulate(
     method = Exact() if method is None else method
     record = Record() if record is None else record
     if record.level and scene.model.response_shape is not None and not isinstance(scene.absorber, SeveralAbsorbers):
-        return _read_elsewhere(
-            simulate(scene, drive, method, initial=initial, record=_sampled(record), most_events=most_events, progress=progress), record
-        )
+        sampled = replace(record, level=False, series=True)
+        found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress)
+        return _read_elsewhere(found, record)
     check_supported(scene, method)
     check_mass(scene)
     check_step(scene, drive, method)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,7 @@ def _mode(path: Path, part: dict[str, Any]) -> MeasuredMode:
     if np.iscomplexobj(shape):
         shape = _real(name, shape)
     require(omega > 0, "file", name, "a frequency above 0: a rigid-body motion needs that of its suspension")
-    require(bool(np.isfinite(mass)) and mass >= 0, "file", f"{name}, modal mass {mass}", "a modal mass of 0 (none) or above")
+    require(math.isfinite(mass) and mass >= 0, "file", f"{name}, modal mass {mass}", "a modal mass of 0 (none) or above")
     return MeasuredMode(omega, damping, np.asarray(part["node_nums"], dtype=np.int64), shape / np.sqrt(mass or 1.0), mass > 0)
 
 
@@ -84,7 +85,7 @@ def _residue(name: str, shape: NDArray[np.complex128], modal_a: complex, value: 
 def _real(name: str, shape: NDArray[np.complex128]) -> Real:
     """Return a complex shape turned to the real axis; raises ParameterError if much of it is not there."""
     turn = np.sum(shape**2)
-    collinear = abs(turn) / max(float(np.sum(np.abs(shape) ** 2)), np.finfo(float).tiny)
+    collinear = float(abs(turn)) / max(float(np.sum(np.abs(shape) ** 2)), np.finfo(float).tiny)
     allowed = f"{COLLINEAR} or above: the simulation works with real modes, so fit normal modes"
     require(collinear >= COLLINEAR, "file", f"{name}, phase collinearity {collinear:.3f}", allowed)
     return np.asarray(np.real(shape * np.exp(-0.5j * np.angle(turn))))
