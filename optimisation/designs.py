@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-from impact_env.modes import modal_model
+from impact_env.modes import Structure
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Absorber,
@@ -24,7 +24,8 @@ from impact_env.parameters import (
     impact_absorbers,
     require,
 )
-from impact_env.scene import Scene, beam_scene
+from impact_env.scene import Scene
+from optimisation.mounting import scene_on
 
 Values = Mapping[str, float]
 IMPACT, FRICTION, TUNED, SEVERAL = "impact", "friction", "tuned", "several"
@@ -128,19 +129,9 @@ class Design:
             return friction_damper(v[FRICTION_LIMIT], v[MASS_RATIO])
         return TunedAbsorber(v[MASS_RATIO], v[STIFFNESS], v[DAMPING])
 
-    @property
-    def reads_free_end(self) -> bool:
-        """Whether the model's tip shape, and so the level that a run streams, is that of the beam's free end."""
-        return self.concept == SEVERAL or self.values[POSITION] == 1.0
-
-    def scene(self, beam: Beam) -> Scene:
-        """Return the absorber on a beam, at the design's position.
-
-        The model's tip shape is the shape at that position, or at the free end if there are several absorbers.
-        """
-        if self.concept == SEVERAL:
-            return beam_scene(replace(beam, absorber_position=1.0), self.absorber())
-        return Scene(modal_model(replace(beam, absorber_position=self.values[POSITION])), self.absorber())
+    def scene(self, structure: Structure) -> Scene:
+        """Return the absorber on a structure, at the design's position; the level is read where `optimisation.mounting.watched` says."""
+        return scene_on(structure, self.absorber(), None if self.concept == SEVERAL else self.values[POSITION])
 
     def __str__(self) -> str:
         return f"{self.concept} absorber, " + ", ".join(f"{name} {value:.4g}" for name, value in self.values.items())

@@ -1,5 +1,5 @@
 """Tune the linear absorber: closed forms, numerical optima and the paper's values, with a proof of each peak."""
-# needs: optimise
+# needs: optimise, files
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 from _command_line import name_files, plain_errors
 from _progress import BAR
+from _structure_options import POSITION_HELP, model_of, refuse_beside, structure_option
 from _table import markdown
 from tqdm import tqdm
 
-from impact_env.modes import modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.tuned import HIGH, LOW
@@ -66,22 +66,41 @@ def text(table: TuningTable, bounds: dict[str, float]) -> str:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@structure_option
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance to tune to, counted from 1.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
-@click.option("--position", type=float, default=Beam.absorber_position, show_default=True, help="Place of absorber and response, over the length.")
+@click.option(
+    "--position",
+    type=float,
+    default=Beam.absorber_position,
+    show_default=True,
+    help=POSITION_HELP,
+)
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
 @click.option("--low", type=float, default=LOW, show_default=True, help="Begin of the scoring range over the resonance frequency.")
 @click.option("--high", type=float, default=HIGH, show_default=True, help="End of the scoring range; a range that cannot hold both peaks is refused.")
 @click.option("--quick", is_flag=True, help="Without the proofs, which take a second for the first resonance and a minute for higher ones.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/tune_ltva"), show_default=True, help="Folder for figure and tables.")
-def main(resonance: int, mass_ratio: float, position: float, modes: int, damping: float, low: float, high: float, quick: bool, out: Path) -> None:
-    """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam.
+def main(
+    structure: Path | None,
+    resonance: int,
+    mass_ratio: float,
+    position: float,
+    modes: int,
+    damping: float,
+    low: float,
+    high: float,
+    quick: bool,
+    out: Path,
+) -> None:
+    """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam, or another structure.
 
     Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
     """
     with plain_errors():
-        model = modal_model(Beam(modes=modes, damping_ratio=damping, absorber_position=position))
+        refuse_beside(structure, "modes", "damping")
+        model = model_of(structure, Beam(modes=modes, damping_ratio=damping, absorber_position=position))
         require_writable("--out", out)
         table = tuning_table(model, mass_ratio, resonance, low, high)
         bounds = {} if quick else certificates(table)

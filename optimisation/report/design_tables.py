@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from impact_env.modes import modal_model
 from optimisation.bounds import reduction_share, resonance_limit
 from optimisation.designs import Design
 from optimisation.insight import Levels, Sensitivity
+from optimisation.mounting import detuned
 from optimisation.objectives import Condition
-from optimisation.problem import Problem, detuned_beam
+from optimisation.problem import Problem
 from optimisation.search.judge import Audit, Judged, Verdict
 from optimisation.search.study import Evaluated
 
@@ -53,18 +53,16 @@ def number(value: float) -> float | None:
 
 
 def limit(problem: Problem, design: Design, condition: Condition) -> float:
-    """Return the stationary limit in m of the free end's level that no device in this design's cavities beats; NaN if an absorber has none.
+    """Return the stationary limit in m of the level that no device in this design's cavities beats; NaN if an absorber has none.
 
     See `optimisation.bounds`; a sweep's level is near it, not bound by it.
     """
-    beam = detuned_beam(problem.beam, condition.detuning)
-    scene = design.scene(beam)
+    scene = design.scene(detuned(problem.beam, condition.detuning))
     cavities = [scene.cavity(which) for which in range(scene.places)]
     gaps = [cavity.gap for cavity in cavities if cavity is not None]
     if len(gaps) < len(cavities):
         return math.nan
-    end = modal_model(beam).tip_shape
-    return float(resonance_limit(scene.model, scene.absorber_masses, gaps, condition.force, condition.resonance, *condition.limits, at=end))
+    return float(resonance_limit(scene.model, scene.absorber_masses, gaps, condition.force, condition.resonance, *condition.limits))
 
 
 def design_columns(problem: Problem) -> list[str]:
