@@ -3,7 +3,7 @@
 The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciPy; a study goes on where it was broken off.
 """
 
-# needs: optimise, cluster
+# needs: optimise, cluster, files
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from _design_options import (
     At,
     conditions_of,
     executor_of,
+    forces_at,
     journal_of,
     make_conditions,
     make_problem,
@@ -53,6 +54,8 @@ from optimisation.search.settings import FAST
 
 ALL = "all"
 DESIGNS, QUICK_DESIGNS = 400, 80
+AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and 2:35, with --structure by the design rule]"
+USUAL = ((1, 3.5), (2, 35.0))
 FEW = 4  # members of the figures
 FORCES, DETUNINGS, MAP = 10, 9, 16
 SOBOL, QUICK_SOBOL = 64, 16
@@ -117,7 +120,7 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
 
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> bool:
     """Return whether the concept's study came to its end."""
-    conditions = make_conditions(concept, given["at"], given["objective"] == "range")
+    conditions = make_conditions(concept, forces_at(given, USUAL), given["objective"] == "range")
     objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])
     problem = make_problem(concept, conditions, (objective,), given)
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
@@ -136,7 +139,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
 @click.option("--concept", type=click.Choice([*VARIABLES, ALL]), default=IMPACT, show_default=True, help="Kind of absorber.")
-@click.option("--at", multiple=True, type=At(), default=["1:3.5", "2:35"], show_default=True, help="Resonance and force in N; may be repeated.")
+@click.option("--at", multiple=True, type=At(), help=AT_HELP)
 @click.option("--objective", type=click.Choice(list(KINDS)), default="level", show_default=True, help="What makes a design good.")
 @click.option("--over", type=click.Choice([WORST, MEAN]), default=WORST, show_default=True, help="How resonances and forces join.")
 @click.option("--quantile", type=float, default=0.5, show_default=True, help="Share of the members that meet or better the value.")
