@@ -5,6 +5,7 @@ What a lane does is the run that `simulate` makes with the same schedule; see `i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
 from typing import Any
@@ -70,8 +71,8 @@ class ControlledRuns:
         )
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
         watch = Watch(period / samples_per_period, samples, float(exponent), unit, np.array(scene.model.omega), np.array(scene.model.tip_shape), mass)
-        parts = (watch, self._memory, self.orders, self.reports, self.status)
-        self._kernel = exact_lanes(scene, period, *parts) if isinstance(method, Exact) else stepping_lanes(scene, method, *parts)
+        self._watch, self._period = watch, period
+        self._kernel = self._bound()
         self._pool: ThreadPoolExecutor | None = None
         self._compiled = False
         self.orders[:, DURATION] = self.duration
@@ -79,6 +80,19 @@ class ControlledRuns:
         if isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls):
             self.orders[:, GAP] = absorber.walls.gap
         self.restart(np.arange(lanes))
+
+    def _bound(self) -> Callable[[int, int], None]:
+        """Return what advances lanes [start, stop)."""
+        parts = (self._watch, self._memory, self.orders, self.reports, self.status)
+        return exact_lanes(self.scene, self._period, *parts) if isinstance(self.method, Exact) else stepping_lanes(self.scene, self.method, *parts)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out threads and compiled code, which cannot be copied."""
+        return {name: value for name, value in vars(self).items() if name not in ("_pool", "_kernel")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._pool, self._kernel = None, self._bound()
 
     @property
     def state(self) -> Array:
