@@ -39,12 +39,14 @@ MASS = 9.0  # half the side of the absorber in pixels
 @lru_cache(maxsize=8)
 def _shapes(lengths: tuple[Any, ...]) -> Array:
     beam = Beam(**dict(lengths[:-1]), modal_frequency_ratio=dict(lengths[-1]))
-    rows = [modal_model(replace(beam, force_position=x)).force_shape for x in np.linspace(0, 1, POSITIONS + 1)[1:]]
-    return np.concatenate([np.zeros((1, beam.modes)), rows])
+    moves = {0.0: beam.ends.startswith("free"), 1.0: beam.ends.endswith("free")}
+    places = [float(x) for x in np.linspace(0, 1, POSITIONS + 1)]
+    still = np.zeros(beam.modes)
+    return np.array([modal_model(replace(beam, force_position=x)).force_shape if moves.get(x, True) else still for x in places])
 
 
 def mode_shapes(beam: Beam) -> Array:
-    """Return the modes' deflections at equidistant places from the clamped end to the tip, (POSITIONS + 1, N_m) in 1/sqrt(kg)."""
+    """Return the modes' deflections at equidistant places from the left end to the right one, (POSITIONS + 1, N_m) in 1/sqrt(kg)."""
     values = {name: getattr(beam, name) for name in beam.__dataclass_fields__ if name != "modal_frequency_ratio"}
     return _shapes((*values.items(), tuple(beam.modal_frequency_ratio.items())))
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
+from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
     Absorber,
     Beam,
@@ -31,6 +33,7 @@ from impact_env.parameters import (
 from impact_env.plain import from_scene, to_beam, to_scene
 from impact_env.response import DEFAULT_SAMPLES
 from impact_env.scene import Scene, beam_scene
+from impact_env.structure import load_structure
 
 Range = tuple[float, float]
 ABSORBERS = {
@@ -132,6 +135,24 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} is not a plain value")
 
 
+def _file_of(structure: Any) -> tuple[str, int]:
+    """Return a structure's file and when it was last changed, so that a changed file is read anew."""
+    require(isinstance(structure, str | Path), "structure", structure, "the name of a file as docs/scenes.md describes it")
+    path = Path(structure).resolve()
+    return str(path), path.stat().st_mtime_ns if path.is_file() else 0
+
+
+@lru_cache(maxsize=64)
+def _structure(path: str, _changed: int) -> Structure:
+    return load_structure(path)
+
+
+@lru_cache(maxsize=64)
+def _on_structure(path: str, changed: int, absorber: str, options: str) -> Scene:
+    model = replace(modal_model(_structure(path, changed)), response_shape=None)  # the environments read the level at the absorber's place
+    return Scene(model, make_absorber(absorber, json.loads(options)))
+
+
 @lru_cache(maxsize=64)
 def _whole_scene(text: str) -> tuple[Scene, Beam | None]:
     plain = json.loads(text)
@@ -163,12 +184,16 @@ class Settings:
     raw_state: bool = False
     threads: int | None = None
     whole_scene: Scene | Mapping[str, Any] | None = None
+    structure: str | None = None
 
     def __post_init__(self) -> None:
         beam = known("beam", self.beam, {f.name for f in fields(Beam)})
         require("modes" not in beam, "beam", self.beam, "no key modes: that is an argument of its own")
         if self.whole_scene is not None:
             self._check_whole_scene()
+        if self.structure is not None:
+            require(self.whole_scene is None, "whole_scene", self.whole_scene, "left out beside a structure")
+            require(not beam, "beam", self.beam, "left out beside a structure, whose file says what it is")
         check_supported(self.scene, self.integrator)
         self.scene.model.resonance_omega(self.resonance)
         low, high = self.forces
@@ -197,6 +222,8 @@ class Settings:
             return self.whole_scene
         if self.whole_scene is not None:
             return _whole_scene(as_json("whole_scene", self.whole_scene))[0]
+        if self.structure is not None:
+            return _on_structure(*_file_of(self.structure), self.absorber, as_json("absorber_options", self.absorber_options))
         beam = {**known("beam", self.beam, {f.name for f in fields(Beam)}), "modes": self.modes}
         return _scene(self.absorber, as_json("absorber_options", self.absorber_options), as_json("beam", beam))
 
@@ -207,6 +234,9 @@ class Settings:
             return None
         if self.whole_scene is not None:
             return _whole_scene(as_json("whole_scene", self.whole_scene))[1]
+        if self.structure is not None:
+            structure = _structure(*_file_of(self.structure))
+            return structure if isinstance(structure, Beam) else None
         return _beam(as_json("beam", {**self.beam, "modes": self.modes}))
 
     @property
