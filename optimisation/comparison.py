@@ -200,16 +200,17 @@ def compare(
     design = [design_force(model, mass, clearance, resonance) for resonance in every]
     usual = beam is None and force is None and gap is None and mass_ratio == DEFAULT_MASS_RATIO
     compared = concepts(model) if usual else scaled_concepts(model, mass_ratio, clearance, every[0], design[0])
-    scenes = [Scene(model, concept.absorber) for concept in compared]
     grids = [force_grid(f, forces) for f in design]
-    cases = [
-        CurveCase(scene, grid, resonance, concept.limits, rate)
-        for resonance, grid in zip(every, grids, strict=True)
-        for concept, scene in zip(compared, scenes, strict=True)
-    ]
-    curves = iter(performance_curves(cases, members, seed, method, threads=threads, progress=progress))
+    # a sweep that is wide enough for the peaks of a tuned absorber tells nothing of a resonance that it is not tuned to
+    kept = [(r, c) for r in every for c in compared if usual or c.limits != WIDE_LIMITS or r == every[0]]
+    grid_of = dict(zip(every, grids, strict=True))
+    cases = [CurveCase(Scene(model, concept.absorber), grid_of[resonance], resonance, concept.limits, rate) for resonance, concept in kept]
+    found = performance_curves(cases, members, seed, method, threads=threads, progress=progress)
+    curves: dict[int, dict[str, PerformanceCurve]] = {resonance: {} for resonance in every}
+    for (resonance, concept), curve in zip(kept, found, strict=True):
+        curves[resonance][concept.key] = curve
     parts = tuple(
-        ResonanceComparison(model, resonance, grid, {concept.key: next(curves) for concept in compared}, f, mass, clearance)
+        ResonanceComparison(model, resonance, grid, curves[resonance], f, mass, clearance)
         for resonance, grid, f in zip(every, grids, design, strict=True)
     )
     return Comparison(model, compared, parts, members, seed, rate, mass_ratio, clearance, beam is not None)

@@ -93,6 +93,11 @@ def _at(point: Optimum) -> Json:
     return {"force_n": point.force, **level, **_relative(point)}
 
 
+def _seen(comparison: Comparison, part: ResonanceComparison) -> list[Concept]:
+    """Return the concepts that have a curve near a resonance."""
+    return [concept for concept in comparison.concepts if concept.key in part.curves]
+
+
 def _parameters(concept: Concept) -> Json:
     """Return an absorber's parameters, without the parts that it lacks."""
     if concept.absorber is None:
@@ -141,7 +146,9 @@ def summary(comparison: Comparison) -> Json:
                 "limit_m": part.limit.tolist(),
                 "design_force_n": part.design_force,
                 "sweep_over_stationary_level": _number(part.sweep_ratio),
-                "concepts": {concept.key: _concept_summary(comparison, part, concept) for concept in comparison.concepts},
+                "concepts": {
+                    concept.key: _concept_summary(comparison, part, concept) for concept in comparison.concepts if concept.key in part.curves
+                },
             }
             for part in comparison.resonances
         },
@@ -171,7 +178,7 @@ def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
     finished = int(np.max(np.sum(~np.isnan(part.curves[IMPACT].combined), axis=1)))
     at = "the best force" if part.best is None else f"{part.forces[part.best]:.3g} N"
     rows = [["concept", "best force, N", "level there, %", f"level at {at}, mm", f"level at {at}, %"]]
-    rows += [_row(comparison, part, concept) for concept in comparison.concepts]
+    rows += [_row(comparison, part, concept) for concept in _seen(comparison, part)]
     if part.best is not None:
         rows.append([f"limit within a cavity of ±{1e3 * part.gap:.4g} mm", "", "", f"{1e3 * part.limit[part.best]:.3f}", ""])
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
