@@ -9,7 +9,7 @@ they are tuned: only there is the comparison a fair one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -162,6 +162,11 @@ class Comparison:
         return all(curve.complete for resonance in self.resonances for curve in resonance.curves.values())
 
 
+def is_paper(structure: Structure) -> bool:
+    """Return whether a structure is the paper's beam, with any number of modes."""
+    return isinstance(structure, Beam) and replace(structure, modes=Beam.modes, response_position=None) == Beam()
+
+
 def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
     """Return rising forces in N, (forces,), over `FORCE_SPAN` times the design force (N), denser around it; at least 2."""
     count("forces", forces, 2)
@@ -186,9 +191,9 @@ def compare(
 ) -> Comparison:
     """Compute all curves near the ``resonances``; other arguments and interruption as in `performance_curves`, a rate of None is `default_rate`.
 
-    On the paper's beam (None) the absorbers have the paper's parameters. On another structure they have the mass ratio and follow from rules
-    (`scaled_concepts`): the gap in m, by default 1 mm, or that which the design rule gives for a ``force`` in N near the first of the resonances.
-    Forces go around the design force of each resonance.
+    On the paper's beam (None), with any number of modes, the absorbers have the paper's parameters. On another structure, or with another mass, gap
+    or force, they follow from rules (`scaled_concepts`): the gap in m, by default 1 mm, or that which the design rule gives for a ``force`` in N
+    near the first of the resonances. Forces go around the design force of each resonance.
     """
     model = mounted(Beam() if beam is None else beam)
     every = tuple(dict.fromkeys(resonances))
@@ -198,7 +203,8 @@ def compare(
     require(force is None or gap is None, "gap", gap, "left out beside a force, for which the design rule gives it")
     clearance = design_gap(model, mass, force, every[0]) if force is not None else positive("gap", RigidWalls.gap if gap is None else gap)
     design = [design_force(model, mass, clearance, resonance) for resonance in every]
-    usual = beam is None and force is None and gap is None and mass_ratio == DEFAULT_MASS_RATIO
+    paper = beam is None or is_paper(beam)
+    usual = paper and force is None and gap is None and mass_ratio == DEFAULT_MASS_RATIO
     compared = concepts(model) if usual else scaled_concepts(model, mass_ratio, clearance, every[0], design[0])
     grids = [force_grid(f, forces) for f in design]
     # a sweep that is wide enough for the peaks of a tuned absorber tells nothing of a resonance that it is not tuned to
@@ -213,4 +219,4 @@ def compare(
         ResonanceComparison(model, resonance, grid, curves[resonance], f, mass, clearance)
         for resonance, grid, f in zip(every, grids, design, strict=True)
     )
-    return Comparison(model, compared, parts, members, seed, rate, mass_ratio, clearance, beam is not None)
+    return Comparison(model, compared, parts, members, seed, rate, mass_ratio, clearance, not paper)

@@ -67,6 +67,7 @@ class Problem:
         """Put the absorber where the structure says, if the space leaves its place open."""
         own, free = usual_position(self.beam), [variable for variable in self.space.free if variable.name.startswith(POSITION)]
         if not isinstance(self.beam, Beam) or own is None:
+            require(self.space.concept != SEVERAL, "concept", SEVERAL, "for beams only: the absorbers' places are shares of the length")
             known = self.space.fixed.get(POSITION, Beam.absorber_position)
             require(
                 not free and known == Beam.absorber_position, "position", known, "left out on a modal model: the absorber is where its shapes say"

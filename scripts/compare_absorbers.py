@@ -41,8 +41,9 @@ def write(out: Path, comparison: Comparison, conditions: dict[str, object]) -> l
 
 
 def run(structure: Structure | None, given: dict[str, Any]) -> Comparison:
+    own = {} if structure is None else {"beam": structure}
     with sweeps_bar("comparing") as show:
-        return compare(structure, progress=show, **given)
+        return compare(**own, progress=show, **given)
 
 
 def conditions(started: float, threads: int | None) -> dict[str, object]:
