@@ -1,33 +1,7 @@
-"""Progress bars of the scripts."""
+"""Progress bars: where the scripts that import them from here find them."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
-
-from tqdm import tqdm
-
-BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}, {remaining} left]"
-UNIT_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}, {remaining} left]{postfix}"
-
-
-@contextmanager
-def counting_bar(label: str, unit: str, leave: bool = True) -> Iterator[Callable[[int, int], None]]:
-    """Give a function that shows how many are done, and of how many; fewer than before begin a new count."""
-    with tqdm(total=0, desc=label, unit=unit, bar_format=UNIT_BAR, disable=None, leave=leave) as bar:
-
-        def show(done: int, total: int) -> None:
-            if done < bar.n:
-                bar.n = 0
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield show
-
-
-def sweeps_bar(label: str, leave: bool = True) -> AbstractContextManager[Callable[[int, int], None]]:
-    return counting_bar(label, "sweeps", leave)
-
-
-def runs_bar(label: str) -> AbstractContextManager[Callable[[int, int], None]]:
-    return counting_bar(label, "runs", leave=False)
+from optimisation.progress import BAR as BAR
+from optimisation.progress import UNIT_BAR as UNIT_BAR
+from optimisation.progress import counting_bar as counting_bar
+from optimisation.progress import runs_bar as runs_bar
+from optimisation.progress import sweeps_bar as sweeps_bar

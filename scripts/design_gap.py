@@ -16,7 +16,7 @@ from _table import markdown
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, positive
-from optimisation.bounds import LARGE_REACH, SMALL_REACH, design_gap, require_reach
+from optimisation.bounds import LARGE_REACH, SMALL_REACH, design_gap, expected_gap, require_reach
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_check import RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber, sweep_limits
@@ -51,6 +51,8 @@ def answer(model: ModalModel, mass_ratio: float, force: float, resonance: int, r
         f"Design rule: a clearance of {1e3 * rule:.4g} mm to either wall for {force:g} N near resonance {resonance}.",
         f"Free amplitude over that gap: {found:.3g}.",
     ]
+    expected = expected_gap(model, mass, force, resonance)
+    lines.append(f"From simulations of other structures the best gap is expected at {1e3 * expected:.4g} mm, {expected / rule:.3g} times the rule's.")
     if found < SMALL_REACH:
         lines.append(f"Warning: below {SMALL_REACH:g} the rule's gap is too wide (docs/design_rule.md).")
     if found > LARGE_REACH:

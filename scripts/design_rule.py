@@ -12,7 +12,21 @@ from _report_page import ROOT, conditions, conditions_line, fill, published, req
 from _table import markdown
 
 from optimisation.files import require_writable, write_json
-from optimisation.studies.rule import DAMPING, MASS, PLACE, QUICK_STEPS, STEPS, Row, as_json, cases, from_json, run_cases, verdicts
+from optimisation.studies.rule import (
+    DAMPING,
+    MASS,
+    PLACE,
+    QUICK_STEPS,
+    STEPS,
+    Row,
+    as_json,
+    cases,
+    expected_factor,
+    from_json,
+    price_at,
+    run_cases,
+    verdicts,
+)
 
 PAGE, RESULTS = "design_rule.md", "design_rule.json"
 MEMBERS, QUICK_MEMBERS = 4, 1
@@ -21,20 +35,34 @@ VERDICT, MACHINE = "rule:verdict", "rule:machine"
 
 
 def table(rows: list[Row]) -> str:
-    header = ("beam", "resonance", rows[0].varied, "free amplitude over gap", "best gap over rule's", "level there, %", "at the rule's, %")
+    what = ("beam", "resonance", rows[0].varied, "free amplitude over gap", "best gap over rule's", "expected")
+    header = (*what, "level at the best, %", "at the rule's, %", "at the expected, %")
     return markdown(header, [_cells(row) for row in rows])
 
 
 def _cells(row: Row) -> tuple[str, ...]:
     at_rule = row.relative[len(row.factors) // 2]
-    numbers = (f"{row.value:g}", f"{row.reach:.3g}", f"{row.best:.2g}", f"{100 * min(row.relative):.1f}", f"{100 * at_rule:.1f}")
+    least, expected = min(row.relative), expected_factor(row)
+    levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, expected)))
+    numbers = (f"{row.value:g}", f"{row.reach:.3g}", f"{row.best:.2g}", f"{expected:.2g}", *levels)
     return (row.structure, str(row.resonance), *numbers)
 
 
 def sections(rows: list[Row], machine: dict[str, object]) -> dict[str, str]:
     found = {name: table([row for row in rows if row.varied == varied]) for varied, name in SECTIONS.items()}
-    header = ("free amplitude over gap", "cases", "best gap over rule's: median", "from", "to", "rule within 10 % of the best")
-    lines = [(v.label, str(v.cases), f"{v.median:.2g}", f"{v.low:.2g}", f"{v.high:.2g}", f"{v.good} of {v.cases}") for v in verdicts(rows)]
+    good = ("rule within 10 %", "expected within 10 %", "rule's worst, times", "expected's worst, times")
+    header = ("free amplitude over gap", "cases", "best gap over rule's", "from", "to", *good)
+    lines = [
+        (
+            v.label,
+            *(f"{x:.2g}" for x in (v.cases, v.median, v.low, v.high)),
+            str(v.good),
+            str(v.expected),
+            f"{v.worst:.2f}",
+            f"{v.worst_expected:.2f}",
+        )
+        for v in verdicts(rows)
+    ]
     return found | {VERDICT: markdown(header, lines), MACHINE: conditions_line(machine)}
 
 

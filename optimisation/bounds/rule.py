@@ -19,7 +19,8 @@ Real = NDArray[np.float64]
 
 NEAR = (0.93, 1.06)  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
 # free amplitude over the rule's gap: below the first no answer, below the second the best gap is narrower, above the third it is wider
-LEAST_REACH, SMALL_REACH, LARGE_REACH = 1.0, 1.5, 8.0
+LEAST_REACH, SMALL_REACH, LARGE_REACH = 1.0, 1.5, 6.0
+FITTED_REACH, FITTED_FACTORS = 3.5, (0.25, 1.4)  # of `expected_gap`
 _LEAST = 0.5  # of the resonance with the mass stuck: where the range begins at the lowest
 
 
@@ -104,6 +105,16 @@ def require_reach(model: ModalModel, mass: float, force: float, resonance: int =
             "touched (choose another place, a heavier absorber, or a structure with less damping)",
         )
     return found
+
+
+def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return the gap in m that simulations of other structures let expect to be best: the rule's times the root of `reach` over 3.5.
+
+    A fit, not a theory (docs/design_rule.md says how good it is): the factor is kept within 0.25 and 1.4, beyond which nothing was simulated. Raises
+    ParameterError as `design_gap` does.
+    """
+    factor = float(np.clip(np.sqrt(reach(model, mass, resonance) / FITTED_REACH), *FITTED_FACTORS))
+    return factor * design_gap(model, mass, force, resonance)
 
 
 def gap_unit(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:

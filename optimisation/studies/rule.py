@@ -17,6 +17,7 @@ from impact_env.ensemble import Progress
 from impact_env.modes import modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, count
 from optimisation.bounds import LARGE_REACH, LEAST_REACH, SMALL_REACH
+from optimisation.bounds.rule import FITTED_FACTORS, FITTED_REACH
 from optimisation.gap_check import GapCheck, check_gap, scaled_absorber
 
 Array = NDArray[np.float64]
@@ -33,6 +34,7 @@ MASSES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 PLACES = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5)
 WIDEST, STEPS, QUICK_STEPS = 4.0, 6, 4  # factors of the rule's gap reach this far to either side, in so many steps
 FORCE = 1.0  # N: any would do
+TOLERATED = 1.1  # a level over the smallest that counts as good
 DAMPING, MASS, PLACE = "damping", "mass ratio", "place"
 
 
@@ -132,9 +134,24 @@ def from_json(values: dict[str, object]) -> Row:
     return Row(**{name: tuple(x) if isinstance(x, list) else x for name, x in values.items()})  # type: ignore[arg-type]
 
 
+def price_at(row: Row, factor: float) -> float:
+    """Return the level at a factor of the rule's gap over the smallest, from a straight line between the points in logarithms."""
+    levels = np.log(row.relative)
+    return float(np.exp(np.interp(np.log(factor), np.log(row.factors), levels) - levels.min()))
+
+
+def expected_factor(row: Row) -> float:
+    """Return `expected_gap` over the rule's gap in a case."""
+    return float(np.clip(np.sqrt(row.reach / FITTED_REACH), *FITTED_FACTORS))
+
+
 @dataclass(frozen=True)
 class Verdict:
-    """The cases of one class of `reach`: how many, median and extremes of the best gap over the rule's, and how many lose less than a tenth."""
+    """The cases of one class of `reach`: how many, and median and extremes of the best gap over the rule's.
+
+    ``good`` and ``expected``: how many lose less than a tenth at the rule's gap, and at `expected_gap`; ``worst`` and ``worst_expected``: the largest
+    price of either.
+    """
 
     label: str
     cases: int
@@ -142,6 +159,9 @@ class Verdict:
     low: float
     high: float
     good: int
+    expected: int
+    worst: float
+    worst_expected: float
 
 
 def verdicts(rows: Sequence[Row]) -> list[Verdict]:
@@ -153,5 +173,7 @@ def verdicts(rows: Sequence[Row]) -> list[Verdict]:
         if part:
             best = [row.best for row in part]
             label = f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} and more"
-            found.append(Verdict(label, len(part), float(np.median(best)), min(best), max(best), sum(row.price < 1.1 for row in part)))
+            prices, others = [row.price for row in part], [price_at(row, expected_factor(row)) for row in part]
+            good = (sum(price < TOLERATED for price in prices), sum(price < TOLERATED for price in others))
+            found.append(Verdict(label, len(part), float(np.median(best)), min(best), max(best), *good, max(prices), max(others)))
     return found
