@@ -10,7 +10,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.beam import deflection_row, matrices, rigid_shapes, strain_energy
-from impact_env.parameters import Beam, positive, require
+from impact_env.parameters import Beam, positive, require, suspended
 
 # mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
 MOST_HEAVINESS = 1e7
@@ -145,7 +145,7 @@ def _suspended(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
     bending = vectors[:, np.sort(np.argsort(np.linalg.norm(held.T @ vectors, axis=0))[: -rigid.shape[1]])]
     bending = bending - rigid @ (held.T @ bending)
     squares = 2 * strain_energy(beam, bending)
-    own = 2 * np.pi * beam.suspension_frequency
+    own = 2 * np.pi * np.array(suspended(beam.suspension_frequency, rigid.shape[1]))
     allowed = f"below half of the first bending frequency, {np.sqrt(squares[0]) / (2 * np.pi):.6g} Hz"
-    require(4 * own**2 < squares[0], "suspension_frequency", beam.suspension_frequency, allowed)
-    return np.column_stack([rigid, bending]), np.concatenate([np.full(rigid.shape[1], own**2), squares])
+    require(bool(4 * own[-1] ** 2 < squares[0]), "suspension_frequency", beam.suspension_frequency, allowed)
+    return np.column_stack([rigid, bending]), np.concatenate([own**2, squares])

@@ -54,6 +54,14 @@ def count(name: str, value: object, low: int, high: int | None = None) -> int:
     return int(value)  # type: ignore[call-overload]
 
 
+SUSPENSION_STEP = 0.1  # further motions that bend nothing have so much higher frequencies each: two of one frequency have no modes of their own
+
+
+def suspended(frequency: float, motions: int) -> tuple[float, ...]:
+    """Return the frequencies in Hz of motions on a soft suspension: that given, and `SUSPENSION_STEP` of it more for each further one."""
+    return tuple(frequency * (1 + SUSPENSION_STEP * k) for k in range(motions))
+
+
 # how the ends are held, left and right -> number of motions that bend nothing
 ENDS = {"clamped-free": 0, "clamped-pinned": 0, "clamped-clamped": 0, "pinned-pinned": 0, "pinned-free": 1, "free-free": 2}
 SUSPENDED = "given: these ends leave the beam rigid-body motions, whose frequency a soft suspension makes, in Hz, far below the first bending mode"

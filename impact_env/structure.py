@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.modes import Structure, modal_model
-from impact_env.parameters import Beam, ParameterError, require
+from impact_env.parameters import Beam, ParameterError, require, suspended
 from impact_env.plain import to_structure
 from impact_env.plain_files import read_plain
 from impact_env.structures.checks import warnings_of
@@ -37,7 +37,9 @@ def load_structure(path: Path | str) -> Structure:
     beam = structure if isinstance(structure, Beam) else None
     model = modal_model(structure)
     own = plain.get("matrices", {}).get("suspension_frequency_hz")
-    rigid = beam.rigid_motions if beam is not None else 0 if own is None else int((model.omega == 2 * math.pi * own).sum())
+    rigid = beam.rigid_motions if beam is not None else 0
+    if own is not None:
+        rigid = sum(math.isclose(a, 2 * math.pi * b, rel_tol=1e-12) for a, b in zip(model.omega, suspended(own, model.modes), strict=True))
     for text in warnings_of(model, beam, rigid):
         warnings.warn(f"{path}: {text}", StructureWarning, stacklevel=2)
     return structure

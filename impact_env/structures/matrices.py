@@ -11,7 +11,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError, positive, require
+from impact_env.parameters import ParameterError, positive, require, suspended
 
 Real = NDArray[np.float64]
 
@@ -70,10 +70,10 @@ def lowest_modes(mass: Any, stiffness: Any, modes: int, suspension_frequency: fl
         return Modes(np.sqrt(omega), shapes, 0)
     require(suspension_frequency is not None, "stiffness", "a singular matrix", RIGID.format(number=rigid))
     require(rigid < modes, "modes", modes, f"more than the {rigid} rigid-body motions")
-    own = 2 * np.pi * positive("suspension_frequency", suspension_frequency)
+    own = 2 * np.pi * np.array(suspended(positive("suspension_frequency", suspension_frequency), rigid))
     allowed = f"below half of the first bending frequency, {np.sqrt(omega[rigid]) / (2 * np.pi):.6g} Hz"
-    require(4 * own**2 < omega[rigid], "suspension_frequency", suspension_frequency, allowed)
-    return Modes(np.concatenate([np.full(rigid, own), np.sqrt(omega[rigid:])]), shapes, rigid)
+    require(bool(4 * own[-1] ** 2 < omega[rigid]), "suspension_frequency", suspension_frequency, allowed)
+    return Modes(np.concatenate([own, np.sqrt(omega[rigid:])]), shapes, rigid)
 
 
 def _eigen(mass: Any, stiffness: Any, modes: int) -> tuple[Real, Real]:
