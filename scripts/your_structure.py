@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import time
@@ -41,6 +42,7 @@ def main(page: Path) -> None:
     """
     text, started = page.read_text(encoding="utf-8"), time.perf_counter()
     blocks = list(BLOCK.finditer(text))
+    shutil.rmtree(ROOT / "results" / "your_structure", ignore_errors=True)  # a study goes on where it was left, and would print something else
     with plain_errors("Broken off; the page is as it was."):
         results = [printed_by(block["command"]) for block in tqdm(blocks, desc="commands", bar_format=BAR, disable=None)]
         for block, result in reversed(list(zip(blocks, results, strict=True))):
