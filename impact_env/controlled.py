@@ -5,6 +5,7 @@ What a lane does is the run that `simulate` makes with the same schedule; see `i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
 from typing import Any
@@ -54,7 +55,6 @@ class ControlledRuns:
         method = Exact() if method is None else method
         kernels = family(scene, method)
         require(kernels.control is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
-        assert kernels.control is not None
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
         period, modes = 2 * np.pi / positive("reference", reference), scene.model.modes
@@ -70,7 +70,8 @@ class ControlledRuns:
         )
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
         watch = Watch(period / samples_per_period, samples, float(exponent), unit, np.array(scene.model.omega), np.array(scene.model.tip_shape), mass)
-        self._kernel = kernels.control(scene, method, period, Batch(watch, self._memory, self.orders, self.reports, self.status))
+        self._watch, self._period = watch, period
+        self._kernel = self._bound()
         self._pool: ThreadPoolExecutor | None = None
         self._compiled = False
         self.orders[:, DURATION] = self.duration
@@ -78,6 +79,20 @@ class ControlledRuns:
         if cavity is not None:
             self.orders[:, GAP] = cavity.gap
         self.restart(np.arange(lanes))
+
+    def _bound(self) -> Callable[[int, int], None]:
+        """Return what advances lanes [start, stop)."""
+        control = family(self.scene, self.method).control
+        assert control is not None
+        return control(self.scene, self.method, self._period, Batch(self._watch, self._memory, self.orders, self.reports, self.status))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out threads and compiled code, which cannot be copied."""
+        return {name: value for name, value in vars(self).items() if name not in ("_pool", "_kernel")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._pool, self._kernel = None, self._bound()
 
     @property
     def state(self) -> Array:

@@ -19,6 +19,7 @@ EXTRAS = {
     "optuna": "optimise",
     "cmaes": "optimise",
     "distributed": "cluster",
+    "pyuff": "files",
     "heyoka": "peers",
     "mpmath": "peers",
 }

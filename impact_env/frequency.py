@@ -106,12 +106,15 @@ def _attachment(model: ModalModel, absorber: LinearAbsorber, omega: Real) -> tup
 
 
 def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: ArrayLike) -> Complex:
-    """Return the tip displacement per newton at the driven point in m/N, complex, of omega's shape.
+    """Return the displacement where the level is read, by default the tip, per newton at the driven point in m/N, complex, of omega's shape.
 
     omega in rad/s; ``absorber`` a TunedAbsorber (spring and damper between tip and mass), a StuckAbsorber (added mass) or None.
     Raises ParameterError for bad frequencies, another kind of absorber, and where the response is infinite (no damping anywhere).
     """
     w = _frequencies(omega)
+    if model.response_shape is not None:
+        rows = model.response_shape, model.force_shape
+        return receptance(model, w, *rows) if absorber is None else coupled_receptance(model, absorber, w, *rows)
     d, by_force, by_tip = scaled_receptances(model, w, model.force_shape, model.tip_shape)
     with np.errstate(divide="ignore", invalid="ignore"):
         if absorber is None:
@@ -171,7 +174,7 @@ def state_space(model: ModalModel, absorber: LinearAbsorber | None, reference: f
     mass, damping, stiffness = joint_matrices(model, absorber)
     size, inverse = len(mass), np.linalg.inv(mass)
     positive("reference", reference)
-    force, tip = (np.pad(row, (0, size - model.modes)) for row in (model.force_shape, model.tip_shape))
+    force, tip = (np.pad(row, (0, size - model.modes)) for row in (model.force_shape, model.level_shape))
     matrix = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness / reference**2, -inverse @ damping / reference]])
     return matrix, np.concatenate([np.zeros(size), inverse @ force / reference**2]), np.concatenate([tip, np.zeros(size)])
 

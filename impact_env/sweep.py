@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,7 +16,7 @@ from impact_env.families import Observers, family
 from impact_env.first_use import CompilingFor
 from impact_env.kernels import observers
 from impact_env.kernels.observers import MISSES, REACHED, SEARCHES, Check, Counters, Energy, Events, Level, Series, close_level, new_check, new_level
-from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel
+from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel, level_of
 from impact_env.methods import Exact, Method, check_mass, check_step
 from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
 from impact_env.response import ContactPhases, History, Impacts, Record, Response, SearchCheck
@@ -95,6 +96,10 @@ def simulate(
     """
     method = Exact() if method is None else method
     record = Record() if record is None else record
+    if record.level and scene.model.response_shape is not None and not isinstance(scene.absorber, SeveralAbsorbers):
+        sampled = replace(record, level=False, series=True)
+        found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress)
+        return _read_elsewhere(found, record)
     kernels = family(scene, method)
     check_mass(scene)
     check_step(scene, drive, method)
@@ -120,6 +125,15 @@ def simulate(
     if status != observers.DONE:
         raise _failure(response, counters, status)
     return response
+
+
+def _read_elsewhere(response: Response, record: Record) -> Response:
+    """Return a sampled response with the level of a place other than the absorber's: the kernels stream that of the absorber's place only."""
+    history, schedule = response.history, response.drive.schedule
+    assert history is not None
+    level = level_of(history.modal_displacement @ response.scene.model.level_shape, record.samples_per_period)
+    found = read_level(level, response.drive, schedule.pseudo_period / record.samples_per_period)
+    return replace(response, level=found, history=history if record.series else None)
 
 
 def _failure(response: Response, counters: Counters, status: int) -> IntegrationError:

@@ -14,20 +14,21 @@ import numba
 import numpy as np
 import scipy
 from _memory import peak_memory
-from _progress import UNIT_BAR
-from tqdm import tqdm
+from _structure_options import RESONANCES_HELP, is_given, read_structure, refuse_beside, structure_option
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import PAPER_LIMITS, PAPER_RATE
+from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import available_cores
 from impact_env.extras import how_to_install, optional
-from impact_env.parameters import Beam, ParameterError
-from optimisation.comparison import WIDE_LIMITS
-from optimisation.designs import TUNED, VARIABLES, DesignSpace, design_space
+from impact_env.modes import Structure, modal_model
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
+from optimisation.bounds import LEAST_REACH, design_force, reach
+from optimisation.comparison import RESONANCES, WIDE_LIMITS
+from optimisation.designs import MASS_RATIO, TUNED, VARIABLES, DesignSpace, design_space
 from optimisation.evaluation import Executor, Threads
+from optimisation.mounting import mounted
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
-from optimisation.search.study import Progress
 
 with optional():
     import optuna
@@ -56,6 +57,8 @@ class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
 
 SHARED = (
+    structure_option,
+    click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=f"{RESONANCES_HELP} Forces by the design rule."),
     click.option("--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."),
     click.option("--bounds", multiple=True, type=(str, float, float), metavar="NAME LOW HIGH", help="Bounds of a free variable, in SI units."),
     click.option("--fix", multiple=True, type=(str, float), metavar="NAME VALUE", help="Value of a variable not searched.  [default: the paper's]"),
@@ -63,7 +66,7 @@ SHARED = (
     click.option("--batch", type=click.IntRange(min=2), help="Designs run in one call; the population of CMA-ES and NSGA-II."),
     click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of search and members."),
     click.option("--modes", type=click.IntRange(min=1), default=Beam.modes, show_default=True, help="Modes of the beam."),
-    click.option("--rate", type=float, default=PAPER_RATE, show_default=True, help="Sweep rate in % of the resonance per 100 pseudo periods."),
+    click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]"),
     click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=f"Upper limit of {', '.join(LIMITABLE)}, in SI units."),
     click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
     click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]"),
@@ -79,7 +82,7 @@ def shared_options(command: Command) -> Command:
 
 def variables_help() -> str:
     """Return the concepts' variables for a help text."""
-    lines = ["\b", "Variables and bounds, in SI units:"]
+    lines = ["\b", "Variables and bounds:"]
     for concept, variables in VARIABLES.items():
         lines += [f"  {concept}: " + ", ".join(f"{v.name} {v.low:g} to {v.high:g} {v.unit}".rstrip() for v in variables)]
     return "\n".join(lines)
@@ -102,12 +105,45 @@ def make_conditions(concept: str, at: list[tuple[int, float]], spread: bool = Fa
     return tuple(Condition(resonance, force * float(factor), limits) for resonance, force in at for factor in factors)
 
 
+def structure_of(given: dict[str, Any]) -> Structure:
+    """Return the structure of the file, read once, or the paper's beam with the options' modes."""
+    if given["structure"] is None:
+        return replace(Beam(), modes=given["modes"])
+    refuse_beside(given["structure"], "modes")
+    if "read" not in given:
+        given["read"] = read_structure(given["structure"])
+    found: Structure = given["read"]
+    return found
+
+
+def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> list[tuple[int, float]]:
+    """Return the resonances and their forces: those of --at, the ``usual`` ones, or for a structure from a file those of --resonances by the rule.
+
+    The rule's forces are those for a gap of 1 mm; by the scaling law another gap has the same answers at other forces. They stand to each other as
+    the usual ones do to the design forces of the paper's beam.
+    """
+    if given["at"]:
+        if is_given("resonances"):
+            raise ParameterError(f"--resonances = {given['resonances']} is not allowed: beside --at, which names resonances with their forces")
+        return list(given["at"])
+    if given["structure"] is None and not is_given("resonances"):
+        return list(usual)
+    model, paper = mounted(structure_of(given)), modal_model(Beam())
+    ratio = dict(given["fix"]).get(MASS_RATIO, DEFAULT_MASS_RATIO)
+    mass = positive(MASS_RATIO, ratio) * model.beam_mass
+    shares = [force / design_force(paper, DEFAULT_MASS_RATIO * paper.beam_mass, RigidWalls.gap, resonance) for resonance, force in usual]
+    for k in dict.fromkeys(given["resonances"]):
+        if (found := reach(model, mass, k)) < LEAST_REACH:
+            click.echo(f"warning: at resonance {k} the free amplitude is {found:.2g} of the rule's gap: no wall would be touched there", err=True)
+    wanted = tuple(dict.fromkeys(given["resonances"]))[: len(usual)]
+    return [(k, float(f"{share * design_force(model, mass, RigidWalls.gap, k):.3g}")) for k, share in zip(wanted, shares, strict=False)]
+
+
 def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tuple[Objective, ...], given: dict[str, Any]) -> Problem:
     members = given["members"] or (QUICK_MEMBERS if given["quick"] else DEFAULT_MEMBERS)
-    rate = given["rate"] * (QUICK_SPEED if given["quick"] else 1)
     constraints = tuple(Constraint(name, limit) for name, limit in given["constraint"])
-    beam = replace(Beam(), modes=given["modes"])
-    return Problem(make_space(concept, given), conditions, objectives, constraints, beam, members, given["seed"], rate)
+    problem = Problem(make_space(concept, given), conditions, objectives, constraints, structure_of(given), members, given["seed"], given["rate"])
+    return replace(problem, rate=QUICK_SPEED * problem.rate) if given["quick"] else problem
 
 
 @contextmanager
@@ -126,18 +162,6 @@ def executor_of(given: dict[str, Any]) -> Iterator[Executor]:
         ) from error
     with Workers(given["cluster"]) as workers:
         yield workers
-
-
-@contextmanager
-def study_bar(label: str, wanted: int) -> Iterator[Callable[[Progress], None]]:
-    with tqdm(total=wanted, desc=label, unit="designs", bar_format=UNIT_BAR, disable=None) as bar:
-
-        def show(progress: Progress) -> None:
-            bar.set_postfix_str(f"{progress.runs} runs", refresh=False)
-            bar.update(progress.designs - bar.n)
-            bar.refresh()
-
-        yield show
 
 
 def conditions_of(given: dict[str, Any]) -> dict[str, object]:

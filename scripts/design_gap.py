@@ -1,4 +1,5 @@
 """Give the cavity's gap for a force by the design rule, and check it and its neighbours by simulation."""
+# needs: files
 
 from __future__ import annotations
 
@@ -9,14 +10,17 @@ from pathlib import Path
 import click
 from _command_line import end_early, name_files, plain_errors
 from _progress import sweeps_bar
+from _structure_options import POSITION_HELP, model_of, refuse_beside, structure_option
 from _table import markdown
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative
-from optimisation.bounds import design_gap
+from impact_env.modes import ModalModel
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, positive
+from optimisation.bounds import LARGE_REACH, SMALL_REACH, design_gap, expected_gap, require_reach
 from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.gap_check import FRICTION, RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber
+from optimisation.friction_rule import PAPER_FRICTION
+from optimisation.gap_check import RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber, sweep_limits
+from optimisation.sweep_rate import LEAST_RATIO, default_rate, sweep_ratio
 
 QUICK_GAPS, QUICK_MEMBERS = 5, 2
 DEFAULT_GAPS = 11
@@ -24,11 +28,40 @@ HEADER = ("gap, mm", "of the rule's", "level, mm", "5 to 95 %, mm", "of no absor
 
 
 def simulated(
-    model: ModalModel, force: float, resonance: int, absorber: SlidingAbsorber, gaps: int, members: int, seed: int, threads: int | None
+    model: ModalModel,
+    force: float,
+    resonance: int,
+    absorber: SlidingAbsorber,
+    gaps: int,
+    members: int,
+    seed: int,
+    rate: float,
+    threads: int | None,
 ) -> GapCheck:
+    options = {"members": members, "seed": seed, "percent_per_100_periods": rate, "threads": threads}
     with sweeps_bar("simulating") as show:
-        factors = gap_factors(gaps)
-        return check_gap(model, force, resonance, absorber, factors=factors, members=members, seed=seed, threads=threads, progress=show)
+        return check_gap(model, force, resonance, absorber, factors=gap_factors(gaps), progress=show, **options)
+
+
+def answer(model: ModalModel, mass_ratio: float, force: float, resonance: int, rate: float) -> list[str]:
+    """Return what is known without a simulation of the absorber; raises ParameterError where the rule says nothing."""
+    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
+    rule, found = design_gap(model, mass, force, resonance), require_reach(model, mass, force, resonance)
+    lines = [
+        f"Design rule: a clearance of {1e3 * rule:.4g} mm to either wall for {force:g} N near resonance {resonance}.",
+        f"Free amplitude over that gap: {found:.3g}.",
+    ]
+    expected = expected_gap(model, mass, force, resonance)
+    lines.append(f"From simulations of other structures the best gap is expected at {1e3 * expected:.4g} mm, {expected / rule:.3g} times the rule's.")
+    if found < SMALL_REACH:
+        lines.append(f"Warning: below {SMALL_REACH:g} the rule's gap is too wide (docs/design_rule.md).")
+    if found > LARGE_REACH:
+        lines.append(f"Warning: above {LARGE_REACH:g} the rule's gap is too narrow, and that side is the steep one (docs/design_rule.md).")
+    ratio = sweep_ratio(model, rate, resonance, sweep_limits(model, mass, resonance))
+    lines.append(f"Sweeps at {rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber.")
+    if ratio < LEAST_RATIO:
+        lines.append(f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly.")
+    return lines
 
 
 def write(out: Path, check: GapCheck) -> list[Path]:
@@ -51,7 +84,8 @@ def text(check: GapCheck) -> str:
             continue
         low, high = 1e3 * check.band[:, k]
         cells += [f"{1e3 * check.level[k]:.4g}", f"{low:.4g} to {high:.4g}", f"{100 * check.relative[k]:.1f}"]
-        lines.append([*cells, f"{1e3 * check.limit[k]:.4g}", f"{100 * check.share[k]:.1f}"])
+        share = "-" if math.isnan(check.share[k]) else f"{100 * check.share[k]:.1f}"
+        lines.append([*cells, f"{1e3 * check.limit[k]:.4g}", share])
     best = check.best
     if best is None or math.isnan(check.level[check.at_rule]):
         return markdown(HEADER, lines)
@@ -63,17 +97,26 @@ def text(check: GapCheck) -> str:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@structure_option
 @click.option("--force", type=float, required=True, help="Amplitude of the harmonic force in N.")
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance near which it acts, counted from 1.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
-@click.option("--position", type=float, default=Beam.absorber_position, show_default=True, help="Place of absorber and response, over the length.")
+@click.option(
+    "--position",
+    type=float,
+    default=Beam.absorber_position,
+    show_default=True,
+    help=POSITION_HELP,
+)
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--restitution", type=float, default=RESTITUTION, show_default=True, help="Coefficient of restitution in the simulation, 0 to 1.")
 @click.option(
     "--friction-limit",
     type=float,
-    help=f"Friction limit in N in the simulation; 0: no friction.  [default: {FRICTION} N for 1 mm, with gap and mass]",
+    help=f"Friction limit in N in the simulation; 0: no friction.  [default: the paper's {PAPER_FRICTION} N by the scaling law]",
 )
+@click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
+@click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Damping ratio of all modes.")
 @click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_GAPS} gaps, {QUICK_MEMBERS} members, unless given.")
 @click.option("--gaps", type=click.IntRange(min=3), help=f"Number of gaps, odd, the rule's in the middle.  [default: {DEFAULT_GAPS}]")
 @click.option("--members", type=click.IntRange(min=1), help=f"Runs for each gap, with other phases and roundings.  [default: {DEFAULT_MEMBERS}]")
@@ -81,6 +124,7 @@ def text(check: GapCheck) -> str:
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/design_gap"), show_default=True, help="Folder for figure and tables.")
 def main(
+    structure: Path | None,
     force: float,
     resonance: int,
     mass_ratio: float,
@@ -88,6 +132,8 @@ def main(
     modes: int,
     restitution: float,
     friction_limit: float | None,
+    rate: float | None,
+    damping: float,
     quick: bool,
     gaps: int | None,
     members: int | None,
@@ -95,22 +141,23 @@ def main(
     threads: int | None,
     out: Path,
 ) -> None:
-    """Choose the gap of an impact absorber on the paper's beam for a force near a resonance.
+    """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
 
     The design rule answers at once, then sweeps up and down check it. Writes levels.png, levels.csv and summary.json. Ctrl-C ends the
     simulation early and leaves what is finished.
     """
     gaps, members = gaps or (QUICK_GAPS if quick else DEFAULT_GAPS), members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
     with plain_errors():
-        model = modal_model(Beam(modes=modes, absorber_position=position))
-        absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution)
+        refuse_beside(structure, "modes", "damping")
+        model = model_of(structure, Beam(modes=modes, absorber_position=position, damping_ratio=damping))
+        absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution, 1 if structure is None else resonance)
         if friction_limit is not None:
             absorber = replace(absorber, friction=friction_law(non_negative("friction_limit", friction_limit)))
         gap_factors(gaps)
         require_writable("--out", out)
-        rule = design_gap(model, mass_ratio * model.beam_mass, force, resonance)
-        click.echo(f"Design rule: a clearance of {1e3 * rule:.4g} mm to either wall for {force:g} N near resonance {resonance}.")
-        check = simulated(model, force, resonance, absorber, gaps, members, seed, threads)
+        rate = default_rate(model, (resonance,)) if rate is None else positive("--rate", rate)
+        click.echo("\n".join(answer(model, mass_ratio, force, resonance, rate)))
+        check = simulated(model, force, resonance, absorber, gaps, members, seed, rate, threads)
         files = write(out, check)
     click.echo("\n" + text(check))
     name_files(files)

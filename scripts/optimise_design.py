@@ -3,7 +3,7 @@
 The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciPy; a study goes on where it was broken off.
 """
 
-# needs: optimise, cluster
+# needs: optimise, cluster, files
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from _design_options import (
     At,
     conditions_of,
     executor_of,
+    forces_at,
     journal_of,
     make_conditions,
     make_problem,
@@ -50,20 +51,27 @@ from optimisation.report.design_tables import (
 from optimisation.search.judge import AUDITED
 from optimisation.search.samplers import SAMPLERS
 from optimisation.search.settings import FAST
+from optimisation.service import DRAWS, FEW, service
 
 ALL = "all"
 DESIGNS, QUICK_DESIGNS = 400, 80
-FEW = 4  # members of the figures
+AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and 2:35, with --structure by the design rule]"
+USUAL = ((1, 3.5), (2, 35.0))
 FORCES, DETUNINGS, MAP = 10, 9, 16
 SOBOL, QUICK_SOBOL = 64, 16
+QUICK_DRAWS = 8
 
 
 def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Findings:
-    """Run what the figures show, around the winner."""
+    """Run the winner in service, and what the figures show around it."""
     problem, found = findings.problem, findings.verdict
     if found is None or given["no_figures"] or not findings.finished:
         return findings
-    name, few, both = problem.space.concept, min(FEW, problem.members), [found.winner.design, found.paper.design]
+    name, few = problem.space.concept, min(FEW, problem.members)
+    with runs_bar(f"{name}: winner in service") as show:
+        draws = QUICK_DRAWS if given["quick"] else DRAWS
+        findings = replace(findings, service=service(problem, found.winner.design, executor, few, draws, show))
+    both = [found.winner.design, found.paper.design]
     main = _one_a_resonance(problem)
     with runs_bar(f"{name}: curves over the force") as show:
         parts = [levels(problem, both, over_force(c, np.geomspace(c.force / 5, 5 * c.force, FORCES)), few, executor, show) for c in main]
@@ -117,7 +125,7 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
 
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> bool:
     """Return whether the concept's study came to its end."""
-    conditions = make_conditions(concept, given["at"], given["objective"] == "range")
+    conditions = make_conditions(concept, forces_at(given, USUAL), given["objective"] == "range")
     objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])
     problem = make_problem(concept, conditions, (objective,), given)
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
@@ -136,7 +144,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
 @click.option("--concept", type=click.Choice([*VARIABLES, ALL]), default=IMPACT, show_default=True, help="Kind of absorber.")
-@click.option("--at", multiple=True, type=At(), default=["1:3.5", "2:35"], show_default=True, help="Resonance and force in N; may be repeated.")
+@click.option("--at", multiple=True, type=At(), help=AT_HELP)
 @click.option("--objective", type=click.Choice(list(KINDS)), default="level", show_default=True, help="What makes a design good.")
 @click.option("--over", type=click.Choice([WORST, MEAN]), default=WORST, show_default=True, help="How resonances and forces join.")
 @click.option("--quantile", type=float, default=0.5, show_default=True, help="Share of the members that meet or better the value.")
@@ -155,9 +163,9 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 def main(**given: Any) -> None:
     """Find the best design of an absorber for one or more resonances and forces.
 
-    Every design runs under all of them, up and down, for the same members; the finalists run again on fresh ones beside the paper's
-    design. Writes designs.csv, summary.json, and curves, map, detuned and sensitivity as figures and tables. Ctrl-C ends the search; the same
-    command goes on from there.
+    Every design runs under all of them, up and down; the finalists run again on fresh members, and the winner on others, beside the paper's and
+    the rule's design, with more modes, and in service (impacts, wear, heat, tolerances). Writes designs.csv, summary.json, and curves, map, detuned
+    and sensitivity as figures and tables. Ctrl-C ends the search; the same command goes on from there.
     """
     concepts = list(VARIABLES) if given["concept"] == ALL else [given["concept"]]
     given["every"] = len(concepts) > 1

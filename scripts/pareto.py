@@ -3,7 +3,7 @@
 The front is searched by NSGA-II, run again on fresh members, and drawn with the paper's design and the limit.
 """
 
-# needs: optimise, cluster
+# needs: optimise, cluster, files
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from _design_options import (
     At,
     conditions_of,
     executor_of,
+    forces_at,
     journal_of,
     make_conditions,
     make_problem,
@@ -39,6 +40,7 @@ from optimisation.search.settings import default_settings
 
 RESONANCES, SEVERITY = "resonances", "severity"
 DESIGNS, QUICK_DESIGNS = 300, 100
+AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and, for resonances, 2:15; with --structure by the design rule]"
 MEMBERS, QUICK_MEMBERS = 4, 2
 DEFAULT_AT = {RESONANCES: FORCES, SEVERITY: ((1, 3.5),)}
 SEVEREST = 0.1  # W: a corner for hypervolumes
@@ -47,7 +49,7 @@ CORNERS = {RESONANCES: CORNER, SEVERITY: (CORNER[0], SEVEREST)}
 
 def make(against: str, given: dict[str, Any]) -> Problem:
     """Return the problem; where severity counts, the restitution is the material's and not free, as elastic walls lose nothing."""
-    pairs = list(given["at"]) or list(DEFAULT_AT[against])
+    pairs = forces_at(given, DEFAULT_AT[against])
     if against == RESONANCES:
         if len({resonance for resonance, _ in pairs}) != 2:
             raise ParameterError(f"--at = {pairs} is not allowed: with --against {RESONANCES} two resonances")
@@ -88,7 +90,7 @@ def write(out: Path, front: Front, given: dict[str, Any]) -> list[Path]:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
 @click.option("--against", type=click.Choice([RESONANCES, SEVERITY]), default=RESONANCES, show_default=True, help="What is traded against what.")
-@click.option("--at", multiple=True, type=At(), help="Resonance and force in N; may be repeated.  [default: 1:3.5 and, for resonances, 2:15]")
+@click.option("--at", multiple=True, type=At(), help=AT_HELP)
 @click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")
 @click.option("--sampler", type=click.Choice([name for name in SAMPLERS if name != CMA]), help="Method.  [default: nsga2]")
 @click.option("--random-seeds", type=click.IntRange(min=0), default=0, show_default=True, help="Compare with random search, with this many seeds.")

@@ -20,7 +20,7 @@ from impact_env import Drive, FrequencySchedule, ParameterError, simulate  # noq
 from impact_env.envs import ENVIRONMENTS, register_environments  # noqa: E402
 from impact_env.envs.reference import passage  # noqa: E402
 
-SWEEP, GAP, PASSIVE = ENVIRONMENTS
+SWEEP, GAP, PASSIVE, *_ = ENVIRONMENTS
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}  # one kind of scene for most tests: one kernel to compile
 SHORT = {
     SWEEP: RUBBING | {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "force": (1.0, 2.0), "time_budget": 60.0},

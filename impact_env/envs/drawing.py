@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from impact_env.envs.task import Task
 from impact_env.extras import how_to_install, optional
 from impact_env.kernels import interval as columns
-from impact_env.modes import modal_model
+from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, SlidingAbsorber
 
 with optional():
@@ -31,6 +31,7 @@ LEFT, RIGHT, MIDDLE = 50.0, 520.0, 140.0  # of the beam, in pixels
 REACH = 95.0  # pixels that the largest expected displacement gets
 STRIPS = ((285.0, 335.0), (360.0, 410.0))  # top and bottom of the strips
 STRIP_LEFT, STRIP_RIGHT = 60.0, 620.0
+UNKNOWN_PLACE = 0.5  # of the force, as a share of the length, where it is not known
 PAPER, INK, PALE, BLUE, RED, GREEN = "white", "#303030", "#d8e4f0", "#1f5fa8", "#c03028", "#2f7d4f"
 MASS = 9.0  # half the side of the absorber in pixels
 
@@ -38,14 +39,21 @@ MASS = 9.0  # half the side of the absorber in pixels
 @lru_cache(maxsize=8)
 def _shapes(lengths: tuple[Any, ...]) -> Array:
     beam = Beam(**dict(lengths[:-1]), modal_frequency_ratio=dict(lengths[-1]))
-    rows = [modal_model(replace(beam, force_position=x)).force_shape for x in np.linspace(0, 1, POSITIONS + 1)[1:]]
-    return np.concatenate([np.zeros((1, beam.modes)), rows])
+    moves = {0.0: beam.ends.startswith("free"), 1.0: beam.ends.endswith("free")}
+    places = [float(x) for x in np.linspace(0, 1, POSITIONS + 1)]
+    still = np.zeros(beam.modes)
+    return np.array([modal_model(replace(beam, force_position=x)).force_shape if moves.get(x, True) else still for x in places])
 
 
 def mode_shapes(beam: Beam) -> Array:
-    """Return the modes' deflections at equidistant places from the clamped end to the tip, (POSITIONS + 1, N_m) in 1/sqrt(kg)."""
+    """Return the modes' deflections at equidistant places from the left end to the right one, (POSITIONS + 1, N_m) in 1/sqrt(kg)."""
     values = {name: getattr(beam, name) for name in beam.__dataclass_fields__ if name != "modal_frequency_ratio"}
     return _shapes((*values.items(), tuple(beam.modal_frequency_ratio.items())))
+
+
+def straight_shapes(model: ModalModel) -> Array:
+    """Return shapes for a structure of which only the modes are known: a straight line from the support to the absorber's place, (POSITIONS + 1, N_m)."""
+    return np.linspace(0, 1, POSITIONS + 1)[:, None] * np.array(model.tip_shape)
 
 
 class Strip:
@@ -100,10 +108,15 @@ class Screen:
         self.task, self.fps = task, fps
         settings = task.settings
         self.beam = settings.beam_parameters
-        self.shapes = mode_shapes(self.beam)
+        self.shapes = straight_shapes(settings.scene.model) if self.beam is None else mode_shapes(self.beam)
         self.sliding = settings.scene.absorber if isinstance(settings.scene.absorber, SlidingAbsorber) else None
         self.strips: dict[int, tuple[Strip, Strip]] = {}
-        self._window = _Window() if window else None
+        self._wanted = window
+        self._window: _Window | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the window, which cannot be copied; a copy opens its own."""
+        return self.__dict__ | {"_window": None}
 
     def show(self, lane: int) -> NDArray[np.uint8] | None:
         """Return a lane's image (height, width, 3), or show it in the window."""
@@ -112,8 +125,10 @@ class Screen:
         level.push(float(info["time"][lane]), float(self.task.level()[lane]))
         frequency.push(float(info["time"][lane]), float(info["frequency_ratio"][lane]))
         pixels = self._draw(lane, info, level, frequency)
-        if self._window is None:
+        if not self._wanted:
             return pixels
+        if self._window is None:
+            self._window = _Window()
         self._window.show(pixels, self.fps)
         return None
 
@@ -141,11 +156,11 @@ class Screen:
         picture.polygon([*upper, *reversed(lower)], PALE)
         picture.line([(LEFT, MIDDLE), (RIGHT, MIDDLE)], "#b0b0b0", 1)
         picture.box(LEFT - 14, MIDDLE - 60, LEFT, MIDDLE + 60, "#909090")
-        place = LEFT + self.beam.force_position * (RIGHT - LEFT)
+        place = LEFT + (UNKNOWN_PLACE if self.beam is None else self.beam.force_position) * (RIGHT - LEFT)
         self._draw_force(picture, place, float(np.interp(place, x, y)), lane)
         picture.line(zip(x, y, strict=True), BLUE, 5)
         if task.settings.scene.absorber is not None:
-            place = LEFT + self.beam.absorber_position * (RIGHT - LEFT)
+            place = LEFT + (1.0 if self.beam is None else self.beam.absorber_position) * (RIGHT - LEFT)
             self._draw_absorber(picture, place, float(np.interp(place, x, y)), scale, lane)
 
     def _draw_force(self, picture: Picture, x: float, y: float, lane: int) -> None:

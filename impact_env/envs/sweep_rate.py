@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from impact_env.envs.settings import Settings
-from impact_env.envs.shells import TaskEnv, TaskVectorEnv, choice, lanes_of, split
+from impact_env.envs.settings import Settings, with_defaults
+from impact_env.envs.shells import TaskEnv, choice, lanes_of, split
 from impact_env.envs.sweep_task import Passage, SweepTask
+from impact_env.envs.vector_shell import TaskVectorEnv, shell_of
 
 DEFAULTS: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, "limits": (0.93, 1.03)}
 
@@ -16,7 +17,7 @@ def _task(lanes: int, arguments: dict[str, Any]) -> SweepTask:
 
     Range, rates, budget and price are chosen by measurement (docs/agents.md): slow passage pays in a part of the range only.
     """
-    settings, passage = split({**DEFAULTS, **arguments}, Settings, Passage)
+    settings, passage = split(with_defaults(DEFAULTS, arguments), Settings, Passage)
     return SweepTask(Settings(**settings), Passage(**passage), lanes)
 
 
@@ -95,7 +96,8 @@ class SweepRateEnv(TaskEnv):
 
 
 class SweepRateVectorEnv(TaskVectorEnv):
-    """Native vector of `SweepRateEnv`: all lanes in one call of the simulator, autoreset in the same step, lane i as the single one with seed + i."""
+    """Native vector of `SweepRateEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
 
     def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
-        super().__init__(_task(lanes_of(num_envs), arguments), choice(), render_mode)
+        own, shell = shell_of(arguments)
+        super().__init__(_task(lanes_of(num_envs), own), choice(), render_mode, shell)

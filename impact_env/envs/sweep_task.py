@@ -20,7 +20,8 @@ from impact_env.kernels.interval import spread
 from impact_env.parameters import non_negative, positive, require
 
 DIRECTIONS = ("up", "down", "random")
-UP, DOWN = 0, 1
+BUDGET_ENDS = ("truncated", "terminated")
+ORIGINS = ("resonance", "middle")
 ROUNDING = 1e-12  # of the frequency ratio
 PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequency ratio in one
 
@@ -38,6 +39,9 @@ class Passage:
     unfinished_price: float = 1.0
     objective: str = "level"
     fatigue_exponent: float = 5.0
+    budget_end: str = "truncated"
+    frequency_origin: str = "resonance"
+    frequency_unit: float = FREQUENCY_SCALE
 
     def __post_init__(self) -> None:
         one_of("direction", self.direction, DIRECTIONS)
@@ -53,6 +57,9 @@ class Passage:
         non_negative("time_price", self.time_price)
         non_negative("unfinished_price", self.unfinished_price)
         positive("fatigue_exponent", self.fatigue_exponent)
+        one_of("budget_end", self.budget_end, BUDGET_ENDS)
+        one_of("frequency_origin", self.frequency_origin, ORIGINS)
+        positive("frequency_unit", self.frequency_unit)
 
 
 class SweepTask(Task):
@@ -63,6 +70,10 @@ class SweepTask(Task):
 
     def __init__(self, settings: Settings, passage_settings: Passage, lanes: int) -> None:
         self.passage = passage_settings
+        self.budget_terminates = passage_settings.budget_end == "terminated"
+        self.frequency_unit = passage_settings.frequency_unit
+        if passage_settings.frequency_origin == "middle":
+            self.frequency_origin = 0.5 * sum(passage_settings.limits)
         self.fatigue = passage_settings.objective == "fatigue"
         exponent = passage_settings.fatigue_exponent if self.fatigue else 0.0
         super().__init__(settings, lanes, max(1, math.ceil(passage_settings.time_budget / settings.interval - 1e-9)), exponent)
@@ -128,7 +139,7 @@ class SweepTask(Task):
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
         values = super().values()
-        values[:, 9] = (self.far - self.ratio) / FREQUENCY_SCALE
+        values[:, 9] = (self.far - self.ratio) / self.frequency_unit
         return values
 
     def describe(self) -> dict[str, Any]:

@@ -58,8 +58,8 @@ def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
 
 
 def watched(model: ModalModel, at: ArrayLike | None) -> Real:
-    """Return the mode shape (N_m,) of the place where the level is read: ``at``, or the model's tip shape."""
-    row = model.tip_shape if at is None else np.asarray(at, dtype=np.float64)
+    """Return the mode shape (N_m,) of the place where the level is read: ``at``, or where the model says."""
+    row = model.level_shape if at is None else np.asarray(at, dtype=np.float64)
     ok = row.shape == (model.modes,) and bool(np.all(np.isfinite(row)) and np.any(row != 0))
     require(ok, "tip_shape", row, f"{model.modes} finite modal amplitudes in 1/sqrt(kg), at least one of them other than 0")
     return row

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,14 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, positive, require
 from optimisation.bounds.lines import masses_of, stuck_frequencies
 from optimisation.bounds.stroke import GRID, line_terms, smallest
+from optimisation.tuned import highest_amplitude
 
 Real = NDArray[np.float64]
 
 NEAR = (0.93, 1.06)  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
+# free amplitude over the rule's gap: below the first no answer, below the second the best gap is narrower, above the third it is wider
+LEAST_REACH, SMALL_REACH, LARGE_REACH = 1.0, 1.5, 6.0
+FITTED_REACH, FITTED_FACTORS = 3.5, (0.25, 1.4)  # of `expected_gap`
 _LEAST = 0.5  # of the resonance with the mass stuck: where the range begins at the lowest
 
 
@@ -34,7 +39,8 @@ def near_range(model: ModalModel, mass: float, resonance: int = 1) -> tuple[floa
 
 def _stuck_ratio(model: ModalModel, mass: float, resonance: int) -> float:
     """Return the natural frequency of the beam with the mass stuck to it, over omega_r."""
-    return float(stuck_frequencies(model, masses_of(model, mass))[resonance - 1]) / model.resonance_omega(resonance)
+    omega_r = model.resonance_omega(resonance)
+    return float(stuck_frequencies(model, masses_of(model, mass))[resonance - 1]) / omega_r
 
 
 def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1, low: float | None = None, high: float | None = None) -> float:
@@ -43,7 +49,8 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
     ``mass`` m_a in kg, ``gap`` g0 in m. The paper's best operating points of the first two modes, found by simulation, lie close to f*.
     For the paper's beam |kappa|/|G_f| grows with the frequency, so the minimum sits at the lower end of the range, and f* depends on
     where "near the resonance" begins: 1 % of frequency moves it by 2 % at the first mode and by 5 to 6 % at the second. The default
-    begins 7 % below the resonance for the paper's mass ratio, see `near_range`. Raises ParameterError for numbers out of range, and for a
+    begins 7 % below the resonance for the paper's mass ratio, see `near_range`. It is the absorber's own place whose limit is meant, also where
+    the level is read elsewhere: there the absorber gets its motion from. Raises ParameterError for numbers out of range, and for a
     range without the resonance of the beam with the mass stuck to it, around which the limit is largest.
     """
     omega_r, default = model.resonance_omega(resonance), near_range(model, mass, resonance)
@@ -52,7 +59,7 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
     require(low <= stuck <= high, "range (low, high)", (low, high), f"a range that holds the resonance with the mass stuck, at {stuck:.4f}")
 
     def needed(ratio: Real) -> Real:
-        by_force, reach, _ = line_terms(model, mass, gap, ratio * omega_r)
+        by_force, reach, _ = line_terms(model, mass, gap, ratio * omega_r, model.tip_shape)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.where(by_force > 0, reach / by_force, np.inf))
 
@@ -65,6 +72,54 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
 def design_gap(model: ModalModel, mass: float, force: float, resonance: int = 1, low: float | None = None, high: float | None = None) -> float:
     """Return the half-clearance g0 in m whose `design_force` is ``force`` (N): f* is proportional to the gap, so no simulation is needed."""
     return positive("force", force) / design_force(model, mass, 1.0, resonance, low, high)
+
+
+def free_amplitude(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return the largest stationary amplitude in m of the place of an absorber of ``mass`` (kg) without it, over `near_range`, for a force in N.
+
+    Infinite at an undamped resonance. Raises ParameterError for numbers out of range.
+    """
+    own = replace(model, response_shape=None)
+    return positive("force", force) * highest_amplitude(own, None, resonance, *near_range(model, mass, resonance))[0]
+
+
+def reach(model: ModalModel, mass: float, resonance: int = 1) -> float:
+    """Return `free_amplitude` over `design_gap`, at any force: both are proportional to it.
+
+    Below 1 the free structure does not fill the rule's cavity, so that an absorber without friction never touches a wall: at a node, with little
+    motion, with much damping or a very light mass. Then the rule says nothing. Raises ParameterError as `design_gap` does.
+    """
+    return free_amplitude(model, mass, 1.0, resonance) / design_gap(model, mass, 1.0, resonance)
+
+
+def require_reach(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return `reach`; raises ParameterError, with gap and free amplitude, where it is below `LEAST_REACH`."""
+    found = reach(model, mass, resonance)
+    if found < LEAST_REACH:
+        gap, free = (1e3 * x for x in (design_gap(model, mass, force, resonance), free_amplitude(model, mass, force, resonance)))
+        require(
+            False,
+            f"gap by the rule for {force:g} N at resonance {resonance}, in mm",
+            float(f"{gap:.4g}"),
+            f"where the place of the absorber moves as far without it, and here that is {free:.4g} mm ({found:.3g} of the gap): no wall would be "
+            "touched (choose another place, a heavier absorber, or a structure with less damping)",
+        )
+    return found
+
+
+def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return the gap in m that simulations of other structures let expect to be best: the rule's times the root of `reach` over 3.5.
+
+    A fit, not a theory (docs/design_rule.md says how good it is): the factor is kept within 0.25 and 1.4, beyond which nothing was simulated. Raises
+    ParameterError as `design_gap` does.
+    """
+    factor = float(np.clip(np.sqrt(reach(model, mass, resonance) / FITTED_REACH), *FITTED_FACTORS))
+    return factor * design_gap(model, mass, force, resonance)
+
+
+def gap_unit(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return the rule's gap in m, or the free amplitude where that is smaller: a length by which gaps can be counted on any structure."""
+    return min(design_gap(model, mass, force, resonance), free_amplitude(model, mass, force, resonance))
 
 
 def common_gap(model: ModalModel, mass: float, forces: Mapping[int, float]) -> float:

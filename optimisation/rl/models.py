@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.envs.shells import TaskVectorEnv
+from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings

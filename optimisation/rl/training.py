@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 from scipy.stats import trim_mean
 
-from impact_env.envs.shells import TaskVectorEnv
+from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count
 from optimisation.differences import difference
