@@ -43,7 +43,7 @@ def parts_of(name: str) -> tuple[str, int | None]:
 class Units:
     """Units of a ``beam`` under ``forces`` in N, one for each resonance (counted from 1)."""
 
-    beam: Beam
+    beam: Beam | ModalModel
     forces: Mapping[int, float]
 
     def __post_init__(self) -> None:
@@ -58,7 +58,9 @@ class Units:
         return {}
 
     def model(self, position: float) -> ModalModel:
-        """Return the modal model with the absorber at a share of the length."""
+        """Return the modal model with the absorber at a share of the length; a structure that is given by its modes has one place."""
+        if isinstance(self.beam, ModalModel):
+            return self.beam
         if position not in self._models:
             self._models[position] = modal_model(replace(self.beam, absorber_position=position))
         return self._models[position]

@@ -80,6 +80,7 @@ def test_two_branches_are_told_and_one_is_not() -> None:
     single = sum(branches(np.exp(generator.normal(0, 0.05, 16))) is not None for _ in range(300))
     assert single <= 6
     assert branches([0.1] * 16) is None
+    assert branches([0.1, 0.105] * 8) is None  # two levels that no one can tell apart in use
     assert branches([0.1, 0.2] * 3) is None  # too few members
     assert branches([0.1, np.nan] * 8) is None
     assert branches([0.1, 0.2] * 8) is not None

@@ -1,8 +1,8 @@
 """Which search finds the best absorber for the same cost: CMA-ES, random search, a Gaussian process with replication, a dense map.
 
-All methods search the same problems from scratch, over several seeds, each until it has cost as much: sweeps at the usual rate, of which a
-screened design's fast ones are parts. Then each hands on its finalists, of which fresh members choose one and others judge it (`judge.verdict`): what counts is
-the judged level of the winner, and the seeds tell how far that is luck.
+All methods search the same problems from scratch, over several seeds, each until it has cost as much: sweeps at the usual rate, of which the fast
+ones of a screened design are parts. Then each hands on its finalists, of which fresh members choose one and others judge it (`judge.verdict`): what
+counts is the judged level of the winner, and the seeds tell how far that is luck.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ QUESTIONS: dict[str, tuple[Beam, tuple[Condition, ...]]] = {
 
 @dataclass(frozen=True)
 class Trial:
-    """One search: question, method and seed, the runs it made, what it thought of its winner, and the winner's ``level`` and ``members``, fresh ones."""
+    """One search: question, method and seed, the runs it made, what it thought of its winner, and the winner's ``level`` and fresh ``members``."""
 
     question: str
     method: str
