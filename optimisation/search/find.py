@@ -138,6 +138,8 @@ def _judged(findings: Findings, candidates: Sequence[Evaluated], plan: Plan, exe
     problem, concept = findings.problem, findings.problem.space.concept
     with bars.runs(f"{concept}: judging on fresh members") as show:
         found: Verdict = verdict(problem, candidates, executor, progress=show)
+    findings = replace(findings, verdict=found)
+    if not plan.modes:
+        return findings
     with bars.runs(f"{concept}: winner with more modes") as show:
-        wider = more_modes(problem, found.winner, found.share, executor, show) if plan.modes else None
-    return replace(findings, verdict=found, wider=wider)
+        return replace(findings, wider=more_modes(problem, found.winner, found.share, executor, show))
