@@ -21,11 +21,14 @@ from optimisation.problem import Problem
 from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdict
 from optimisation.search.noisy import MEMBERS_A_DESIGN, NOISY, noisy_search
 from optimisation.search.result import Cost, Findings
+from optimisation.search.samplers import CMA
 from optimisation.search.settings import Settings, default_settings
 from optimisation.search.smooth import MEMBERS, smooth_search
 from optimisation.search.study import DesignStudy, Evaluated, Progress, opened
 
 SCIPY = "scipy"
+# the default where levels are noisy: of the methods of docs/search_methods.md one that keeps a journal; any of `SAMPLERS` and `NOISY` may stand here
+FOR_NOISE = CMA
 Counting = Callable[[int, int], None]  # takes how many runs are done, and of how many
 
 
@@ -87,6 +90,8 @@ def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Ex
     executor, concept = executor or Threads(), problem.space.concept
     if plan.smooth(concept):
         return _find_smoothly(problem, plan, executor, bars)
+    if plan.sampler is None and len(problem.objectives) == 1 and len(problem.space.free) > 1:
+        plan = replace(plan, sampler=FOR_NOISE)
     if plan.noisy:
         return _find_noisily(problem, plan, executor, bars)
     settings = default_settings(problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch)
