@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 MARGIN = 8.0  # of Schwarz's criterion (BIC) for two branches over one
+APART = 1.1  # upper over lower level: what lies closer together is one level to anyone who builds an absorber
 FEWEST = 2  # members that make a branch
 MEMBERS = 8  # fewer tell nothing
 _ROUNDS = 200
@@ -60,7 +61,7 @@ def _fit(x: Array, cut: int) -> tuple[float, Array]:
 
 
 def branches(members: ArrayLike) -> Branches | None:
-    """Return the two branches of members' levels (M,), above 0; None if one branch does as well, or there are fewer than 8 members, or NaN."""
+    """Return the two branches of members' levels (M,), above 0; None if one branch does as well, the two lie within a tenth, or fewer than 8."""
     levels = np.sort(np.asarray(members, dtype=np.float64))
     if levels.ndim != 1 or len(levels) < MEMBERS or not np.all(np.isfinite(levels)) or levels[0] <= 0:
         return None
@@ -75,4 +76,6 @@ def branches(members: ArrayLike) -> Branches | None:
     if margin < MARGIN or min(upper.sum(), n - upper.sum()) < FEWEST:
         return None
     low, high = (float(np.median(levels[part])) for part in (~upper, upper))
+    if high < APART * low:
+        return None
     return Branches((low, high), (float(1 - upper.mean()), float(upper.mean())), float(margin))

@@ -11,6 +11,7 @@ from _progress import runs_bar
 from _report_page import ROOT, conditions, conditions_line, fill, published, require_markers
 from _table import markdown
 
+from optimisation.bounds import expected_factor
 from optimisation.files import require_writable, write_json
 from optimisation.studies.rule import (
     DAMPING,
@@ -21,7 +22,6 @@ from optimisation.studies.rule import (
     Row,
     as_json,
     cases,
-    expected_factor,
     from_json,
     price_at,
     run_cases,
@@ -42,7 +42,7 @@ def table(rows: list[Row]) -> str:
 
 def _cells(row: Row) -> tuple[str, ...]:
     at_rule = row.relative[len(row.factors) // 2]
-    least, expected = min(row.relative), expected_factor(row)
+    least, expected = min(row.relative), expected_factor(row.reach)
     levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, expected)))
     numbers = (f"{row.value:g}", f"{row.reach:.3g}", f"{row.best:.2g}", f"{expected:.2g}", *levels)
     return (row.structure, str(row.resonance), *numbers)

@@ -49,6 +49,7 @@ from optimisation.report.design_tables import (
     text,
 )
 from optimisation.search.judge import AUDITED
+from optimisation.search.noisy import NOISY
 from optimisation.search.samplers import SAMPLERS
 from optimisation.search.settings import FAST
 from optimisation.service import DRAWS, FEW, service
@@ -150,7 +151,9 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 @click.option("--quantile", type=float, default=0.5, show_default=True, help="Share of the members that meet or better the value.")
 @click.option("--limit", type=float, help="Relative level that the objective range must stay under.")
 @click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")
-@click.option("--sampler", type=click.Choice([*SAMPLERS, SCIPY]), help="Method.  [default: scipy without walls; cma; random for one variable]")
+@click.option(
+    "--sampler", type=click.Choice([*SAMPLERS, SCIPY, *NOISY]), help="Method.  [default: scipy without walls; cma; random for one variable]"
+)
 @click.option("--from-scratch", is_flag=True, help="Do not begin with the paper's design.")
 @click.option("--no-screening", is_flag=True, help="Run every design in full instead of leaving hopeless ones behind.")
 @click.option("--audit", type=click.IntRange(min=0), default=AUDITED, show_default=True, help="Designs left behind to run in full all the same.")

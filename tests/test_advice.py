@@ -21,6 +21,7 @@ from optimisation.problem import Problem
 from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
 from optimisation.statistics import ratio_of_quantiles, standard_error
+from optimisation.studies.friction import LIMITS, rows
 from optimisation.studies.rule import STRUCTURES
 
 STEEL = replace(STRUCTURES["steel"], modes=2)
@@ -80,6 +81,7 @@ def test_two_branches_are_told_and_one_is_not() -> None:
     single = sum(branches(np.exp(generator.normal(0, 0.05, 16))) is not None for _ in range(300))
     assert single <= 6
     assert branches([0.1] * 16) is None
+    assert branches([0.1, 0.105] * 8) is None  # two levels that no one can tell apart in use
     assert branches([0.1, 0.2] * 3) is None  # too few members
     assert branches([0.1, np.nan] * 8) is None
     assert branches([0.1, 0.2] * 8) is not None
@@ -158,3 +160,10 @@ def test_constant_force_settles_before_it_is_watched() -> None:
     chunk = Chunk((Lane(scene, drive),), (RMS,), clamp_moment(STEEL), 5.0)
     (found,) = measured_chunks([chunk], Threads(1))
     assert found[0, 0] == pytest.approx(np.sqrt(np.mean(motion[len(motion) // 2 :] ** 2)), rel=1e-3)
+
+
+def test_friction_table_on_another_beam() -> None:
+    found = list(rows(0.005, 1.4, 2, Threads(), 40.0, beam=replace(STEEL, damping_ratio=0.005)))
+    assert [row.limit for row in found] == list(LIMITS)
+    assert all(0 < row.low <= row.median <= row.high < 1.1 for row in found)
+    assert all(row.branches is None for row in found)  # two members tell none

@@ -13,7 +13,6 @@ import scipy.linalg
 import scipy.optimize
 import scipy.sparse
 from core import drive_of
-from optimisation.response import receptance, tip_response
 
 from impact_env import (
     Beam,
@@ -30,6 +29,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.beam import matrices
+from impact_env.frequency import receptance, tip_response
 from impact_env.plain import from_scene, to_scene
 from impact_env.plain_files import read_plain
 from impact_env.structures.matrices import lowest_modes

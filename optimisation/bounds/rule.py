@@ -20,7 +20,6 @@ Real = NDArray[np.float64]
 NEAR = (0.93, 1.06)  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
 # free amplitude over the rule's gap: below the first no answer, below the second the best gap is narrower, above the third it is wider
 LEAST_REACH, SMALL_REACH, LARGE_REACH = 1.0, 1.5, 6.0
-FITTED_REACH, FITTED_FACTORS = 3.5, (0.25, 1.4)  # of `expected_gap`
 _LEAST = 0.5  # of the resonance with the mass stuck: where the range begins at the lowest
 
 
@@ -108,13 +107,19 @@ def require_reach(model: ModalModel, mass: float, force: float, resonance: int =
 
 
 def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
-    """Return the gap in m that simulations of other structures let expect to be best: the rule's times the root of `reach` over 3.5.
+    """Return the gap in m that simulations of other structures let expect to be best: the rule's times `expected_factor`.
 
-    A fit, not a theory (docs/design_rule.md says how good it is): the factor is kept within 0.25 and 1.4, beyond which nothing was simulated. Raises
-    ParameterError as `design_gap` does.
+    Raises ParameterError as `design_gap` does.
     """
-    factor = float(np.clip(np.sqrt(reach(model, mass, resonance) / FITTED_REACH), *FITTED_FACTORS))
-    return factor * design_gap(model, mass, force, resonance)
+    return expected_factor(reach(model, mass, resonance)) * design_gap(model, mass, force, resonance)
+
+
+def expected_factor(reach: float) -> float:
+    """Return the best gap over the rule's that simulations let expect for free amplitude over the rule's gap.
+
+    A fit, not a theory (docs/design_rule.md says how good it is): (reach/2.5)^0.6 but at least 0.25 below 2.5, 1 up to 6, and 1.4 above.
+    """
+    return 1.4 if reach > LARGE_REACH else float(np.clip((reach / 2.5) ** 0.6, 0.25, 1.0))
 
 
 def gap_unit(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:

@@ -226,5 +226,6 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
                     for x, share in zip(part["branches"]["relative"], part["branches"]["shares_of_members"], strict=True)
                 )
                 yield f"    {name} has two branches: {low} and {high}"
-        if sweep is not None and sweep < LEAST_RATIO:
-            yield f"    the sweeps show {sweep:.3f} of the stationary level without absorber: too fast to tell the share of the possible"
+        if sweep is not None:
+            fast = ": too fast to tell the share of the possible" if sweep < LEAST_RATIO else ""
+            yield f"    the sweeps show {sweep:.3f} of the stationary level without absorber{fast}"

@@ -19,12 +19,16 @@ from optimisation.designs import WITH_IMPACTS
 from optimisation.evaluation import Clocked, Executor, Threads
 from optimisation.problem import Problem
 from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdict
+from optimisation.search.noisy import MEMBERS_A_DESIGN, NOISY, noisy_search
 from optimisation.search.result import Cost, Findings
+from optimisation.search.samplers import CMA
 from optimisation.search.settings import Settings, default_settings
 from optimisation.search.smooth import MEMBERS, smooth_search
 from optimisation.search.study import DesignStudy, Evaluated, Progress, opened
 
 SCIPY = "scipy"
+# the default where levels are noisy: of the methods of docs/search_methods.md one that keeps a journal; any of `SAMPLERS` and `NOISY` may stand here
+FOR_NOISE = CMA
 Counting = Callable[[int, int], None]  # takes how many runs are done, and of how many
 
 
@@ -55,6 +59,11 @@ class Plan:
     audit: int = AUDITED
     modes: bool = True
 
+    @property
+    def noisy(self) -> bool:
+        """Whether a model of the noise searches, see `optimisation.search.noisy`."""
+        return self.sampler in NOISY
+
     def smooth(self, concept: str) -> bool:
         """Return whether SciPy searches: on request, and by default where there are no walls and so no chaos."""
         return (self.sampler or (None if concept in WITH_IMPACTS else SCIPY)) == SCIPY
@@ -81,6 +90,10 @@ def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Ex
     executor, concept = executor or Threads(), problem.space.concept
     if plan.smooth(concept):
         return _find_smoothly(problem, plan, executor, bars)
+    if plan.sampler is None and len(problem.objectives) == 1 and len(problem.space.free) > 1:
+        plan = replace(plan, sampler=FOR_NOISE)
+    if plan.noisy:
+        return _find_noisily(problem, plan, executor, bars)
     settings = default_settings(problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch)
     with searched(f"{concept}: search", problem, settings, plan.designs, journal, executor, bars) as (study, finished, cost):
         findings = Findings(problem, study.told, finished, cost)
@@ -106,12 +119,32 @@ def _find_smoothly(problem: Problem, plan: Plan, executor: Executor, bars: Bars)
     return _judged(findings, [e for e in told if e.score.feasible], plan, executor, bars) if finished else findings
 
 
+def _find_noisily(problem: Problem, plan: Plan, executor: Executor, bars: Bars) -> Findings:
+    """Search with a model of the noise: a design of the plan counts as one member or a little more, as many as one costs that is screened."""
+    assert plan.sampler is not None
+    began, members, clocked = time.perf_counter(), max(2, round(MEMBERS_A_DESIGN * plan.designs)), Clocked(executor)
+    runs, done = 2 * len(problem.conditions), 0
+    with bars.runs(f"{problem.space.concept}: search") as show:
+
+        def count(told: int) -> None:
+            nonlocal done
+            done = told
+            show(runs * told, runs * max(told, members))
+
+        told, finished = noisy_search(problem, plan.sampler, members, clocked, plan.seed, plan.from_scratch, count)
+    seconds = time.perf_counter() - began
+    findings = Findings(problem, told, finished, Cost(done, runs * done, seconds, 1 - clocked.seconds / seconds))
+    return _judged(findings, told, plan, executor, bars) if finished else findings
+
+
 def _judged(findings: Findings, candidates: Sequence[Evaluated], plan: Plan, executor: Executor, bars: Bars) -> Findings:
     if not candidates:
         return findings
     problem, concept = findings.problem, findings.problem.space.concept
     with bars.runs(f"{concept}: judging on fresh members") as show:
         found: Verdict = verdict(problem, candidates, executor, progress=show)
+    findings = replace(findings, verdict=found)
+    if not plan.modes:
+        return findings
     with bars.runs(f"{concept}: winner with more modes") as show:
-        wider = more_modes(problem, found.winner, found.share, executor, show) if plan.modes else None
-    return replace(findings, verdict=found, wider=wider)
+        return replace(findings, wider=more_modes(problem, found.winner, found.share, executor, show))

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from impact_env.ensemble import Progress
 from impact_env.modes import modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, count
-from optimisation.bounds import LARGE_REACH, LEAST_REACH, SMALL_REACH
-from optimisation.bounds.rule import FITTED_FACTORS, FITTED_REACH
+from optimisation.bounds import LARGE_REACH, LEAST_REACH, SMALL_REACH, expected_factor
 from optimisation.gap_check import GapCheck, check_gap, scaled_absorber
 
 Array = NDArray[np.float64]
@@ -140,11 +139,6 @@ def price_at(row: Row, factor: float) -> float:
     return float(np.exp(np.interp(np.log(factor), np.log(row.factors), levels) - levels.min()))
 
 
-def expected_factor(row: Row) -> float:
-    """Return `expected_gap` over the rule's gap in a case."""
-    return float(np.clip(np.sqrt(row.reach / FITTED_REACH), *FITTED_FACTORS))
-
-
 @dataclass(frozen=True)
 class Verdict:
     """The cases of one class of `reach`: how many, and median and extremes of the best gap over the rule's.
@@ -173,7 +167,7 @@ def verdicts(rows: Sequence[Row]) -> list[Verdict]:
         if part:
             best = [row.best for row in part]
             label = f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} and more"
-            prices, others = [row.price for row in part], [price_at(row, expected_factor(row)) for row in part]
+            prices, others = [row.price for row in part], [price_at(row, expected_factor(row.reach)) for row in part]
             good = (sum(price < TOLERATED for price in prices), sum(price < TOLERATED for price in others))
             found.append(Verdict(label, len(part), float(np.median(best)), min(best), max(best), *good, max(prices), max(others)))
     return found
