@@ -1,6 +1,6 @@
 """Policies judged on the same held-out seeds: rules and schedules without learning, and trained agents."""
 
-# needs: rl optimise
+# needs: env, rl, optimise
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from impact_env.parameters import ParameterError, require
 from optimisation.files import replacing, require_writable, write_json
 from optimisation.report.policy_figures import save_gaps, save_profiles, save_schedules
 from optimisation.rl.agents import Agent
-from optimisation.rl.baselines import BEST_GAP, KNOTTED, RIVAL, TASKS, WINDOWED, ZERO_AND_ONE, families, load, policy
+from optimisation.rl.baselines import BEST_GAP, GROUPS, GROUPS_HELP, KNOTTED, RIVAL, TASKS, WINDOWED, ZERO_AND_ONE, families, load, policy
 from optimisation.rl.judging import FIRST_HELD_OUT_SEED, Judged, Line, agents_for, contenders, judge, read_results, summarise, write_results
 from optimisation.rl.policies import Policy
 from optimisation.rl.statistics import RESAMPLES
@@ -90,7 +90,7 @@ def report(task: str, out: Path, results: list[Judged], curves: dict[str, Any], 
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
-@click.option("--task", type=click.Choice([*TASKS, "both"]), default="both", show_default=True)
+@click.option("--task", type=click.Choice([*TASKS, *GROUPS]), default="both", show_default=True, help=GROUPS_HELP)
 @click.option("--agents", type=click.Path(path_type=Path), help="Folder with agents, or one agent's file.  [default: docs/agents, else results]")
 @click.option("--without-agents", is_flag=True, help="Judge only what does not learn.")
 @click.option(
@@ -125,7 +125,7 @@ def main(
     lines = {}
     try:
         require_writable("--out", folder)
-        for name in TASKS if task == "both" else (task,):
+        for name in GROUPS.get(task, (task,)):
             if redraw:
                 results, curves = read_results(folder / f"{name}_results.csv"), read_curves(folder / f"{name}_curves.json")
             else:

@@ -9,7 +9,6 @@ from typing import Any
 from impact_env.extras import optional
 
 
-
 @dataclass(frozen=True)
 class Entry:
     """Where an environment's classes are, without their endings Env and VectorEnv, and the arguments that its name stands for."""

@@ -132,7 +132,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         resting = self._over if self._mode is AutoresetMode.NEXT_STEP and self._over.any() else None
         if self._mode is AutoresetMode.DISABLED and self._over.any():
             lanes = np.flatnonzero(self._over).tolist()
-            raise ResetNeeded(f'the episodes of lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()')
+            raise ResetNeeded(f'lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()')
         rewards, terminated, truncated = self.task.step(actions, resting)
         observations = self.task.observe(self._generators, resting)
         info = self.task.info()
