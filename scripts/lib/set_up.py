@@ -21,6 +21,7 @@ EXPECTED = {
     "main": "one to three minutes",
     "test": "about half a minute",
     "env": "a few seconds",
+    "clients": "a few seconds",
     "rl": "several minutes, as torch is large",
     "offline": "half a minute",
     "optimise": "about a minute",
