@@ -31,14 +31,16 @@ def cell(estimate: Estimate | None, digits: int = 3) -> str:
 def table(task: str, lines: Sequence[Line]) -> str:
     """Return the table of a task, best first."""
     extra = ("level", "pseudo periods") if task != "gap" else ()
-    header = ("policy", "runs", "mean score", f"over {RIVAL[task]}", f"over {ZERO_AND_ONE[task][1]}", "normalised", *extra)
+    one = ZERO_AND_ONE[task][1]
+    beside = () if one == RIVAL[task] else (f"over {one}",)
+    header = ("policy", "runs", "mean score", f"over {RIVAL[task]}", *beside, "normalised", *extra)
     rows = [
         (
             line.name,
             str(line.runs),
             cell(line.mean),
             "-" if line.name == RIVAL[task] else cell(line.over_rival),
-            "-" if line.name == ZERO_AND_ONE[task][1] else cell(line.over_one),
+            *(("-" if line.name == one else cell(line.over_one),) if beside else ()),
             cell(line.normalised, 2),
             *((f"{line.level:.3f}", f"{line.time:,.0f}") if task != "gap" else ()),
         )

@@ -187,7 +187,7 @@ def test_imitation_does_in_each_situation_what_was_shown() -> None:
     for algorithm in ("ppo", "sac"):
         model, _ = trained(algorithm, ADAPTIVE, **({"lanes": 8, "batch_size": 64} if algorithm == "ppo" else {"lanes": 8, "buffer_size": 1000}))
         error = imitate(model, shown, seed=0, epochs=15)
-        assert error < 0.1 * np.var(np.concatenate(shown.actions), axis=0).mean()
+        assert error < 0.25 * np.var(np.concatenate(shown.actions), axis=0).mean()
         score = play(actor_of(model, ADAPTIVE, 0, {}), ADAPTIVE, range(40)).scores.mean()
         assert score > -0.28
 

@@ -40,8 +40,7 @@ def register_environments() -> None:
         return
     for name, entry in ENVIRONMENTS.items():
         if name not in registry:
-            places = {"entry_point": f"{entry.place}Env", "vector_entry_point": f"{entry.place}VectorEnv"}
-            register(id=name, **places, kwargs=dict(entry.arguments))
+            register(id=name, entry_point=f"{entry.place}Env", vector_entry_point=f"{entry.place}VectorEnv", kwargs=dict(entry.arguments))
 
 
 def first_step(name: str) -> None:

@@ -23,18 +23,19 @@ def imitate(model: Model, shown: Demonstrations, seed: int, epochs: int = EPOCHS
     Raises ParameterError if the demonstrations' observations or actions are of another size than the model's.
     """
     policy: Any = model.policy
+    tools: Any = torch
     observations, actions = (torch.from_numpy(np.concatenate(parts)) for parts in ([o[:-1] for o in shown.observations], shown.actions))
     sizes = (model.observation_space.shape, model.action_space.shape)
     shapes = (tuple(observations.shape[1:]), tuple(actions.shape[1:]))
     require(shapes == sizes, "shapes of demonstrations", shapes, f"{sizes}, those of the environment")
     actor = getattr(model, "actor", None)
     parameters = list((policy if actor is None else actor).parameters())
-    optimiser = torch.optim.Adam(parameters, lr=LEARNING_RATE)
-    generator = torch.Generator().manual_seed(seed)
-    mean = (lambda seen: policy.get_distribution(seen).distribution.mean) if actor is None else (lambda seen: actor(seen, deterministic=True))
+    optimiser: Any = tools.optim.Adam(parameters, lr=LEARNING_RATE)
+    generator: Any = tools.Generator().manual_seed(seed)
+    mean: Any = (lambda seen: policy.get_distribution(seen).distribution.mean) if actor is None else (lambda seen: actor(seen, deterministic=True))
     for _ in range(epochs):
-        for part in torch.randperm(len(observations), generator=generator).split(BATCH):
-            loss = torch.nn.functional.mse_loss(mean(observations[part]), actions[part])
+        for part in tools.randperm(len(observations), generator=generator).split(BATCH):
+            loss = tools.nn.functional.mse_loss(mean(observations[part]), actions[part])
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()

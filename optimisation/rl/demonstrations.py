@@ -10,6 +10,7 @@ import hashlib
 import os
 import shutil
 import tempfile
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -104,7 +105,9 @@ def write_demonstrations(folder: Path, shown: Demonstrations, author: str, argum
         env = gymnasium.make(shown.env_id, **(arguments or {}))
         episodes = [_episode(EpisodeBuffer, shown, k) for k in range(len(shown.seeds))]
         words = f"{author} on {shown.env_id}, one episode for each of the seeds {shown.seeds[0]} to {shown.seeds[-1]}"
-        minari.create_dataset_from_buffers(folder.name, episodes, env=env, algorithm_name=author, author="scripted", description=words)
+        with warnings.catch_warnings():  # it asks for an address and a link, which a reader's own data set has none of
+            warnings.simplefilter("ignore", UserWarning)
+            minari.create_dataset_from_buffers(folder.name, episodes, env=env, algorithm_name=author, author="scripted", description=words)
         env.close()
         if folder.exists():
             shutil.rmtree(folder)
@@ -137,8 +140,8 @@ def read_demonstrations(folder: Path, env_id: str) -> Demonstrations:
     except (OSError, ValueError, KeyError, AttributeError) as error:
         raise ParameterError(f"demonstrations = {str(folder)!r} is not allowed: a whole data set ({error})") from error
     require(found == env_id, "demonstrations", str(folder), f"a data set of {env_id}, not of {found}")
-    parts = [[np.asarray(getattr(episode, name)) for episode in episodes] for name in ("observations", "actions", "rewards")]
-    return Demonstrations(env_id, seeds, *parts, [bool(episode.terminations[-1]) for episode in episodes])
+    observations, actions, rewards = ([np.asarray(getattr(e, name)) for e in episodes] for name in ("observations", "actions", "rewards"))
+    return Demonstrations(env_id, seeds, observations, actions, rewards, [bool(episode.terminations[-1]) for episode in episodes])
 
 
 def fingerprint(shown: Demonstrations) -> str:

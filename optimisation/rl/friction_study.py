@@ -1,7 +1,7 @@
 """Does it pay to choose the friction limit on the way? Passages in haste whose limit is set once or twice, for forces that are not announced.
 
-There is no environment for it: the kernels keep a scene's friction for a run. What a rule could gain is found by going on with the state of one run in
-a run of another limit. The level is the larger one of both parts, so a largest response just where the limit changes is seen from one side only.
+There is no environment for it: the kernels keep a scene's friction for a run. What a rule could gain is found by going on with the state of one run
+in a run of another limit. The level is the larger one of both parts, so a largest response just where the limit changes is seen from one side only.
 """
 
 from __future__ import annotations

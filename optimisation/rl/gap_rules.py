@@ -16,7 +16,10 @@ This is exact for a stationary response with that stroke, so a transient mislead
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.envs.gap_task import GapTask
 from impact_env.envs.settings import span
@@ -34,9 +37,9 @@ class GapScale:
     """What gap rules know of a task: limits and unit of the gap (m), f*/gap of the design rule (N/m), the beam, the absorber's mass."""
 
     def __init__(self, task: GapTask | SweepGapTask) -> None:
-        passing = isinstance(task, SweepGapTask)
-        self.low, self.high = span("gap_limits", task.cavity.gap_limits if passing else task.control.gap_limits)
-        self.geometric = passing
+        limits = task.cavity.gap_limits if isinstance(task, SweepGapTask) else task.control.gap_limits
+        self.low, self.high = span("gap_limits", limits)
+        self.geometric = isinstance(task, SweepGapTask)
         self.column = [feature.name for feature in task.features].index("half-clearance in use")
         self.origin, self.unit = task.frequency_origin, task.frequency_unit
         self.length, self.omega = task.length, task.omega
@@ -58,7 +61,7 @@ class GapScale:
             return np.asarray(self.low * (self.high / self.low) ** (0.5 * (np.clip(action, -1, 1) + 1)))
         return np.asarray(self.low + 0.5 * (np.clip(action, -1, 1) + 1) * (self.high - self.low))
 
-    def offset(self, observations: Observations) -> Array:
+    def offset(self, observations: NDArray[Any]) -> Array:
         """Return the frequency ratios less 1 in observations, over 0.1 (L,)."""
         return np.asarray((self.origin + self.unit * observations[:, FREQUENCY].astype(np.float64) - 1) / FREQUENCY_SCALE)
 
