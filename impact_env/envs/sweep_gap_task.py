@@ -33,7 +33,6 @@ class Cavity:
 class SweepGapTask(SweepTask):
     """Lanes that pass through a resonance, each with a cavity that is set on the way."""
 
-    numbers = 2
     features: Sequence[Feature] = (*STATE, Feature("way left", False), Feature("half-clearance in use", False))
 
     def __init__(self, settings: Settings, passage: Passage, cavity: Cavity, lanes: int) -> None:

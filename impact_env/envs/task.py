@@ -30,7 +30,6 @@ class Task(ABC):
     features: Sequence[Feature]
     level_name: str
 
-    numbers = 1  # of an action
     budget_terminates = False
     frequency_origin, frequency_unit = 1.0, FREQUENCY_SCALE
 

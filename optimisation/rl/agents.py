@@ -77,9 +77,14 @@ class Agent:
         require(self.env_id in ENVIRONMENTS, "environment of the agent", self.env_id, f"one of {', '.join(ENVIRONMENTS)}")
         require(self.activation in ACTIVATIONS, "activation", self.activation, f"one of {', '.join(ACTIVATIONS)}")
         require(self.squash in SQUASHES, "squash", self.squash, f"one of {', '.join(SQUASHES)}")
-        widths = [weights.shape[1] for weights, _ in self.layers] + [self.layers[-1][0].shape[0] if self.layers else 0]
+        widths = [weights.shape[1] for weights, _ in self.layers] + [ENVIRONMENTS[self.env_id].numbers]
         fits = all(w.shape == (n, w.shape[1]) and b.shape == (n,) for (w, b), n in zip(self.layers, widths[1:], strict=True))
-        require(len(self.layers) > 0 and fits, "layers", [weights.shape for weights, _ in self.layers], "layers that fit one another")
+        require(
+            len(self.layers) > 0 and fits,
+            "layers",
+            [weights.shape for weights, _ in self.layers],
+            "layers that fit one another, to as many numbers as an action has",
+        )
         if self.cells is not None:
             size = self.cells[1].shape[1]
             shapes = (self.cells[0].shape[0], self.cells[1].shape[0], *self.cells[2].shape, 4 * self.layers[0][0].shape[1])

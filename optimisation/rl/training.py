@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 from scipy.stats import trim_mean
 
+from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
@@ -29,7 +30,6 @@ from optimisation.rl.agents import BEST, FINAL, actor_of, save_agent
 from optimisation.rl.checkpoints import forget_replay, last_checkpoint, save_checkpoint
 from optimisation.rl.cloning import imitate
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations
-from optimisation.rl.families import task_of
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings
 from optimisation.rl.models import Model, ScaledRewards, begin_leg, make_lanes, make_model
 from optimisation.rl.play import play
@@ -73,7 +73,7 @@ class Job:
     @property
     def numbers(self) -> int:
         """How many numbers an action has."""
-        return int(task_of(self.env_id, self.arguments).numbers)
+        return ENVIRONMENTS[self.env_id].numbers
 
     @property
     def evaluation_seeds(self) -> range:
