@@ -52,7 +52,7 @@ def mode_shapes(beam: Beam) -> Array:
 
 
 def straight_shapes(model: ModalModel) -> Array:
-    """Return shapes for a structure of which only the modes are known: a straight line from the support to the absorber's place, (POSITIONS + 1, N_m)."""
+    """Return shapes where only the modes are known, (POSITIONS + 1, N_m): a straight line from the support to the absorber's place."""
     return np.linspace(0, 1, POSITIONS + 1)[:, None] * np.array(model.tip_shape)
 
 

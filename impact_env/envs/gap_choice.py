@@ -66,6 +66,7 @@ class GapChoiceEnv(TaskEnv):
       ``gap``, ``restitution``, ``friction_limit``, ``contact_stiffness``, ``friction_stiffness`` (both make contact compliant), ``stiffness``,
       ``damping``
     - ``modes`` of the beam; ``beam``: other values of `impact_env.Beam`, by name
+    - ``whole_scene``: a whole scene in place of the lines above, as an `impact_env.Scene` or in plain form (docs/scenes.md): any structure
     - ``resonance`` (default 1): the one that is meant, counted from 1; its period is the pseudo period
     - ``force``: amplitude in N, or a pair (low, high) from which the schedule draws (default 0.5 to 6)
     - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``

@@ -11,10 +11,13 @@ from impact_env.extras import optional
 
 @dataclass(frozen=True)
 class Entry:
-    """Where an environment's classes are, without their endings Env and VectorEnv, and the arguments that its name stands for."""
+    """Where an environment's classes are, without their endings Env and VectorEnv, the arguments that its name stands for, and how many numbers an
+    action has.
+    """  # noqa: D205
 
     place: str
     arguments: Mapping[str, Any] = field(default_factory=dict)
+    numbers: int = 1
 
 
 V1 = "impact_env.envs.sweep_rate_v1:SweepRateV1"
@@ -25,7 +28,7 @@ ENVIRONMENTS = {
     "ImpactAbsorber/SweepRate-v1": Entry(V1),
     "ImpactAbsorber/SweepRateNoisy-v1": Entry(V1, {"observation_noise": 0.3}),
     "ImpactAbsorber/SweepRateDelayed-v1": Entry(V1, {"observation_delay": 4}),
-    "ImpactAbsorber/SweepAndGap-v0": Entry("impact_env.envs.sweep_and_gap:SweepAndGap"),
+    "ImpactAbsorber/SweepAndGap-v0": Entry("impact_env.envs.sweep_and_gap:SweepAndGap", numbers=2),
 }
 
 
@@ -40,8 +43,7 @@ def register_environments() -> None:
         return
     for name, entry in ENVIRONMENTS.items():
         if name not in registry:
-            places = {"entry_point": f"{entry.place}Env", "vector_entry_point": f"{entry.place}VectorEnv"}
-            register(id=name, **places, kwargs=dict(entry.arguments))
+            register(id=name, entry_point=f"{entry.place}Env", vector_entry_point=f"{entry.place}VectorEnv", kwargs=dict(entry.arguments))
 
 
 def first_step(name: str) -> None:

@@ -30,11 +30,11 @@ class SweepRateV1Env(TaskEnv):
     """How quickly to run through a resonance, and when to go back.
 
     ## Description
-    The passage of `SweepRateEnv`, set up so that what feedback is worth can be found. Below the resonance a response that still has impacts is on the high
-    branch and grows; where impacts stop, it has dropped to the low one and stays there. Whether and when it drops is chance, and seldom outside of
-    frequency ratios from about 0.965 to 0.98. Whoever looks can wait there, go back and try again, and hurry on once impacts have
-    stopped; a schedule over the frequency cannot. Decisions are fewer (an interval is 25 pseudo periods), the frequency is seen at the scale on
-    which it matters, going back is allowed, and the time suffices for several tries.
+    The passage of `SweepRateEnv`, set up so that what feedback is worth can be found. Below the resonance a response that still has impacts is on
+    the high branch and grows; where impacts stop, it has dropped to the low one and stays there. Whether and when it drops is chance, and
+    seldom outside of frequency ratios from about 0.965 to 0.98. Whoever looks can wait there, go back and try again, and hurry on once impacts
+    have stopped; a schedule over the frequency cannot. Decisions are fewer (an interval is 25 pseudo periods), the frequency is seen at the
+    scale on which it matters, going back is allowed, and the time suffices for several tries.
 
     ## Action Space
     A ``Box`` of one float32 number a in [-1, 1]: for a >= 0 the sweep rate for the next control interval is ``slow * (fast/slow)**a`` in % of the
@@ -58,8 +58,8 @@ class SweepRateV1Env(TaskEnv):
     | 10 | far frequency less present one | ratio / ``frequency_unit`` |
 
     ## Rewards
-    Those of `SweepRateEnv`: minus the level relative to that of the beam without absorber, minus a price of time, minus ``unfinished_price`` if the time budget
-    is spent before the far frequency is reached.
+    Those of `SweepRateEnv`: minus the level relative to that of the beam without absorber, minus a price of time, minus ``unfinished_price`` if
+    the time budget is spent before the far frequency is reached.
 
     ## Starting State
     That of `SweepRateEnv`.

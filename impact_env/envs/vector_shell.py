@@ -52,8 +52,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
     def __init__(self, task: Task, action_space: spaces.Space[Any], render_mode: str | None, shell: Mapping[str, Any] | None = None) -> None:
         check_render_mode(render_mode)
         given = dict(shell or {})
-        self._mode = autoreset(given.get("autoreset_mode", AutoresetMode.SAME_STEP))
-        self.metadata = {**METADATA, "autoreset_mode": self._mode}
+        self.autoreset_mode = autoreset(given.get("autoreset_mode", AutoresetMode.SAME_STEP))
+        self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         steps = given.get("max_episode_steps")
         task.limit = None if steps in (None, -1) else count("max_episode_steps", steps, 1)
         self.task, self.render_mode, self.num_envs = task, render_mode, task.lanes
@@ -129,24 +129,22 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if self._observations is None:
             raise ResetNeeded("call reset() before step()")
         actions = checked_actions(self.action_space, actions)
-        resting = self._over if self._mode is AutoresetMode.NEXT_STEP and self._over.any() else None
-        if self._mode is AutoresetMode.DISABLED and self._over.any():
+        resting = self._over if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any() else None
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             lanes = np.flatnonzero(self._over).tolist()
-            raise ResetNeeded(
-                f'the episodes of lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()'
-            )
+            raise ResetNeeded(f'lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()')
         rewards, terminated, truncated = self.task.step(actions, resting)
         observations = self.task.observe(self._generators, resting)
         info = self.task.info()
         over = terminated | truncated
         final: Info = {}
         again = resting
-        if self._mode is AutoresetMode.SAME_STEP and over.any():
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
             final, again = self._final(observations, info, over), over
         if again is not None:
             observations = np.where(again[:, None], self.task.reset(again, self._generators), observations)
             info = self.task.info()
-        self._observations, self._over = observations, over if self._mode is not AutoresetMode.SAME_STEP else self._over
+        self._observations, self._over = observations, over if self.autoreset_mode is not AutoresetMode.SAME_STEP else self._over
         return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info, np.ones(self.num_envs, dtype=np.bool_))}
 
     def _final(self, observations: Observation, info: Info, over: NDArray[np.bool_]) -> Info:
