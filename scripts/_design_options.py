@@ -13,7 +13,6 @@ import click
 import numba
 import numpy as np
 import scipy
-from _memory import peak_memory
 from _structure_options import RESONANCES_HELP, is_given, read_structure, refuse_beside, structure_option
 
 from impact_env.curve import DEFAULT_MEMBERS
@@ -26,6 +25,7 @@ from optimisation.bounds import LEAST_REACH, design_force, reach
 from optimisation.comparison import RESONANCES, WIDE_LIMITS
 from optimisation.designs import MASS_RATIO, TUNED, VARIABLES, DesignSpace, design_space
 from optimisation.evaluation import Executor, Threads
+from optimisation.memory import peak_memory
 from optimisation.mounting import mounted
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem

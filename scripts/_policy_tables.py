@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from _table import markdown
-
+from optimisation.report.markdown import markdown
 from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_PAIR, BEST_SCHEDULE, RIVAL, TUNED_ESTIMATE, TUNED_TRUE, ZERO_AND_ONE
 from optimisation.rl.judging import NO_LEARNING, Estimate, Line
 from optimisation.rl.suite import FEEDBACK, ORACLE

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-from _command_line import BadInput
 from click.core import ParameterSource
 
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import Beam
 from impact_env.structure import StructureWarning, load_structure
+from optimisation.command_line import BadInput
 from optimisation.mounting import mounted
 
 Command = Callable[..., Any]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from _command_line import BadInput
 from _structure_options import read_structure
 
 from impact_env.drive import FrequencySchedule, constant_frequency, linear_sweep
@@ -27,6 +26,7 @@ from impact_env.plain import to_beam, to_scene
 from impact_env.plain_files import read_plain
 from impact_env.scene import Scene, beam_scene
 from optimisation.bounds import design_force, design_gap
+from optimisation.command_line import BadInput
 from optimisation.friction_rule import best_friction
 from optimisation.tuned import minimax
 

@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import click
-from _command_line import check_target, end_early, name_files, plain_errors
-from _progress import BAR
-from _table import markdown
 from tqdm import tqdm
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError, RigidWalls, count, positive, require
 from impact_env.periodic.balance_error import COLUMNS, BalanceRow, Exact, balance_rows, exact_orbit, settings_of
 from impact_env.periodic.case import Case
+from optimisation.command_line import check_target, end_early, name_files, plain_errors
 from optimisation.files import write_csv, write_json
+from optimisation.progress import BAR
+from optimisation.report.markdown import markdown
 
 
 def numbers(option: str, text: str) -> list[float]:

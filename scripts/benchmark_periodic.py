@@ -12,8 +12,6 @@ from pathlib import Path
 import click
 import numba
 import numpy as np
-from _command_line import check_target, plain_errors
-from _table import markdown
 from tqdm import tqdm
 
 from impact_env.modes import modal_model
@@ -31,7 +29,9 @@ from impact_env.periodic.survey import attractors, closed_form_orbits
 from impact_env.periodic.symmetric import closed_form_branches, symmetric_schedule
 from impact_env.periodic.tracing import orbit_branch
 from impact_env.periodic.validation import BAR, map_over
+from optimisation.command_line import check_target, plain_errors
 from optimisation.files import write_json
+from optimisation.report.markdown import markdown
 
 REPEATS, QUICK_REPEATS = 21, 3
 BRANCH_POINTS = 200

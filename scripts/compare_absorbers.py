@@ -12,17 +12,17 @@ import click
 import numba
 import numpy
 import scipy
-from _command_line import end_early, name_files, plain_errors
-from _memory import peak_memory
-from _progress import sweeps_bar
 from _structure_options import RESONANCES_HELP, read_structure, structure_option
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls
+from optimisation.command_line import end_early, name_files, plain_errors
 from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
 from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.memory import peak_memory
+from optimisation.progress import sweeps_bar
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
 
 QUICK_FORCES, QUICK_MEMBERS = 10, 2
@@ -41,7 +41,7 @@ def write(out: Path, comparison: Comparison, conditions: dict[str, object]) -> l
 
 
 def run(structure: Structure | None, given: dict[str, Any]) -> Comparison:
-    own = {} if structure is None else {"beam": structure}
+    own: dict[str, Any] = {} if structure is None else {"beam": structure}
     with sweeps_bar("comparing") as show:
         return compare(**own, progress=show, **given)
 

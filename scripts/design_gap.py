@@ -8,18 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-from _command_line import end_early, name_files, plain_errors
-from _progress import sweeps_bar
 from _structure_options import POSITION_HELP, model_of, refuse_beside, structure_option
-from _table import markdown
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, positive
 from optimisation.bounds import LARGE_REACH, SMALL_REACH, design_gap, expected_gap, require_reach
+from optimisation.command_line import end_early, name_files, plain_errors
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_check import RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber, sweep_limits
+from optimisation.progress import sweeps_bar
+from optimisation.report.markdown import markdown
 from optimisation.sweep_rate import LEAST_RATIO, default_rate, sweep_ratio
 
 QUICK_GAPS, QUICK_MEMBERS = 5, 2
@@ -38,9 +38,20 @@ def simulated(
     rate: float,
     threads: int | None,
 ) -> GapCheck:
-    options = {"members": members, "seed": seed, "percent_per_100_periods": rate, "threads": threads}
+    factors = gap_factors(gaps)
     with sweeps_bar("simulating") as show:
-        return check_gap(model, force, resonance, absorber, factors=gap_factors(gaps), progress=show, **options)
+        return check_gap(
+            model,
+            force,
+            resonance,
+            absorber,
+            factors=factors,
+            members=members,
+            seed=seed,
+            percent_per_100_periods=rate,
+            threads=threads,
+            progress=show,
+        )
 
 
 def answer(model: ModalModel, mass_ratio: float, force: float, resonance: int, rate: float) -> list[str]:

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from _command_line import BadInput
 from _policy_tables import TASK_WORDS, short_table, table
-from _report_page import ROOT, fill, published
 from tqdm import tqdm
 
 from impact_env.parameters import ParameterError, require
+from optimisation.command_line import BadInput
 from optimisation.files import replacing, require_writable, write_json
 from optimisation.report.policy_figures import save_gaps, save_profiles, save_responses, save_schedules
 from optimisation.rl.agents import Agent
@@ -42,6 +41,7 @@ from optimisation.rl.policies import Policy
 from optimisation.rl.statistics import RESAMPLES
 from optimisation.rl.suite import SUITE
 from optimisation.rl.traces import gap_curves, passage_curves, response_curves
+from optimisation.studies.page import ROOT, fill, published
 
 POLICIES, PAGE = ROOT / "docs" / "policies", ROOT / "docs" / "agents.md"
 QUICK_OUT = Path("results/evaluate_policies")

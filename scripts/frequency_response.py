@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from _command_line import check_target, end_early, name_files, plain_errors
 from _sweep_scene import make_scene, refuse_parts
-from _table import markdown
 from tqdm import tqdm
 
 from impact_env.drive import PAPER_RATE
@@ -18,7 +16,9 @@ from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, positive
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
 from impact_env.periodic.overview import Overview, overview, sliding
 from impact_env.periodic.response_curve import COLUMNS
+from optimisation.command_line import check_target, end_early, name_files, plain_errors
 from optimisation.files import replacing, write_csv, write_json
+from optimisation.report.markdown import markdown
 
 FIGURES = (".png", ".pdf", ".svg")
 EXACT, BALANCE, BOTH = "exact", "balance", "both"

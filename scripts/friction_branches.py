@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import click
-from _command_line import plain_errors
-from _progress import runs_bar
-from _table import markdown
 
+from optimisation.command_line import plain_errors
 from optimisation.evaluation import Threads
+from optimisation.progress import runs_bar
+from optimisation.report.markdown import markdown
 from optimisation.studies.friction import CASES, rows
 
 MEMBERS = 32

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import click
 import numpy as np
-from _table import markdown
 from tqdm import tqdm
 
 from optimisation.files import require_writable, write_json
+from optimisation.report.markdown import markdown
 from optimisation.rl.friction_study import LIMITS, Machines, Plan, by_force, by_look, once, switched
 from optimisation.rl.statistics import interval
 

@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import click
-from _command_line import check_target, end_early, name_files, plain_errors
-from _progress import counting_bar
 from _sweep_scene import make_scene, refuse_parts
-from _table import markdown
 
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls
 from impact_env.periodic.case import case_of
 from impact_env.periodic.isola_map import COLUMNS, IsolaCell, IsolaMap, isola_map
+from optimisation.command_line import check_target, end_early, name_files, plain_errors
 from optimisation.files import replacing, write_csv, write_json
+from optimisation.progress import counting_bar
+from optimisation.report.markdown import markdown
 
 
 def numbers(option: str, text: str, kind: type) -> tuple[Any, ...]:

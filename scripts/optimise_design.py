@@ -13,7 +13,6 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import end_early, name_files, plain_errors
 from _design_options import (
     GOES_ON,
     KEPT,
@@ -28,20 +27,20 @@ from _design_options import (
     variables_help,
 )
 from _design_search import SCIPY, Plan, find
-from _progress import runs_bar
 
 from impact_env.parameters import ParameterError
+from optimisation.command_line import end_early, name_files, plain_errors
 from optimisation.designs import GAP, IMPACT, VARIABLES
 from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.insight import detuned, levels, over_force, sensitivity, with_gaps
 from optimisation.objectives import KINDS, MEAN, WORST, Objective
 from optimisation.problem import Problem
+from optimisation.progress import runs_bar
 from optimisation.report.design_tables import (
     LEVEL_COLUMNS,
     PAPER,
     WINNER,
-    Findings,
     design_columns,
     design_rows,
     level_rows,
@@ -50,6 +49,7 @@ from optimisation.report.design_tables import (
 )
 from optimisation.search.judge import AUDITED
 from optimisation.search.noisy import NOISY
+from optimisation.search.result import Findings
 from optimisation.search.samplers import SAMPLERS
 from optimisation.search.settings import FAST
 from optimisation.service import DRAWS, FEW, service

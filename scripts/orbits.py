@@ -9,9 +9,6 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import BadInput, check_target, end_early, plain_errors
-from _progress import counting_bar
-from _table import markdown
 
 from impact_env.modes import modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, count
@@ -20,7 +17,10 @@ from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import LocatedFold, Threshold, folds, thresholds
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.survey import Found, attractors, different, orbits_over
+from optimisation.command_line import BadInput, check_target, end_early, plain_errors
 from optimisation.files import write_json
+from optimisation.progress import counting_bar
+from optimisation.report.markdown import markdown
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 FROM, TO = 0.9, 1.06  # of the first resonance, the paper's range

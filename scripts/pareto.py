@@ -12,7 +12,6 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import end_early, name_files, plain_errors
 from _design_options import (
     GOES_ON,
     KEPT,
@@ -29,6 +28,7 @@ from _design_options import (
 from _front_search import CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 
 from impact_env.parameters import ParameterError
+from optimisation.command_line import end_early, name_files, plain_errors
 from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT
 from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json

@@ -7,14 +7,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from _command_line import BadInput
-from _report_page import ROOT, published
 
 from impact_env.parameters import ParameterError
+from optimisation.command_line import BadInput
 from optimisation.files import require_writable
 from optimisation.rl.baselines import FIRST_TRAINING_SEED, TASKS, families, load, policy
 from optimisation.rl.demonstrations import record, write_demonstrations
 from optimisation.rl.suite import FEEDBACK, SUITE
+from optimisation.studies.page import ROOT, published
 
 POLICIES = published(Path("docs/policies"), ROOT / "docs" / "policies")
 EPISODES = 256

@@ -9,11 +9,11 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import check_target, plain_errors
 from tqdm import tqdm
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
+from optimisation.command_line import check_target, plain_errors
 from optimisation.files import replacing
 
 with optional():

@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-from _command_line import BadInput, check_target, plain_errors
 from _structure_options import structure_option
 from _sweep_report import Result, contract, describe_run, summary
 from _sweep_scene import DEFAULT_ABSORBER, FRICTION_DAMPER_LIMIT, PARTS, Options, make_method, make_scene, make_schedule, refuse_contradictions
-from _timing import Timed
 from tqdm import tqdm
 
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, FrequencySchedule
@@ -27,7 +25,9 @@ from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from impact_env.wording import absorber_words
+from optimisation.command_line import BadInput, check_target, plain_errors
 from optimisation.files import replacing
+from optimisation.studies.timing import Timed
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 SHORT = 2.0  # s: a run below this is timed three times

@@ -11,14 +11,13 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import BadInput
-from _report_page import ROOT, published
-from _table import markdown
 from tqdm import tqdm
 
 from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
+from optimisation.command_line import BadInput
 from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.report.markdown import markdown
 from optimisation.rl.baselines import (
     BEST_CONSTANT,
     BEST_GAP,
@@ -38,6 +37,7 @@ from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for
 from optimisation.rl.policies import Constant, Random
 from optimisation.rl.runs import Evaluation, collect, find_runs, run_folder
 from optimisation.rl.suite import SUITE
+from optimisation.studies.page import ROOT, published
 
 POLICIES = published(Path("docs/policies"), ROOT / "docs" / "policies")
 SHOWN = {

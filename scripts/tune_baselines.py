@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-from _command_line import BadInput
-from _table import markdown
 from tqdm import tqdm
 
 from impact_env.parameters import ParameterError
+from optimisation.command_line import BadInput
 from optimisation.files import require_writable
+from optimisation.report.markdown import markdown
 from optimisation.rl.baselines import GROUPS, GROUPS_HELP, QUICK, TASKS, Baseline, Effort, candidates_of, store, tune
 
 INTERRUPTED = 130

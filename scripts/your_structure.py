@@ -12,11 +12,11 @@ import time
 from pathlib import Path
 
 import click
-from _command_line import plain_errors
-from _progress import BAR
 from tqdm import tqdm
 
+from optimisation.command_line import plain_errors
 from optimisation.files import replacing
+from optimisation.progress import BAR
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "your_structure.md"
