@@ -15,7 +15,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from impact_env import CoulombFriction, Drive, ElasticCoulombFriction, InitialState, RigidWalls, Scene, SlidingAbsorber, TunedAbsorber
-from impact_env.kernels.contact_law import Walls
+from impact_env.kernels.rigid_contact import Walls
 
 Array = NDArray[np.float64]
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)

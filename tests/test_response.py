@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from impact_env.frequency import coupled_receptance, joint_matrices, natural_frequencies, poles, receptance, tip_response
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber, friction_damper
-from optimisation.response import coupled_receptance, joint_matrices, natural_frequencies, poles, receptance, tip_response
 
 
 @pytest.fixture(scope="module")

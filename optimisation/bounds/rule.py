@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.frequency import frequency_range
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, positive, require
 from optimisation.bounds.lines import masses_of, stuck_frequencies
 from optimisation.bounds.stroke import GRID, line_terms, smallest
-from optimisation.response import frequency_range
 
 Real = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ import numpy as np
 from impact_env.envs.gap_task import GapTask
 from impact_env.envs.settings import span
 from impact_env.envs.task import FREQUENCY_SCALE
+from impact_env.frequency import receptance
 from optimisation.bounds import design_force
-from optimisation.response import receptance
 from optimisation.rl.families import FREQUENCY, Array, Info, Stateless
 from optimisation.rl.policies import Observations
 
