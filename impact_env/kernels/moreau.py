@@ -304,7 +304,8 @@ def _meet(m_a, bounds, table, body, push, distance):  # type: ignore[no-untyped-
         v += percussion / m_a
         tip_u = v - gamma
         tip_q -= table.dt * (compliance - 1.0 / m_a) * percussion
-    return Body(tip_q, tip_u, body.q + table.dt * v, v, gamma), Hit(friction, normal, kind)
+    # 1.0 *: to the compiler friction may be None where the limit may
+    return Body(tip_q, tip_u, body.q + table.dt * v, v, gamma), Hit(1.0 * friction, normal, kind)
 
 
 @jit_inline
