@@ -19,6 +19,7 @@ from impact_env.kernels.observers import Observe, Series
 from impact_env.kernels.rigid_contact import FREE, Contact, new_now, tip_motion
 from impact_env.kernels.runge_kutta import runge_kutta_lane
 from impact_env.kernels.segments import Schedule, samples_before, to_slots, to_state
+from impact_env.kernels.slots import copy
 
 
 @jit
@@ -43,7 +44,7 @@ def take_up(walls, lanes, i, order, distance, start, room):  # type: ignore[no-u
     room.now[0] = lanes.rigid[i]
     room.signal.memory[0] = lanes.kept[i].search_level
     if not begins:
-        room.work.z[:, :] = lanes.z[i]
+        copy(lanes.z[i], room.work.z)
         begins = move_walls(walls, order, room.now[0], lanes.kept[i].gap, distance)
     if begins:
         room.now[0] = start[0]
