@@ -15,6 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.matrices import with_link, with_masses
 from impact_env.modes import ModalModel
 from impact_env.parameters import StuckAbsorber, TunedAbsorber, finite, positive, require
 
@@ -142,18 +143,15 @@ def joint_matrices(model: ModalModel, absorber: LinearAbsorber | None) -> tuple[
 
     Size N_m, or N_m + 1 with a tuned absorber, whose displacement (m) is then the last coordinate.
     """
-    mass, damping, stiffness = np.eye(model.modes), np.diag(2 * model.damping_ratio * model.omega), np.diag(model.omega**2)
+    rate, square = 2 * model.damping_ratio * model.omega, model.omega**2
     if absorber is None:
-        return mass, damping, stiffness
+        return np.eye(model.modes), np.diag(rate), np.diag(square)
     require(isinstance(absorber, LinearAbsorber), "absorber", absorber, "a TunedAbsorber or a StuckAbsorber (others are not linear)")
     absorber_mass = absorber.mass_ratio * model.beam_mass
     if isinstance(absorber, StuckAbsorber):
-        return mass + absorber_mass * np.outer(model.tip_shape, model.tip_shape), damping, stiffness
-    stretch = np.append(-model.tip_shape, 1.0)
-    link = np.outer(stretch, stretch)
-    mass, damping, stiffness = (np.pad(matrix, (0, 1)) for matrix in (mass, damping, stiffness))
-    mass[-1, -1] = absorber_mass
-    return mass, damping + absorber.damping * link, stiffness + absorber.stiffness * link
+        return with_masses(model.tip_shape[None, :], np.array([absorber_mass])), np.diag(rate), np.diag(square)
+    stretch, mass = np.append(-model.tip_shape, 1.0), np.diag(np.append(np.ones(model.modes), absorber_mass))
+    return mass, with_link(rate, absorber.damping, stretch), with_link(square, absorber.stiffness, stretch)
 
 
 def natural_frequencies(model: ModalModel, absorber: LinearAbsorber | None) -> Real:

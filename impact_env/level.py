@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.observers import Level, close_level, new_level, push_block
+from impact_env.drive import Drive
+from impact_env.kernels.level import Level, close_level, new_level, push_block
 from impact_env.parameters import count, positive, require
 
 HALF_WINDOW_PERIODS = 10  # pseudo periods to either side of the maximum
@@ -45,3 +46,13 @@ def level_of(values: NDArray[np.float64], samples_per_period: int, half_window_p
     level = new_level(samples_per_period, half_window_periods)._replace(block=np.ascontiguousarray(values, dtype=np.float64))
     push_block(level, 0, len(level.block))
     return level
+
+
+def read_level(level: Level | None, drive: Drive, interval: float) -> ResponseLevel | None:
+    """Return the level observer's result, or None."""
+    if level is None:
+        return None
+    value, sample, largest = close_level(level)
+    at = min(float(sample) * interval, float(drive.schedule.times[-1]))
+    ratio = float(drive.schedule.omega_at(at)) / drive.schedule.reference
+    return ResponseLevel(float(value), at, ratio, float(largest))

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from impact_env.envs.task import Task
 from impact_env.extras import how_to_install, optional
-from impact_env.kernels import interval as columns
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, SlidingAbsorber
 
@@ -151,7 +150,7 @@ class Screen:
         x = np.linspace(LEFT, RIGHT, POSITIONS + 1)
         y = MIDDLE - scale * (self.shapes @ state[:modes])
         first = self.shapes[:, 0] / self.task.settings.scene.model.tip_shape[0]
-        band = scale * np.hypot(report[columns.IN_PHASE], report[columns.QUADRATURE]) * np.abs(first)
+        band = scale * np.hypot(report["in_phase"], report["quadrature"]) * np.abs(first)
         upper, lower = list(zip(x, MIDDLE - band, strict=True)), list(zip(x, MIDDLE + band, strict=True))
         picture.polygon([*upper, *reversed(lower)], PALE)
         picture.line([(LEFT, MIDDLE), (RIGHT, MIDDLE)], "#b0b0b0", 1)
@@ -164,7 +163,7 @@ class Screen:
             self._draw_absorber(picture, place, float(np.interp(place, x, y)), scale, lane)
 
     def _draw_force(self, picture: Picture, x: float, y: float, lane: int) -> None:
-        size = 45 * np.cos(self.task.runs.orders[lane, columns.PHASE])
+        size = 45 * np.cos(self.task.runs.orders["phase"][lane])
         tip = y - size
         picture.line([(x, y), (x, tip)], INK, 2)
         if abs(size) > 8:
@@ -173,7 +172,7 @@ class Screen:
 
     def _draw_absorber(self, picture: Picture, x: float, y: float, scale: float, lane: int) -> None:
         """Draw the absorber beside the tip and, where it has walls, the cavity around it: what is between both is the clearance to scale."""
-        half = 0.0 if self.sliding is None or self.sliding.walls is None else scale * self.task.runs.orders[lane, columns.GAP]
+        half = 0.0 if self.sliding is None or self.sliding.walls is None else scale * self.task.runs.orders["gap"][lane]
         x += MASS + 16
         picture.line([(x - MASS - 16, y), (x - MASS - 6, y)], BLUE, 5)
         if half > 0:
@@ -181,7 +180,7 @@ class Screen:
             picture.line([(x + MASS + 6, top), (x - MASS - 6, top), (x - MASS - 6, bottom), (x + MASS + 6, bottom)], BLUE, 4)
         else:
             picture.line([(x - MASS - 6, y - 20), (x - MASS - 6, y + 20)], BLUE, 4)
-        centre = y - scale * self.task.runs.reports[lane, columns.DISTANCE]
+        centre = y - scale * self.task.runs.reports["distance"][lane]
         picture.box(x - MASS, centre - MASS, x + MASS, centre + MASS, RED, INK)
 
     def close(self) -> None:

@@ -13,7 +13,6 @@ from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.settings import Range, Settings, span
 from impact_env.envs.sweep_task import Passage, SweepTask
 from impact_env.envs.task import Array, Mask
-from impact_env.kernels import interval as columns
 from impact_env.kernels.interval import spread
 from impact_env.parameters import RigidWalls, SlidingAbsorber, require
 
@@ -46,24 +45,24 @@ class SweepGapTask(SweepTask):
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw what a passage draws; the cavity starts as the scene has it."""
         super().draw(lane, generator)
-        self.runs.orders[lane, columns.GAP] = self.length
+        self.runs.orders["gap"][lane] = self.length
         self.limited[lane] = False
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order the wanted half-clearances, and go on at the chosen rates."""
         self._wanted = spread(0.5 * (actions[:, 1].astype(np.float64) + 1), *self.cavity.gap_limits)
-        self.runs.orders[:, columns.GAP] = self._wanted
+        self.runs.orders["gap"] = self._wanted
         return super().decide(actions)
 
     def reward(self) -> Array:
         """Return that of the passage."""
-        self.limited = self.runs.orders[:, columns.GAP] > self._wanted
+        self.limited = self.runs.orders["gap"] > self._wanted
         return super().reward()
 
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
         values = super().values()
-        values[:, 10] = self.runs.orders[:, columns.GAP] / self.length
+        values[:, 10] = self.runs.orders["gap"] / self.length
         return values
 
     def describe(self) -> dict[str, Any]:
@@ -73,6 +72,6 @@ class SweepGapTask(SweepTask):
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
         info = super().info()
-        info["gap"] = self.runs.orders[:, columns.GAP].copy()
+        info["gap"] = self.runs.orders["gap"].copy()
         info["gap_limited"] = self.limited.copy()
         return info

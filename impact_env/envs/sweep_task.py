@@ -15,7 +15,6 @@ from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import OBJECTIVES, Range, Settings, one_of, span
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
-from impact_env.kernels import interval as columns
 from impact_env.kernels.interval import spread
 from impact_env.parameters import non_negative, positive, require
 
@@ -120,17 +119,17 @@ class SweepTask(Task):
         late = (self.elapsed >= self.steps) & (self.ratio != self.far)
         price = self.duration * (self.passage.time_price / 100) + late * self.passage.unfinished_price
         if self.fatigue:
-            gain = self.runs.reports[:, columns.DAMAGE] / self.damage_scale
+            gain = self.runs.reports["damage"] / self.damage_scale
             self._potential = self._potential + gain
             return -gain - price
-        relative = self.runs.reports[:, columns.LEVEL] / self.level_scale
+        relative = self.runs.reports["level"] / self.level_scale
         gain = relative - self._potential
         self._potential = relative
         return -gain - price
 
     def level(self) -> Array:
         """Return the level so far relative to that of the reference passage."""
-        return self.runs.reports[:, columns.LEVEL] / self.level_scale
+        return self.runs.reports["level"] / self.level_scale
 
     def expected_amplitude(self) -> Array:
         """Return the amplitude of the reference passage (L,) in m."""
@@ -149,7 +148,7 @@ class SweepTask(Task):
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
         info = super().info()
-        info["level"] = self.runs.reports[:, columns.LEVEL].copy()
+        info["level"] = self.runs.reports["level"].copy()
         info["relative_level"] = self.level()
         if self.fatigue:
             info["relative_damage"] = self._potential.copy()

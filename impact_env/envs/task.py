@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
 from impact_env.envs.settings import Settings
-from impact_env.kernels import interval as columns
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -81,11 +80,11 @@ class Task(ABC):
             self.elapsed += ~resting
             self.runs.idle = resting
         late = (self.elapsed >= self.steps) & ~terminated
-        orders[:, columns.DURATION] = duration * self._period
-        orders[:, columns.OMEGA_START] = self.ratio * self.omega
-        orders[:, columns.OMEGA_STOP] = ratio * self.omega
-        orders[:, columns.FORCE] = self.force
-        orders[:, columns.FINAL] = terminated | late
+        orders["duration"] = duration * self._period
+        orders["omega_start"] = self.ratio * self.omega
+        orders["omega_stop"] = ratio * self.omega
+        orders["force"] = self.force
+        orders["final"] = terminated | late
         self.runs.advance()
         self.ratio = ratio
         self.time = self.time + duration
@@ -136,18 +135,18 @@ class Task(ABC):
 
     def draw_phase(self, lane: int, generator: np.random.Generator) -> None:
         """Draw the force's phase at the start."""
-        self.runs.orders[lane, columns.PHASE] = generator.uniform(0, 2 * np.pi)
+        self.runs.orders["phase"][lane] = generator.uniform(0, 2 * np.pi)
 
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
         reports, length = self.runs.reports, self.length
         values = np.empty((self.lanes, len(self.features)))
-        values[:, 0] = reports[:, columns.IN_PHASE] / length
-        values[:, 1] = reports[:, columns.QUADRATURE] / length
-        values[:, 2] = reports[:, columns.DISTANCE] / length
-        values[:, 3] = reports[:, columns.RELATIVE_VELOCITY] * self._velocity_scale
-        values[:, 4] = reports[:, columns.IMPACT_COUNT] / (self.interval * IMPACTS_SCALE)
-        values[:, 5] = reports[:, columns.ABSORBER_SHARE]
+        values[:, 0] = reports["in_phase"] / length
+        values[:, 1] = reports["quadrature"] / length
+        values[:, 2] = reports["distance"] / length
+        values[:, 3] = reports["relative_velocity"] * self._velocity_scale
+        values[:, 4] = reports["impact_count"] / (self.interval * IMPACTS_SCALE)
+        values[:, 5] = reports["absorber_share"]
         values[:, 6] = (self.ratio - self.frequency_origin) / self.frequency_unit
         values[:, 7] = 1 - self.elapsed / self.steps
         values[:, 8] = self.level()
@@ -160,7 +159,7 @@ class Task(ABC):
             "frequency_ratio": self.ratio.copy(),
             "force": self.force.copy(),
             "score": self.score.copy(),
-            "impacts": self.runs.reports[:, columns.IMPACT_COUNT].copy(),
+            "impacts": self.runs.reports["impact_count"].copy(),
         }
         if self.settings.raw_state:
             info["state"] = self.runs.state.copy()

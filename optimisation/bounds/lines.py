@@ -17,6 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.matrices import with_masses
 from impact_env.modes import ModalModel
 from impact_env.parameters import positive, require
 
@@ -97,5 +98,4 @@ def _solve(matrix: Complex, row: Real, size: Real) -> tuple[Complex, Real]:
 def stuck_frequencies(model: ModalModel, masses: Real) -> Real:
     """Return the undamped natural frequencies in rad/s, rising, of the beam with ``masses`` (n,) in kg stuck at the model's places."""
     shapes = places(model)
-    mass = np.eye(model.modes) + (shapes.T * masses) @ shapes
-    return np.asarray(np.sqrt(scipy.linalg.eigvalsh(np.diag(model.omega**2), mass)))
+    return np.asarray(np.sqrt(scipy.linalg.eigvalsh(np.diag(model.omega**2), with_masses(shapes, masses))))

@@ -17,7 +17,6 @@ from impact_env import Beam, Scene, beam_scene
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import make_absorber
-from impact_env.kernels import interval as columns
 from impact_env.response import DEFAULT_SAMPLES
 
 Array = NDArray[np.float64]
@@ -62,21 +61,21 @@ class Machines:
         omega = scene.model.resonance_omega(1)
         runs = ControlledRuns(scene, len(which), omega, INTERVAL, samples_per_period=DEFAULT_SAMPLES)
         runs.state[:] = self.state[which]
-        runs.orders[:, columns.PHASE], runs.orders[:, columns.FORCE] = self.phases[which], self.forces[which]
+        runs.orders["phase"], runs.orders["force"] = self.phases[which], self.forces[which]
         whole = (self.ratio - to) / (RATE * 1e-4)
         intervals = int(np.ceil(whole / INTERVAL - 1e-9))
         for k in range(intervals):
             begin, end = k * INTERVAL, min((k + 1) * INTERVAL, whole)
-            runs.orders[:, columns.DURATION] = (end - begin) * 2 * np.pi / omega
-            runs.orders[:, columns.OMEGA_START] = (self.ratio - begin * RATE * 1e-4) * omega
-            runs.orders[:, columns.OMEGA_STOP] = (self.ratio - end * RATE * 1e-4) * omega
-            runs.orders[:, columns.FINAL] = k == intervals - 1
+            runs.orders["duration"] = (end - begin) * 2 * np.pi / omega
+            runs.orders["omega_start"] = (self.ratio - begin * RATE * 1e-4) * omega
+            runs.orders["omega_stop"] = (self.ratio - end * RATE * 1e-4) * omega
+            runs.orders["final"] = k == intervals - 1
             runs.advance()
-            runs.orders[:, columns.FRESH] = 0.0
+            runs.orders["fresh"] = 0.0
         runs.close()
-        self.state[which], self.phases[which] = runs.state, runs.orders[:, columns.PHASE]
-        self.levels[which] = np.maximum(self.levels[which], runs.reports[:, columns.LEVEL])
-        self.amplitudes[which] = np.hypot(runs.reports[:, columns.IN_PHASE], runs.reports[:, columns.QUADRATURE])
+        self.state[which], self.phases[which] = runs.state, runs.orders["phase"]
+        self.levels[which] = np.maximum(self.levels[which], runs.reports["level"])
+        self.amplitudes[which] = np.hypot(runs.reports["in_phase"], runs.reports["quadrature"])
 
     def scores(self) -> Array:
         """Return the scores of `SweepRate` (L,)."""

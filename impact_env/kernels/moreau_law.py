@@ -1,4 +1,4 @@
-"""The rigid contact laws of one time step in closed form (paper, Eqs. signorini, coulomb, impulse)."""
+"""The rigid contact laws of one of Moreau's time steps in closed form (paper, Eqs. signorini, coulomb, impulse)."""
 
 from __future__ import annotations
 
@@ -7,16 +7,10 @@ from typing import NamedTuple
 from impact_env.kernels.grid import FREE
 from impact_env.kernels.jit import jit
 from impact_env.kernels.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
+from impact_env.kernels.rigid_contact import Walls
 
 # a relative velocity after impact this much smaller than what one step changes is rest: ends the scheme's endless chatter on a closed wall
 REST = 1e-6
-
-
-class Walls(NamedTuple):
-    """Clearance to either wall in m, and Newton's coefficient of restitution."""
-
-    gap: float
-    restitution: float
 
 
 class Spring(NamedTuple):
@@ -24,6 +18,15 @@ class Spring(NamedTuple):
 
     stiffness: float
     damping: float
+
+
+class RigidLaws(NamedTuple):
+    """One absorber: mass (kg), walls, friction limit (N, infinity: stuck), spring; None where absent."""
+
+    mass: float | None
+    walls: Walls | None
+    limit: float | None
+    spring: Spring | None
 
 
 @jit
