@@ -35,7 +35,7 @@ class Approach:
         return 0.0 if self.ratio is None else self.periods + self.ramp
 
     def to(self, *points: tuple[float, float]) -> FrequencySchedule:
-        """Return the schedule through ``points``, pairs of a stay or ramp in pseudo periods and the ratio at its end; the first begins after the lead.
+        """Return the schedule through ``points``, pairs of a time in pseudo periods and the ratio at its end; the first begins after the lead.
 
         The first point's ratio is also where the approach ends.
         """

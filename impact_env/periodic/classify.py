@@ -26,7 +26,7 @@ class Kind(StrEnum):
 class Criteria:
     """What tells the kinds apart.
 
-    ``tolerance``: a motion is periodic if its states at one phase of the force come again, after up to ``most_multiple`` periods of it, to within this
+    ``tolerance``: a motion is periodic if its states at one phase of the force come again, after up to ``most_multiple`` periods, to within this
     share of the largest tip displacement, throughout the window. ``pause``: periods of the force without impact that make a pause, and ``depth``: the
     least modulation depth of a strongly modulated response, which has both.
     """
@@ -47,7 +47,7 @@ class Criteria:
 class Window:
     """A stretch of M whole periods of the force: all that a response is judged by.
 
-    ``states`` (M + 1, d): states at one phase of the force, each coordinate as a displacement of the tip or of the absorber against it in m (velocities
+    ``states`` (M + 1, d): states at one phase of the force, each as a displacement of the tip or of the absorber against it in m (velocities
     over the force's circular frequency). ``impacts`` (K,): times of impacts in periods of the force from the window's start. ``peaks`` (M,): largest
     |q_tip| of each period in m.
     """
@@ -79,8 +79,9 @@ class Window:
 class Classified:
     """A window's kind, and what it was judged by.
 
-    ``multiple``: periods of the force after which the motion comes again, None unless it does; ``miss``: how close it comes to itself at the best of all
-    multiples, of the largest tip displacement; ``impacts_per_period`` of the force; ``depth``: modulation depth; ``longest_pause`` in periods of the force.
+    ``multiple``: periods of the force after which the motion comes again, None unless it does; ``miss``: how close it comes to itself at the
+    best of all multiples, of the largest tip displacement; ``impacts_per_period`` of the force; ``depth``: modulation depth; ``longest_pause``
+    in periods of the force.
     """
 
     kind: Kind
@@ -115,7 +116,7 @@ def misses(window: Window, most_multiple: int) -> Array:
 def classify(window: Window, criteria: Criteria | None = None) -> Classified:
     """Return a window's kind.
 
-    Without impact it is linear. It is periodic if it comes again; else strongly modulated if it has pauses and is deeply modulated, and sustained if not.
+    Without impact it is linear. It is periodic if it comes again; else strongly modulated if it has pauses and is deeply modulated, or sustained.
     """
     criteria = Criteria() if criteria is None else criteria
     distances = misses(window, criteria.most_multiple)

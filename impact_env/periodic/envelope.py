@@ -61,7 +61,7 @@ def window_of(scene: Scene, response: Response, omega: float) -> Window:
     periods = round(float(response.drive.schedule.times[-1]) / period)
     each = (len(history.time) - 1) // periods
     peaks = np.max(np.abs(history.tip_displacement[: periods * each]).reshape(periods, each), axis=1)
-    return Window(_states(scene, history, omega)[:: each][: periods + 1], impacts.time / period, peaks)
+    return Window(_states(scene, history, omega)[::each][: periods + 1], impacts.time / period, peaks)
 
 
 def _states(scene: Scene, history: History, omega: float) -> Array:
@@ -69,7 +69,12 @@ def _states(scene: Scene, history: History, omega: float) -> Array:
     shape = np.where(scene.model.tip_shape == 0, 1.0, scene.model.tip_shape)
     relative = history.absorber_displacement - history.tip_displacement
     return np.column_stack(
-        [history.modal_displacement * shape, relative, history.modal_velocity * shape / omega, (history.absorber_velocity - history.tip_velocity) / omega]
+        [
+            history.modal_displacement * shape,
+            relative,
+            history.modal_velocity * shape / omega,
+            (history.absorber_velocity - history.tip_velocity) / omega,
+        ]
     )
 
 

@@ -122,10 +122,11 @@ def jumps(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Jumps:
-    """Sweep lanes, one for each initial phase (rad), and return how many jumped. ``high_level`` in m; interruption and errors as in `residence.stays`.
+    """Sweep lanes, one for each initial phase (rad), and return how many jumped; interruption and errors as in `residence.stays`.
 
     A run has jumped if no ``silence`` (pseudo periods without impact, at least) begins before the range's last ratio. It is present if none had begun
-    before the first. Raises ParameterError if the sweep is too fast for a silence to show after the last ratio.
+    before the first. ``high_level`` in m: response levels above it are counted too. Raises ParameterError if the sweep is too fast for a silence
+    to show after the last ratio.
     """
     tail = abs(over.stop - over.last) * 100 * positive("periods_per_percent", periods_per_percent)
     require(tail >= silence, "periods_per_percent", periods_per_percent, f"{silence * periods_per_percent / tail:.4g} or more: a silence must show")

@@ -20,7 +20,7 @@ from impact_env.sweep import simulate
 Array = NDArray[np.float64]
 T = TypeVar("T")
 LEVEL = 0.95
-SILENCE = 50.0  # pseudo periods without impact that end a stay: docs/regimes.md shows that impacts do not come back after less
+SILENCE = 100.0  # pseudo periods without impact that end a stay: docs/regimes.md compares it with the longest pauses after which impacts came back
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,8 @@ class Stays:
 def stay_of(impacts: Array, begin: float, end: float, silence: float) -> tuple[float, bool, bool, float] | None:
     """Return a run's stay from ``begin``: duration, whether it ended, whether impacts returned, longest pause before; None if it had left before.
 
-    It had left if the silence began before ``begin``, whose last ``silence`` is looked at too. A run is observed until ``end`` less the ``silence``: what happens later could not be told from a pause, whether it ends or not, and is left out.
+    It had left if the silence began before ``begin``, whose last ``silence`` is looked at too. A run is observed until
+    ``end`` less the ``silence``: what happens later could not be told from a pause, and is left out.
     """
     last, found = end - silence, first_silence(impacts, begin - silence, end, silence)
     if found.began is not None and found.began <= begin:
