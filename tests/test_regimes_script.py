@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
-import regimes
 from click.testing import CliRunner, Result
 
 from impact_env.periodic import residence
@@ -19,8 +20,25 @@ from optimisation.studies.regimes.tables import hazard_of, kind_table, of_case
 OWN = ["--modes", "2", "--friction-limit", "0.025", "--force", "1.5", "--quick", "--members", "6", "--points", "3", "--from", "0.98", "--to", "0.96"]
 
 
+SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
+
+
+@pytest.fixture(autouse=True)
+def beside(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(SCRIPTS))  # the scripts import one another
+
+
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("regimes", SCRIPTS / "regimes.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def call(*options: Any) -> Result:
-    return CliRunner().invoke(regimes.main, [str(option) for option in options])
+    return CliRunner().invoke(script().main, [str(option) for option in options])
 
 
 def rows(folder: Path, part: str) -> list[dict[str, Any]]:
