@@ -120,6 +120,6 @@ def cases() -> tuple[Case, ...]:
             recommended,
             3.5,
             1.0,
-            kind_ratios=grid(0.946, 1.036, 46),
+            kind_ratios=(*grid(0.946, 0.998, 27), *grid(1.0, 1.04, 5)),
         ),
     )
