@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 PERTURBATION = 1e-6  # of the force: far above rounding and far below what a force is known to
 MemberKind = Literal["both", "phase", "rounding"]
 Progress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,29 +129,44 @@ def run_lanes(
     with the lane named, as `simulate` does. ``most_events`` is the budget of each lane.
     """
     method = Exact() if method is None else method
-    workers = available_cores() if threads is None else count("threads", threads, 1)
     record, budget = Record(samples_per_period=samples_per_period), checked_budget(most_events)
-    first = first_of_each([kernel_key(lane.scene, method) for lane in lanes])
+
+    def level_of(lane: Lane) -> tuple[float, ...]:
+        response = simulate(lane.scene, lane.drive, method, record=record, most_events=budget)
+        level = response.level
+        assert level is not None
+        return level.value, level.time, level.frequency_ratio, level.max_tip, float(response.impact_count), response.stuck_time
+
     values = np.full((6, len(lanes)), np.nan)
-
-    def run(k: int) -> None:
-        values[:, k] = _level_of(k, lanes[k], method, record, budget)
-
-    _run_all(run, first, len(lanes), workers, progress)
+    for k, found in enumerate(each_lane(lanes, level_of, method, threads=threads, progress=progress)):
+        if found is not None:
+            values[:, k] = found
     level, time, ratio, tip, impacts, stuck = values
     return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=not np.isnan(level).any())
 
 
-def _level_of(k: int, lane: Lane, method: Method, record: Record, most_events: int | None) -> tuple[float, ...]:
-    try:
-        response = simulate(lane.scene, lane.drive, method, record=record, most_events=most_events)
-    except IntegrationError as error:
-        raise IntegrationError(f"lane {k} ({lane}): {error}", error.time, error.response) from error
-    except ParameterError as error:
-        raise ParameterError(f"lane {k} ({lane}): {error}") from error
-    level = response.level
-    assert level is not None
-    return level.value, level.time, level.frequency_ratio, level.max_tip, float(response.impact_count), response.stuck_time
+def each_lane(
+    lanes: Sequence[Lane], measure: Callable[[Lane], T], method: Method | None = None, *, threads: int | None = None, progress: Progress | None = None
+) -> list[T | None]:
+    """Return what ``measure`` finds of each lane, None where an interrupt came first; threads, interruption and errors as in `run_lanes`.
+
+    ``measure`` may run its lane with any record and from any start, but with ``method``, whose kernels are compiled in one thread.
+    """
+    method = Exact() if method is None else method
+    workers = available_cores() if threads is None else count("threads", threads, 1)
+    first = first_of_each([kernel_key(lane.scene, method) for lane in lanes])
+    found: list[T | None] = [None] * len(lanes)
+
+    def run(k: int) -> None:
+        try:
+            found[k] = measure(lanes[k])
+        except IntegrationError as error:
+            raise IntegrationError(f"lane {k} ({lanes[k]}): {error}", error.time, error.response) from error
+        except ParameterError as error:
+            raise ParameterError(f"lane {k} ({lanes[k]}): {error}") from error
+
+    _run_all(run, first, len(lanes), workers, progress)
+    return found
 
 
 def first_of_each(keys: Iterable[Hashable]) -> list[int]:
