@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
-from impact_env.drive import PAPER_LIMITS, PAPER_RATE
+from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import Progress
 from impact_env.methods import Method
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Absorber, Beam, RigidWalls, TunedAbsorber, count, friction_damper, impact_absorber
 from impact_env.scene import Scene
 from optimisation.bounds import design_force, resonance_limit
+from optimisation.sweep_rate import default_rate, stationary_level
 from optimisation.tuned import HIGH, LOW, minimax
 
 Array = NDArray[np.float64]
@@ -89,6 +90,12 @@ class ResonanceComparison:
         return self.limit_at(self.forces)
 
     @property
+    def sweep_ratio(self) -> float:
+        """Level of the sweeps without absorber over the stationary one; NaN if nothing is finished."""
+        none = self.curves[NONE]
+        return float(none.median[0] / self.forces[0]) / stationary_level(self.model, self.resonance)
+
+    @property
     def best(self) -> int | None:
         """Index of the impact absorber's best force, relative to no absorber; None if nothing is finished."""
         optimum = self.curves[IMPACT].optimum(self.curves[NONE])
@@ -125,20 +132,21 @@ def compare(
     forces: int = DEFAULT_FORCES,
     members: int = DEFAULT_MEMBERS,
     seed: int = 0,
-    percent_per_100_periods: float = PAPER_RATE,
+    percent_per_100_periods: float | None = None,
     method: Method | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compute all curves near both resonances; arguments and interruption as in `performance_curves`."""
+    """Compute all curves near both resonances; arguments and interruption as in `performance_curves`, a rate of None is `default_rate`."""
     model = modal_model(Beam() if beam is None else beam)
+    rate = default_rate(model, RESONANCES) if percent_per_100_periods is None else percent_per_100_periods
     compared = concepts(model)
     scenes = [Scene(model, concept.absorber) for concept in compared]
     mass, gap = DEFAULT_MASS_RATIO * model.beam_mass, RigidWalls.gap
     design = [design_force(model, mass, gap, resonance) for resonance in RESONANCES]
     grids = [force_grid(f, forces) for f in design]
     cases = [
-        CurveCase(scene, grid, resonance, concept.limits, percent_per_100_periods)
+        CurveCase(scene, grid, resonance, concept.limits, rate)
         for resonance, grid in zip(RESONANCES, grids, strict=True)
         for concept, scene in zip(compared, scenes, strict=True)
     ]
@@ -147,4 +155,4 @@ def compare(
         ResonanceComparison(model, resonance, grid, {concept.key: next(curves) for concept in compared}, f)
         for resonance, grid, f in zip(RESONANCES, grids, design, strict=True)
     )
-    return Comparison(model, compared, parts, members, seed, percent_per_100_periods)
+    return Comparison(model, compared, parts, members, seed, rate)

@@ -1,23 +1,22 @@
 """Design spaces: what may be chosen of an absorber, in which bounds, and what a choice means as a scene.
 
-A space belongs to one concept. It is versioned, because a study that was begun in one version of a space cannot be continued in
-another. Every default is the paper's (section 6), read from the simulator's own defaults where those are the paper's.
+A space belongs to one concept (`optimisation.variables`). It is versioned, because a study that was begun in one version of a space cannot be
+continued in another. A design is in SI units; its *coordinates*, in which searches move, count scaled variables in units of the structure.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.modes import modal_model
 from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
     Absorber,
     Beam,
-    CoulombFriction,
     ParameterError,
-    RigidWalls,
     TunedAbsorber,
     friction_damper,
     impact_absorber,
@@ -25,88 +24,57 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.scene import Scene, beam_scene
+from optimisation.units import Units, paper_units, parts_of
+from optimisation.variables import (
+    DAMPING,
+    FREE,
+    FRICTION,
+    FRICTION_LIMIT,
+    GAP,
+    IMPACT,
+    MASS_RATIO,
+    MEMBERS,
+    POSITION,
+    RESTITUTION,
+    SEVERAL,
+    SHARE,
+    STIFFNESS,
+    TUNED,
+    VARIABLES,
+    VERSIONS,
+    WITH_IMPACTS,
+    Variable,
+    of_absorber,
+)
 
+__all__ = [
+    "DAMPING",
+    "FREE",
+    "FRICTION",
+    "FRICTION_LIMIT",
+    "GAP",
+    "IMPACT",
+    "MASS_RATIO",
+    "POSITION",
+    "RESTITUTION",
+    "SEVERAL",
+    "SHARE",
+    "STIFFNESS",
+    "TUNED",
+    "VARIABLES",
+    "VERSIONS",
+    "WITH_IMPACTS",
+    "Design",
+    "DesignSpace",
+    "Values",
+    "Variable",
+    "design_space",
+    "of_absorber",
+]
+
+Array = NDArray[np.float64]
 Values = Mapping[str, float]
-IMPACT, FRICTION, TUNED, SEVERAL = "impact", "friction", "tuned", "several"
-WITH_IMPACTS = (IMPACT, SEVERAL)  # chaotic, and so with noisy levels
-GAP, RESTITUTION, FRICTION_LIMIT, STIFFNESS, DAMPING = "gap", "restitution", "friction_limit", "stiffness", "damping"
-MASS_RATIO, POSITION, SHARE = "mass_ratio", "position", "share"
-MEMBERS = (1, 2)  # numbers of the absorbers of SEVERAL
-
-
-@dataclass(frozen=True)
-class Variable:
-    """One number of a design: ``unit``, bounds ``low`` and ``high`` of the search, ``default``; ``log`` if ratios matter, not differences."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    default: float
-    log: bool = False
-
-    def __post_init__(self) -> None:
-        ok = math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high
-        require(ok, f"bounds of {self.name}", (self.low, self.high), "two finite numbers, the first below the second")
-        require(not self.log or self.low > 0, f"bounds of {self.name}", (self.low, self.high), "above 0, as it is searched in logarithms")
-
-    def value_at(self, share: float) -> float:
-        """Return the value at a share of the range, 0 to 1, in logarithms if ``log``."""
-        if self.log:
-            return float(math.exp(math.log(self.low) + share * (math.log(self.high) - math.log(self.low))))
-        return self.low + share * (self.high - self.low)
-
-    def share_of(self, value: float) -> float:
-        """Return the share of the range at which a value lies, cut to 0..1."""
-        low, high, x = (math.log(self.low), math.log(self.high), math.log(max(value, 1e-300))) if self.log else (self.low, self.high, value)
-        return min(max((x - low) / (high - low), 0.0), 1.0)
-
-
-_MASS = Variable(MASS_RATIO, "of the beam's mass", 0.005, 0.05, DEFAULT_MASS_RATIO, log=True)
-_POSITION = Variable(POSITION, "of the beam's length", 0.3, 1.0, Beam.absorber_position)
-PAPER_RESTITUTION, PAPER_FRICTION = 0.7, 0.1  # the paper's absorber of section 6; mu f_N in N
-_DAMPER = friction_damper().friction
-assert isinstance(_DAMPER, CoulombFriction)
-
-
-def of_absorber(name: str, which: int) -> str:
-    """Return the name of a variable of one of several absorbers."""
-    return f"{name}_{which}"
-
-
-def _one_of_several(which: int) -> tuple[Variable, ...]:
-    """Return the variables of one of the two absorbers of SEVERAL. Each has half the paper's friction, as it has half the mass."""
-    own = {variable.name: variable for variable in VARIABLES[IMPACT]}
-    friction = replace(own[FRICTION_LIMIT], low=own[FRICTION_LIMIT].low / 2, default=PAPER_FRICTION / len(MEMBERS))
-    return tuple(replace(v, name=of_absorber(v.name, which)) for v in (own[GAP], own[RESTITUTION], friction, own[POSITION]))
-
-
-VARIABLES: dict[str, tuple[Variable, ...]] = {
-    IMPACT: (
-        Variable(GAP, "m", 1e-4, 4e-3, RigidWalls.gap, log=True),
-        Variable(RESTITUTION, "", 0.3, 0.95, PAPER_RESTITUTION),
-        Variable(FRICTION_LIMIT, "N", 0.01, 1.0, PAPER_FRICTION, log=True),
-        _MASS,
-        _POSITION,
-    ),
-    FRICTION: (Variable(FRICTION_LIMIT, "N", 0.02, 10.0, _DAMPER.limit, log=True), _MASS, _POSITION),
-    TUNED: (
-        Variable(STIFFNESS, "N/m", 100.0, 5000.0, TunedAbsorber.stiffness, log=True),
-        Variable(DAMPING, "N s/m", 0.05, 10.0, TunedAbsorber.damping, log=True),
-        _MASS,
-        _POSITION,
-    ),
-}
-# two impact absorbers on one mass budget: ``mass_ratio`` is that of both, of which the first has ``share``
-VARIABLES[SEVERAL] = (*(v for which in MEMBERS for v in _one_of_several(which)), Variable(SHARE, "of the mass", 0.1, 0.9, 0.5), _MASS)
-# raised when variables, their meaning or their defaults change: a study of another version is not continued
-VERSIONS = {IMPACT: 1, FRICTION: 1, TUNED: 1, SEVERAL: 1}
-FREE = {
-    IMPACT: (GAP, RESTITUTION, FRICTION_LIMIT),
-    FRICTION: (FRICTION_LIMIT,),
-    TUNED: (STIFFNESS, DAMPING),
-    SEVERAL: (of_absorber(GAP, 1), of_absorber(GAP, 2), of_absorber(POSITION, 2), SHARE),
-}
+AT_BOUND = 0.02  # share of a variable's range: a winner that lies closer to a bound is said to lie at it
 
 
 @dataclass(frozen=True)
@@ -148,11 +116,15 @@ class Design:
 
 @dataclass(frozen=True)
 class DesignSpace:
-    """A concept with its ``free`` variables, within their bounds, and the values of those that are ``fixed``."""
+    """A concept with its ``free`` variables, within their bounds, and the values, in SI units, of those that are ``fixed``.
+
+    ``units`` are those of the structure (a problem puts in its own); None: the paper's beam, on which the start is the paper's design.
+    """
 
     concept: str
     free: tuple[Variable, ...]
     fixed: Values = field(default_factory=dict)
+    units: Units | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         known = _known(self.concept)
@@ -163,9 +135,9 @@ class DesignSpace:
             require(name in known, f"variable of the concept {self.concept!r}", name, f"one of {', '.join(known)}")
         both = sorted(set(names) & set(self.fixed))
         require(not both, "variables", both, "free or fixed, not both")
-        object.__setattr__(self, "fixed", {name: float(self.fixed.get(name, known[name].default)) for name in known if name not in names})
+        object.__setattr__(self, "fixed", {name: float(self.fixed[name]) for name in known if name in self.fixed})
         for share in (0.0, 1.0):  # bounds and fixed values that the simulator refuses are named now, not in the middle of a search
-            design = self.design({variable.name: variable.value_at(share) for variable in self.free})
+            design = self.at([share] * len(self.free))
             design.absorber()
             Beam(absorber_position=design.values.get(POSITION, 1.0))
 
@@ -175,28 +147,106 @@ class DesignSpace:
         return VERSIONS[self.concept]
 
     @property
+    def low(self) -> Array:
+        """Lower bounds of the coordinates, (variables,)."""
+        return np.array([v.low for v in self.free])
+
+    @property
+    def high(self) -> Array:
+        """Upper bounds of the coordinates, (variables,)."""
+        return np.array([v.high for v in self.free])
+
+    def bound_to(self, units: Units) -> DesignSpace:
+        """Return the space on another structure: scaled bounds, and the values of what is neither free nor fixed, follow its units."""
+        return replace(self, units=units)
+
+    @property
+    def _units(self) -> Units:
+        return paper_units() if self.units is None else self.units
+
+    @property
+    def paper(self) -> Design:
+        """The paper's design, whatever this space's bounds and fixed values are."""
+        return Design(self.concept, {v.name: v.default for v in VARIABLES[self.concept]})
+
+    @property
     def default(self) -> Design:
-        """The paper's design, with this space's fixed values; free values are cut to their bounds."""
-        return self.design({v.name: min(max(v.default, v.low), v.high) for v in self.free})
+        """Where a search begins: the paper's design scaled to the structure (the rule's gap), with the fixed values, within the bounds."""
+        return self._resolved(lambda v, unit, start: min(max(start, v.low * unit), v.high * unit))
+
+    def _resolved(self, choose: Callable[[Variable, float, float], float]) -> Design:
+        """Return a design, variable by variable in the order in which units follow; ``choose`` takes a free variable, its unit and its start."""
+        free = {v.name: v for v in self.free}
+        found: dict[str, float] = {}
+        for v in sorted(VARIABLES[self.concept], key=_rank):
+            start = v.default if not v.scaled or self.units is None else self._units.start(self.concept, v.name, found)
+            if v.name in free:
+                unit = self._units.of(self.concept, v.name, found) if free[v.name].scaled else 1.0
+                found[v.name] = float(choose(free[v.name], unit, start))
+            else:
+                found[v.name] = self.fixed.get(v.name, start)
+        return Design(self.concept, {v.name: found[v.name] for v in VARIABLES[self.concept]})
 
     def design(self, values: Values) -> Design:
-        """Return the design with these values of the free variables; raises ParameterError unless each has one within its bounds."""
+        """Return the design with these values (SI) of the free variables; raises ParameterError unless each has one within its bounds."""
+        self._require_names("values", values)
+
+        def checked(v: Variable, unit: float, _start: float) -> float:
+            x, low, high = values[v.name], v.low * unit, v.high * unit
+            require(low * (1 - 1e-12) <= x <= high * (1 + 1e-12), v.name, x, f"from {low:g} to {high:g} {v.si}".rstrip())
+            return x
+
+        return self._resolved(checked)
+
+    def _require_names(self, what: str, values: Values) -> None:
         names = [variable.name for variable in self.free]
-        require(set(values) == set(names), "values", dict(values), f"one for each of {', '.join(names)}")
-        for v in self.free:
-            x = values[v.name]
+        require(set(values) == set(names), what, dict(values), f"one for each of {', '.join(names)}")
+
+    def decoded(self, coordinates: Values) -> Design:
+        """Return the design at coordinates, one for each free variable; raises ParameterError unless each has one within its bounds."""
+        self._require_names("coordinates", coordinates)
+
+        def checked(v: Variable, unit: float, _start: float) -> float:
+            x = coordinates[v.name]
             require(v.low * (1 - 1e-12) <= x <= v.high * (1 + 1e-12), v.name, x, f"from {v.low:g} to {v.high:g} {v.unit}".rstrip())
-        chosen = {**self.fixed, **{name: float(values[name]) for name in names}}
-        return Design(self.concept, {v.name: chosen[v.name] for v in VARIABLES[self.concept]})
+            return x * unit
+
+        return self._resolved(checked)
+
+    def coordinates(self, design: Design) -> dict[str, float]:
+        """Return the coordinates of a design's free variables, cut to their bounds."""
+        units = {v.name: self._units.of(self.concept, v.name, design.values) if v.scaled else 1.0 for v in self.free}
+        return {v.name: min(max(design.values[v.name] / units[v.name], v.low), v.high) for v in self.free}
+
+    def shares(self, design: Design) -> list[float]:
+        """Return the shares (0 to 1) of the free variables' ranges at which a design lies, cut to them."""
+        return [v.share_of(x) for v, x in zip(self.free, self.coordinates(design).values(), strict=True)]
 
     def at(self, shares: Iterable[float]) -> Design:
         """Return the design at shares (0 to 1) of the free variables' ranges."""
-        return self.design({v.name: v.value_at(share) for v, share in zip(self.free, shares, strict=True)})
+        return self.decoded({v.name: v.value_at(share) for v, share in zip(self.free, shares, strict=True)})
+
+    def at_bounds(self, design: Design) -> list[str]:
+        """Return in words which free variables of a design lie at a bound of their range, with the bound; empty if none does."""
+        found = []
+        for v, share in zip(self.free, self.shares(design), strict=True):
+            at_end = parts_of(v.name)[0] == POSITION and share > 0.5 and v.high == 1.0  # the structure ends there, not the search
+            if not AT_BOUND < share < 1 - AT_BOUND and not at_end:
+                which, bound = ("lower", v.low) if share < 0.5 else ("upper", v.high)
+                found.append(f"{v.name} at its {which} bound of {bound:g} {v.unit}".rstrip())
+        return found
 
     def describe(self) -> dict[str, object]:
         """Return what identifies the space, as JSON values."""
-        free = {v.name: {"low": v.low, "high": v.high, "log": v.log, "unit": v.unit, "start": self.default.values[v.name]} for v in self.free}
-        return {"concept": self.concept, "version": self.version, "free": free, "fixed": dict(self.fixed)}
+        start = self.coordinates(self.default)
+        free = {v.name: {"low": v.low, "high": v.high, "log": v.log, "unit": v.unit, "start": start[v.name]} for v in self.free}
+        default, names = self.default.values, {v.name for v in self.free}
+        return {"concept": self.concept, "version": self.version, "free": free, "fixed": {n: x for n, x in default.items() if n not in names}}
+
+
+def _rank(v: Variable) -> int:
+    """Return when a variable's unit is known: after mass and place, and for a friction limit after the gap."""
+    return 0 if not v.scaled else 2 if v.name.startswith(FRICTION_LIMIT) else 1
 
 
 def _known(concept: str) -> dict[str, Variable]:
@@ -210,10 +260,10 @@ def design_space(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     fixed: Values | None = None,
 ) -> DesignSpace:
-    """Return a concept's space with the named variables free (default: those of `FREE`), in ``bounds`` where given, else in the concept's own.
+    """Return a concept's space with the named variables free (default: those of `FREE`), in ``bounds`` (SI) where given, else in the concept's own.
 
-    What is neither free nor fixed keeps the paper's value. Raises ParameterError for a name that the concept lacks, and for bounds that
-    are empty or inverted.
+    What is neither free nor fixed has the paper's value, scaled to the structure. Raises ParameterError for a name that the concept
+    lacks, and for bounds that are empty or inverted.
     """
     known, names = _known(concept), tuple(FREE.get(concept, ()) if free is None else free)
     bounds = {} if bounds is None else bounds
@@ -223,5 +273,5 @@ def design_space(
     if unused:
         raise ParameterError(f"bounds of {', '.join(unused)} are not allowed: bounds are for free variables, which are {', '.join(names)}")
     variables = [known[name] for name in names]
-    chosen = tuple(replace(v, low=float(bounds[v.name][0]), high=float(bounds[v.name][1])) if v.name in bounds else v for v in variables)
+    chosen = tuple(v.within(*bounds[v.name]) if v.name in bounds else v for v in variables)
     return DesignSpace(concept, chosen, {} if fixed is None else fixed)

@@ -10,16 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
-from impact_env.drive import PAPER_LIMITS, PAPER_RATE
+from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import Progress
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SlidingAbsorber, impact_absorber, positive, require
 from impact_env.scene import Scene
-from optimisation.bounds import design_gap, near_range, resonance_limit, share_reached
+from optimisation.bounds import design_gap, gap_unit, near_range, reach, require_reach, resonance_limit, share_reached
+from optimisation.friction_rule import scaled_friction
+from optimisation.sweep_rate import LEAST_RATIO, default_rate, stationary_level
 
 Array = NDArray[np.float64]
 
-RESTITUTION, FRICTION = 0.7, 0.1  # of the paper's best absorber with a gap of 1 mm; friction in N
+RESTITUTION = 0.7  # of the paper's best absorber
 SPAN = 2.5  # gaps reach from the rule's over this to the rule's times this
 BELOW = 0.97  # of the lower end of the rule's range: where a sweep begins for a mass heavier than the paper's
 
@@ -28,6 +30,7 @@ BELOW = 0.97  # of the lower end of the rule's range: where a sweep begins for a
 class GapCheck:
     """Levels over the gap at one force. ``gaps`` (G,) in m, rising; ``rule`` in m is one of them; ``limits`` of the sweep over omega_r.
 
+    ``reach`` is `optimisation.bounds.reach`, ``rate`` that of the sweeps in % of the resonance per 100 pseudo periods.
     ``curves`` has one performance curve for each gap, ``without`` is that of the beam without absorber; each is at the one force (N).
     """
 
@@ -40,6 +43,13 @@ class GapCheck:
     limits: tuple[float, float]
     curves: tuple[PerformanceCurve, ...]
     without: PerformanceCurve
+    reach: float
+    rate: float
+
+    @property
+    def sweep_ratio(self) -> float:
+        """Level of the sweeps without absorber over the stationary one; NaN where nothing is finished. Below `LEAST_RATIO` shares are left out."""
+        return float(self.without.median[0]) / (self.force * stationary_level(self.model, self.resonance, self.limits))
 
     @property
     def mass(self) -> float:
@@ -77,8 +87,10 @@ class GapCheck:
 
     @cached_property
     def share(self) -> Array:
-        """Share of the possible reduction that each gap reached, (G,); NaN where nothing is finished."""
+        """Share of the possible reduction that each gap reached, (G,); NaN where nothing is finished, and all NaN for sweeps too fast to tell."""
         shares = np.full(len(self.gaps), np.nan)
+        if not self.sweep_ratio >= LEAST_RATIO:
+            return shares
         for k in np.flatnonzero(~np.isnan(self.level)):
             shares[k] = share_reached(self.model, self.mass, float(self.gaps[k]), self.force, self.level[k], self.resonance, *self.limits)
         return shares
@@ -109,12 +121,10 @@ def gap_factors(number: int) -> Array:
 def scaled_absorber(
     model: ModalModel, force: float, resonance: int = 1, mass_ratio: float = DEFAULT_MASS_RATIO, restitution: float = RESTITUTION
 ) -> SlidingAbsorber:
-    """Return an impact absorber with the rule's gap for a force in N, and the paper's friction (0.1 N) in proportion to gap and mass.
-
-    That is what the scaling law asks for: friction over mass times gap decides whether the absorber slides.
-    """
-    gap = design_gap(model, positive("mass_ratio", mass_ratio) * model.beam_mass, force, resonance)
-    return impact_absorber(gap, restitution, FRICTION * gap / RigidWalls.gap * mass_ratio / DEFAULT_MASS_RATIO, mass_ratio)
+    """Return an impact absorber with the rule's gap for a force in N, and the paper's friction by the scaling law (`scaled_friction`)."""
+    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
+    friction = scaled_friction(model, mass, gap_unit(model, mass, force, resonance))
+    return impact_absorber(design_gap(model, mass, force, resonance), restitution, friction, mass_ratio)
 
 
 def check_gap(
@@ -126,27 +136,31 @@ def check_gap(
     factors: Sequence[float] | Array | None = None,
     members: int = DEFAULT_MEMBERS,
     seed: int = 0,
-    percent_per_100_periods: float = PAPER_RATE,
+    percent_per_100_periods: float | None = None,
+    everywhere: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> GapCheck:
     """Simulate sweeps up and down at one force (N) for gaps around the rule's.
 
     ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its gap is replaced. ``factors`` of the rule's gap must
-    contain 1. Interruption and the other arguments as in `performance_curves`. Raises ParameterError for
-    numbers out of range, and for an absorber without rigid walls.
+    contain 1. ``percent_per_100_periods``: None is `default_rate`. Interruption and the other arguments as in `performance_curves`.
+    Raises ParameterError for numbers out of range, for an absorber without rigid walls, and where the rule says nothing (`require_reach`), unless it
+    is ``everywhere`` that is asked for.
     """
     force = positive("force", force)
+    rate = default_rate(model, (resonance,)) if percent_per_100_periods is None else percent_per_100_periods
     absorber = scaled_absorber(model, force, resonance) if absorber is None else absorber
     walls = absorber.walls
     if not isinstance(walls, RigidWalls):
         require(False, "absorber", absorber, "one with rigid walls, since the rule is about their gap")
         raise AssertionError
     mass = absorber.mass_ratio * model.beam_mass
+    found = reach(model, mass, resonance) if everywhere else require_reach(model, mass, force, resonance)
     rule, limits = design_gap(model, mass, force, resonance), sweep_limits(model, mass, resonance)
     multiples = np.sort(np.asarray(gap_factors(11) if factors is None else factors, dtype=np.float64))
     require(bool(np.all(multiples > 0)) and 1.0 in multiples, "factors", factors, "numbers above 0, one of them 1")
     scenes = [Scene(model, replace(absorber, walls=replace(walls, gap=float(rule * factor)))) for factor in multiples]
-    cases = [CurveCase(scene, np.array([force]), resonance, limits, percent_per_100_periods) for scene in [Scene(model), *scenes]]
+    cases = [CurveCase(scene, np.array([force]), resonance, limits, rate) for scene in [Scene(model), *scenes]]
     without, *curves = performance_curves(cases, members, seed, threads=threads, progress=progress)
-    return GapCheck(model, resonance, force, absorber, rule, rule * multiples, limits, tuple(curves), without)
+    return GapCheck(model, resonance, force, absorber, rule, rule * multiples, limits, tuple(curves), without, found, rate)

@@ -18,6 +18,7 @@ from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
 
 Array = NDArray[np.float64]
+SHOWN = 2  # set of fresh members on which all is run that is shown of a design; others choose and judge a winner
 SPREAD = 0.2  # of a value, to either side: the neighbourhood of a design
 
 
@@ -46,7 +47,7 @@ def levels(
     progress: Progress | None = None,
     rate: float | None = None,
 ) -> Levels:
-    """Run designs under other conditions than a problem's own, for some of its members, at its sweep rate or another ``rate``."""
+    """Run designs under other conditions than a problem's own, for fresh ``members``, at its sweep rate or another ``rate``."""
     worse, without = member_levels(problem, designs, conditions, members, executor, progress, rate)
     low, median, high = np.quantile(worse, (BAND[0], 0.5, BAND[1]), axis=1)
     return Levels(tuple(conditions), median, low, high, np.median(without, axis=0))
@@ -67,9 +68,10 @@ def member_levels(
     at = wider.measures.index(LEVEL)
     chosen = problem.rate if rate is None else rate
     worse = np.empty((len(designs), members, len(conditions)))
-    for k, measured in evaluate(wider, designs, wider.ensemble, chosen, executor, progress):
+    fresh = problem.fresh_ensemble(members, SHOWN)
+    for k, measured in evaluate(wider, designs, fresh, chosen, executor, progress):
         worse[k] = measured[..., at].max(axis=2)
-    return worse, np.asarray(wider.reference(wider.ensemble, chosen)[..., at].max(axis=2))
+    return worse, np.asarray(wider.reference(fresh, chosen)[..., at].max(axis=2))
 
 
 def over_force(condition: Condition, forces: ArrayLike) -> list[Condition]:
@@ -108,10 +110,11 @@ class Sensitivity:
 
 
 def neighbourhood(space: DesignSpace, design: Design, spread: float = SPREAD) -> tuple[Array, Array]:
-    """Return the ends (variables,) of a box around a design: its free values times 1 -+ spread, cut to the space's bounds."""
+    """Return the ends (variables,) of a box around a design: its free values (SI) times 1 -+ spread, cut to the space's bounds at the design."""
     share = fraction("spread", spread)
     values = np.array([design.values[v.name] for v in space.free])
-    low, high = (np.array([getattr(v, end) for v in space.free]) for end in ("low", "high"))
+    units = values / np.array(list(space.coordinates(design).values()))
+    low, high = (np.array([getattr(v, end) for v in space.free]) * units for end in ("low", "high"))
     return np.maximum(values * (1 - share), low), np.minimum(values * (1 + share), high)
 
 
@@ -126,7 +129,8 @@ def sensitivity(
 ) -> Sensitivity:
     """Return the Sobol indices (SciPy, Saltelli's estimator) of the first objective in a design's neighbourhood.
 
-    ``samples``, a power of 2, stands for samples * (variables + 2) designs, each run for ``members``. Constraints are left out. The objective's own
+    ``samples``, a power of 2, stands for samples * (variables + 2) designs, each run for fresh
+    ``members``. Constraints are left out. The objective's own
     noise counts as an interaction: it shows in the total indices only.
     """
     require(len(problem.space.free) > 1, "free variables", [v.name for v in problem.space.free], "two or more: one alone causes everything")
@@ -134,14 +138,14 @@ def sensitivity(
     near = replace(problem, objectives=problem.objectives[:1], constraints=(), members=members)
     names = tuple(v.name for v in problem.space.free)
     low, high = neighbourhood(problem.space, design, spread)
-    runs = 0
+    runs, fresh = 0, problem.fresh_ensemble(members, SHOWN)
 
     def costs(x: Array) -> Array:
         nonlocal runs
-        designs = [problem.space.design(dict(zip(names, (float(value) for value in row), strict=True))) for row in x.T]
+        designs = [Design(design.concept, {**design.values, **dict(zip(names, map(float, row), strict=True))}) for row in x.T]
         result = np.empty(len(designs))
-        for k, measured in evaluate(near, designs, near.ensemble, near.rate, executor, progress):
-            result[k] = near.cost(near.score(designs[k], measured, near.ensemble, near.rate))
+        for k, measured in evaluate(near, designs, fresh, near.rate, executor, progress):
+            result[k] = near.cost(near.score(designs[k], measured, fresh, near.rate))
         runs += len(designs)
         require(bool(np.all(np.isfinite(result))), "neighbourhood", spread, "a smaller one: runs in it could not be finished")
         return result[None]

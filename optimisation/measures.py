@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 # what a lane can be measured by; the order is that of the columns
 LEVEL, STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, DAMAGE = "level", "stroke", "impact_power", "impact_speed", "friction_heat", "damage"
+IMPACT_RATE, RMS = "impact_rate", "rms"
 MEASURES = {
     LEVEL: "response level of the beam's free end in m (paper, Eq. barqtip)",
     STROKE: "largest distance of the absorber from the middle of its cavity in m",
@@ -29,9 +30,11 @@ MEASURES = {
     IMPACT_SPEED: "largest relative velocity before an impact in m/s",
     FRICTION_HEAT: "energy lost in dry friction over the sweep, per second, in W, from the mean relative speed at the samples",
     DAMAGE: "sum over the rainflow cycles of the bending moment at the clamp, amplitude in N m to the power of the fatigue exponent",
+    IMPACT_RATE: "impacts per second over the sweep",
+    RMS: "root of the mean square of the free end's displacement in m over the second half of the run",
 }
-_OF_IMPACTS = {IMPACT_POWER, IMPACT_SPEED}
-_OF_SAMPLES = {STROKE, FRICTION_HEAT, DAMAGE}
+_OF_IMPACTS = {IMPACT_POWER, IMPACT_SPEED, IMPACT_RATE}
+_OF_SAMPLES = {STROKE, FRICTION_HEAT, DAMAGE, RMS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +104,11 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
         assert impacts is not None
         if name == IMPACT_SPEED:
             return float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
-        return float(np.sum(impacts.energy_lost)) / float(response.drive.schedule.times[-1])
+        total = float(np.sum(impacts.energy_lost)) if name == IMPACT_POWER else float(len(impacts.time))
+        return total / float(response.drive.schedule.times[-1])
     assert history is not None
+    if name == RMS:
+        return float(np.sqrt(np.mean((history.modal_displacement[len(history.time) // 2 :] @ chunk.gauges.free_end) ** 2)))
     if name == DAMAGE:
         return fatigue_damage(np.asarray(history.modal_displacement @ chunk.gauges.clamp_moment), chunk.fatigue_exponent)
     return of_motion(name, response)

@@ -8,18 +8,21 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import PAPER_RATE, FrequencySchedule, linear_sweep
+from impact_env.drive import FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, Members, draw_members
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, count, positive, require
 from impact_env.scene import Scene
 from optimisation.designs import MASS_RATIO, SEVERAL, TUNED, Design, DesignSpace
+from optimisation.evaluation import Evaluation, Executor, Progress, evaluate_arrays
 from optimisation.measures import DAMAGE, LEVEL, MEASURES, Chunk, Gauges, gauges, measure
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score
+from optimisation.sweep_rate import default_rate, sweep_ratio
 from optimisation.tuned import require_wide_range
+from optimisation.units import Units
 
 Array = NDArray[np.float64]
 FORMAT = 2  # of the description: raised when the meaning of a problem changes
@@ -36,7 +39,10 @@ def detuned_beam(beam: Beam, share: float) -> Beam:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Which design of a ``space`` is best under ``conditions``. ``rate`` is the sweep's, in percent per 100 pseudo periods."""
+    """Which design of a ``space`` is best under ``conditions``. ``rate`` is the sweep's, in percent per 100 pseudo periods.
+
+    It is `usual_rate` unless given.
+    """
 
     space: DesignSpace
     conditions: tuple[Condition, ...]
@@ -45,7 +51,7 @@ class Problem:
     beam: Beam = Beam()  # noqa: RUF009 - frozen, and the paper's
     members: int = DEFAULT_MEMBERS
     seed: int = 0
-    rate: float = PAPER_RATE
+    rate: float = None  # type: ignore[assignment]  # replaced by `usual_rate`
     fatigue_exponent: float = FATIGUE_EXPONENT
 
     def __post_init__(self) -> None:
@@ -53,10 +59,11 @@ class Problem:
         require(len(self.objectives) > 0, "objectives", self.objectives, "one or more")
         count("members", self.members, 1)
         count("seed", self.seed, 0)
-        object.__setattr__(self, "rate", positive("rate", self.rate))
         object.__setattr__(self, "fatigue_exponent", positive("fatigue exponent", self.fatigue_exponent))
         for condition in self.conditions:
             self.model.resonance_omega(condition.resonance)
+        object.__setattr__(self, "space", self.space.bound_to(self.units))
+        object.__setattr__(self, "rate", self.usual_rate if self.rate is None else positive("rate", self.rate))
         for objective in self.objectives:
             objective.chosen(self.conditions)
         names = [constraint.name for constraint in self.constraints]
@@ -66,7 +73,7 @@ class Problem:
 
     def _require_both_peaks(self) -> None:
         """Raise ParameterError if a sweep is so narrow that an optimiser could push a tuned absorber's second peak out of it."""
-        mass = max([v.high for v in self.space.free if v.name == MASS_RATIO] + [self.space.fixed.get(MASS_RATIO, 0.0)])
+        mass = max([v.high for v in self.space.free if v.name == MASS_RATIO] + [self.space.default.values[MASS_RATIO]])
         for condition in self.conditions:
             require_wide_range(self.model, mass, condition.resonance, *condition.limits)
 
@@ -74,6 +81,23 @@ class Problem:
     def model(self) -> ModalModel:
         """Modal model of the beam without absorber; its tip shape is that of the free end."""
         return modal_model(replace(self.beam, absorber_position=1.0))
+
+    @cached_property
+    def units(self) -> Units:
+        """Units of the structure by which the space counts; of several forces at a resonance their geometric mean."""
+        forces: dict[int, list[float]] = {}
+        for condition in self.conditions:
+            forces.setdefault(condition.resonance, []).append(condition.force)
+        return Units(self.beam, {resonance: float(np.exp(np.mean(np.log(values)))) for resonance, values in forces.items()})
+
+    @cached_property
+    def usual_rate(self) -> float:
+        """The rate that suits the damping of the least damped of the conditions' resonances, see `default_rate`."""
+        return default_rate(self.model, [condition.resonance for condition in self.conditions])
+
+    def sweep_ratio(self, condition: Condition) -> float:
+        """Return the level of a condition's sweeps without absorber over the stationary one, see `optimisation.sweep_rate`."""
+        return sweep_ratio(self.model, self.rate, condition.resonance, condition.limits)
 
     @property
     def measures(self) -> tuple[str, ...]:
@@ -83,7 +107,7 @@ class Problem:
 
     @cached_property
     def ensemble(self) -> Members:
-        """The members, the same for every design."""
+        """The members of a search, the same for every design. Nothing that is reported is judged on them: see `fresh_ensemble`."""
         return draw_members(self.members, self.seed)
 
     def fresh_ensemble(self, members: int, which: int) -> Members:
@@ -173,15 +197,31 @@ class Problem:
         if np.isnan(measured).any():
             return Score(tuple(-FAILED if o.maximise else FAILED for o in self.objectives), (1.0,) * len(self.constraints), failed=True)
         columns = {name: measured[..., k] for k, name in enumerate(self.measures)}
-        reference = self.reference(ensemble, rate)
-        values = []
+        members = self.member_values(measured, ensemble, rate)
+        values = tuple(objective.value_of(row) for objective, row in zip(self.objectives, members, strict=True))
+        return Score(values, tuple(constraint.violation(design, columns) for constraint in self.constraints))
+
+    def member_values(self, measured: Array, ensemble: Members, rate: float) -> Array:
+        """Return one value for each objective and member, (objectives, members), from a design's measures."""
+        reference, rows = self.reference(ensemble, rate), []
         for objective in self.objectives:
             kind = KINDS[objective.kind]
-            own = columns[kind.measure]
-            scale = reference[..., self.measures.index(kind.measure)] if kind.relative else np.ones_like(own)
+            column = self.measures.index(kind.measure)
             # the worse direction over the worse direction, as in the paper's curves: a level of a sweep down has no reference of its own
-            values.append(objective.of(own / scale.max(axis=2, keepdims=True), self.conditions))
-        return Score(tuple(values), tuple(constraint.violation(design, columns) for constraint in self.constraints))
+            scale = reference[..., column].max(axis=2, keepdims=True) if kind.relative else 1.0
+            rows.append(objective.per_member(measured[..., column] / scale, self.conditions))
+        return np.array(rows)
+
+    def evaluate(
+        self,
+        X: ArrayLike,
+        ensemble: Members | None = None,
+        executor: Executor | None = None,
+        progress: Progress | None = None,
+        failures: dict[int, str] | None = None,
+    ) -> Evaluation:
+        """Return F, G and spread of designs at coordinates X (N, variables), in the order of X: see `evaluate_arrays`."""
+        return evaluate_arrays(self, X, ensemble, executor, progress, failures)
 
     def cost(self, score: Score) -> float:
         """Return what is minimised of the first objective; infinite for a design that breaks a constraint or failed."""

@@ -14,11 +14,9 @@ import numba
 import numpy as np
 import scipy
 from _memory import peak_memory
-from _progress import UNIT_BAR
-from tqdm import tqdm
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import PAPER_LIMITS, PAPER_RATE
+from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import available_cores
 from impact_env.extras import how_to_install, optional
 from impact_env.parameters import Beam, ParameterError
@@ -27,7 +25,6 @@ from optimisation.designs import TUNED, VARIABLES, DesignSpace, design_space
 from optimisation.evaluation import Executor, Threads
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
-from optimisation.search.study import Progress
 
 with optional():
     import optuna
@@ -63,7 +60,7 @@ SHARED = (
     click.option("--batch", type=click.IntRange(min=2), help="Designs run in one call; the population of CMA-ES and NSGA-II."),
     click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of search and members."),
     click.option("--modes", type=click.IntRange(min=1), default=Beam.modes, show_default=True, help="Modes of the beam."),
-    click.option("--rate", type=float, default=PAPER_RATE, show_default=True, help="Sweep rate in % of the resonance per 100 pseudo periods."),
+    click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]"),
     click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=f"Upper limit of {', '.join(LIMITABLE)}, in SI units."),
     click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
     click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]"),
@@ -79,7 +76,7 @@ def shared_options(command: Command) -> Command:
 
 def variables_help() -> str:
     """Return the concepts' variables for a help text."""
-    lines = ["\b", "Variables and bounds, in SI units:"]
+    lines = ["\b", "Variables and bounds:"]
     for concept, variables in VARIABLES.items():
         lines += [f"  {concept}: " + ", ".join(f"{v.name} {v.low:g} to {v.high:g} {v.unit}".rstrip() for v in variables)]
     return "\n".join(lines)
@@ -104,10 +101,10 @@ def make_conditions(concept: str, at: list[tuple[int, float]], spread: bool = Fa
 
 def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tuple[Objective, ...], given: dict[str, Any]) -> Problem:
     members = given["members"] or (QUICK_MEMBERS if given["quick"] else DEFAULT_MEMBERS)
-    rate = given["rate"] * (QUICK_SPEED if given["quick"] else 1)
     constraints = tuple(Constraint(name, limit) for name, limit in given["constraint"])
     beam = replace(Beam(), modes=given["modes"])
-    return Problem(make_space(concept, given), conditions, objectives, constraints, beam, members, given["seed"], rate)
+    problem = Problem(make_space(concept, given), conditions, objectives, constraints, beam, members, given["seed"], given["rate"])
+    return replace(problem, rate=QUICK_SPEED * problem.rate) if given["quick"] else problem
 
 
 @contextmanager
@@ -126,18 +123,6 @@ def executor_of(given: dict[str, Any]) -> Iterator[Executor]:
         ) from error
     with Workers(given["cluster"]) as workers:
         yield workers
-
-
-@contextmanager
-def study_bar(label: str, wanted: int) -> Iterator[Callable[[Progress], None]]:
-    with tqdm(total=wanted, desc=label, unit="designs", bar_format=UNIT_BAR, disable=None) as bar:
-
-        def show(progress: Progress) -> None:
-            bar.set_postfix_str(f"{progress.runs} runs", refresh=False)
-            bar.update(progress.designs - bar.n)
-            bar.refresh()
-
-        yield show
 
 
 def conditions_of(given: dict[str, Any]) -> dict[str, object]:

@@ -13,10 +13,12 @@ from _table import markdown
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative
-from optimisation.bounds import design_gap
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, positive
+from optimisation.bounds import LARGE_REACH, SMALL_REACH, design_gap, expected_gap, require_reach
 from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.gap_check import FRICTION, RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber
+from optimisation.friction_rule import PAPER_FRICTION
+from optimisation.gap_check import RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber, sweep_limits
+from optimisation.sweep_rate import LEAST_RATIO, default_rate, sweep_ratio
 
 QUICK_GAPS, QUICK_MEMBERS = 5, 2
 DEFAULT_GAPS = 11
@@ -24,11 +26,40 @@ HEADER = ("gap, mm", "of the rule's", "level, mm", "5 to 95 %, mm", "of no absor
 
 
 def simulated(
-    model: ModalModel, force: float, resonance: int, absorber: SlidingAbsorber, gaps: int, members: int, seed: int, threads: int | None
+    model: ModalModel,
+    force: float,
+    resonance: int,
+    absorber: SlidingAbsorber,
+    gaps: int,
+    members: int,
+    seed: int,
+    rate: float,
+    threads: int | None,
 ) -> GapCheck:
+    options = {"members": members, "seed": seed, "percent_per_100_periods": rate, "threads": threads}
     with sweeps_bar("simulating") as show:
-        factors = gap_factors(gaps)
-        return check_gap(model, force, resonance, absorber, factors=factors, members=members, seed=seed, threads=threads, progress=show)
+        return check_gap(model, force, resonance, absorber, factors=gap_factors(gaps), progress=show, **options)
+
+
+def answer(model: ModalModel, mass_ratio: float, force: float, resonance: int, rate: float) -> list[str]:
+    """Return what is known without a simulation of the absorber; raises ParameterError where the rule says nothing."""
+    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
+    rule, found = design_gap(model, mass, force, resonance), require_reach(model, mass, force, resonance)
+    lines = [
+        f"Design rule: a clearance of {1e3 * rule:.4g} mm to either wall for {force:g} N near resonance {resonance}.",
+        f"Free amplitude over that gap: {found:.3g}.",
+    ]
+    expected = expected_gap(model, mass, force, resonance)
+    lines.append(f"From simulations of other structures the best gap is expected at {1e3 * expected:.4g} mm, {expected / rule:.3g} times the rule's.")
+    if found < SMALL_REACH:
+        lines.append(f"Warning: below {SMALL_REACH:g} the rule's gap is too wide (docs/design_rule.md).")
+    if found > LARGE_REACH:
+        lines.append(f"Warning: above {LARGE_REACH:g} the rule's gap is too narrow, and that side is the steep one (docs/design_rule.md).")
+    ratio = sweep_ratio(model, rate, resonance, sweep_limits(model, mass, resonance))
+    lines.append(f"Sweeps at {rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber.")
+    if ratio < LEAST_RATIO:
+        lines.append(f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly.")
+    return lines
 
 
 def write(out: Path, check: GapCheck) -> list[Path]:
@@ -51,7 +82,8 @@ def text(check: GapCheck) -> str:
             continue
         low, high = 1e3 * check.band[:, k]
         cells += [f"{1e3 * check.level[k]:.4g}", f"{low:.4g} to {high:.4g}", f"{100 * check.relative[k]:.1f}"]
-        lines.append([*cells, f"{1e3 * check.limit[k]:.4g}", f"{100 * check.share[k]:.1f}"])
+        share = "-" if math.isnan(check.share[k]) else f"{100 * check.share[k]:.1f}"
+        lines.append([*cells, f"{1e3 * check.limit[k]:.4g}", share])
     best = check.best
     if best is None or math.isnan(check.level[check.at_rule]):
         return markdown(HEADER, lines)
@@ -72,8 +104,10 @@ def text(check: GapCheck) -> str:
 @click.option(
     "--friction-limit",
     type=float,
-    help=f"Friction limit in N in the simulation; 0: no friction.  [default: {FRICTION} N for 1 mm, with gap and mass]",
+    help=f"Friction limit in N in the simulation; 0: no friction.  [default: the paper's {PAPER_FRICTION} N by the scaling law]",
 )
+@click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
+@click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Damping ratio of all modes.")
 @click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_GAPS} gaps, {QUICK_MEMBERS} members, unless given.")
 @click.option("--gaps", type=click.IntRange(min=3), help=f"Number of gaps, odd, the rule's in the middle.  [default: {DEFAULT_GAPS}]")
 @click.option("--members", type=click.IntRange(min=1), help=f"Runs for each gap, with other phases and roundings.  [default: {DEFAULT_MEMBERS}]")
@@ -88,6 +122,8 @@ def main(
     modes: int,
     restitution: float,
     friction_limit: float | None,
+    rate: float | None,
+    damping: float,
     quick: bool,
     gaps: int | None,
     members: int | None,
@@ -102,15 +138,15 @@ def main(
     """
     gaps, members = gaps or (QUICK_GAPS if quick else DEFAULT_GAPS), members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
     with plain_errors():
-        model = modal_model(Beam(modes=modes, absorber_position=position))
+        model = modal_model(Beam(modes=modes, absorber_position=position, damping_ratio=damping))
         absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution)
         if friction_limit is not None:
             absorber = replace(absorber, friction=friction_law(non_negative("friction_limit", friction_limit)))
         gap_factors(gaps)
         require_writable("--out", out)
-        rule = design_gap(model, mass_ratio * model.beam_mass, force, resonance)
-        click.echo(f"Design rule: a clearance of {1e3 * rule:.4g} mm to either wall for {force:g} N near resonance {resonance}.")
-        check = simulated(model, force, resonance, absorber, gaps, members, seed, threads)
+        rate = default_rate(model, (resonance,)) if rate is None else positive("--rate", rate)
+        click.echo("\n".join(answer(model, mass_ratio, force, resonance, rate)))
+        check = simulated(model, force, resonance, absorber, gaps, members, seed, rate, threads)
         files = write(out, check)
     click.echo("\n" + text(check))
     name_files(files)

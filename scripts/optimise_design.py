@@ -48,22 +48,28 @@ from optimisation.report.design_tables import (
     text,
 )
 from optimisation.search.judge import AUDITED
+from optimisation.search.noisy import NOISY
 from optimisation.search.samplers import SAMPLERS
 from optimisation.search.settings import FAST
+from optimisation.service import DRAWS, FEW, service
 
 ALL = "all"
 DESIGNS, QUICK_DESIGNS = 400, 80
-FEW = 4  # members of the figures
 FORCES, DETUNINGS, MAP = 10, 9, 16
 SOBOL, QUICK_SOBOL = 64, 16
+QUICK_DRAWS = 8
 
 
 def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Findings:
-    """Run what the figures show, around the winner."""
+    """Run the winner in service, and what the figures show around it."""
     problem, found = findings.problem, findings.verdict
     if found is None or given["no_figures"] or not findings.finished:
         return findings
-    name, few, both = problem.space.concept, min(FEW, problem.members), [found.winner.design, found.paper.design]
+    name, few = problem.space.concept, min(FEW, problem.members)
+    with runs_bar(f"{name}: winner in service") as show:
+        draws = QUICK_DRAWS if given["quick"] else DRAWS
+        findings = replace(findings, service=service(problem, found.winner.design, executor, few, draws, show))
+    both = [found.winner.design, found.paper.design]
     main = _one_a_resonance(problem)
     with runs_bar(f"{name}: curves over the force") as show:
         parts = [levels(problem, both, over_force(c, np.geomspace(c.force / 5, 5 * c.force, FORCES)), few, executor, show) for c in main]
@@ -142,7 +148,9 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 @click.option("--quantile", type=float, default=0.5, show_default=True, help="Share of the members that meet or better the value.")
 @click.option("--limit", type=float, help="Relative level that the objective range must stay under.")
 @click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")
-@click.option("--sampler", type=click.Choice([*SAMPLERS, SCIPY]), help="Method.  [default: scipy without walls; cma; random for one variable]")
+@click.option(
+    "--sampler", type=click.Choice([*SAMPLERS, SCIPY, *NOISY]), help="Method.  [default: scipy without walls; cma; random for one variable]"
+)
 @click.option("--from-scratch", is_flag=True, help="Do not begin with the paper's design.")
 @click.option("--no-screening", is_flag=True, help="Run every design in full instead of leaving hopeless ones behind.")
 @click.option("--audit", type=click.IntRange(min=0), default=AUDITED, show_default=True, help="Designs left behind to run in full all the same.")
@@ -155,9 +163,9 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 def main(**given: Any) -> None:
     """Find the best design of an absorber for one or more resonances and forces.
 
-    Every design runs under all of them, up and down, for the same members; the finalists run again on fresh ones beside the paper's
-    design. Writes designs.csv, summary.json, and curves, map, detuned and sensitivity as figures and tables. Ctrl-C ends the search; the same
-    command goes on from there.
+    Every design runs under all of them, up and down; the finalists run again on fresh members, and the winner on others, beside the paper's and
+    the rule's design, with more modes, and in service (impacts, wear, heat, tolerances). Writes designs.csv, summary.json, and curves, map, detuned
+    and sensitivity as figures and tables. Ctrl-C ends the search; the same command goes on from there.
     """
     concepts = list(VARIABLES) if given["concept"] == ALL else [given["concept"]]
     given["every"] = len(concepts) > 1

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,11 @@ from impact_env import (
     impact_absorber,
     modal_model,
 )
+from optimisation.bounds import design_gap, free_amplitude
 from optimisation.designs import FREE, VARIABLES, Design, DesignSpace, Variable, design_space
+from optimisation.objectives import Condition
+from optimisation.problem import Problem
+from optimisation.studies.rule import STRUCTURES
 
 
 def test_defaults_are_the_papers() -> None:
@@ -69,9 +75,10 @@ def test_shares_and_values_are_inverse() -> None:
 def test_chosen_variables_are_free_and_the_others_fixed() -> None:
     space = design_space("impact", ["gap", "mass_ratio"], {"gap": (5e-4, 8e-4)}, {"restitution": 0.5})
     assert [v.name for v in space.free] == ["gap", "mass_ratio"]
-    assert space.fixed == {"restitution": 0.5, "friction_limit": 0.1, "position": 1.0}
+    assert space.describe()["fixed"] == {"restitution": 0.5, "friction_limit": 0.1, "position": 1.0}
     assert space.default.values["gap"] == 8e-4  # the paper's 1e-3, cut to the bounds
-    assert space.describe()["version"] == 1
+    assert space.paper.values == {"gap": 1e-3, "restitution": 0.7, "friction_limit": 0.1, "mass_ratio": 0.02, "position": 1.0}  # never cut
+    assert space.describe()["version"] == 2
     assert tuple(v.name for v in design_space("impact").free) == FREE["impact"]
 
 
@@ -107,3 +114,72 @@ def test_value_outside_the_bounds_is_refused() -> None:
         space.design({"restitution": 0.5})
     assert isinstance(space, DesignSpace)
     assert "gap 0.001" in str(Design("impact", space.default.values))
+
+
+STEEL = STRUCTURES["steel"]
+
+
+@pytest.mark.parametrize("concept", VARIABLES)
+def test_scaled_designs_are_alike_on_a_scaled_structure(concept: str) -> None:
+    """Lengths, masses and times in other units: the same coordinates are the same absorber, each number in its new unit."""
+    length, stiffness, density = 3.0, 5.0, 0.4
+    beam = Beam(length=0.5 * length, bending_stiffness=362.88 * stiffness, mass_per_length=1.1275 * density, modes=3)
+    mass = density * length
+    time = np.sqrt(mass / (stiffness / length**3))
+    wide = (0.5, 1.6)
+    force = 2.0  # times the force: the motion grows by force over stiffness
+    motion = force * length**3 / stiffness
+    here = Problem(design_space(concept), (Condition(1, 3.5, wide), Condition(2, 20.0, wide)), beam=Beam(modes=3))
+    there = Problem(design_space(concept), (Condition(1, 3.5 * force, wide), Condition(2, 20.0 * force, wide)), beam=beam)
+    units = {"gap": motion, "friction_limit": force, "stiffness": mass / time**2, "damping": mass / time}
+    for share in (0.1, 0.7):
+        own, other = (problem.space.at([share] * len(problem.space.free)) for problem in (here, there))
+        for name, value in own.values.items():
+            kind = name[:-2] if name[-1].isdigit() else name
+            assert other.values[name] == pytest.approx(units.get(kind, 1.0) * value, rel=1e-6), name
+    assert there.space.coordinates(there.space.default) == pytest.approx(here.space.coordinates(here.space.default), rel=1e-6)
+
+
+def test_bounds_hold_the_rule_on_another_beam_and_place() -> None:
+    conditions = (Condition(1, 0.5),)
+    problem = Problem(design_space("impact", ["gap", "friction_limit", "position"]), conditions, beam=STEEL)
+    for position in (0.8, 1.0):
+        model = modal_model(replace(STEEL, absorber_position=position))
+        rule = design_gap(model, 0.02 * model.beam_mass, 0.5)
+        design = problem.space.decoded({"gap": 1.0, "friction_limit": 0.1, "position": position})
+        assert design.values["gap"] == pytest.approx(rule, rel=1e-9)
+        assert design.values["friction_limit"] == pytest.approx(0.1 * 0.02 * model.beam_mass * rule * model.omega[0] ** 2, rel=1e-9)
+        assert problem.space.coordinates(design) == pytest.approx({"gap": 1.0, "friction_limit": 0.1, "position": position}, rel=1e-9)
+    with pytest.raises(ParameterError, match="gap = "):
+        problem.space.design({"gap": 1.0, "friction_limit": 1e-3, "position": 1.0})  # a metre
+    assert problem.rate == 1.0
+    assert replace(problem, beam=replace(STEEL, damping_ratio=0.002)).space.default.values["gap"] > 0
+
+
+def test_at_a_node_gaps_are_counted_in_free_amplitudes() -> None:
+    """The rule asks for 5 mm where the free structure moves 0.24 mm: bounds in rule gaps would hold no gap that is ever touched."""
+    space = design_space("impact", ["gap"], fixed={"position": 0.8})
+    problem = Problem(space, (Condition(2, 35.0),))
+    model = modal_model(Beam(absorber_position=0.8))
+    assert problem.space.default.values["gap"] == pytest.approx(free_amplitude(model, 0.02 * model.beam_mass, 35.0, 2))
+    assert problem.space.default.values["gap"] == pytest.approx(0.24e-3, rel=0.01)
+
+
+def test_winner_at_a_bound_is_said() -> None:
+    space = design_space("impact", ["gap", "restitution", "position"])
+    assert space.at_bounds(space.at([0.5, 0.5, 0.5])) == []
+    assert space.at_bounds(space.at([0.01, 0.5, 1.0])) == ["gap at its lower bound of 0.1 of the rule's gap"]  # the beam ends at 1, not the search
+    assert space.at_bounds(space.at([0.5, 0.99, 0.0])) == [
+        "restitution at its upper bound of 0.95",
+        "position at its lower bound of 0.3 of the beam's length",
+    ]
+
+
+def test_bounds_given_in_si_units_stay_there() -> None:
+    space = design_space("impact", ["gap", "friction_limit"], {"gap": (5e-4, 2e-3)})
+    problem = Problem(space, (Condition(1, 0.5),), beam=STEEL)
+    assert problem.space.at([0.0, 0.5]).values["gap"] == pytest.approx(5e-4)
+    assert problem.space.at([1.0, 0.5]).values["gap"] == pytest.approx(2e-3)
+    assert problem.space.free[0].unit == "m"
+    with pytest.raises(ParameterError, match="coordinates"):
+        problem.space.decoded({"gap": 1e-3})

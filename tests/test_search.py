@@ -114,8 +114,15 @@ def test_winner_is_chosen_and_judged_on_members_that_the_search_has_not_seen() -
         found = verdict(study.problem, study.complete, judge, finalists=2)
         assert not searched & {run[3] for run in judge.seen}
         assert found.winner.members.shape == (1, 4)
-        assert found.gain[1] <= found.gain[0] <= found.gain[2]
-        assert found.gain[0] == pytest.approx(np.median(found.winner.members / found.paper.members))
+        assert found.gain.low <= found.gain.ratio <= found.gain.high
+        assert found.gain.ratio == pytest.approx(np.median(found.winner.members) / np.median(found.paper.members))
+        assert dict(found.paper.design.values) == dict(study.problem.space.paper.values)
+        shown = found.levels(study.problem.conditions)
+        assert shown.median[0] == pytest.approx(np.median(found.winner.levels, axis=0))
+        checked_on = {run[3] for run in judge.seen}
+        audited = Model()
+        audit(study, audited, designs=3)
+        assert not (searched | checked_on) & {run[3] for run in audited.seen}
         checked = audit(study, Model(), designs=3)
         assert checked.designs == 3
         assert 0 <= checked.missed <= 3

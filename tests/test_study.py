@@ -51,15 +51,15 @@ def test_study_in_a_file_equals_one_in_memory_and_follows_from_its_seed(tmp_path
         assert [r[1] for r in results(study)[1:]] != [r[1] for r in found[1:]]
 
 
-def test_first_design_is_the_papers(tmp_path: Path) -> None:
+def test_first_design_is_the_papers_scaled_to_the_structure(tmp_path: Path) -> None:
     with opened(problem(), settings(), tmp_path / "a.journal") as study:
         study.run(2, Model())
-        assert study.told[0].design.values["gap"] == 1e-3
+        assert study.told[0].design.values["gap"] == pytest.approx(study.problem.units.gap(0.02), rel=1e-12)
         assert study.told[0].design.values["restitution"] == 0.7
         assert len(study.told) == BATCH + 1  # whole batches
     with opened(problem(), replace(settings(), from_scratch=True)) as study:
         study.run(2, Model())
-        assert study.told[0].design.values["gap"] != 1e-3
+        assert study.told[0].design.values["gap"] != study.problem.space.default.values["gap"]
 
 
 @pytest.mark.parametrize("sampler", ["cma", "nsga2", "random"])
@@ -179,8 +179,8 @@ def test_study_of_something_else_is_refused(tmp_path: Path, other: Problem, sear
 def test_study_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with opened(problem(), settings(), tmp_path / "a.journal"):
         pass
-    monkeypatch.setitem(__import__("optimisation.designs").designs.VERSIONS, "impact", 2)
-    with pytest.raises(StudyError, match=r"problem\.space\.version is 1 there and 2 here"), opened(problem(), settings(), tmp_path / "a.journal"):
+    monkeypatch.setitem(__import__("optimisation.designs").designs.VERSIONS, "impact", 3)
+    with pytest.raises(StudyError, match=r"problem\.space\.version is 2 there and 3 here"), opened(problem(), settings(), tmp_path / "a.journal"):
         pytest.fail("opened")
 
 

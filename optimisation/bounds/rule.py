@@ -12,10 +12,13 @@ from impact_env.parameters import DEFAULT_MASS_RATIO, positive, require
 from optimisation.bounds.lines import masses_of, stuck_frequencies
 from optimisation.bounds.stroke import GRID, line_terms, smallest
 from optimisation.response import frequency_range
+from optimisation.tuned import highest_amplitude
 
 Real = NDArray[np.float64]
 
 NEAR = (0.93, 1.06)  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
+# free amplitude over the rule's gap: below the first no answer, below the second the best gap is narrower, above the third it is wider
+LEAST_REACH, SMALL_REACH, LARGE_REACH = 1.0, 1.5, 6.0
 _LEAST = 0.5  # of the resonance with the mass stuck: where the range begins at the lowest
 
 
@@ -34,7 +37,8 @@ def near_range(model: ModalModel, mass: float, resonance: int = 1) -> tuple[floa
 
 def _stuck_ratio(model: ModalModel, mass: float, resonance: int) -> float:
     """Return the natural frequency of the beam with the mass stuck to it, over omega_r."""
-    return float(stuck_frequencies(model, masses_of(model, mass))[resonance - 1]) / model.resonance_omega(resonance)
+    omega_r = model.resonance_omega(resonance)
+    return float(stuck_frequencies(model, masses_of(model, mass))[resonance - 1]) / omega_r
 
 
 def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1, low: float | None = None, high: float | None = None) -> float:
@@ -65,6 +69,59 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
 def design_gap(model: ModalModel, mass: float, force: float, resonance: int = 1, low: float | None = None, high: float | None = None) -> float:
     """Return the half-clearance g0 in m whose `design_force` is ``force`` (N): f* is proportional to the gap, so no simulation is needed."""
     return positive("force", force) / design_force(model, mass, 1.0, resonance, low, high)
+
+
+def free_amplitude(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return the largest stationary amplitude in m of the place of an absorber of ``mass`` (kg) without it, over `near_range`, for a force in N.
+
+    Infinite at an undamped resonance. Raises ParameterError for numbers out of range.
+    """
+    return positive("force", force) * highest_amplitude(model, None, resonance, *near_range(model, mass, resonance))[0]
+
+
+def reach(model: ModalModel, mass: float, resonance: int = 1) -> float:
+    """Return `free_amplitude` over `design_gap`, at any force: both are proportional to it.
+
+    Below 1 the free structure does not fill the rule's cavity, so that an absorber without friction never touches a wall: at a node, with little
+    motion, with much damping or a very light mass. Then the rule says nothing. Raises ParameterError as `design_gap` does.
+    """
+    return free_amplitude(model, mass, 1.0, resonance) / design_gap(model, mass, 1.0, resonance)
+
+
+def require_reach(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return `reach`; raises ParameterError, with gap and free amplitude, where it is below `LEAST_REACH`."""
+    found = reach(model, mass, resonance)
+    if found < LEAST_REACH:
+        gap, free = (1e3 * x for x in (design_gap(model, mass, force, resonance), free_amplitude(model, mass, force, resonance)))
+        require(
+            False,
+            f"gap by the rule for {force:g} N at resonance {resonance}, in mm",
+            float(f"{gap:.4g}"),
+            f"where the place of the absorber moves as far without it, and here that is {free:.4g} mm ({found:.3g} of the gap): no wall would be "
+            "touched (choose another place, a heavier absorber, or a structure with less damping)",
+        )
+    return found
+
+
+def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return the gap in m that simulations of other structures let expect to be best: the rule's times `expected_factor`.
+
+    Raises ParameterError as `design_gap` does.
+    """
+    return expected_factor(reach(model, mass, resonance)) * design_gap(model, mass, force, resonance)
+
+
+def expected_factor(reach: float) -> float:
+    """Return the best gap over the rule's that simulations let expect for free amplitude over the rule's gap.
+
+    A fit, not a theory (docs/design_rule.md says how good it is): (reach/2.5)^0.6 but at least 0.25 below 2.5, 1 up to 6, and 1.4 above.
+    """
+    return 1.4 if reach > LARGE_REACH else float(np.clip((reach / 2.5) ** 0.6, 0.25, 1.0))
+
+
+def gap_unit(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
+    """Return the rule's gap in m, or the free amplitude where that is smaller: a length by which gaps can be counted on any structure."""
+    return min(design_gap(model, mass, force, resonance), free_amplitude(model, mass, force, resonance))
 
 
 def common_gap(model: ModalModel, mass: float, forces: Mapping[int, float]) -> float:

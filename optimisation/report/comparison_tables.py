@@ -139,6 +139,7 @@ def summary(comparison: Comparison) -> Json:
                 "forces_n": part.forces.tolist(),
                 "limit_m": part.limit.tolist(),
                 "design_force_n": part.design_force,
+                "sweep_over_stationary_level": _number(part.sweep_ratio),
                 "concepts": {concept.key: _concept_summary(comparison, part, concept) for concept in comparison.concepts},
             }
             for part in comparison.resonances
@@ -175,7 +176,8 @@ def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     title = f"Resonance {part.resonance} ({part.omega / (2 * np.pi):.1f} Hz), {finished} of {comparison.members} members"
-    return [title, *lines, f"design rule: {part.design_force:.3g} N is the force at which the limit leaves zero"]
+    sweep = f"sweeps without absorber show {part.sweep_ratio:.3f} of the stationary level" if not math.isnan(part.sweep_ratio) else ""
+    return [title, *lines, *([sweep] if sweep else []), f"design rule: {part.design_force:.3g} N is the force at which the limit leaves zero"]
 
 
 def text_table(comparison: Comparison) -> str:

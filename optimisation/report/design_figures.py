@@ -19,7 +19,8 @@ from optimisation.designs import GAP, MASS_RATIO, POSITION
 from optimisation.insight import Levels, over_force
 from optimisation.objectives import Condition
 from optimisation.report.comparison_figure import DPI, MM, ORDINALS
-from optimisation.report.design_tables import Findings, limit
+from optimisation.report.design_tables import limit
+from optimisation.search.result import Findings
 
 Array = NDArray[np.float64]
 BLACK, BLUE, ORANGE, GREEN, GREY = "#000000", "#0072B2", "#D55E00", "#009E73", "0.55"  # Okabe and Ito

@@ -4,47 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from impact_env.modes import modal_model
 from optimisation.bounds import reduction_share, resonance_limit
-from optimisation.designs import Design
-from optimisation.insight import Levels, Sensitivity
+from optimisation.branches import Branches, branches
+from optimisation.designs import VARIABLES, Design
+from optimisation.insight import Levels
 from optimisation.objectives import Condition
 from optimisation.problem import Problem, detuned_beam
-from optimisation.search.judge import Audit, Judged, Verdict
+from optimisation.report.service_tables import service_lines, service_summary
+from optimisation.search.judge import Judged, Verdict
+from optimisation.search.result import Cost, Findings
 from optimisation.search.study import Evaluated
+from optimisation.statistics import COVERED, Gain
+from optimisation.sweep_rate import LEAST_RATIO
 
 Json = dict[str, object]
-WINNER, PAPER = "winner", "paper"
-
-
-@dataclass(frozen=True, eq=False)
-class Cost:
-    """What a search took: designs, runs and seconds of this session, and the share of the seconds that was not spent in runs."""
-
-    designs: int
-    runs: int
-    seconds: float
-    overhead: float
-
-
-@dataclass(frozen=True, eq=False)
-class Findings:
-    """All that is known about one concept; what was not computed, or was broken off, is None."""
-
-    problem: Problem
-    told: list[Evaluated]
-    finished: bool
-    cost: Cost
-    verdict: Verdict | None = None
-    audit: Audit | None = None
-    own: Levels | None = None  # winner and paper's design under the problem's own conditions
-    curves: tuple[Levels, ...] | None = None  # over the force, one for each condition
-    detuned: tuple[Levels, ...] | None = None
-    gap_map: tuple[Levels, ...] | None = None
-    gaps: tuple[float, ...] = ()
-    sensitivity: Sensitivity | None = None
+WINNER, PAPER, RULE = "winner", "paper", "rule"
 
 
 def number(value: float) -> float | None:
@@ -101,6 +77,19 @@ def _judged(judged: Judged) -> Json:
     }
 
 
+def compared(verdict: Verdict) -> dict[str, Judged]:
+    """Return the designs that are compared, by name."""
+    return {WINNER: verdict.winner, PAPER: verdict.paper, RULE: verdict.rule}
+
+
+def _gain(gain: Gain) -> Json:
+    return {"ratio": number(gain.ratio), f"{100 * COVERED:g}_percent": [number(gain.low), number(gain.high)]}
+
+
+def _branches(found: Branches | None, without: float) -> Json | None:
+    return None if found is None else {"relative": [level / without for level in found.levels], "shares_of_members": list(found.shares)}
+
+
 def summary(findings: Findings) -> Json:
     """Return a concept's result as JSON values."""
     problem, verdict, audit = findings.problem, findings.verdict, findings.audit
@@ -113,10 +102,14 @@ def summary(findings: Findings) -> Json:
         "overhead": number(round(findings.cost.overhead, 4)),
     }
     if verdict is not None:
-        gain = [number(x) for x in verdict.gain]
         content["found"] = {"number": verdict.found.number, "score": [number(x) for x in verdict.found.score.values]}
-        content["winner"], content["paper"] = _judged(verdict.winner), _judged(verdict.paper)
-        content["winner_over_paper"] = {"median": gain[0], "5_to_95_percent": gain[1:]}
+        content |= {name: _judged(judged) for name, judged in compared(verdict).items()}
+        content["winner_over_paper"], content["winner_over_rule"] = _gain(verdict.gain), _gain(verdict.gain_over(verdict.rule))
+        content["winner_at_bounds"] = problem.space.at_bounds(verdict.winner.design)
+    if findings.wider is not None:
+        content["with_more_modes"] = {"modes": findings.wider.modes, **_judged(findings.wider.judged), "change": _gain(findings.wider.change)}
+    if findings.service is not None:
+        content["in_service"] = service_summary(findings.service)
     if audit is not None and audit.designs:
         content["left_behind"] = {
             "run_in_full": audit.designs,
@@ -139,14 +132,17 @@ def _condition(findings: Findings, k: int) -> Json:
     assert own is not None
     assert verdict is not None
     condition, without = own.conditions[k], float(own.without[k])
+    sweep = problem.sweep_ratio(condition)
     rows: Json = {"resonance": condition.resonance, "force_n": condition.force, "detuning": condition.detuning, "without_m": without}
+    rows["sweep_over_stationary_level"] = number(sweep)
     for d, (name, judged) in enumerate(((WINNER, verdict.winner), (PAPER, verdict.paper))):
         level, bound = float(own.median[d, k]), limit(problem, judged.design, condition)
-        share = float(reduction_share(level, without, bound)) if bound < without else math.nan
+        share = float(reduction_share(level, without, bound)) if bound < without and sweep >= LEAST_RATIO else math.nan
         rows[name] = {
             "level_m": number(level),
             "level_5_to_95_percent_m": [number(own.low[d, k]), number(own.high[d, k])],
             "relative": number(level / without),
+            "branches": _branches(branches(judged.levels[:, k]), without),
             "limit_m": number(bound),
             "share_of_possible_reduction": number(share),
         }
@@ -162,25 +158,41 @@ def text(findings: Findings) -> str:
         return "\n".join([*lines, _so_far(findings)])
     if not findings.finished:
         lines.append("  stopped early: figures are missing")
-    width = max(len(v.name) for v in problem.space.free)
-    for v in problem.space.free:
-        mine, paper = verdict.winner.design.values[v.name], verdict.paper.design.values[v.name]
-        lines.append(f"  {v.name:<{width}}  {mine:10.4g}  (paper {paper:.4g}) {v.unit}".rstrip())
-    for name, judged in (("winner", verdict.winner), ("paper", verdict.paper)):
-        (low, high), *_ = judged.bands
-        lines.append(f"  {name} on fresh members: {judged.score.values[0]:.4g} ({low:.4g} to {high:.4g})")
-    found, (gain, low, high) = verdict.found.score.values[0], verdict.gain
-    lines.append(f"  the search thought {found:.4g}; winner over paper {gain:.3f} ({low:.3f} to {high:.3f})")
+    lines += _design_lines(problem, verdict)
     audit = findings.audit
     if audit is not None and audit.designs:
         what = f"of {audit.designs} designs left behind and now run in full, {audit.missed} beat the best found"
         lines.append(f"  {what}; rank correlation {audit.rank_correlation:.2f}")
-    if findings.own is not None:
-        lines += _condition_lines(findings)
+    lines += [*_condition_lines(findings), *_wider_lines(findings)]
+    if findings.service is not None:
+        lines += service_lines(findings.service)
     if findings.sensitivity is not None:
         parts = ", ".join(f"{name} {total:.2f}" for name, total in zip(findings.sensitivity.names, findings.sensitivity.total, strict=True))
         lines.append(f"  total Sobol indices within +-20 %: {parts}")
     return "\n".join(lines)
+
+
+def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
+    """Yield the winner's numbers beside those of the paper and the rule, what the members say of them, and the bounds that it lies at."""
+    free, every = {v.name for v in problem.space.free}, compared(verdict)
+    shown = [v for v in VARIABLES[problem.space.concept] if v.name in free or len({j.design.values[v.name] for j in every.values()}) > 1]
+    width = max(len(v.name) for v in shown)
+    for v in shown:
+        mine, paper, rule = (judged.design.values[v.name] for judged in every.values())
+        yield f"  {v.name:<{width}}  {mine:10.4g}  (paper {paper:.4g}, rule {rule:.4g}) {v.si}".rstrip()
+    for name, judged in every.items():
+        (low, high), *_ = judged.bands
+        yield f"  {name} on fresh members: {judged.score.values[0]:.4g} ({low:.4g} to {high:.4g})"
+    over = f"winner over paper {verdict.gain}, over the rule's design {verdict.gain_over(verdict.rule)}"
+    yield f"  the search thought {verdict.found.score.values[0]:.4g}; {over}, in brackets {100 * COVERED:g} % bootstrap intervals"
+    for line in problem.space.at_bounds(verdict.winner.design):
+        yield f"  the winner lies at a bound: {line}"
+
+
+def _wider_lines(findings: Findings) -> Iterator[str]:
+    if findings.wider is not None:
+        had, wider = findings.problem.model.modes, findings.wider
+        yield f"  winner with {wider.modes} modes: {wider.judged.score.values[0]:.4g}, {wider.change} of its value with {had}"
 
 
 def _so_far(findings: Findings) -> str:
@@ -201,10 +213,20 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
     assert findings.own is not None
     for k in range(len(findings.own.conditions)):
         row = _condition(findings, k)
-        mine, paper = row[WINNER], row[PAPER]
+        mine, paper, sweep = row[WINNER], row[PAPER], row["sweep_over_stationary_level"]
         assert isinstance(mine, dict)
         assert isinstance(paper, dict)
+        assert isinstance(sweep, float | None)
         share = mine["share_of_possible_reduction"]
         reached = "" if share is None else f", {100 * share:.0f} % of the reduction that the stationary limit leaves room for"
         levels = f"{1e3 * mine['level_m']:.3f} mm, {100 * mine['relative']:.1f} % of no absorber"
         yield f"  resonance {row['resonance']}, {row['force_n']:g} N: {levels} (paper {100 * paper['relative']:.1f} %){reached}"
+        for name, part in ((WINNER, mine), (PAPER, paper)):
+            if part["branches"] is not None:
+                low, high = (
+                    f"{100 * x:.1f} % ({100 * share:.0f} % of the members)"
+                    for x, share in zip(part["branches"]["relative"], part["branches"]["shares_of_members"], strict=True)
+                )
+                yield f"    {name} has two branches: {low} and {high}"
+        if sweep is not None and sweep < LEAST_RATIO:
+            yield f"    the sweeps show {sweep:.3f} of the stationary level without absorber: too fast to tell the share of the possible"

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from optimisation.objectives import Score
 from optimisation.problem import Problem
-from optimisation.report.design_tables import Cost, number
+from optimisation.report.design_tables import number
+from optimisation.search.front import hypervolume
 from optimisation.search.judge import Judged
+from optimisation.search.result import Cost
 from optimisation.search.study import Evaluated
 
 Array = NDArray[np.float64]
@@ -21,8 +24,8 @@ Json = dict[str, object]
 class Front:
     """A study of two objectives: all designs, the indices of those not dominated, and these and the paper's design on fresh members.
 
-    ``corner`` is what hypervolumes refer to, ``volume`` that of the front; ``against`` has seed, hypervolume of the method and of a random search
-    with the same budget.
+    ``corner`` is what hypervolumes refer to, ``volume`` that of the front as the search saw it; ``against`` has seed, hypervolume of the method and
+    of a random search with the same budget, both of their fronts run again on fresh members.
     """
 
     problem: Problem
@@ -37,6 +40,11 @@ class Front:
     against: tuple[tuple[int, float, float], ...] = ()
 
     @property
+    def fresh_volume(self) -> float | None:
+        """Hypervolume of the front on fresh members; None if they were not run."""
+        return None if self.fresh is None else hypervolume(signed(self.problem, [judged.score for judged in self.fresh]), self.corner)
+
+    @property
     def members(self) -> list[Evaluated]:
         """The designs that are not dominated, by the first objective."""
         return [self.told[k] for k in self.index]
@@ -49,8 +57,13 @@ class Front:
 
 def costs(problem: Problem, told: Sequence[Evaluated]) -> Array:
     """Return what is minimised of both objectives, (designs, 2); infinite for designs that break a constraint."""
+    return signed(problem, [e.score for e in told])
+
+
+def signed(problem: Problem, scores: Sequence[Score]) -> Array:
+    """Return what is minimised of scores, (scores, objectives); infinite where a constraint is broken."""
     signs = np.array([-1.0 if o.maximise else 1.0 for o in problem.objectives])
-    rows = np.array([e.score.values if e.score.feasible else np.full(len(signs), np.inf) * signs for e in told]).reshape(-1, len(signs))
+    rows = np.array([score.values if score.feasible else np.full(len(signs), np.inf) * signs for score in scores]).reshape(-1, len(signs))
     return np.asarray(rows * signs)
 
 
@@ -90,7 +103,7 @@ def front_summary(front: Front) -> Json:
         "overhead": number(round(front.cost.overhead, 4)),
         "front": rows,
         "paper": None if front.paper is None else [number(x) for x in front.paper.score.values],
-        "hypervolume": {"corner": list(front.corner), "front": front.volume},
+        "hypervolume": {"corner": list(front.corner), "front": front.volume, "front_on_fresh_members": front.fresh_volume},
         "against_random": [{"seed": seed, "method": mine, "random": random} for seed, mine, random in front.against],
         "seeds_won_against_random": front.won if front.against else None,
     }
@@ -109,7 +122,8 @@ def front_text(front: Front) -> str:
         lines.append("  " + "  ".join(f"{value:14.4g}" for value in values))
     if front.paper is not None:
         lines.append("  paper's design on fresh members: " + ", ".join(f"{x:.4g}" for x in front.paper.score.values))
-    lines.append(f"  hypervolume {front.volume:.4g} up to the corner {front.corner[0]:g}, {front.corner[1]:g}")
+    fresh = "" if front.fresh_volume is None else f", {front.fresh_volume:.4g} on fresh members"
+    lines.append(f"  hypervolume {front.volume:.4g}{fresh} up to the corner {front.corner[0]:g}, {front.corner[1]:g}")
     for seed, mine, random in front.against:
         lines.append(f"  seed {seed}: {mine:.4g}, random search {random:.4g}, {100 * (mine / random - 1):+.1f} %" if random > 0 else f"  seed {seed}")
     if front.against:

@@ -53,7 +53,9 @@ def summary(check: GapCheck) -> Json:
     return {
         "complete": check.complete,
         "rule_gap_m": check.rule,
+        "free_amplitude_over_gap": check.reach,
         "level_without_absorber_m": None if math.isnan(without) else without,
+        "sweep_over_stationary_level": None if math.isnan(without) else check.sweep_ratio,
         **points,
         "settings": {
             "force_n": check.force,
@@ -62,6 +64,7 @@ def summary(check: GapCheck) -> Json:
             "restitution": getattr(check.absorber.walls, "restitution", None),
             "friction_limit_n": None if friction is None else friction.limit,
             "modes": check.model.modes,
+            "percent_per_100_pseudo_periods": check.rate,
             "sweep_limits": list(check.limits),
             "members": len(check.without.members),
             "level": "larger of sweep up and sweep down; median and 5 to 95 % over the members",

@@ -1,13 +1,14 @@
 """What a search found, judged again: the best of many noisy values is too good to be true.
 
 The finalists of a study run again on members of the ensemble that the search has not seen, and the best of them there is the
-winner. What the winner is worth is then read from yet other members, on which the paper's design runs as well, member by member.
+winner. What the winner is worth is then read from yet other members, on which the designs that it is compared with run as well. A gain is the
+ratio of two designs' values with a bootstrap interval (`optimisation.statistics`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +16,34 @@ from scipy.stats import spearmanr
 
 from impact_env.curve import BAND
 from impact_env.ensemble import Members
-from impact_env.parameters import count, require
+from impact_env.parameters import Beam, count, require
 from optimisation.designs import Design
 from optimisation.evaluation import Executor, Progress, evaluate
-from optimisation.objectives import KINDS, Score
+from optimisation.insight import Levels
+from optimisation.measures import LEVEL
+from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem
 from optimisation.search.samplers import seed_of
 from optimisation.search.study import DesignStudy, Evaluated
+from optimisation.statistics import Gain, ratio_of_quantiles
 
 Array = NDArray[np.float64]
 FINALISTS, AUDITED = 5, 8
-CHOICE, VERDICT = 0, 1  # two sets of fresh members: one chooses among the finalists, one judges the choice
+CHOICE, VERDICT, AUDIT = 0, 1, 3  # sets of fresh members: one chooses among the finalists, one judges the choice (2 is `insight.SHOWN`)
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A design on fresh members: its ``score`` and, for each objective, one value a member, ``members`` (objectives, M)."""
+    """A design on fresh members: its ``score`` and, for each objective, one value a member, ``members`` (objectives, M).
+
+    ``levels`` (M, conditions) in m of the free end, the larger of up and down, and that ``without`` absorber of the same members.
+    """
 
     design: Design
     score: Score
     members: Array
+    levels: Array
+    without: Array
 
     @property
     def bands(self) -> list[tuple[float, float]]:
@@ -44,21 +53,27 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """The winner of a study, what the search thought of it, and winner and paper's design on the same fresh members."""
+    """The winner of a study, what the search thought of it, and winner, paper's design and the space's start on the same fresh members."""
 
     found: Evaluated
     winner: Judged
     paper: Judged
+    rule: Judged  # where the search begins unless it is from scratch: the paper's design scaled to the structure
+    share: float = 0.5  # of the members that the first objective's value is the quantile of
+
+    def levels(self, conditions: Sequence[Condition]) -> Levels:
+        """Return the levels of winner and paper's design, (2, conditions), under the problem's own ``conditions``."""
+        low, median, high = np.quantile([self.winner.levels, self.paper.levels], (BAND[0], 0.5, BAND[1]), axis=1)
+        return Levels(tuple(conditions), median, low, high, np.median(self.winner.without, axis=0))
+
+    def gain_over(self, other: Judged) -> Gain:
+        """Return the winner over another design in the first objective: the ratio of their values, and its 95 % bootstrap interval."""
+        return ratio_of_quantiles(self.winner.members[0], other.members[0], self.share)
 
     @property
-    def gain(self) -> tuple[float, float, float]:
-        """Winner over paper's design in the first objective: median and 5 to 95 % band over the members; NaN where the paper's is 0."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = self.winner.members[0] / self.paper.members[0]
-        if not np.all(np.isfinite(ratio)):
-            return (float("nan"),) * 3
-        middle, low, high = (float(x) for x in np.quantile(ratio, (0.5, *BAND)))
-        return middle, low, high
+    def gain(self) -> Gain:
+        """Winner over paper's design."""
+        return self.gain_over(self.paper)
 
 
 def judged(problem: Problem, designs: Sequence[Design], ensemble: Members, executor: Executor, progress: Progress | None = None) -> list[Judged]:
@@ -66,12 +81,9 @@ def judged(problem: Problem, designs: Sequence[Design], ensemble: Members, execu
     reference = problem.reference(ensemble, problem.rate)
     results: dict[int, Judged] = {}
     for k, measured in evaluate(problem, designs, ensemble, problem.rate, executor, progress):
-        values = []
-        for objective in problem.objectives:
-            column = problem.measures.index(KINDS[objective.kind].measure)
-            scale = reference[..., column].max(axis=2, keepdims=True) if KINDS[objective.kind].relative else 1.0
-            values.append(objective.per_member(measured[..., column] / scale, problem.conditions))
-        results[k] = Judged(designs[k], problem.score(designs[k], measured, ensemble, problem.rate), np.array(values))
+        values = problem.member_values(measured, ensemble, problem.rate)
+        level, without = (array[..., problem.measures.index(LEVEL)].max(axis=2) for array in (measured, reference))
+        results[k] = Judged(designs[k], problem.score(designs[k], measured, ensemble, problem.rate), values, level, without)
     return [results[k] for k in range(len(designs))]
 
 
@@ -88,8 +100,29 @@ def verdict(
     again = judged(problem, [e.design for e in best], problem.fresh_ensemble(problem.members, CHOICE), executor, progress)
     chosen = min(range(len(best)), key=lambda k: (problem.cost(again[k].score), k))
     ensemble = problem.fresh_ensemble(problem.members, VERDICT)
-    winner, paper = judged(problem, [best[chosen].design, problem.space.default], ensemble, executor, progress)
-    return Verdict(best[chosen], winner, paper)
+    compared = [best[chosen].design, problem.space.paper, problem.space.default]
+    winner, paper, rule = judged(problem, compared, ensemble, executor, progress)
+    return Verdict(best[chosen], winner, paper, rule, problem.objectives[0].share)
+
+
+@dataclass(frozen=True, eq=False)
+class MoreModes:
+    """A winner with more ``modes`` kept than the search had: judged on the same members, and the change of its value with a bootstrap interval."""
+
+    modes: int
+    judged: Judged
+    change: Gain
+
+
+def more_modes(problem: Problem, winner: Judged, share: float, executor: Executor, progress: Progress | None = None) -> MoreModes | None:
+    """Run a winner again with twice the modes, as far as the elements allow; None if the structure has no more."""
+    beam = problem.beam
+    modes = min(2 * beam.modes, 2 * beam.elements) if isinstance(beam, Beam) and not isinstance(beam.damping_ratio, tuple) else 0
+    if modes <= problem.model.modes:
+        return None
+    wider = replace(problem, beam=replace(beam, modes=modes))
+    (found,) = judged(wider, [winner.design], problem.fresh_ensemble(problem.members, VERDICT), executor, progress)
+    return MoreModes(modes, found, ratio_of_quantiles(found.members[0], winner.members[0], share))
 
 
 @dataclass(frozen=True)
@@ -102,7 +135,7 @@ class Audit:
 
 
 def audit(study: DesignStudy, executor: Executor, designs: int = AUDITED, progress: Progress | None = None) -> Audit:
-    """Run some of the designs that a study left behind on all members at the problem's own rate: what did the shortcut cost?
+    """Run some of the designs that a study left behind in full, on fresh members beside the best found: what did the shortcut cost?
 
     Drawn at random from the better half of those that stopped on each rung, where a mistake is most likely.
     """
@@ -115,8 +148,10 @@ def audit(study: DesignStudy, executor: Executor, designs: int = AUDITED, progre
         return Audit(0, 0, float("nan"))
     generator = np.random.default_rng(seed_of(study.settings.seed, 1))
     drawn = [pool[k] for k in sorted(generator.choice(len(pool), min(designs, len(pool)), replace=False))]
-    again = judged(problem, [e.design for e in drawn], problem.ensemble, executor, progress)
-    best = min(problem.cost(e.score) for e in complete)
+    found = min(complete, key=lambda e: problem.cost(e.score))
+    ensemble = problem.fresh_ensemble(problem.members, AUDIT)
+    *again, winner = judged(problem, [*(e.design for e in drawn), found.design], ensemble, executor, progress)
+    best = problem.cost(winner.score)
     missed = sum(problem.cost(j.score) < best for j in again)
     told, full = [problem.cost(e.score) for e in drawn], [problem.cost(j.score) for j in again]
     return Audit(len(drawn), missed, float(spearmanr(told, full).statistic) if len(drawn) > 2 else float("nan"))

@@ -1,9 +1,9 @@
 """How a search is made: method, batch, seed, and the rungs on which hopeless designs are left behind.
 
 A design climbs rung by rung. On each rung the batch is run with more members or with a slower sweep, and only the best share of the batch
-goes on (successive halving, on common random numbers). What is left behind was judged by the few runs it got, and is told to the
+goes on (successive halving). What is left behind was judged by the few runs it got, and is told to the
 method as worse than all that went on; only designs that reached the last rung can win. A sweep ten times as fast takes a tenth of
-the time and ranks designs much like the paper's rate does, though not in the same order: `optimisation.search.judge.audit` measures what
+the time and ranks designs much like the usual rate does, though not in the same order: `optimisation.search.judge.audit` measures what
 the shortcut cost.
 """
 
@@ -11,14 +11,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from impact_env.drive import PAPER_RATE
 from impact_env.parameters import count, fraction, positive, require
 from optimisation.designs import TUNED
 from optimisation.problem import Problem
 from optimisation.search.samplers import CMA, GP, NSGA2, SAMPLERS, check_sampler
 
 BATCHES = {CMA: 40, NSGA2: 20, GP: 8}
-FAST = 10.0  # rate of the first rung over the paper's: faster still, the sweep is over before the response has built up
+FAST = 10.0  # rate of the first rung over the usual one: faster still, the sweep is over before the response has built up
 FEW = 2  # members of the first rungs
 KEPT = (0.2, 0.25)  # shares that go on from the first rungs: of 40 designs 8, and then 2
 
@@ -92,7 +91,7 @@ def default_settings(
     require(name in SAMPLERS, "sampler", name, f"one of {', '.join(SAMPLERS)}")
     rungs: tuple[Rung, ...] = (Rung(problem.members),)
     if screening and not several and problem.space.concept != TUNED:
-        few, speed = min(FEW, problem.members), FAST * PAPER_RATE / problem.rate
+        few, speed = min(FEW, problem.members), FAST * problem.usual_rate / problem.rate
         if few < problem.members:
             rungs = (Rung(few, 1.0, KEPT[1]), *rungs)
         if speed > 1:

@@ -33,7 +33,7 @@ def smooth_search(
     from_scratch: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[list[Evaluated], bool]:
-    """Return the designs that were run, by number: the paper's (unless ``from_scratch``), scattered ones, and descents from the best of those.
+    """Return the designs that were run, by number: the space's start (unless ``from_scratch``), scattered ones, and descents from the best of those.
 
     Ends after about ``designs`` of them, or when every descent has come to rest. The flag is
     False if a KeyboardInterrupt ended it early. Raises ParameterError
@@ -57,7 +57,7 @@ def smooth_search(
         return run([problem.space.at(np.clip(shares, 0, 1).tolist())])[0] + float(np.sum(np.abs(shares - np.clip(shares, 0, 1))))
 
     size = len(problem.space.free)
-    start = [v.share_of(problem.space.default.values[v.name]) for v in problem.space.free]
+    start = problem.space.shares(problem.space.default)
     points = qmc.Halton(size, rng=np.random.default_rng(seed)).random(min(SCATTERED, designs - 1))
     points = points if from_scratch else np.vstack([start, points])
     try:

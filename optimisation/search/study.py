@@ -114,7 +114,7 @@ class DesignStudy:
     def _batch(self, first: int, executor: Executor, show: Callable[[int], None]) -> None:
         size = self.settings.batch + (first == 0)
         trials = self._asked(first, size)
-        designs = [self.problem.space.design({name: trial.params[name] for name in self._space}) for trial in trials]
+        designs = [self.problem.space.decoded({name: trial.params[name] for name in self._space}) for trial in trials]
         going = list(range(size))
         reached: dict[int, tuple[int, Score]] = {}
         for level, rung in enumerate(self.settings.rungs):
@@ -145,7 +145,9 @@ class DesignStudy:
 
     def _sampler(self, number: int) -> TrialSampler:
         chosen, space = self.settings, self.problem.space
-        return TrialSampler(chosen.sampler, space, chosen.batch, chosen.seed, number, None if chosen.from_scratch else space.default.values)
+        return TrialSampler(
+            chosen.sampler, space, chosen.batch, chosen.seed, number, None if chosen.from_scratch else space.coordinates(space.default)
+        )
 
     def _climb(self, level: int, going: Sequence[tuple[FrozenTrial, Design]], executor: Executor, show: Callable[[int], None]) -> list[Score]:
         """Return the scores of designs on a rung, running what the journal does not hold yet."""
@@ -201,7 +203,7 @@ class DesignStudy:
     def _evaluated(self, trial: FrozenTrial) -> Evaluated:
         told = trial.user_attrs[_SCORE]
         score = Score(tuple(told["values"]), tuple(told["violations"]), bool(told["failed"]))
-        return Evaluated(trial.number, self.problem.space.design({name: trial.params[name] for name in self._space}), score, int(told["rungs"]))
+        return Evaluated(trial.number, self.problem.space.decoded({name: trial.params[name] for name in self._space}), score, int(told["rungs"]))
 
 
 def _listed(measured: Array) -> object:

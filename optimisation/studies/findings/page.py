@@ -96,7 +96,7 @@ def _judged(judged: Json) -> str:
 
 def _gain(found: Json, digits: int = 3) -> str:
     gain = found["winner_over_paper"]
-    return f"{gain['median']:.{digits}f} ({_band(gain['5_to_95_percent'], 1.0, f'.{digits}f')})"
+    return f"{gain['ratio']:.{digits}f} ({_band(gain['95_percent'], 1.0, f'.{digits}f')})"
 
 
 def _concepts(result: Json) -> str:

@@ -1,0 +1,70 @@
+"""A winner in service as JSON values and as a text to read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimisation.measures import FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_SPEED, STROKE
+from optimisation.service import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Service
+from optimisation.units import parts_of
+
+Json = dict[str, object]
+WORDS = {
+    IMPACT_SPEED: ("impact speed", "m/s", 1.0),
+    IMPACT_RATE: ("impacts", "1/s", 1.0),
+    IMPACT_POWER: ("power lost in impacts (wear)", "mW", 1e3),
+    FRICTION_HEAT: ("friction heat", "mW", 1e3),
+    STROKE: ("stroke", "mm", 1e3),
+}
+
+
+def _numbers(values: NDArray[np.float64]) -> list[float | None]:
+    return [float(x) if math.isfinite(x) else None for x in values]
+
+
+def _range_of(name: str) -> str:
+    """Return what a tolerance is, in words."""
+    kind, size = (BEAM_TOLERANCES | TOLERANCES)[name if name in BEAM_TOLERANCES else parts_of(name)[0]]
+    return {"share": f"-+{100 * size:g} %", "factor": f"over and times {size:g}", "difference": f"-+{size:g}"}[kind]
+
+
+def service_summary(found: Service) -> Json:
+    """Return what is known as JSON values, condition by condition, in SI units."""
+    rows = []
+    for c, condition in enumerate(found.conditions):
+        rows.append(
+            {
+                "resonance": condition.resonance,
+                "force_n": condition.force,
+                "watched_5_50_95_percent": {name: _numbers(values[:, c]) for name, values in found.watched.items()},
+                "forces_that_it_halves_n": _numbers(found.forces[:, c]),
+                "level_m": float(found.level[c]),
+                "level_with_one_number_off_m": {name: _numbers(values[:, c]) for name, values in found.single.items()},
+                "level_with_all_off_m": {f"{100 * q:g} %": x for q, x in zip(QUANTILES, _numbers(found.joint[:, c]), strict=True)},
+                "lasting_level_m": _numbers(found.lasting[c : c + 1])[0],
+            }
+        )
+    return {"tolerances": {name: _range_of(name) for name in found.single}, "conditions": rows}
+
+
+def service_lines(found: Service) -> Iterator[str]:
+    """Yield the lines of a text, condition by condition."""
+    for c, condition in enumerate(found.conditions):
+        yield f"  in service at resonance {condition.resonance}, {condition.force:g} N:"
+        for name, values in found.watched.items():
+            word, unit, scale = WORDS[name]
+            low, middle, high = (f"{scale * x:.3g}" for x in values[:, c])
+            yield f"    {word} {middle} {unit} ({low} to {high})"
+        low, high = found.forces[:, c]
+        yield "    at this force it does not halve the level" if math.isnan(low) else f"    halves the level at least from {low:.3g} to {high:.3g} N"
+        for name, values in found.single.items():
+            small, large = (f"{100 * (x / found.level[c] - 1):+.0f} %" for x in values[:, c])
+            yield f"    {name.replace('_', ' ')} off by {_range_of(name)}: level {small} and {large}"
+        parts = ", ".join(f"{1e3 * x:.3g} mm in {100 * q:g} %" for q, x in zip(QUANTILES, found.joint[:, c], strict=True))
+        yield f"    all of them off at once: at most {parts} of the cases"
+        over = found.lasting[c] / found.level[c]
+        yield f"    a lasting vibration at the worst frequency: {1e3 * found.lasting[c]:.3g} mm, {over:.2f} of the sweep's level"

@@ -1,0 +1,143 @@
+"""A whole search: propose and run designs, choose among the finalists, judge the choice on fresh members, and say what is known.
+
+    problem = Problem(design_space("impact"), (Condition(1, 3.5), Condition(2, 35.0)))
+    findings = find(problem, Plan(designs=200))
+    findings.verdict.winner.design
+
+`scripts/optimise_design.py` does no more than that, with bars and files.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from optimisation.designs import WITH_IMPACTS
+from optimisation.evaluation import Clocked, Executor, Threads
+from optimisation.problem import Problem
+from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdict
+from optimisation.search.noisy import MEMBERS_A_DESIGN, NOISY, noisy_search
+from optimisation.search.result import Cost, Findings
+from optimisation.search.settings import Settings, default_settings
+from optimisation.search.smooth import MEMBERS, smooth_search
+from optimisation.search.study import DesignStudy, Evaluated, Progress, opened
+
+SCIPY = "scipy"
+Counting = Callable[[int, int], None]  # takes how many runs are done, and of how many
+
+
+@dataclass(frozen=True)
+class Bars:
+    """What shows how far a search is: ``runs`` under a label, and the designs of a ``study`` under a label, of so many. The default shows nothing."""
+
+    runs: Callable[[str], AbstractContextManager[Counting]] = lambda _label: nullcontext(lambda _done, _total: None)
+    study: Callable[[str, int], AbstractContextManager[Callable[[Progress], None]]] = lambda _label, _wanted: nullcontext(lambda _progress: None)
+
+
+QUIET = Bars()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How to search: number of ``designs``, method (None: by the concept), and the rest as in `default_settings`; ``audit`` as in `judge.audit`.
+
+    ``modes``: whether the winner runs again with more modes.
+    """
+
+    designs: int
+    sampler: str | None = None
+    batch: int | None = None
+    seed: int = 0
+    screening: bool = True
+    from_scratch: bool = False
+    audit: int = AUDITED
+    modes: bool = True
+
+    @property
+    def noisy(self) -> bool:
+        """Whether a model of the noise searches, see `optimisation.search.noisy`."""
+        return self.sampler in NOISY
+
+    def smooth(self, concept: str) -> bool:
+        """Return whether SciPy searches: on request, and by default where there are no walls and so no chaos."""
+        return (self.sampler or (None if concept in WITH_IMPACTS else SCIPY)) == SCIPY
+
+
+@contextmanager
+def searched(
+    label: str, problem: Problem, settings: Settings, designs: int, journal: Path | None, executor: Executor, bars: Bars = QUIET
+) -> Iterator[tuple[DesignStudy, bool, Cost]]:
+    """Run a study under a bar and give it, still open, with whether it came to its end and what it took; errors as in `opened`."""
+    with opened(problem, settings, journal) as study:
+        with bars.study(label, settings.whole_batches(designs)) as show:
+            finished = study.run(designs, executor, show)
+        overhead = 1 - study.evaluating / study.seconds if study.runs else 0.0
+        yield study, finished, Cost(len(study.told), study.runs, study.seconds, overhead)
+
+
+def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Executor | None = None, bars: Bars = QUIET) -> Findings:
+    """Search, choose and judge; what a KeyboardInterrupt breaks off is left out, and the same call goes on from the ``journal``.
+
+    ``journal`` None keeps the study in memory, ``executor`` None is all cores. Raises ParameterError for a plan that the problem does not allow and
+    StudyError for a journal that is another study's.
+    """
+    executor, concept = executor or Threads(), problem.space.concept
+    if plan.smooth(concept):
+        return _find_smoothly(problem, plan, executor, bars)
+    if plan.noisy:
+        return _find_noisily(problem, plan, executor, bars)
+    settings = default_settings(problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch)
+    with searched(f"{concept}: search", problem, settings, plan.designs, journal, executor, bars) as (study, finished, cost):
+        findings = Findings(problem, study.told, finished, cost)
+        if not finished:
+            return findings
+        findings = _judged(findings, study.complete, plan, executor, bars)
+        if len(settings.rungs) > 1 and findings.verdict is not None and plan.audit:
+            with bars.runs(f"{concept}: designs left behind, in full") as show:
+                findings = replace(findings, audit=audit(study, executor, plan.audit, show))
+    return findings
+
+
+def _find_smoothly(problem: Problem, plan: Plan, executor: Executor, bars: Bars) -> Findings:
+    began, runs, clocked = time.perf_counter(), 2 * min(MEMBERS, problem.members) * len(problem.conditions), Clocked(executor)
+    with bars.runs(f"{problem.space.concept}: search") as show:
+
+        def count(done: int) -> None:
+            show(runs * done, runs * max(done, plan.designs))
+
+        told, finished = smooth_search(problem, plan.designs, clocked, plan.seed, plan.from_scratch, count)
+    seconds = time.perf_counter() - began
+    findings = Findings(problem, told, finished, Cost(len(told), runs * len(told), seconds, 1 - clocked.seconds / seconds))
+    return _judged(findings, [e for e in told if e.score.feasible], plan, executor, bars) if finished else findings
+
+
+def _find_noisily(problem: Problem, plan: Plan, executor: Executor, bars: Bars) -> Findings:
+    """Search with a model of the noise: a design of the plan counts as one member or a little more, as many as one costs that is screened."""
+    assert plan.sampler is not None
+    began, members, clocked = time.perf_counter(), max(2, round(MEMBERS_A_DESIGN * plan.designs)), Clocked(executor)
+    runs, done = 2 * len(problem.conditions), 0
+    with bars.runs(f"{problem.space.concept}: search") as show:
+
+        def count(told: int) -> None:
+            nonlocal done
+            done = told
+            show(runs * told, runs * max(told, members))
+
+        told, finished = noisy_search(problem, plan.sampler, members, clocked, plan.seed, plan.from_scratch, count)
+    seconds = time.perf_counter() - began
+    findings = Findings(problem, told, finished, Cost(done, runs * done, seconds, 1 - clocked.seconds / seconds))
+    return _judged(findings, told, plan, executor, bars) if finished else findings
+
+
+def _judged(findings: Findings, candidates: Sequence[Evaluated], plan: Plan, executor: Executor, bars: Bars) -> Findings:
+    if not candidates:
+        return findings
+    problem, concept = findings.problem, findings.problem.space.concept
+    with bars.runs(f"{concept}: judging on fresh members") as show:
+        found: Verdict = verdict(problem, candidates, executor, progress=show)
+    with bars.runs(f"{concept}: winner with more modes") as show:
+        wider = more_modes(problem, found.winner, found.share, executor, show) if plan.modes else None
+    return replace(findings, verdict=found, wider=wider)
