@@ -6,10 +6,11 @@ The kernels release Python's lock, so plain threads share one copy of everything
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, Protocol, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,19 @@ Array = NDArray[np.float64]
 PERTURBATION = 1e-6  # of the force: far above rounding and far below what a force is known to
 MemberKind = Literal["both", "phase", "rounding"]
 Progress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
+LANES_A_BATCH = 4  # that an executor gets at once: few enough to spread, and more work than it takes to send them
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Executor(Protocol):
+    """Something that does work elsewhere than in threads of this process, as a cluster's workers do."""
+
+    def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
+        """Yield (number of the item, ``function(item)``) in the order in which they are finished; closing it drops what has not begun.
+
+        Function and items can be pickled. Items of one of the ``kinds`` need the same kernels.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,25 +134,66 @@ def run_lanes(
     samples_per_period: int = DEFAULT_SAMPLES,
     progress: Progress | None = None,
     most_events: int | None = None,
+    executor: Executor | None = None,
 ) -> LaneLevels:
     """Run lanes with a method (default: Exact) on a number of threads (default: all cores); arrays of the result are (len(lanes),).
 
+    An ``executor`` runs them elsewhere, with the same result; it has threads of its own, so that ``threads`` must be None.
+
     Each lane is bit for bit what `simulate` gives. Lanes start in the order given. A KeyboardInterrupt ends the run early: lanes under way
-    are finished, the others stay NaN, ``complete`` is False; a second one is passed on. Raises ParameterError and IntegrationError,
-    with the lane named, as `simulate` does. ``most_events`` is the budget of each lane.
+    are finished (an executor drops them), the others stay NaN, ``complete`` is False; a second one is passed on. Raises ParameterError and
+    IntegrationError, with the lane named, as `simulate` does. ``most_events`` is the budget of each lane.
     """
     method = Exact() if method is None else method
+    require(threads is None or executor is None, "threads", threads, "None with an executor, which has its own")
     workers = available_cores() if threads is None else count("threads", threads, 1)
     record, budget = Record(samples_per_period=samples_per_period), checked_budget(most_events)
-    first = first_of_each([kernel_key(lane.scene, method) for lane in lanes])
+    keys = [kernel_key(lane.scene, method) for lane in lanes]
     values = np.full((6, len(lanes)), np.nan)
 
     def run(k: int) -> None:
         values[:, k] = _level_of(k, lanes[k], method, record, budget)
 
-    _run_all(run, first, len(lanes), workers, progress)
+    if executor is None:
+        _run_all(run, first_of_each(keys), len(lanes), workers, progress)
+    else:
+        starts = range(0, len(lanes), LANES_A_BATCH)
+        batches = [LaneBatch(k, tuple(lanes[k : k + LANES_A_BATCH]), method, record, budget) for k in starts]
+        _run_elsewhere(batches, [frozenset(keys[k : k + LANES_A_BATCH]) for k in starts], executor, values, progress)
     level, time, ratio, tip, impacts, stuck = values
     return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=not np.isnan(level).any())
+
+
+@dataclass(frozen=True, eq=False)
+class LaneBatch:
+    """Lanes from number ``start`` on with how to run them: plain data, which another process turns into the same levels."""
+
+    start: int
+    lanes: tuple[Lane, ...]
+    method: Method
+    record: Record
+    most_events: int | None
+
+
+def levels_of(batch: LaneBatch) -> Array:
+    """Return the results of a batch, (6, lanes), in the order of `LaneLevels`; errors as in `run_lanes`."""
+    numbered = enumerate(batch.lanes, batch.start)
+    return np.array([_level_of(k, lane, batch.method, batch.record, batch.most_events) for k, lane in numbered]).T
+
+
+def _run_elsewhere(batches: Sequence[LaneBatch], kinds: Sequence[Hashable], executor: Executor, values: Array, progress: Progress | None) -> None:
+    """Fill ``values`` (6, all lanes) batch by batch."""
+    done = 0
+    with closing(executor.each(levels_of, batches, kinds)) as results:
+        try:
+            for k, found in results:
+                start, lanes = batches[k].start, found.shape[1]
+                values[:, start : start + lanes] = found
+                done += lanes
+                if progress is not None:
+                    progress(done, values.shape[1])
+        except KeyboardInterrupt:
+            pass  # what is finished is in its slots
 
 
 def _level_of(k: int, lane: Lane, method: Method, record: Record, most_events: int | None) -> tuple[float, ...]:

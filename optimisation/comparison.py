@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
 from impact_env.drive import PAPER_LIMITS
-from impact_env.ensemble import Progress
+from impact_env.ensemble import Executor, Progress
 from impact_env.methods import Method
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Absorber, Beam, RigidWalls, TunedAbsorber, count, friction_damper, impact_absorber
@@ -136,6 +136,7 @@ def compare(
     method: Method | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> Comparison:
     """Compute all curves near both resonances; arguments and interruption as in `performance_curves`, a rate of None is `default_rate`."""
     model = modal_model(Beam() if beam is None else beam)
@@ -150,7 +151,7 @@ def compare(
         for resonance, grid in zip(RESONANCES, grids, strict=True)
         for concept, scene in zip(compared, scenes, strict=True)
     ]
-    curves = iter(performance_curves(cases, members, seed, method, threads=threads, progress=progress))
+    curves = iter(performance_curves(cases, members, seed, method, threads=threads, progress=progress, executor=executor))
     parts = tuple(
         ResonanceComparison(model, resonance, grid, {concept.key: next(curves) for concept in compared}, f)
         for resonance, grid, f in zip(RESONANCES, grids, design, strict=True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,12 @@ from _memory import peak_memory
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import available_cores
-from impact_env.extras import how_to_install, optional
-from impact_env.parameters import Beam, ParameterError
+from impact_env.extras import optional
+from impact_env.parameters import Beam
 from optimisation.comparison import WIDE_LIMITS
 from optimisation.designs import TUNED, VARIABLES, DesignSpace, design_space
-from optimisation.evaluation import Executor, Threads
+from optimisation.evaluation import Executor
+from optimisation.executors import cluster_option, executor
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
 
@@ -64,7 +65,7 @@ SHARED = (
     click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=f"Upper limit of {', '.join(LIMITABLE)}, in SI units."),
     click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
     click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]"),
-    click.option("--cluster", metavar="ADDRESS", help="Send the runs to the workers of the Dask scheduler at this address instead."),
+    cluster_option,
 )
 
 
@@ -107,22 +108,9 @@ def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tu
     return replace(problem, rate=QUICK_SPEED * problem.rate) if given["quick"] else problem
 
 
-@contextmanager
-def executor_of(given: dict[str, Any]) -> Iterator[Executor]:
+def executor_of(given: dict[str, Any]) -> AbstractContextManager[Executor]:
     """Give the executor that the options ask for."""
-    if given["cluster"] is None:
-        yield Threads(given["threads"])
-        return
-    if given["threads"] is not None:
-        raise ParameterError(f"--threads = {given['threads']} is not allowed: with --cluster, whose workers have their own")
-    try:
-        from optimisation.search.cluster import Workers
-    except ImportError as error:
-        raise ParameterError(
-            f"--cluster = {given['cluster']} is not allowed: where the package distributed is installed; {how_to_install('distributed')}"
-        ) from error
-    with Workers(given["cluster"]) as workers:
-        yield workers
+    return executor(given["threads"], given["cluster"])
 
 
 def conditions_of(given: dict[str, Any]) -> dict[str, object]:

@@ -17,6 +17,7 @@ from _progress import sweeps_bar
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import available_cores
 from optimisation.comparison import DEFAULT_FORCES, Comparison, compare
+from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
 
@@ -35,16 +36,16 @@ def write(out: Path, comparison: Comparison, conditions: dict[str, object]) -> l
     return files
 
 
-def run(forces: int, members: int, seed: int, threads: int | None) -> Comparison:
-    with sweeps_bar("comparing") as show:
-        return compare(forces=forces, members=members, seed=seed, threads=threads, progress=show)
+def run(forces: int, members: int, seed: int, threads: int | None, cluster: str | None) -> Comparison:
+    with workers(threads, cluster) as executor, sweeps_bar("comparing") as show:
+        return compare(forces=forces, members=members, seed=seed, threads=threads, progress=show, executor=executor)
 
 
-def conditions(started: float, threads: int | None) -> dict[str, object]:
+def conditions(started: float, threads: int | None, cluster: str | None) -> dict[str, object]:
     versions = {"python": platform.python_version(), "numpy": numpy.__version__, "scipy": scipy.__version__, "numba": numba.__version__}
     return {
         "versions": versions,
-        "threads": threads or available_cores(),
+        **({"cluster": cluster} if cluster else {"threads": threads or available_cores()}),
         "wall_s": round(time.perf_counter() - started, 2),
         "memory_bytes": peak_memory(),
     }
@@ -56,10 +57,11 @@ def conditions(started: float, threads: int | None) -> dict[str, object]:
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
 @click.option("--forces", type=click.IntRange(min=2), help=f"Number of forces for each resonance.  [default: {DEFAULT_FORCES}]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@cluster_option
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("results/compare_absorbers"), show_default=True, help="Folder for figure and tables."
 )
-def main(quick: bool, members: int | None, seed: int, forces: int | None, threads: int | None, out: Path) -> None:
+def main(quick: bool, members: int | None, seed: int, forces: int | None, threads: int | None, cluster: str | None, out: Path) -> None:
     """Compare absorbers of one mass on the paper's beam: response level over the force near the first and the second resonance.
 
     Writes comparison.png, curves.csv (medians and bands), runs.csv (every run) and summary.json, and prints a table. Ctrl-C ends the
@@ -70,8 +72,8 @@ def main(quick: bool, members: int | None, seed: int, forces: int | None, thread
     forces = forces or (QUICK_FORCES if quick else DEFAULT_FORCES)
     with plain_errors():
         require_writable("--out", out)
-        comparison = run(forces, members, seed, threads)
-        files = write(out, comparison, conditions(started, threads))
+        comparison = run(forces, members, seed, threads, cluster)
+        files = write(out, comparison, conditions(started, threads, cluster))
     click.echo(text_table(comparison))
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

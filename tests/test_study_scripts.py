@@ -108,7 +108,7 @@ def test_study_goes_on_and_tells_the_same(optimise: ModuleType, tmp_path: Path, 
 
     arguments = [*FAST, "--designs", 5, "--no-figures", "--audit", 0]
     with monkeypatch.context() as patch:
-        patch.setattr("_design_options.Threads", Stopping)
+        patch.setattr("optimisation.executors.Threads", Stopping)
         result = call(optimise, *arguments, "--out", tmp_path / "a")
     assert result.exit_code == 130
     assert "goes on from here" in result.output

@@ -30,6 +30,7 @@ from optimisation.problem import Problem
 from optimisation.search.journal import Journal, StudyError, alone, repair
 from optimisation.search.samplers import CMA, TrialSampler, distributions
 from optimisation.search.settings import Settings
+from optimisation.sources import SEARCHING, fingerprint
 
 with optional():
     import optuna
@@ -39,7 +40,7 @@ with optional():
 
 Array = NDArray[np.float64]
 Json = dict[str, object]
-STUDY_FORMAT = 1
+STUDY_FORMAT = 2
 NAME = "design"
 _IDENTITY, _SCORE = "identity", "score"
 
@@ -240,7 +241,8 @@ def opened(problem: Problem, settings: Settings, journal: Path | None = None) ->
 def _study(problem: Problem, settings: Settings, storage: optuna.storages.BaseStorage, journal: Path | None) -> optuna.Study:
     directions = ["maximize" if objective.maximise else "minimize" for objective in problem.objectives]
     names = [summary.study_name for summary in optuna.get_all_study_summaries(storage)]
-    identity = json.loads(json.dumps({"version": STUDY_FORMAT, "problem": problem.describe(), "search": settings.describe()}))
+    made = {"problem": problem.describe(), "search": settings.describe(), "sources": fingerprint(__name__, SEARCHING)}
+    identity = json.loads(json.dumps({"version": STUDY_FORMAT, **made}))
     if names and NAME not in names:
         raise StudyError(f"study file = {journal} is not allowed: it holds {', '.join(map(repr, names))}, and no study of this workbench")
     if not names:
