@@ -69,6 +69,11 @@ SHARED = (
 )
 
 
+study_option = click.option(
+    "--study", type=click.Path(path_type=Path, dir_okay=False), help="Study file.  [default: study.journal in the folder, quick.journal with --quick]"
+)
+
+
 def shared_options(command: Command) -> Command:
     for option in reversed(SHARED):
         command = option(command)
@@ -120,5 +125,7 @@ def conditions_of(given: dict[str, Any]) -> dict[str, object]:
     return {"versions": versions, **where, "memory_bytes": peak_memory()}
 
 
-def journal_of(study: Path | None, folder: Path) -> Path:
-    return folder / "study.journal" if study is None else study
+def journal_of(given: dict[str, Any], folder: Path) -> Path:
+    """Return the file named by --study, or the folder's own: a quick look has one for itself, as it is another study."""
+    study: Path | None = given["study"]
+    return study or folder / ("quick.journal" if given["quick"] else "study.journal")

@@ -28,6 +28,7 @@ from optimisation.evaluation import Executor, evaluate
 from optimisation.objectives import Score
 from optimisation.problem import Problem
 from optimisation.search.journal import Journal, StudyError, alone, repair
+from optimisation.search.ledger import listed
 from optimisation.search.samplers import CMA, TrialSampler, distributions
 from optimisation.search.settings import Settings
 from optimisation.sources import SEARCHING, fingerprint
@@ -167,7 +168,7 @@ class DesignStudy:
 
         try:
             for k, measured in evaluate(problem, [design for _, design in missing], ensemble, rate, executor, count) if len(ensemble) else ():
-                self._study._storage.set_trial_user_attr(missing[k][0]._trial_id, key, _listed(measured))
+                self._study._storage.set_trial_user_attr(missing[k][0]._trial_id, key, listed(measured))
         finally:
             self.evaluating += time.perf_counter() - began
         stored = {trial.number: trial for trial in self._study.get_trials(deepcopy=False)}
@@ -205,13 +206,6 @@ class DesignStudy:
         told = trial.user_attrs[_SCORE]
         score = Score(tuple(told["values"]), tuple(told["violations"]), bool(told["failed"]))
         return Evaluated(trial.number, self.problem.space.decoded({name: trial.params[name] for name in self._space}), score, int(told["rungs"]))
-
-
-def _listed(measured: Array) -> object:
-    """Return an array as nested lists, with None for NaN, which JSON lacks."""
-    values = measured.astype(object)
-    values[np.isnan(measured)] = None
-    return values.tolist()
 
 
 @contextmanager
