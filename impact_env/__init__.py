@@ -16,6 +16,7 @@ from impact_env.parameters import (
     ElasticCoulombFriction,
     ParameterError,
     RigidWalls,
+    Section,
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
@@ -26,6 +27,7 @@ from impact_env.parameters import (
 )
 from impact_env.response import Record, Response
 from impact_env.scene import InitialState, Scene, beam_scene
+from impact_env.structure import StructureWarning, load_structure
 from impact_env.sweep import IntegrationError, simulate
 
 __all__ = [
@@ -46,8 +48,10 @@ __all__ = [
     "RigidWalls",
     "RungeKutta",
     "Scene",
+    "Section",
     "SeveralAbsorbers",
     "SlidingAbsorber",
+    "StructureWarning",
     "StuckAbsorber",
     "TunedAbsorber",
     "__version__",
@@ -57,6 +61,7 @@ __all__ = [
     "impact_absorber",
     "impact_absorbers",
     "linear_sweep",
+    "load_structure",
     "modal_model",
     "simulate",
 ]

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from impact_env.drive import Drive
 from impact_env.kernels.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
-from impact_env.kernels.observers import REACHED, STOP, Check, Counters, new_counters
+from impact_env.kernels.observers import Check, Counters, new_counters
 from impact_env.parameters import count
 
 T = TypeVar("T")
@@ -65,9 +65,9 @@ def watched(work: Callable[[], T], counters: Counters, end: float, progress: Wat
         while thread.is_alive():
             thread.join(POLL_S)
             if thread.is_alive():
-                progress(float(counters.values[REACHED]), end)
+                progress(float(counters.counts["reached"]), end)
     except BaseException:
-        counters.values[STOP] = 1.0
+        counters.counts["stop"] = True
         thread.join()
         raise
     if errors:

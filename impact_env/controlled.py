@@ -5,6 +5,7 @@ What a lane does is the run that `simulate` makes with the same schedule; see `i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
 from typing import Any
@@ -13,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.ensemble import available_cores
-from impact_env.families import Batch, family
+from impact_env.families import family
 from impact_env.first_use import CompilingFor
-from impact_env.kernels.interval import DURATION, FRESH, GAP, GAP_IN_USE, NOW, ORDERS, REPORTS, Lanes, Watch
+from impact_env.kernels.interval import ORDER, REPORT, Batch, Watch, new_lanes
 from impact_env.kernels.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.methods import Exact, Method
@@ -30,8 +31,8 @@ FEWEST = 64  # lanes a thread must have to be worth its start
 class ControlledRuns:
     """Lanes of one scene, each at its own time.
 
-    ``orders`` (L, ORDERS) is what the next `advance` does, ``reports`` (L, REPORTS) what the last one saw; columns are named in
-    `impact_env.kernels.interval`. Lanes in the mask ``idle`` (L,) rest: they cost nothing and keep state and report. ``reference`` is the circular
+    ``orders`` (L,) is what the next `advance` does, ``reports`` (L,) what the last one saw: records, whose fields `impact_env.kernels.interval`
+    names. Lanes in the mask ``idle`` (L,) rest: they cost nothing and keep state and report. ``reference`` is the circular
     frequency (rad/s) that defines the pseudo period, ``interval`` the longest interval in pseudo periods, ``exponent`` that of the reports' damage
     (0: not computed) with displacements in ``unit`` (m). The result is the same for any number of ``threads`` (default: all cores).
 
@@ -54,30 +55,51 @@ class ControlledRuns:
         method = Exact() if method is None else method
         kernels = family(scene, method)
         require(kernels.control is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
-        assert kernels.control is not None
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
         period, modes = 2 * np.pi / positive("reference", reference), scene.model.modes
         samples = round(interval * samples_per_period)
         self.duration = samples * period / samples_per_period
-        self.orders, self.reports = np.zeros((lanes, ORDERS)), np.zeros((lanes, REPORTS))
+        self._orders, self._reports = np.zeros(lanes, ORDER), np.zeros(lanes, REPORT)
         self.status = np.zeros(lanes, dtype=np.int64)
         self.idle = np.zeros(lanes, dtype=np.bool_)
         slots = kernels.slots(scene, period)
-        ring = HALF_WINDOW_PERIODS * samples_per_period + 1
-        self._memory = Lanes(
-            np.zeros((lanes, 2, slots)), np.zeros((lanes, NOW)), np.zeros((lanes, 2 * modes + 2)), np.zeros((lanes, ring)), np.zeros((lanes, 10))
-        )
+        self._memory = new_lanes(lanes, slots, 2 * modes + 2, HALF_WINDOW_PERIODS * samples_per_period)
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
         watch = Watch(period / samples_per_period, samples, float(exponent), unit, np.array(scene.model.omega), np.array(scene.model.tip_shape), mass)
-        self._kernel = kernels.control(scene, method, period, Batch(watch, self._memory, self.orders, self.reports, self.status))
+        self._watch, self._period = watch, period
+        self._kernel = self._bound()
         self._pool: ThreadPoolExecutor | None = None
         self._compiled = False
-        self.orders[:, DURATION] = self.duration
+        self.orders["duration"] = self.duration
         cavity = scene.cavity(0)
         if cavity is not None:
-            self.orders[:, GAP] = cavity.gap
+            self.orders["gap"] = cavity.gap
         self.restart(np.arange(lanes))
+
+    def _bound(self) -> Callable[[int, int], None]:
+        """Return what advances lanes [start, stop)."""
+        control = family(self.scene, self.method).control
+        assert control is not None
+        return control(self.scene, self.method, self._period, Batch(self._watch, self._memory, self.orders, self.reports, self.status))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out threads and compiled code, which cannot be copied."""
+        return {name: value for name, value in vars(self).items() if name not in ("_pool", "_kernel")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._pool, self._kernel = None, self._bound()
+
+    @property
+    def orders(self) -> NDArray[Any]:
+        """ORDER records (L,), to be filled in place."""
+        return self._orders
+
+    @property
+    def reports(self) -> NDArray[Any]:
+        """REPORT records (L,)."""
+        return self._reports
 
     @property
     def state(self) -> Array:
@@ -87,9 +109,9 @@ class ControlledRuns:
     def restart(self, which: NDArray[Any]) -> None:
         """Put lanes (indices or mask) at rest with the absorber in the middle of the cavity; their next interval is the first of a run."""
         self._memory.state[which] = 0.0
-        self._memory.now[which, GAP_IN_USE] = self.orders[which, GAP]
-        self.reports[which] = 0.0
-        self.orders[which, FRESH] = 1.0
+        self._memory.kept["gap"][which] = self.orders["gap"][which]
+        self.reports[which] = np.zeros(1, REPORT)
+        self.orders["fresh"][which] = True
 
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from impact_env.matrices import with_link
 from impact_env.secular import (
     Complex,
     Coupling,
@@ -81,8 +82,7 @@ def _by_dense_solver(c: Coupling, which: Index) -> Starts:
     if sprung:
         line = np.append(-psi[0], 1.0)
         m, own = np.eye(len(line)), np.append(modes, c.modes)
-        damping = np.diag(np.append(rate, 0)) + c.rate[-1] * np.outer(line, line)
-        stiffness = np.diag(np.append(omega**2, 0)) + c.omega[-1] ** 2 * np.outer(line, line)
+        damping, stiffness = with_link(rate, c.rate[-1], line), with_link(omega**2, c.omega[-1] ** 2, line)
     else:
         m, own, damping, stiffness = np.eye(len(modes)) + psi.T @ psi, modes, np.diag(rate), np.diag(omega**2)
     values, shapes = quadratic_modes(m, damping, stiffness)

@@ -8,17 +8,21 @@ from contextlib import contextmanager
 DISTRIBUTION = "impact-absorber-workbench"
 # as they are imported; the extras of pyproject.toml that bring them
 EXTRAS = {
-    "gymnasium": "rl",
+    "gymnasium": "env",
     "stable_baselines3": "rl",
     "torch": "rl",
     "tensorboard": "rl",
     "yaml": "rl",
-    "PIL": "rl",
-    "pygame": "rl",
+    "sb3_contrib": "rl",
+    "PIL": "env",
+    "pygame": "env",
+    "minari": "offline",
+    "h5py": "offline",
     "cvxpy": "optimise",
     "optuna": "optimise",
     "cmaes": "optimise",
     "distributed": "cluster",
+    "pyuff": "files",
     "heyoka": "peers",
     "mpmath": "peers",
 }

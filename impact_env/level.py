@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.observers import close_level, new_level, push_level
+from impact_env.drive import Drive
+from impact_env.kernels.level import Level, close_level, new_level, push_block
 from impact_env.parameters import count, positive, require
 
 HALF_WINDOW_PERIODS = 10  # pseudo periods to either side of the maximum
@@ -17,7 +18,7 @@ HALF_WINDOW_PERIODS = 10  # pseudo periods to either side of the maximum
 class ResponseLevel:
     """RMS ``value`` in m; ``time`` (s) and ``frequency_ratio`` (to the reference) of the maximum; ``max_tip``: largest |q_tip| in m.
 
-    The tip is the absorber's place on the beam (`Beam.absorber_position`), which is the free end unless told otherwise.
+    The tip is the absorber's place on the beam (`Beam.absorber_position`), or the place where the level is read (`Beam.response_position`).
     """
 
     value: float
@@ -36,8 +37,22 @@ def response_level(
     )
     count("samples_per_period", samples_per_period, 1)
     positive("half_window_periods", half_window_periods)
-    level = new_level(samples_per_period, half_window_periods)
-    for value in values:
-        push_level(level, value)
-    rms, _, largest = close_level(level)
+    rms, _, largest = close_level(level_of(values, samples_per_period, half_window_periods))
     return float(rms), float(largest)
+
+
+def level_of(values: NDArray[np.float64], samples_per_period: int, half_window_periods: int = HALF_WINDOW_PERIODS) -> Level:
+    """Return the level observer of a run that has pushed ``values`` (S,) in m, one a sample from time 0."""
+    level = new_level(samples_per_period, half_window_periods)._replace(block=np.ascontiguousarray(values, dtype=np.float64))
+    push_block(level, 0, len(level.block))
+    return level
+
+
+def read_level(level: Level | None, drive: Drive, interval: float) -> ResponseLevel | None:
+    """Return the level observer's result, or None."""
+    if level is None:
+        return None
+    value, sample, largest = close_level(level)
+    at = min(float(sample) * interval, float(drive.schedule.times[-1]))
+    ratio = float(drive.schedule.omega_at(at)) / drive.schedule.reference
+    return ResponseLevel(float(value), at, ratio, float(largest))

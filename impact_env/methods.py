@@ -8,6 +8,7 @@ import numpy as np
 
 from impact_env.drive import Drive
 from impact_env.kinds import SceneKind, kind_of
+from impact_env.matrices import with_link
 from impact_env.modes import MOST_HEAVINESS
 from impact_env.parameters import (
     CompliantWalls,
@@ -162,9 +163,7 @@ def _moreau_growth(scene: Scene, dt: float) -> float:
     mass = scene.absorber_mass
     assert mass is not None
     line = np.append(-model.tip_shape, 1 / np.sqrt(mass))
-    spring = np.outer(line, line)
-    damping = np.diag(np.append(rate, 0.0)) + scene.absorber.damping * spring
-    stiffness = np.diag(np.append(square, 0.0)) + scene.absorber.stiffness * spring
+    damping, stiffness = with_link(rate, scene.absorber.damping, line), with_link(square, scene.absorber.stiffness, line)
     return float(np.max(np.linalg.eigvalsh(2 * dt * damping + dt**2 * stiffness)) / 4 * (1 - ROUNDING))
 
 

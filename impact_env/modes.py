@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.beam import deflection_row, matrices, strain_energy
-from impact_env.parameters import Beam, positive, require
+from impact_env.beam import deflection_row, matrices, rigid_shapes, strain_energy
+from impact_env.parameters import Beam, positive, require, suspended
 
 # mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
 MOST_HEAVINESS = 1e7
+
+
+Real = NDArray[np.float64]
 
 
 def _frozen(name: str, values: ArrayLike) -> NDArray[np.float64]:
@@ -29,6 +32,7 @@ class ModalModel:
 
     omega in rad/s, damping_ratio dimensionless, force_shape and tip_shape in 1/sqrt(kg); ``beam_mass`` in kg makes a mass ratio a mass.
     ``absorber_shapes`` (n, N_m): shapes at the places of several absorbers; None: there is one at most, and it is at the tip.
+    ``response_shape`` (N_m,): that of the place where the response level is read; None: at the tip.
     """
 
     omega: NDArray[np.float64]
@@ -37,12 +41,14 @@ class ModalModel:
     tip_shape: NDArray[np.float64]
     beam_mass: float
     absorber_shapes: NDArray[np.float64] | None = None
+    response_shape: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("omega", "damping_ratio", "force_shape", "tip_shape"):
+        rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *(("response_shape",) if self.response_shape is not None else ()))
+        for name in rows:
             object.__setattr__(self, name, _frozen(name, getattr(self, name)))
         object.__setattr__(self, "beam_mass", positive("beam_mass", self.beam_mass))
-        lengths = {len(getattr(self, name)) for name in ("omega", "damping_ratio", "force_shape", "tip_shape")}
+        lengths = {len(getattr(self, name)) for name in rows}
         require(len(lengths) == 1, "modal model", lengths, "arrays of one length")
         if self.absorber_shapes is not None:
             shapes = np.array(self.absorber_shapes, dtype=np.float64)
@@ -58,6 +64,15 @@ class ModalModel:
         """Number of modes kept."""
         return len(self.omega)
 
+    @property
+    def level_shape(self) -> NDArray[np.float64]:
+        """Mode shape (N_m,) of the place where the response level is read."""
+        return self.tip_shape if self.response_shape is None else self.response_shape
+
+    def detuned(self, share: float) -> ModalModel:
+        """Return the model with all frequencies shifted by a share."""
+        return replace(self, omega=self.omega * (1 + share))
+
     def pseudo_period(self, resonance: int = 1) -> float:
         """Return 2 pi / omega of a resonance (counted from 1) in s (paper, section 3.1)."""
         return 2 * np.pi / self.resonance_omega(resonance)
@@ -69,31 +84,68 @@ class ModalModel:
         return float(self.omega[resonance - 1])
 
 
-def modal_model(beam: Beam, positions: Iterable[float] | None = None) -> ModalModel:
+Structure = Beam | ModalModel  # what a structure is given as
+
+
+def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> ModalModel:
     """Return the lowest ``beam.modes`` modes of a beam, with the shapes at the ``positions`` (shares of the length) of several absorbers, if given.
 
-    The inverse problem M v = (1/omega^2) K v is solved because the low modes, the ones that matter, then are the largest
-    eigenvalues and keep more digits than from K v = omega^2 M v. The frequencies follow from the shapes.
+    A modal model is given back as it is; it has no positions. The inverse problem M v = (1/omega^2) K v is solved because the low modes,
+    the ones that matter, then are the largest eigenvalues and keep more digits than from K v = omega^2 M v. The frequencies
+    follow from the shapes. Modes of a beam on a soft suspension begin with those that bend nothing.
     """
+    if isinstance(beam, ModalModel):
+        require(positions is None, "positions", positions, "for beams only: a modal model has shapes at the places of its absorbers, and no others")
+        return beam
     mass, stiffness = matrices(beam)
-    vectors = scipy.linalg.eigh(mass, stiffness)[1][:, ::-1]
-    # all modes, of which some are kept at the end: products of other sizes round differently, and a truncation would not be the start of the whole
-    vectors = vectors / np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
-    # Rayleigh's quotient squares the error of the shapes, and its strain energy has nothing to cancel: all digits, for any number of elements
-    omega = np.sqrt(2 * strain_energy(beam, vectors))[: beam.modes]
+    vectors, squares = _elastic(beam, mass, stiffness) if beam.rigid_motions == 0 else _suspended(beam, mass, stiffness)
+    omega = np.sqrt(squares)[: beam.modes]
     for mode, ratio in beam.modal_frequency_ratio.items():
         omega[mode - 1] = ratio * omega[0]
-    tip = deflection_row(beam, 1.0) @ vectors
+    end = 1.0 if beam.ends.endswith("free") else beam.absorber_position
+    tip = deflection_row(beam, end) @ vectors
     vectors = vectors * np.where(tip < 0, -1.0, 1.0)  # the tip moves up in every mode
 
     def shape(position: float) -> NDArray[np.float64]:
         return (deflection_row(beam, position) @ vectors)[: beam.modes]
 
+    elsewhere = beam.response_position is not None and beam.response_position != beam.absorber_position
     return ModalModel(
         omega=omega,
         damping_ratio=np.broadcast_to(np.asarray(beam.damping_ratio, dtype=float), omega.shape),
         force_shape=shape(beam.force_position),
         tip_shape=shape(beam.absorber_position),
         beam_mass=beam.mass,
-        absorber_shapes=None if positions is None else np.array([shape(x) for x in positions]),
+        absorber_shapes=None if positions is None else np.array([shape(beam.place("position", x)) for x in positions]),
+        response_shape=shape(beam.response_position) if elsewhere and beam.response_position is not None else None,
     )
+
+
+def _elastic(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
+    """Return all mass-normalised shapes as columns, and the squares of their frequencies, rising."""
+    vectors = scipy.linalg.eigh(mass, stiffness)[1][:, ::-1]
+    # all modes, of which some are kept at the end: products of other sizes round differently, and a truncation would not be the start of the whole
+    vectors = vectors / np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
+    # Rayleigh's quotient squares the error of the shapes, and its strain energy has nothing to cancel: all digits, for any number of elements
+    return vectors, 2 * strain_energy(beam, vectors)
+
+
+def _suspended(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
+    """Return shapes and squares as `_elastic` does, of a beam whose rigid-body motions have the frequency of its suspension.
+
+    Springs that only these motions feel make the stiffness regular. They are softer than the first bending mode by far, and are taken out again.
+    """
+    assert beam.suspension_frequency is not None
+    rigid = rigid_shapes(beam)
+    rigid = np.linalg.solve(np.linalg.cholesky(rigid.T @ mass @ rigid), rigid.T).T
+    held = mass @ rigid
+    softest = min([beam.bending_stiffness, *(section.bending_stiffness for section in beam.sections)])
+    soft = softest / (beam.mass * beam.length**3)
+    vectors, _ = _elastic(beam, mass, stiffness + soft * held @ held.T)
+    bending = vectors[:, np.sort(np.argsort(np.linalg.norm(held.T @ vectors, axis=0))[: -rigid.shape[1]])]
+    bending = bending - rigid @ (held.T @ bending)
+    squares = 2 * strain_energy(beam, bending)
+    own = 2 * np.pi * np.array(suspended(beam.suspension_frequency, rigid.shape[1]))
+    allowed = f"below half of the first bending frequency, {np.sqrt(squares[0]) / (2 * np.pi):.6g} Hz"
+    require(bool(4 * own[-1] ** 2 < squares[0]), "suspension_frequency", beam.suspension_frequency, allowed)
+    return np.column_stack([rigid, bending]), np.concatenate([own**2, squares])

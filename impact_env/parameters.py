@@ -54,13 +54,43 @@ def count(name: str, value: object, low: int, high: int | None = None) -> int:
     return int(value)  # type: ignore[call-overload]
 
 
+SUSPENSION_STEP = 0.1  # further motions that bend nothing have so much higher frequencies each: two of one frequency have no modes of their own
+
+
+def suspended(frequency: float, motions: int) -> tuple[float, ...]:
+    """Return the frequencies in Hz of motions on a soft suspension: that given, and `SUSPENSION_STEP` of it more for each further one."""
+    return tuple(frequency * (1 + SUSPENSION_STEP * k) for k in range(motions))
+
+
+# how the ends are held, left and right -> number of motions that bend nothing
+ENDS = {"clamped-free": 0, "clamped-pinned": 0, "clamped-clamped": 0, "pinned-pinned": 0, "pinned-free": 1, "free-free": 2}
+SUSPENDED = "given: these ends leave the beam rigid-body motions, whose frequency a soft suspension makes, in Hz, far below the first bending mode"
+
+
+@dataclass(frozen=True)
+class Section:
+    """Some ``elements`` of a beam, one after the other, with their own bending stiffness EI (N m^2) and mass per length (kg/m)."""
+
+    elements: int
+    bending_stiffness: float
+    mass_per_length: float
+
+    def __post_init__(self) -> None:
+        count("section's elements", self.elements, 1)
+        for name in ("bending_stiffness", "mass_per_length"):
+            object.__setattr__(self, name, positive(name, getattr(self, name)))
+
+
 @dataclass(frozen=True)
 class Beam:
-    """Cantilever of Hermite Euler-Bernoulli elements, kept to its lowest modes (paper, section 2.1 and Table 1).
+    """Straight beam of Hermite Euler-Bernoulli elements of one length, kept to its lowest modes (paper, section 2.1 and Table 1).
 
-    Positions are fractions of the length, measured from the clamped end. ``damping_ratio`` is one number for all
-    modes or one per mode. ``modal_frequency_ratio`` maps a mode number (2 or more, counted from 1) to a wanted ratio
-    omega_i/omega_1; the paper varies omega_2 so.
+    Positions are fractions of the length, measured from the left end, the clamped one of the paper's cantilever. ``damping_ratio`` is one number
+    for all modes or one per mode. ``modal_frequency_ratio`` maps a mode number (2 or more, counted from 1) to a wanted ratio
+    omega_i/omega_1; the paper varies omega_2 so. ``ends`` is one of `ENDS`, left and right. ``tip_mass`` in kg sits on the right end.
+    ``sections`` follow each other from the left; elements after them have the beam's own values. The response level is read at
+    ``response_position``; None: where the absorber is. A beam whose ends leave it rigid-body motions needs a ``suspension_frequency`` in Hz:
+    these motions then are its first modes, on soft springs.
     """
 
     length: float = 0.5  # m
@@ -72,14 +102,22 @@ class Beam:
     force_position: float = 0.4
     absorber_position: float = 1.0
     modal_frequency_ratio: Mapping[int, float] = field(default_factory=dict)
+    ends: str = "clamped-free"
+    tip_mass: float = 0.0  # kg
+    sections: tuple[Section, ...] = ()
+    response_position: float | None = None
+    suspension_frequency: float | None = None  # Hz
 
     def __post_init__(self) -> None:
         for name in ("length", "bending_stiffness", "mass_per_length"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
-        for name in ("force_position", "absorber_position"):
-            object.__setattr__(self, name, fraction(name, getattr(self, name)))
         count("elements", self.elements, 1)
-        count("modes", self.modes, 1, 2 * self.elements)
+        require(isinstance(self.ends, str) and self.ends in ENDS, "ends", self.ends, f"one of {', '.join(ENDS)}")
+        self._check_parts()
+        for name in ("force_position", "absorber_position", "response_position"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, self.place(name, getattr(self, name)))
+        count("modes", self.modes, 1, self.freedoms)
         if not isinstance(self.damping_ratio, Iterable):
             object.__setattr__(self, "damping_ratio", non_negative("damping_ratio", self.damping_ratio))
         else:
@@ -90,10 +128,45 @@ class Beam:
             count("modal_frequency_ratio's mode", mode, 2, self.modes)
             positive(f"modal_frequency_ratio[{mode}]", ratio)
 
+    def _check_parts(self) -> None:
+        object.__setattr__(self, "tip_mass", non_negative("tip_mass", self.tip_mass))
+        require(self.tip_mass == 0 or self.ends.endswith("-free"), "tip_mass", self.tip_mass, f"0 with {self.ends} ends, where the tip does not move")
+        object.__setattr__(self, "sections", tuple(self.sections))
+        for section in self.sections:
+            require(isinstance(section, Section), "sections", section, "values of the class Section")
+        taken = sum(section.elements for section in self.sections)
+        require(taken <= self.elements, "sections", self.sections, f"with {self.elements} elements or fewer in all, not {taken}")
+        if self.suspension_frequency is not None or self.rigid_motions:
+            require(self.suspension_frequency is not None, "suspension_frequency", None, SUSPENDED)
+            object.__setattr__(self, "suspension_frequency", positive("suspension_frequency", self.suspension_frequency))
+            require(self.rigid_motions > 0, "suspension_frequency", self.suspension_frequency, f"left out with {self.ends} ends, which hold the beam")
+
+    def place(self, name: str, value: object) -> float:
+        """Return a position as a float if it is a share of the length at which the beam can move."""
+        low, high = self.ends.startswith("free"), self.ends.endswith("free")
+        if not low and high:
+            return fraction(name, value)
+        ok = _is_real(value) and (0 < value < 1 or (low and value == 0) or (high and value == 1))  # type: ignore[operator]
+        require(ok, name, value, f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} beam moves")
+        return float(value)  # type: ignore[arg-type]
+
+    @property
+    def rigid_motions(self) -> int:
+        """Number of motions that bend nothing."""
+        return ENDS[self.ends]
+
+    @property
+    def freedoms(self) -> int:
+        """Number of deflections and rotations that the ends leave free."""
+        held = {"clamped": 2, "pinned": 1, "free": 0}
+        return 2 * self.elements + 2 - sum(held[end] for end in self.ends.split("-"))
+
     @property
     def mass(self) -> float:
-        """Mass of the beam in kg."""
-        return self.mass_per_length * self.length
+        """Mass of the beam in kg, with that on its tip."""
+        element, bare = self.length / self.elements, self.elements - sum(section.elements for section in self.sections)
+        own = self.mass_per_length * self.length if not self.sections else bare * element * self.mass_per_length
+        return own + sum(section.elements * element * section.mass_per_length for section in self.sections) + self.tip_mass
 
     @property
     def static_tip_stiffness(self) -> float:

@@ -10,18 +10,19 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, either, form, optional, require_keys
+from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, either, form, optional, require_keys
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
-from impact_env.modes import ModalModel
+from impact_env.modes import Structure
 from impact_env.parameters import (
-    Absorber,
     Beam,
     CompliantWalls,
     CoulombFriction,
     ElasticCoulombFriction,
+    ParameterError,
     RigidWalls,
     SeveralAbsorbers,
     SlidingAbsorber,
@@ -34,6 +35,7 @@ from impact_env.parameters import (
     require,
     shared_masses,
 )
+from impact_env.plain_structures import BEAM, MODEL, STRUCTURES
 from impact_env.scene import Scene, beam_scene
 
 Plain = dict[str, Any]
@@ -44,47 +46,9 @@ def _is(kind: type) -> Any:
     return lambda value: isinstance(value, kind)
 
 
-def _ratios(path: str, plain: Any) -> dict[int, float]:
-    require(isinstance(plain, Mapping), path, plain, 'a table from mode numbers, 2 or more, to frequency ratios, as {"2" = 6.3}')
-    for mode in plain:
-        require(isinstance(mode, str) and mode.isascii() and mode.isdigit() and mode[0] != "0", f"{path}'s mode", mode, "a mode number, 2 or more")
-    return {int(mode): NUMBER.read(f"{path}[{mode}]", ratio) for mode, ratio in plain.items()}
-
-
-# one number for all modes, or one each
-DAMPING_RATIO = Sort(
-    lambda path, plain: tuple(ROW.read(path, plain)) if isinstance(plain, list | tuple) else NUMBER.read(path, plain),
-    lambda value: list(map(float, value)) if isinstance(value, tuple) else float(value),
-)
-RATIOS = Sort(_ratios, lambda ratios: {str(mode): float(ratio) for mode, ratio in ratios.items()})
 GAP = Sort(
     lambda path, plain: math.inf if isinstance(plain, str) and plain == INFINITY else NUMBER.read(path, plain),
     lambda gap: INFINITY if math.isinf(gap) else float(gap),
-)
-BEAM = form(
-    Beam,
-    {
-        "length_m": ("length", NUMBER),
-        "bending_stiffness_n_m2": ("bending_stiffness", NUMBER),
-        "mass_per_length_kg_m": ("mass_per_length", NUMBER),
-        "elements": ("elements", WHOLE),
-        "modes": ("modes", WHOLE),
-        "damping_ratio": ("damping_ratio", DAMPING_RATIO),
-        "force_position": ("force_position", NUMBER),
-        "absorber_position": ("absorber_position", NUMBER),
-        "modal_frequency_ratio": ("modal_frequency_ratio", RATIOS),
-    },
-)
-MODEL = form(
-    ModalModel,
-    {
-        "omega_rad_s": ("omega", ROW),
-        "damping_ratio": ("damping_ratio", ROW),
-        "force_shape_per_sqrt_kg": ("force_shape", ROW),
-        "tip_shape_per_sqrt_kg": ("tip_shape", ROW),
-        "beam_mass_kg": ("beam_mass", NUMBER),
-        "absorber_shapes_per_sqrt_kg": ("absorber_shapes", ROWS),
-    },
 )
 WALLS = either(
     {
@@ -192,13 +156,7 @@ ABSORBER = either(
 )
 
 
-def _scene(beam: Beam | None = None, model: ModalModel | None = None, absorber: Absorber | None = None) -> Scene:
-    require(beam is None or model is None, "beam", beam, "left out beside a modal model: a scene has one of them")
-    return beam_scene(beam, absorber) if model is None else Scene(model, absorber)
-
-
-SCENE_KEYS: Keys = {"beam": ("beam", BEAM), "model": ("model", MODEL), "absorber": ("absorber", optional(ABSORBER))}
-SCENE = form(_scene, SCENE_KEYS)
+SCENE_KEYS = (*STRUCTURES, "absorber")
 SCHEDULE = form(FrequencySchedule, {"times_s": ("times", ROW), "omegas_rad_s": ("omegas", ROW), "reference_rad_s": ("reference", NUMBER)})
 DRIVE = form(Drive, {"amplitude_n": ("amplitude", NUMBER), "phase_rad": ("phase", NUMBER), "schedule": ("schedule", SCHEDULE)})
 STEPS: Keys = {"steps_per_period": ("steps_per_period", WHOLE)}
@@ -212,22 +170,41 @@ METHOD = either(
 )
 
 
-def to_scene(plain: Mapping[str, Any]) -> Scene:
+def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
     """Return the scene of a plain form; an empty one is the paper's beam without absorber.
 
-    Raises ParameterError for unknown keys, wrong types and values, with the key's path.
+    ``folder``: where the files lie that it names (default: the current one). Raises ParameterError for unknown keys, wrong types and
+    values, with the key's path.
 
     >>> str(to_scene({"beam": {"modes": 3}, "absorber": {"kind": "stuck", "mass_ratio": 0.05}}))
     '3 modes, stuck absorber, mass ratio 0.05'
     """
-    scene: Scene = SCENE.read("scene", plain)
-    return scene
+    structure = to_structure(plain, folder)
+    absorber = optional(ABSORBER).read("scene.absorber", plain.get("absorber"))
+    try:
+        return beam_scene(structure, absorber)
+    except ParameterError as error:
+        raise ParameterError(f"scene: {error}") from error
+
+
+def to_structure(plain: Mapping[str, Any], folder: Path | None = None, path: str = "scene.") -> Structure:
+    """Return what a scene's plain form puts the absorber on: a beam, the paper's by default, or a modal model; arguments as in `to_scene`.
+
+    ``path``: what an error names before the key.
+    """
+    require_keys(path.rstrip(".") or "structure", plain, dict.fromkeys(SCENE_KEYS))
+    given = [kind for kind in STRUCTURES if kind in plain]
+    allowed = "left out beside another structure: a scene has one of them"
+    require(len(given) <= 1, f"{path}{given[0] if given else ''}", plain.get(given[0]) if given else None, allowed)
+    kind = given[0] if given else "beam"
+    structure: Structure = STRUCTURES[kind](folder or Path()).read(f"{path}{kind}", plain.get(kind, {}))
+    return structure
 
 
 def to_beam(plain: Mapping[str, Any]) -> Beam | None:
-    """Return the beam that a scene's plain form names, the default one if it names none, or None if it has a modal model."""
-    require_keys("scene", plain, SCENE_KEYS)
-    return None if "model" in plain else BEAM.read("scene.beam", plain.get("beam", {}))
+    """Return the beam that a scene's plain form names, the default one if it names none, or None if it has another structure."""
+    require_keys("scene", plain, dict.fromkeys(SCENE_KEYS))
+    return None if any(kind in plain for kind in STRUCTURES if kind != "beam") else BEAM.read("scene.beam", plain.get("beam", {}))
 
 
 def from_scene(scene: Scene, beam: Beam | None = None) -> Plain:

@@ -1,10 +1,12 @@
-"""Plain data from files: TOML or JSON, by the name's ending."""
+"""Plain data from files: TOML or JSON, by the name's ending. Files that are either whole or absent."""
 
 from __future__ import annotations
 
 import json
+import os
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,3 +42,14 @@ def read_plain(path: Path | str) -> dict[str, Any]:
         raise ParameterError(f"file = {str(path)!r} is not allowed: {path.suffix.lower()[1:].upper()} that can be read ({error})") from error
     require(isinstance(plain, dict), "file", str(path), "a table of keys and values")
     return plain
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside ``path`` with the same ending; it takes ``path``'s place at the end, or is removed on any error."""
+    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -12,6 +12,7 @@ import numpy as np
 from impact_env.eigenvalues import all_eigen
 from impact_env.kernels.sets import Sets
 from impact_env.kernels.slots import REST, TIP
+from impact_env.matrices import with_masses
 from impact_env.modes import ModalModel
 from impact_env.regimes import basis_error, complete, in_order, own_modes, padded_size, parted, parted_modes, slot_rows, slot_tables
 from impact_env.secular import Complex, Coupling, Index, Real
@@ -97,13 +98,12 @@ def _rows(model: ModalModel, modes: SetModes, joined: list[int], masses: Real, s
     return np.array(every)
 
 
-def regime_sets(model: ModalModel, masses: Real, wanted: float) -> tuple[Sets, float]:
-    """Return the regimes of absorbers of ``masses`` (n,) in kg at the model's absorber shapes, and the reach of their tables (s): ``wanted`` or less.
+def regime_sets(model: ModalModel, shapes: Real, masses: Real, wanted: float) -> tuple[Sets, float]:
+    """Return the regimes of absorbers of ``masses`` (n,) in kg at ``shapes`` (n, N_m), and the reach of their tables (s): ``wanted`` or less.
 
     Raises ParameterError where a set has no modal basis.
     """
-    assert model.absorber_shapes is not None
-    shapes, n = np.array(model.absorber_shapes), len(masses)
+    shapes, n = np.array(shapes), len(masses)
     sets = [[a for a in range(n) if s >> a & 1] for s in range(2**n)]
     every = [set_modes(model, masses[joined], shapes[joined]) for joined in sets]
     size = padded_size(max(len(modes.values) for modes in every))
@@ -127,5 +127,5 @@ def _bent(rows: Real) -> Real:
 
 def _compliance(masses: Real, shapes: Real, joined: list[int]) -> Real:
     """Return the relative acceleration (n, n) of each absorber by a unit force on each, in 1/kg, where some are joined."""
-    mass = np.eye(shapes.shape[1]) + (shapes[joined].T * masses[joined]) @ shapes[joined]
+    mass = with_masses(shapes[joined], masses[joined])
     return np.ascontiguousarray(shapes @ np.linalg.solve(mass, shapes.T) + np.diag(1 / masses))

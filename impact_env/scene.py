@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.modes import ModalModel, modal_model
+from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import Absorber, Beam, RigidWalls, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
 from impact_env.wording import absorber_words, number_of_modes
 
@@ -73,16 +73,20 @@ class Scene:
         return one.walls if isinstance(one, SlidingAbsorber) and isinstance(one.walls, RigidWalls) else None
 
 
-def beam_scene(beam: Beam | None = None, absorber: Absorber | None = None) -> Scene:
-    """Return the scene of a beam (default: the paper's) and an absorber (default: none).
+def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) -> Scene:
+    """Return the scene of a beam (default: the paper's) or a modal model, and an absorber (default: none).
 
-    Several absorbers have their own positions; the beam's absorber position then is where the level is measured, and must be the free end.
+    Several absorbers have their own positions on a beam; the level is measured at the beam's response position, or at its absorber position, which
+    then must be the free end. In a modal model they are where its absorber shapes say.
     """
     beam = Beam() if beam is None else beam
-    if not isinstance(absorber, SeveralAbsorbers):
+    if isinstance(beam, ModalModel) or not isinstance(absorber, SeveralAbsorbers):
         return Scene(modal_model(beam), absorber)
-    allowed = "1, the free end, for several absorbers: they have positions of their own"
-    require(beam.absorber_position == 1, "absorber_position", beam.absorber_position, allowed)
+    if beam.response_position is not None:
+        beam = replace(beam, absorber_position=beam.response_position)
+    else:
+        allowed = "1, the free end, for several absorbers: they have positions of their own"
+        require(beam.absorber_position == 1, "absorber_position", beam.absorber_position, allowed)
     return Scene(modal_model(beam, absorber.positions), absorber)
 
 

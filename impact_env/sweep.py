@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,8 +15,9 @@ from impact_env.energy import EnergyAccount, stored_energy
 from impact_env.families import Observers, family
 from impact_env.first_use import CompilingFor
 from impact_env.kernels import observers
-from impact_env.kernels.observers import MISSES, REACHED, SEARCHES, Check, Counters, Energy, Events, Level, Series, close_level, new_check, new_level
-from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel
+from impact_env.kernels.level import new_level
+from impact_env.kernels.observers import Check, Counters, Energy, Series, new_check, new_energy, new_events
+from impact_env.level import HALF_WINDOW_PERIODS, level_of, read_level
 from impact_env.methods import Exact, Method, check_mass, check_step
 from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
 from impact_env.response import ContactPhases, History, Impacts, Record, Response, SearchCheck
@@ -68,9 +70,9 @@ def _room(scene: Scene, drive: Drive, record: Record, interval: float, capacity:
     return Observers(
         counters,
         level=new_level(record.samples_per_period, HALF_WINDOW_PERIODS) if record.level else None,
-        events=Events(np.zeros((capacity, 5)), np.zeros((capacity, 4)), np.zeros(2, dtype=np.int64)) if record.events else None,
+        events=new_events(capacity) if record.events else None,
         series=Series(np.zeros((_sample_count(drive, interval), 2 * (n + scene.places)))) if record.series else None,
-        energy=Energy(np.zeros(4), np.zeros(n)) if record.energy else None,
+        energy=new_energy(n) if record.energy else None,
     )
 
 
@@ -95,6 +97,10 @@ def simulate(
     """
     method = Exact() if method is None else method
     record = Record() if record is None else record
+    if record.level and scene.model.response_shape is not None and not isinstance(scene.absorber, SeveralAbsorbers):
+        sampled = replace(record, level=False, series=True)
+        found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress)
+        return _read_elsewhere(found, record)
     kernels = family(scene, method)
     check_mass(scene)
     check_step(scene, drive, method)
@@ -110,7 +116,7 @@ def simulate(
         began = time.perf_counter()
         status = work() if tell is None else watched(work, counters, end, tell)
         wall_time = time.perf_counter() - began
-        needed = 0 if room.events is None else int(np.max(room.events.counts))
+        needed = 0 if room.events is None else max(int(room.events.counts["impacts"]), int(room.events.counts["phases"]))
         if needed <= capacity:
             break
         capacity = needed
@@ -122,15 +128,24 @@ def simulate(
     return response
 
 
+def _read_elsewhere(response: Response, record: Record) -> Response:
+    """Return a sampled response with the level of a place other than the absorber's: the kernels stream that of the absorber's place only."""
+    history, schedule = response.history, response.drive.schedule
+    assert history is not None
+    level = level_of(history.modal_displacement @ response.scene.model.level_shape, record.samples_per_period)
+    found = read_level(level, response.drive, schedule.pseudo_period / record.samples_per_period)
+    return replace(response, level=found, history=history if record.series else None)
+
+
 def _failure(response: Response, counters: Counters, status: int) -> IntegrationError:
     """Say why a run ended early, when, what it had used, and what to do."""
-    values, period = counters.values, response.drive.schedule.pseudo_period
-    at = float(values[REACHED])
+    counts, period = counters.counts, response.drive.schedule.pseudo_period
+    at = float(counts["reached"])
     parts = [f"{response.method} on {response.scene.absorber}: {REASONS[status]}"]
     parts.append(f"at {at:.9g} s ({at / period:.6g} of {response.drive.schedule.periods:.6g} pseudo periods)")
     if isinstance(response.method, Exact):
-        used, most = values[observers.EVENTS], values[observers.MOST_EVENTS] + values[observers.EVENTS_PER_S] * at
-        parts.append(f"after {used:,.0f} events of {most:,.0f} allowed up to there and {values[observers.EVALUATIONS]:,.0f} evaluations")
+        used, most = counts["events"], counts["most_events"] + counts["events_per_s"] * at
+        parts.append(f"after {used:,.0f} events of {most:,.0f} allowed up to there and {counts['evaluations']:,.0f} evaluations")
     return IntegrationError(", ".join(parts) + (f". {ADVICE[status]}" if status in ADVICE else ""), at, response)
 
 
@@ -138,25 +153,25 @@ def _response(
     scene: Scene, drive: Drive, method: Method, start: Array, state: Array, room: Observers, interval: float, wall_time: float, complete: bool
 ) -> Response:
     """Return what was observed, up to the time reached if the run is not complete."""
-    values = room.counters.values
-    reached = float(drive.schedule.times[-1] if complete else values[REACHED])
+    counts = room.counters.counts
+    reached = float(drive.schedule.times[-1] if complete else counts["reached"])
     impacts = phases = None
     if room.events is not None:
-        rows = room.events.impacts[: room.events.counts[0]].T
-        impacts = Impacts(rows[0], rows[1], rows[2], rows[3], rows[4].astype(np.int64))
-        rows = room.events.phases[: room.events.counts[1]].T
-        phases = ContactPhases(rows[0], rows[1], rows[2].astype(np.int64), rows[3].astype(np.int64))
+        rows = room.events.impacts[: room.events.counts["impacts"]]
+        impacts = Impacts(*(rows[name].copy() for name in ("time", "relative_velocity", "impulse", "loss", "absorber")))
+        rows = room.events.phases[: room.events.counts["phases"]]
+        phases = ContactPhases(*(rows[name].copy() for name in ("start", "end", "kind", "absorber")))
     return Response(
         scene,
         drive,
         method,
         state,
-        int(values[observers.IMPACTS]),
-        reached if isinstance(scene.absorber, StuckAbsorber) else float(values[observers.STUCK_TIME]),
-        int(values[observers.STEPS]),
-        int(values[observers.EVALUATIONS]),
+        int(counts["impacts"]),
+        reached if isinstance(scene.absorber, StuckAbsorber) else float(counts["stuck_time"]),
+        int(counts["steps"]),
+        int(counts["evaluations"]),
         wall_time,
-        level=read_level(room.level, drive, interval) if complete or (room.level is not None and room.level.state[0] > 0) else None,
+        level=read_level(room.level, drive, interval) if complete or (room.level is not None and room.level.state["next"] > 0) else None,
         impacts=impacts,
         phases=phases,
         history=_history(scene, room.series, interval, None if complete else reached),
@@ -165,21 +180,12 @@ def _response(
     )
 
 
-def read_level(level: Level | None, drive: Drive, interval: float) -> ResponseLevel | None:
-    """Return the level observer's result, or None."""
-    if level is None:
-        return None
-    value, sample, largest = close_level(level)
-    at = min(float(sample) * interval, float(drive.schedule.times[-1]))
-    ratio = float(drive.schedule.omega_at(at)) / drive.schedule.reference
-    return ResponseLevel(float(value), at, ratio, float(largest))
-
-
 def _check(check: Check | None) -> SearchCheck | None:
     if check is None:
         return None
-    times, kinds, sizes = check.first[: check.counts[MISSES]].T
-    return SearchCheck(int(check.counts[SEARCHES]), int(check.counts[MISSES]), float(np.max(check.worst)), times, kinds.astype(np.int64), sizes)
+    first = check.first[: check.counts["misses"]]
+    listed = first["time"], first["kind"], first["share"]
+    return SearchCheck(int(check.counts["searches"]), int(check.counts["misses"]), float(np.max(check.worst)), *listed)
 
 
 def _history(scene: Scene, series: Series | None, interval: float, reached: float | None) -> History | None:
@@ -199,13 +205,13 @@ def _history(scene: Scene, series: Series | None, interval: float, reached: floa
 def _energy(scene: Scene, energy: Energy | None, start: Array, end: Array) -> EnergyAccount | None:
     if energy is None:
         return None
-    totals = energy.totals
+    totals = energy.totals[0]
     return EnergyAccount(
-        float(totals[observers.WORK]),
+        float(totals["work"]),
         energy.modal,
-        float(totals[observers.FRICTION_LOSS]),
-        float(totals[observers.IMPACT_LOSS]),
-        float(totals[observers.ABSORBER_DAMPING]),
+        float(totals["friction_loss"]),
+        float(totals["impact_loss"]),
+        float(totals["absorber_damping"]),
         stored_energy(scene, start),
         stored_energy(scene, end),
     )

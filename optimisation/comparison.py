@@ -8,7 +8,8 @@ they are tuned: only there is the comparison a fair one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,15 +19,30 @@ from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, perfo
 from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import Executor, Progress
 from impact_env.methods import Method
-from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Absorber, Beam, RigidWalls, TunedAbsorber, count, friction_damper, impact_absorber
+from impact_env.modes import ModalModel, Structure
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    Absorber,
+    Beam,
+    RigidWalls,
+    TunedAbsorber,
+    count,
+    friction_damper,
+    impact_absorber,
+    positive,
+    require,
+)
 from impact_env.scene import Scene
-from optimisation.bounds import design_force, resonance_limit
+from optimisation.bounds import design_force, design_gap, reach, resonance_limit
+from optimisation.friction_rule import best_friction, scaled_friction
+from optimisation.mounting import mounted
 from optimisation.sweep_rate import default_rate, stationary_level
 from optimisation.tuned import HIGH, LOW, minimax
 
 Array = NDArray[np.float64]
 WIDE_LIMITS = (LOW, HIGH)
+WIDE = f"swept {LOW:g} to {HIGH:g}"
+RESTITUTION = 0.7  # of the paper's absorber
 DEFAULT_FORCES = 24
 RESONANCES = (1, 2)
 # range of forces over the design force of the resonance: from where no wall is reached to where the absorber is almost an added mass
@@ -53,27 +69,46 @@ LTVA_PAPER_WIDE, LTVA_TUNED_WIDE = "ltva_paper_wide", "ltva_tuned_wide"
 def concepts(model: ModalModel) -> tuple[Concept, ...]:
     """Return the concepts with the paper's parameters; the well-tuned LTVA is tuned to the first resonance of ``model``."""
     paper, tuned = TunedAbsorber(), minimax(model)
-    wide = f"swept {LOW:g} to {HIGH:g}"
     return (
         Concept(NONE, "no absorber", None),
-        Concept(IMPACT, "impact absorber", impact_absorber(restitution=0.7, friction_limit=0.1)),
+        Concept(IMPACT, "impact absorber", impact_absorber(restitution=RESTITUTION, friction_limit=0.1)),
         Concept(FRICTION, "friction damper", friction_damper()),
         Concept(LTVA_PAPER, "LTVA, paper's values", paper),
         Concept(LTVA_TUNED, "LTVA, well tuned", tuned),
-        Concept(LTVA_PAPER_WIDE, f"LTVA, paper's values, {wide}", paper, WIDE_LIMITS),
-        Concept(LTVA_TUNED_WIDE, f"LTVA, well tuned, {wide}", tuned, WIDE_LIMITS),
+        Concept(LTVA_PAPER_WIDE, f"LTVA, paper's values, {WIDE}", paper, WIDE_LIMITS),
+        Concept(LTVA_TUNED_WIDE, f"LTVA, well tuned, {WIDE}", tuned, WIDE_LIMITS),
+    )
+
+
+def scaled_concepts(model: ModalModel, mass_ratio: float, gap: float, resonance: int, force: float) -> tuple[Concept, ...]:
+    """Return the concepts for any structure: what the paper chose for its beam, by the rules behind it, for a ``force`` (N) near a ``resonance``.
+
+    The friction of the impact absorber follows the scaling law, that of the damper the energy of a cycle; the LTVA is tuned to the resonance. All
+    have the mass ratio, and the impact absorber has the ``gap`` in m.
+    """
+    mass = mass_ratio * model.beam_mass
+    absorber = impact_absorber(gap, RESTITUTION, scaled_friction(model, mass, gap, resonance), mass_ratio)
+    damper, tuned = friction_damper(best_friction(model, mass, force, resonance)[0], mass_ratio), minimax(model, mass_ratio, resonance)
+    return (
+        Concept(NONE, "no absorber", None),
+        Concept(IMPACT, "impact absorber", absorber),
+        Concept(FRICTION, "friction damper", damper),
+        Concept(LTVA_TUNED, f"LTVA, tuned to resonance {resonance}", tuned),
+        Concept(LTVA_TUNED_WIDE, f"LTVA, tuned to resonance {resonance}, {WIDE}", tuned, WIDE_LIMITS),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class ResonanceComparison:
-    """Curves near one resonance, by the concepts' keys. ``forces`` (F,) in N, ``design_force`` in N."""
+    """Curves near one resonance, by the concepts' keys. ``forces`` (F,) in N, ``design_force`` in N; the absorbers' ``mass`` (kg) and ``gap`` (m)."""
 
     model: ModalModel
     resonance: int
     forces: Array
     curves: dict[str, PerformanceCurve]
     design_force: float
+    mass: float
+    gap: float
 
     @property
     def omega(self) -> float:
@@ -82,12 +117,17 @@ class ResonanceComparison:
 
     def limit_at(self, forces: Array) -> Array:
         """Return the limit in m at forces in N: no device of this mass and gap has a smaller stationary maximum (`optimisation.bounds`)."""
-        return resonance_limit(self.model, DEFAULT_MASS_RATIO * self.model.beam_mass, RigidWalls.gap, forces, self.resonance)
+        return resonance_limit(self.model, self.mass, self.gap, forces, self.resonance)
 
     @cached_property
     def limit(self) -> Array:
         """The limit in m at the curves' forces, (F,)."""
         return self.limit_at(self.forces)
+
+    @property
+    def reach(self) -> float:
+        """Free amplitude over gap at the design force; below 1 the impact absorber never touches a wall there."""
+        return reach(self.model, self.mass, self.resonance)
 
     @property
     def sweep_ratio(self) -> float:
@@ -104,7 +144,7 @@ class ResonanceComparison:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The whole study."""
+    """The whole study. ``own_structure``: on another structure than the paper's beam, whose absorbers then have other parameters than the paper's."""
 
     model: ModalModel
     concepts: tuple[Concept, ...]
@@ -112,11 +152,19 @@ class Comparison:
     members: int
     seed: int
     percent_per_100_periods: float
+    mass_ratio: float = DEFAULT_MASS_RATIO
+    gap: float = RigidWalls.gap
+    own_structure: bool = False
 
     @property
     def complete(self) -> bool:
         """Whether all runs were made."""
         return all(curve.complete for resonance in self.resonances for curve in resonance.curves.values())
+
+
+def is_paper(structure: Structure) -> bool:
+    """Return whether a structure is the paper's beam, with any number of modes."""
+    return isinstance(structure, Beam) and replace(structure, modes=Beam.modes, response_position=None) == Beam()
 
 
 def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
@@ -127,8 +175,12 @@ def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
 
 
 def compare(
-    beam: Beam | None = None,
+    beam: Structure | None = None,
     *,
+    resonances: Sequence[int] = RESONANCES,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    force: float | None = None,
+    gap: float | None = None,
     forces: int = DEFAULT_FORCES,
     members: int = DEFAULT_MEMBERS,
     seed: int = 0,
@@ -138,22 +190,34 @@ def compare(
     progress: Progress | None = None,
     executor: Executor | None = None,
 ) -> Comparison:
-    """Compute all curves near both resonances; arguments and interruption as in `performance_curves`, a rate of None is `default_rate`."""
-    model = modal_model(Beam() if beam is None else beam)
-    rate = default_rate(model, RESONANCES) if percent_per_100_periods is None else percent_per_100_periods
-    compared = concepts(model)
-    scenes = [Scene(model, concept.absorber) for concept in compared]
-    mass, gap = DEFAULT_MASS_RATIO * model.beam_mass, RigidWalls.gap
-    design = [design_force(model, mass, gap, resonance) for resonance in RESONANCES]
+    """Compute all curves near the ``resonances``; other arguments and interruption as in `performance_curves`, a rate of None is `default_rate`.
+
+    On the paper's beam (None), with any number of modes, the absorbers have the paper's parameters. On another structure, or with another mass, gap
+    or force, they follow from rules (`scaled_concepts`): the gap in m, by default 1 mm, or that which the design rule gives for a ``force`` in N
+    near the first of the resonances. Forces go around the design force of each resonance.
+    """
+    model = mounted(Beam() if beam is None else beam)
+    every = tuple(dict.fromkeys(resonances))
+    require(len(every) > 0, "resonances", resonances, "one or more, counted from 1")
+    rate = default_rate(model, every) if percent_per_100_periods is None else percent_per_100_periods
+    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
+    require(force is None or gap is None, "gap", gap, "left out beside a force, for which the design rule gives it")
+    clearance = design_gap(model, mass, force, every[0]) if force is not None else positive("gap", RigidWalls.gap if gap is None else gap)
+    design = [design_force(model, mass, clearance, resonance) for resonance in every]
+    paper = beam is None or is_paper(beam)
+    usual = paper and force is None and gap is None and mass_ratio == DEFAULT_MASS_RATIO
+    compared = concepts(model) if usual else scaled_concepts(model, mass_ratio, clearance, every[0], design[0])
     grids = [force_grid(f, forces) for f in design]
-    cases = [
-        CurveCase(scene, grid, resonance, concept.limits, rate)
-        for resonance, grid in zip(RESONANCES, grids, strict=True)
-        for concept, scene in zip(compared, scenes, strict=True)
-    ]
-    curves = iter(performance_curves(cases, members, seed, method, threads=threads, progress=progress, executor=executor))
+    # a sweep that is wide enough for the peaks of a tuned absorber tells nothing of a resonance that it is not tuned to
+    kept = [(r, c) for r in every for c in compared if usual or c.limits != WIDE_LIMITS or r == every[0]]
+    grid_of = dict(zip(every, grids, strict=True))
+    cases = [CurveCase(Scene(model, concept.absorber), grid_of[resonance], resonance, concept.limits, rate) for resonance, concept in kept]
+    found = performance_curves(cases, members, seed, method, threads=threads, progress=progress, executor=executor)
+    curves: dict[int, dict[str, PerformanceCurve]] = {resonance: {} for resonance in every}
+    for (resonance, concept), curve in zip(kept, found, strict=True):
+        curves[resonance][concept.key] = curve
     parts = tuple(
-        ResonanceComparison(model, resonance, grid, {concept.key: next(curves) for concept in compared}, f)
-        for resonance, grid, f in zip(RESONANCES, grids, design, strict=True)
+        ResonanceComparison(model, resonance, grid, curves[resonance], f, mass, clearance)
+        for resonance, grid, f in zip(every, grids, design, strict=True)
     )
-    return Comparison(model, compared, parts, members, seed, rate)
+    return Comparison(model, compared, parts, members, seed, rate, mass_ratio, clearance, not paper)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.modes import modal_model
+from impact_env.modes import Structure
 from impact_env.parameters import (
     Absorber,
     Beam,
@@ -23,7 +23,8 @@ from impact_env.parameters import (
     impact_absorbers,
     require,
 )
-from impact_env.scene import Scene, beam_scene
+from impact_env.scene import Scene
+from optimisation.mounting import scene_on
 from optimisation.units import Units, paper_units, parts_of
 from optimisation.variables import (
     DAMPING,
@@ -96,19 +97,9 @@ class Design:
             return friction_damper(v[FRICTION_LIMIT], v[MASS_RATIO])
         return TunedAbsorber(v[MASS_RATIO], v[STIFFNESS], v[DAMPING])
 
-    @property
-    def reads_free_end(self) -> bool:
-        """Whether the model's tip shape, and so the level that a run streams, is that of the beam's free end."""
-        return self.concept == SEVERAL or self.values[POSITION] == 1.0
-
-    def scene(self, beam: Beam) -> Scene:
-        """Return the absorber on a beam, at the design's position.
-
-        The model's tip shape is the shape at that position, or at the free end if there are several absorbers.
-        """
-        if self.concept == SEVERAL:
-            return beam_scene(replace(beam, absorber_position=1.0), self.absorber())
-        return Scene(modal_model(replace(beam, absorber_position=self.values[POSITION])), self.absorber())
+    def scene(self, structure: Structure) -> Scene:
+        """Return the absorber on a structure, at the design's position; the level is read where `optimisation.mounting.watched` says."""
+        return scene_on(structure, self.absorber(), None if self.concept == SEVERAL else self.values[POSITION])
 
     def __str__(self) -> str:
         return f"{self.concept} absorber, " + ", ".join(f"{name} {value:.4g}" for name, value in self.values.items())
@@ -139,7 +130,7 @@ class DesignSpace:
         for share in (0.0, 1.0):  # bounds and fixed values that the simulator refuses are named now, not in the middle of a search
             design = self.at([share] * len(self.free))
             design.absorber()
-            Beam(absorber_position=design.values.get(POSITION, 1.0))
+            Beam(absorber_position=design.values.get(POSITION, 1.0) or 1.0)  # 0 is the left end, which a structure may hold or not
 
     @property
     def version(self) -> int:
@@ -166,8 +157,8 @@ class DesignSpace:
 
     @property
     def paper(self) -> Design:
-        """The paper's design, whatever this space's bounds and fixed values are."""
-        return Design(self.concept, {v.name: v.default for v in VARIABLES[self.concept]})
+        """The paper's design, whatever this space's bounds and fixed values are, at the place of this space's."""
+        return Design(self.concept, {v.name: self.fixed.get(v.name, v.default) if v.name == POSITION else v.default for v in VARIABLES[self.concept]})
 
     @property
     def default(self) -> Design:

@@ -11,17 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from impact_env.parameters import ParameterError, require
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside ``path`` with the same ending; it takes ``path``'s place at the end, or is removed on any error."""
-    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
-    try:
-        yield temporary
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+from impact_env.plain_files import replacing as replacing
 
 
 def append(path: Path, content: bytes) -> None:

@@ -119,11 +119,14 @@ def gap_factors(number: int) -> Array:
 
 
 def scaled_absorber(
-    model: ModalModel, force: float, resonance: int = 1, mass_ratio: float = DEFAULT_MASS_RATIO, restitution: float = RESTITUTION
+    model: ModalModel, force: float, resonance: int = 1, mass_ratio: float = DEFAULT_MASS_RATIO, restitution: float = RESTITUTION, lowest: int = 1
 ) -> SlidingAbsorber:
-    """Return an impact absorber with the rule's gap for a force in N, and the paper's friction by the scaling law (`scaled_friction`)."""
+    """Return an impact absorber with the rule's gap for a force in N, and the paper's friction by the scaling law (`scaled_friction`).
+
+    ``lowest``: the resonance that the friction is scaled with.
+    """
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
-    friction = scaled_friction(model, mass, gap_unit(model, mass, force, resonance))
+    friction = scaled_friction(model, mass, gap_unit(model, mass, force, resonance), lowest)
     return impact_absorber(design_gap(model, mass, force, resonance), restitution, friction, mass_ratio)
 
 

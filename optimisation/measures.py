@@ -1,4 +1,4 @@
-"""From runs to what a design is judged by: level at the beam's free end, fatigue damage, stroke, impacts, heat.
+"""From runs to what a design is judged by: level, fatigue damage, stroke, impacts, heat.
 
 A chunk is a handful of lanes with what to measure in them: plain data, so that a thread, or a worker on another machine, turns it into
 the same numbers.
@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.ensemble import Lane
-from impact_env.level import response_level
-from impact_env.modes import modal_model
-from impact_env.parameters import Beam, ParameterError, SeveralAbsorbers, SlidingAbsorber, require
-from impact_env.response import DEFAULT_SAMPLES, Record, Response
+from impact_env.modes import ModalModel, Structure, modal_model
+from impact_env.parameters import ParameterError, SeveralAbsorbers, SlidingAbsorber, require
+from impact_env.response import Record, Response
 from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
@@ -24,7 +23,7 @@ Array = NDArray[np.float64]
 LEVEL, STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, DAMAGE = "level", "stroke", "impact_power", "impact_speed", "friction_heat", "damage"
 IMPACT_RATE, RMS = "impact_rate", "rms"
 MEASURES = {
-    LEVEL: "response level of the beam's free end in m (paper, Eq. barqtip)",
+    LEVEL: "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end",
     STROKE: "largest distance of the absorber from the middle of its cavity in m",
     IMPACT_POWER: "energy lost in impacts over the sweep, per second, in W",
     IMPACT_SPEED: "largest relative velocity before an impact in m/s",
@@ -37,35 +36,29 @@ _OF_IMPACTS = {IMPACT_POWER, IMPACT_SPEED, IMPACT_RATE}
 _OF_SAMPLES = {STROKE, FRICTION_HEAT, DAMAGE, RMS}
 
 
-@dataclass(frozen=True, eq=False)
-class Gauges:
-    """Where a beam is watched: mode shapes (N_m,) at the free end, in 1/sqrt(kg), and of the moment at the clamp, in N/sqrt(kg)."""
-
-    free_end: Array
-    clamp_moment: Array
-
-
-def gauges(beam: Beam) -> Gauges:
-    """Return the gauges of a beam.
+def clamp_moment(structure: Structure) -> Array | None:
+    """Return the mode shapes (N_m,) of the bending moment at a beam's left clamp in N/sqrt(kg); None for a structure without one.
 
     A Hermite element at the clamp deflects as a x^2 + b x^3, so the curvature 2 a there follows from the shapes at two points of it.
     """
-    near, far = 0.5 / beam.elements, 1.0 / beam.elements
-    end, first, second = (modal_model(replace(beam, absorber_position=x)).tip_shape for x in (1.0, near, far))
-    slopes = [shape / (x * beam.length) ** 2 for shape, x in ((first, near), (second, far))]
+    if isinstance(structure, ModalModel) or not structure.ends.startswith("clamped"):
+        return None
+    near, far = 0.5 / structure.elements, 1.0 / structure.elements
+    first, second = (modal_model(replace(structure, force_position=x)).force_shape for x in (near, far))
+    slopes = [shape / (x * structure.length) ** 2 for shape, x in ((first, near), (second, far))]
     a = (slopes[0] * far - slopes[1] * near) / (far - near)
-    return Gauges(end, 2 * a * beam.bending_stiffness)
+    stiffness = structure.sections[0].bending_stiffness if structure.sections else structure.bending_stiffness
+    return np.asarray(2 * a * stiffness)
 
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Lanes and the ``measures`` (columns) wanted of them. ``at_end`` tells whether the absorber sits at the free end, where the level is read."""
+    """Lanes and the ``measures`` (columns) wanted of them; ``clamp_moment`` (N_m,) as the function of this name gives it."""
 
     lanes: tuple[Lane, ...]
     measures: tuple[str, ...]
-    gauges: Gauges
+    clamp_moment: Array | None
     fatigue_exponent: float
-    at_end: bool
 
     def __post_init__(self) -> None:
         for name in self.measures:
@@ -78,7 +71,7 @@ class Chunk:
         The energy account would give losses too, but it takes many times the time of the run itself.
         """
         wanted = set(self.measures)
-        return Record(level=self.at_end, events=bool(wanted & _OF_IMPACTS), series=not self.at_end or bool(wanted & _OF_SAMPLES))
+        return Record(events=bool(wanted & _OF_IMPACTS), series=bool(wanted & _OF_SAMPLES))
 
 
 def measure(chunk: Chunk) -> Array:
@@ -98,7 +91,8 @@ def _measure_lane(chunk: Chunk, lane: Lane) -> list[float]:
 
 def _value(name: str, chunk: Chunk, response: Response) -> float:
     if name == LEVEL:
-        return _level(chunk, response)
+        assert response.level is not None
+        return response.level.value
     impacts, history = response.impacts, response.history
     if name in _OF_IMPACTS:
         assert impacts is not None
@@ -108,9 +102,10 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
         return total / float(response.drive.schedule.times[-1])
     assert history is not None
     if name == RMS:
-        return float(np.sqrt(np.mean((history.modal_displacement[len(history.time) // 2 :] @ chunk.gauges.free_end) ** 2)))
+        return float(np.sqrt(np.mean((history.modal_displacement[len(history.time) // 2 :] @ response.scene.model.level_shape) ** 2)))
     if name == DAMAGE:
-        return fatigue_damage(np.asarray(history.modal_displacement @ chunk.gauges.clamp_moment), chunk.fatigue_exponent)
+        require(chunk.clamp_moment is not None, "measure", name, "for a beam that is clamped at its left end")
+        return fatigue_damage(np.asarray(history.modal_displacement @ np.asarray(chunk.clamp_moment)), chunk.fatigue_exponent)
     return of_motion(name, response)
 
 
@@ -133,14 +128,6 @@ def _friction_limits(response: Response) -> Array:
     absorber = response.scene.absorber
     every = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
     return np.array([a.friction.limit if isinstance(a, SlidingAbsorber) and a.friction is not None else 0.0 for a in every])
-
-
-def _level(chunk: Chunk, response: Response) -> float:
-    if chunk.at_end:
-        assert response.level is not None
-        return response.level.value
-    assert response.history is not None
-    return response_level(np.asarray(response.history.modal_displacement @ chunk.gauges.free_end), DEFAULT_SAMPLES)[0]
 
 
 def turning_points(values: Array) -> Array:

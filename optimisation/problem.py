@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, Members, draw_members
-from impact_env.modes import ModalModel, modal_model
+from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import Beam, count, positive, require
 from impact_env.scene import Scene
-from optimisation.designs import MASS_RATIO, SEVERAL, TUNED, Design, DesignSpace
+from optimisation.designs import MASS_RATIO, POSITION, SEVERAL, TUNED, Design, DesignSpace
 from optimisation.evaluation import Evaluation, Executor, Progress, evaluate_arrays
-from optimisation.measures import DAMAGE, LEVEL, MEASURES, Chunk, Gauges, gauges, measure
+from optimisation.measures import DAMAGE, LEVEL, MEASURES, Chunk, clamp_moment, measure
+from optimisation.mounting import described, detuned, mounted, usual_position
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score
 from optimisation.sweep_rate import default_rate, sweep_ratio
 from optimisation.tuned import require_wide_range
@@ -32,11 +33,6 @@ FAILED = 1e6  # what a design costs whose runs the integrator gives up
 PENALTY = 1e3  # what a broken constraint costs where a method knows no constraints, and more the worse it is broken
 
 
-def detuned_beam(beam: Beam, share: float) -> Beam:
-    """Return a beam whose frequencies are shifted by a share, by its stiffness, with the free end as the absorber's place."""
-    return replace(beam, bending_stiffness=beam.bending_stiffness * (1 + share) ** 2, absorber_position=1.0)
-
-
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Which design of a ``space`` is best under ``conditions``. ``rate`` is the sweep's, in percent per 100 pseudo periods.
@@ -48,7 +44,7 @@ class Problem:
     conditions: tuple[Condition, ...]
     objectives: tuple[Objective, ...] = (Objective(),)
     constraints: tuple[Constraint, ...] = ()
-    beam: Beam = Beam()  # noqa: RUF009 - frozen, and the paper's
+    beam: Structure = Beam()  # noqa: RUF009 - frozen, and the paper's
     members: int = DEFAULT_MEMBERS
     seed: int = 0
     rate: float = None  # type: ignore[assignment]  # replaced by `usual_rate`
@@ -60,6 +56,7 @@ class Problem:
         count("members", self.members, 1)
         count("seed", self.seed, 0)
         object.__setattr__(self, "fatigue_exponent", positive("fatigue exponent", self.fatigue_exponent))
+        self._place()
         for condition in self.conditions:
             self.model.resonance_omega(condition.resonance)
         object.__setattr__(self, "space", self.space.bound_to(self.units))
@@ -70,6 +67,24 @@ class Problem:
         require(len(set(names)) == len(names), "constraints", names, "each of them once")
         if self.space.concept == TUNED:
             self._require_both_peaks()
+        if DAMAGE in self.measures:
+            require(self._beams[self.conditions[0].detuning][1] is not None, "objective", "damage", "for a beam that is clamped at its left end")
+
+    def _place(self) -> None:
+        """Put the absorber where the structure says, if the space leaves its place open."""
+        own, free = usual_position(self.beam), [variable for variable in self.space.free if variable.name.startswith(POSITION)]
+        if not isinstance(self.beam, Beam) or own is None:
+            require(self.space.concept != SEVERAL, "concept", SEVERAL, "for beams only: the absorbers' places are shares of the length")
+            known = self.space.fixed.get(POSITION, Beam.absorber_position)
+            require(
+                not free and known == Beam.absorber_position, "position", known, "left out on a modal model: the absorber is where its shapes say"
+            )
+            return
+        for variable in free:
+            self.beam.place(f"bounds of {variable.name}", variable.low)
+            self.beam.place(f"bounds of {variable.name}", variable.high)
+        if not free and self.space.concept != SEVERAL and self.space.fixed.get(POSITION, Beam.absorber_position) == Beam.absorber_position:
+            object.__setattr__(self, "space", replace(self.space, fixed={**self.space.fixed, POSITION: own}))
 
     def _require_both_peaks(self) -> None:
         """Raise ParameterError if a sweep is so narrow that an optimiser could push a tuned absorber's second peak out of it."""
@@ -79,8 +94,8 @@ class Problem:
 
     @cached_property
     def model(self) -> ModalModel:
-        """Modal model of the beam without absorber; its tip shape is that of the free end."""
-        return modal_model(replace(self.beam, absorber_position=1.0))
+        """Modal model of the structure without absorber: its tip shape is that of the structure's own place for one."""
+        return mounted(self.beam)
 
     @cached_property
     def units(self) -> Units:
@@ -123,7 +138,7 @@ class Problem:
             "conditions": [condition.describe() for condition in self.conditions],
             "objectives": [objective.describe() for objective in self.objectives],
             "constraints": [constraint.describe() for constraint in self.constraints],
-            "beam": {name: list(x) if isinstance(x, tuple) else dict(x) if isinstance(x, Mapping) else x for name, x in vars(self.beam).items()},
+            "beam": described(self.beam),
             "members": self.members,
             "seed": self.seed,
             "rate": self.rate,
@@ -145,24 +160,23 @@ class Problem:
     def _chunk(self, design: Design | None, scene: Scene, condition: Condition, ensemble: Members, rate: float) -> Chunk:
         force = 1.0 if design is None else condition.force
         up, down = (ensemble.drives(force, schedule) for schedule in _up_and_down(scene.model, condition, rate))
-        at_end = design is None or design.reads_free_end
         lanes = tuple(Lane(scene, drive) for pair in zip(up, down, strict=True) for drive in pair)
-        return Chunk(lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent, at_end)
+        return Chunk(lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent)
 
     def _scene(self, design: Design | None, detuning: float) -> Scene:
-        beam, _, model = self._beams[detuning]
+        structure, _, model = self._beams[detuning]
         if design is None:
             return Scene(model)
-        alone = design.concept != SEVERAL and design.reads_free_end
-        return Scene(model, design.absorber()) if alone else design.scene(beam)
+        at_own = design.concept != SEVERAL and design.values[POSITION] == usual_position(structure)
+        return Scene(model, design.absorber()) if at_own or isinstance(structure, ModalModel) else design.scene(structure)
 
     @cached_property
-    def _beams(self) -> dict[float, tuple[Beam, Gauges, ModalModel]]:
-        """The beam of each detuning, with its gauges and its modal model with the free end as the absorber's place."""
+    def _beams(self) -> dict[float, tuple[Structure, Array | None, ModalModel]]:
+        """The structure of each detuning, with its clamp's moment and its modal model with an absorber at its own place."""
         every = {}
         for detuning in {condition.detuning for condition in self.conditions}:
-            beam = detuned_beam(self.beam, detuning)
-            every[detuning] = (beam, gauges(beam), modal_model(beam))
+            structure = detuned(self.beam, detuning)
+            every[detuning] = (structure, clamp_moment(structure), mounted(structure))
         return every
 
     @cached_property

@@ -8,13 +8,14 @@ amplitude. omega is that of the lowest resonance that counts, and of several res
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 
-from impact_env.modes import ModalModel, modal_model
+from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import Beam, require
 from optimisation.bounds import free_amplitude, gap_unit
 from optimisation.friction_rule import scaled_friction
+from optimisation.mounting import mounted
 from optimisation.variables import (
     DAMPING,
     FRICTION_LIMIT,
@@ -43,7 +44,7 @@ def parts_of(name: str) -> tuple[str, int | None]:
 class Units:
     """Units of a ``beam`` under ``forces`` in N, one for each resonance (counted from 1)."""
 
-    beam: Beam | ModalModel
+    beam: Structure
     forces: Mapping[int, float]
 
     def __post_init__(self) -> None:
@@ -54,21 +55,19 @@ class Units:
         return {}
 
     @cached_property
-    def _models(self) -> dict[float, ModalModel]:
+    def _models(self) -> dict[float | None, ModalModel]:
         return {}
 
-    def model(self, position: float) -> ModalModel:
-        """Return the modal model with the absorber at a share of the length; a structure that is given by its modes has one place."""
-        if isinstance(self.beam, ModalModel):
-            return self.beam
+    def model(self, position: float | None = None) -> ModalModel:
+        """Return the modal model with the absorber at a share of the length; None: at the structure's own place."""
         if position not in self._models:
-            self._models[position] = modal_model(replace(self.beam, absorber_position=position))
+            self._models[position] = mounted(self.beam, position)
         return self._models[position]
 
     @cached_property
     def omega(self) -> float:
         """Frequency in rad/s of the lowest resonance that counts."""
-        return self.model(1.0).resonance_omega(min(self.forces))
+        return self.model().resonance_omega(min(self.forces))
 
     def _length(self, kind: str, mass_ratio: float, position: float) -> float:
         key = (kind, mass_ratio, position)
@@ -97,7 +96,7 @@ class Units:
         total = values[MASS_RATIO]
         share = 1.0 if which is None else values[SHARE] if which == 1 else 1 - values[SHARE]
         place = values[POSITION if which is None else of_absorber(POSITION, which)]
-        inertia = total * share * self.model(1.0).beam_mass * self.omega**2
+        inertia = total * share * self.model().beam_mass * self.omega**2
         if kind == GAP:
             return self.gap(total, place)
         if kind == FRICTION_LIMIT and concept in (IMPACT, SEVERAL):
@@ -116,7 +115,7 @@ class Units:
             return self.of(concept, name, values)
         if kind == FRICTION_LIMIT and concept in (IMPACT, SEVERAL):
             mass = self.of(concept, name, values) / (self.omega**2 * values[GAP if which is None else of_absorber(GAP, which)])
-            return scaled_friction(self.model(1.0), mass, values[GAP if which is None else of_absorber(GAP, which)])
+            return scaled_friction(self.model(), mass, values[GAP if which is None else of_absorber(GAP, which)])
         default = {v.name: v.default for v in VARIABLES[concept]}
         return default[name] / paper_units().of(concept, name, default) * self.of(concept, name, values)
 

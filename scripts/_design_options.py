@@ -13,17 +13,21 @@ import click
 import numba
 import numpy as np
 import scipy
-from _memory import peak_memory
+from _structure_options import RESONANCES_HELP, is_given, read_structure, refuse_beside, structure_option
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import available_cores
 from impact_env.extras import optional
-from impact_env.parameters import Beam
-from optimisation.comparison import WIDE_LIMITS
-from optimisation.designs import TUNED, VARIABLES, DesignSpace, design_space
+from impact_env.modes import Structure, modal_model
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
+from optimisation.bounds import LEAST_REACH, design_force, reach
+from optimisation.comparison import RESONANCES, WIDE_LIMITS
+from optimisation.designs import MASS_RATIO, TUNED, VARIABLES, DesignSpace, design_space
 from optimisation.evaluation import Executor
 from optimisation.executors import cluster_option, executor
+from optimisation.memory import peak_memory
+from optimisation.mounting import mounted
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
 
@@ -54,6 +58,8 @@ class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
 
 SHARED = (
+    structure_option,
+    click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=f"{RESONANCES_HELP} Forces by the design rule."),
     click.option("--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."),
     click.option("--bounds", multiple=True, type=(str, float, float), metavar="NAME LOW HIGH", help="Bounds of a free variable, in SI units."),
     click.option("--fix", multiple=True, type=(str, float), metavar="NAME VALUE", help="Value of a variable not searched.  [default: the paper's]"),
@@ -105,11 +111,44 @@ def make_conditions(concept: str, at: list[tuple[int, float]], spread: bool = Fa
     return tuple(Condition(resonance, force * float(factor), limits) for resonance, force in at for factor in factors)
 
 
+def structure_of(given: dict[str, Any]) -> Structure:
+    """Return the structure of the file, read once, or the paper's beam with the options' modes."""
+    if given["structure"] is None:
+        return replace(Beam(), modes=given["modes"])
+    refuse_beside(given["structure"], "modes")
+    if "read" not in given:
+        given["read"] = read_structure(given["structure"])
+    found: Structure = given["read"]
+    return found
+
+
+def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> list[tuple[int, float]]:
+    """Return the resonances and their forces: those of --at, the ``usual`` ones, or for a structure from a file those of --resonances by the rule.
+
+    The rule's forces are those for a gap of 1 mm; by the scaling law another gap has the same answers at other forces. They stand to each other as
+    the usual ones do to the design forces of the paper's beam.
+    """
+    if given["at"]:
+        if is_given("resonances"):
+            raise ParameterError(f"--resonances = {given['resonances']} is not allowed: beside --at, which names resonances with their forces")
+        return list(given["at"])
+    if given["structure"] is None and not is_given("resonances"):
+        return list(usual)
+    model, paper = mounted(structure_of(given)), modal_model(Beam())
+    ratio = dict(given["fix"]).get(MASS_RATIO, DEFAULT_MASS_RATIO)
+    mass = positive(MASS_RATIO, ratio) * model.beam_mass
+    shares = [force / design_force(paper, DEFAULT_MASS_RATIO * paper.beam_mass, RigidWalls.gap, resonance) for resonance, force in usual]
+    for k in dict.fromkeys(given["resonances"]):
+        if (found := reach(model, mass, k)) < LEAST_REACH:
+            click.echo(f"warning: at resonance {k} the free amplitude is {found:.2g} of the rule's gap: no wall would be touched there", err=True)
+    wanted = tuple(dict.fromkeys(given["resonances"]))[: len(usual)]
+    return [(k, float(f"{share * design_force(model, mass, RigidWalls.gap, k):.3g}")) for k, share in zip(wanted, shares, strict=False)]
+
+
 def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tuple[Objective, ...], given: dict[str, Any]) -> Problem:
     members = given["members"] or (QUICK_MEMBERS if given["quick"] else DEFAULT_MEMBERS)
     constraints = tuple(Constraint(name, limit) for name, limit in given["constraint"])
-    beam = replace(Beam(), modes=given["modes"])
-    problem = Problem(make_space(concept, given), conditions, objectives, constraints, beam, members, given["seed"], given["rate"])
+    problem = Problem(make_space(concept, given), conditions, objectives, constraints, structure_of(given), members, given["seed"], given["rate"])
     return replace(problem, rate=QUICK_SPEED * problem.rate) if given["quick"] else problem
 
 

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from _progress import UNIT_BAR, runs_bar
 from tqdm import tqdm
 
 import optimisation.search.find as searching
 from optimisation.evaluation import Executor
 from optimisation.problem import Problem
+from optimisation.progress import UNIT_BAR, runs_bar
 from optimisation.search.find import SCIPY as SCIPY
 from optimisation.search.find import Bars
 from optimisation.search.find import Plan as Plan

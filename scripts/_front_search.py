@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 from _design_search import searched
-from _progress import runs_bar
 from numpy.typing import NDArray
 
 from optimisation.evaluation import Executor
 from optimisation.measures import LEVEL
 from optimisation.objectives import Objective
 from optimisation.problem import Problem
+from optimisation.progress import runs_bar
 from optimisation.report.design_tables import limit
 from optimisation.report.front_tables import Front, costs, signed
 from optimisation.search.front import hypervolume, nondominated

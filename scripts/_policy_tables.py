@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from _table import markdown
-
-from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_SCHEDULE, RIVAL, TUNED_ESTIMATE, TUNED_TRUE
+from optimisation.report.markdown import markdown
+from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_PAIR, BEST_SCHEDULE, RIVAL, TUNED_ESTIMATE, TUNED_TRUE, ZERO_AND_ONE
 from optimisation.rl.judging import NO_LEARNING, Estimate, Line
+from optimisation.rl.suite import FEEDBACK, ORACLE
 
-TASK_WORDS = {"sweep": "passage", "gap": "gap"}
-SHORT = (BEST_CONSTANT, BEST_SCHEDULE, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE)
+TASK_WORDS = {
+    "sweep": "passage (v0)",
+    "gap": "gap",
+    "passage": "passage (v1)",
+    "noisy": "noisy passage",
+    "delayed": "delayed passage",
+    "adaptive": "rate and gap",
+}
+SHORT = (BEST_CONSTANT, BEST_SCHEDULE, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE, BEST_PAIR, FEEDBACK, ORACLE)
 
 
 def cell(estimate: Estimate | None, digits: int = 3) -> str:
@@ -22,17 +29,19 @@ def cell(estimate: Estimate | None, digits: int = 3) -> str:
 
 def table(task: str, lines: Sequence[Line]) -> str:
     """Return the table of a task, best first."""
-    extra = ("level", "pseudo periods") if task == "sweep" else ()
-    header = ("policy", "runs", "mean score", "interquartile mean", "normalised", f"better than {RIVAL[task]}", *extra)
+    extra = ("level", "pseudo periods") if task != "gap" else ()
+    one = ZERO_AND_ONE[task][1]
+    beside = () if one == RIVAL[task] else (f"over {one}",)
+    header = ("policy", "runs", "mean score", f"over {RIVAL[task]}", *beside, "normalised", *extra)
     rows = [
         (
             line.name,
             str(line.runs),
             cell(line.mean),
-            cell(line.middle),
+            "-" if line.name == RIVAL[task] else cell(line.over_rival),
+            *(("-" if line.name == one else cell(line.over_one),) if beside else ()),
             cell(line.normalised, 2),
-            "-" if line.name == RIVAL[task] else cell(line.improvement, 2),
-            *((f"{line.level:.3f}", f"{line.time:,.0f}") if task == "sweep" else ()),
+            *((f"{line.level:.3f}", f"{line.time:,.0f}") if task != "gap" else ()),
         )
         for line in sorted(lines, key=lambda line: -line.mean.value)
     ]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from _command_line import BadInput
+from _structure_options import read_structure
 
 from impact_env.drive import FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
+from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
     Absorber,
     Beam,
     CompliantWalls,
@@ -18,10 +20,15 @@ from impact_env.parameters import (
     TunedAbsorber,
     friction_damper,
     friction_law,
+    positive,
 )
 from impact_env.plain import to_beam, to_scene
 from impact_env.plain_files import read_plain
 from impact_env.scene import Scene, beam_scene
+from optimisation.bounds import design_force, design_gap
+from optimisation.command_line import BadInput
+from optimisation.friction_rule import best_friction
+from optimisation.tuned import minimax
 
 Options = dict[str, Any]  # the options of the command line; None: not given
 FRICTION_DAMPER_LIMIT = friction_damper().friction.limit  # type: ignore[union-attr]
@@ -51,16 +58,21 @@ def chosen(given: Options, **options: str) -> Options:
 
 def refuse_contradictions(given: Options) -> None:
     """Raise BadInput if two options do not go together."""
-    if given["scene"] is None:
-        _refuse_parts(given)
-    else:
-        for name in SCENE_OPTIONS:
-            if given[name] is not None:
-                raise BadInput(f"{option_name(name)} does not go with --scene: the file says what the scene is")
+    refuse_parts(given)
     _refuse_runs(given)
 
 
-def _refuse_parts(given: Options) -> None:
+def refuse_parts(given: Options) -> None:
+    """Raise BadInput if two options of the scene do not go together."""
+    if given["structure"] is not None:
+        for name in ("scene", "modes", "damping"):
+            if given[name] is not None:
+                raise BadInput(f"{option_name(name)} does not go with --structure: the file says what the structure is")
+    if given["scene"] is not None:
+        for name in SCENE_OPTIONS:
+            if given[name] is not None:
+                raise BadInput(f"{option_name(name)} does not go with --scene: the file says what the scene is")
+        return
     kind = kind_of(given)
     for name in sorted(set().union(*PARTS.values()) - PARTS[kind]):
         if given[name] is not None:
@@ -91,29 +103,58 @@ def _refuse_runs(given: Options) -> None:
         raise BadInput(f"--down swaps --from and --to: it needs --from = {given['start']} below --to = {given['stop']}")
 
 
-def make_absorber(given: Options) -> Absorber | None:
-    """Return the absorber that the options describe; what is not given keeps the library's default."""
+def make_absorber(given: Options, model: ModalModel | None = None) -> Absorber | None:
+    """Return the absorber that the options describe; what is not given keeps the library's default, or on a file's ``model`` follows from a rule."""
     kind, limit, stiffness = kind_of(given), given["friction_limit"], given["contact_stiffness"]
-    mass = chosen(given, mass_ratio="mass_ratio")
+    mass, usual = chosen(given, mass_ratio="mass_ratio"), {} if model is None else by_rule(kind, given, model)
     if kind == "none":
         return None
     if kind == "stuck":
         return StuckAbsorber(**mass)
     if kind == "tuned":
-        return TunedAbsorber(**mass, **chosen(given, stiffness="stiffness", damping="absorber_damping"))
+        return TunedAbsorber(**{**usual, **mass, **chosen(given, stiffness="stiffness", damping="absorber_damping")})
     if kind == "friction":
-        return friction_damper(**mass, **chosen(given, friction_limit="friction_limit", friction_stiffness="friction_stiffness"))
-    gap = chosen(given, gap="gap")
+        return friction_damper(**{**usual, **mass, **chosen(given, friction_limit="friction_limit", friction_stiffness="friction_stiffness")})
+    gap = {**usual, **chosen(given, gap="gap")}
     walls = RigidWalls(**gap, **chosen(given, restitution="restitution")) if stiffness is None else CompliantWalls(stiffness, **gap)
     tangential = stiffness if given["friction_stiffness"] is None else given["friction_stiffness"]
     return SlidingAbsorber(**mass, walls=walls, friction=friction_law(limit, tangential))
 
 
+def force_by_rule(given: Options, model: ModalModel) -> float:
+    """Return the force in N for which the design rule gives the gap that was given, or the library's default gap, which then is used."""
+    ratio = DEFAULT_MASS_RATIO if given["mass_ratio"] is None else given["mass_ratio"]
+    if given["gap"] is None and kind_of(given) == "impact":
+        given["gap"] = RigidWalls.gap
+    gap = RigidWalls.gap if given["gap"] is None else given["gap"]
+    return design_force(model, positive("mass_ratio", ratio) * model.beam_mass, positive("gap", gap), given["resonance"])
+
+
+def by_rule(kind: str, given: Options, model: ModalModel) -> Options:
+    """Return what suits a structure that is not the paper's beam: the gap by the design rule, the LTVA tuned, the damper by the energy of a cycle."""
+    ratio = DEFAULT_MASS_RATIO if given["mass_ratio"] is None else given["mass_ratio"]
+    mass, force, resonance = positive("mass_ratio", ratio) * model.beam_mass, given["force"], given["resonance"]
+    if kind == "impact" and given["gap"] is None:
+        return {"gap": design_gap(model, mass, force, resonance)}
+    if kind == "friction" and given["friction_limit"] is None:
+        return {"friction_limit": best_friction(model, mass, force, resonance)[0]}
+    if kind == "tuned" and (given["stiffness"] is None or given["absorber_damping"] is None):
+        tuned = minimax(model, ratio, resonance)
+        return {"stiffness": tuned.stiffness, "damping": tuned.damping}
+    return {}
+
+
 def make_scene(given: Options) -> tuple[Scene, Beam | None]:
-    """Return the scene and its beam, which is None where a file has a modal model."""
+    """Return the scene and its beam, which is None where a file has another structure."""
     if given["scene"] is not None:
-        plain = read_plain(given["scene"])
-        return to_scene(plain), to_beam(plain)
+        plain, folder = read_plain(given["scene"]), given["scene"].parent
+        return to_scene(plain, folder), to_beam(plain)
+    if given["structure"] is not None:
+        structure = read_structure(given["structure"])
+        model = modal_model(structure)
+        if given["force"] is None:
+            given["force"] = force_by_rule(given, model)
+        return Scene(model, make_absorber(given, model)), structure if isinstance(structure, Beam) else None
     beam = Beam(**chosen(given, modes="modes", damping_ratio="damping"))
     return beam_scene(beam, make_absorber(given)), beam
 

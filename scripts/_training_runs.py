@@ -10,11 +10,11 @@ from functools import partial
 from pathlib import Path
 
 import click
-from _workers import Pool, Task
 from tqdm import tqdm
 
 from optimisation.rl.runs import Evaluation, read_evaluations
 from optimisation.rl.training import Job, train
+from optimisation.workers import Pool, Task
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps [{elapsed}, {remaining} left{postfix}]"
 WATCH_S = 1.0

@@ -1,6 +1,6 @@
 """Speed of the environments: single, native vectors, Gymnasium's own vectors, the stable-baselines3 bridge, and PPO's whole loop."""
 
-# needs: rl
+# needs: env, rl
 
 from __future__ import annotations
 

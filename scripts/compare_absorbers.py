@@ -1,24 +1,29 @@
 """The main job: impact absorber, friction damper and tuned absorbers compared over the force, near two resonances."""
+# needs: files
 
 from __future__ import annotations
 
 import platform
 import time
 from pathlib import Path
+from typing import Any
 
 import click
 import numba
 import numpy
 import scipy
-from _command_line import end_early, name_files, plain_errors
-from _memory import peak_memory
-from _progress import sweeps_bar
+from _structure_options import RESONANCES_HELP, read_structure, structure_option
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import available_cores
-from optimisation.comparison import DEFAULT_FORCES, Comparison, compare
+from impact_env.modes import Structure
+from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls
+from optimisation.command_line import end_early, name_files, plain_errors
+from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.memory import peak_memory
+from optimisation.progress import sweeps_bar
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
 
 QUICK_FORCES, QUICK_MEMBERS = 10, 2
@@ -36,9 +41,10 @@ def write(out: Path, comparison: Comparison, conditions: dict[str, object]) -> l
     return files
 
 
-def run(forces: int, members: int, seed: int, threads: int | None, cluster: str | None) -> Comparison:
-    with workers(threads, cluster) as executor, sweeps_bar("comparing") as show:
-        return compare(forces=forces, members=members, seed=seed, threads=threads, progress=show, executor=executor)
+def run(structure: Structure | None, cluster: str | None, given: dict[str, Any]) -> Comparison:
+    own: dict[str, Any] = {} if structure is None else {"beam": structure}
+    with workers(given["threads"], cluster) as executor, sweeps_bar("comparing") as show:
+        return compare(**own, progress=show, executor=executor, **given)
 
 
 def conditions(started: float, threads: int | None, cluster: str | None) -> dict[str, object]:
@@ -52,6 +58,12 @@ def conditions(started: float, threads: int | None, cluster: str | None) -> dict
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@structure_option
+@click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
+@click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Mass of each absorber over the structure's.")
+@click.option("--force", type=float, help="Force in N near the first of the resonances for which the design rule gives the gap.")
+@click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: by --force, or {RigidWalls.gap}]")
+@click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given.")
 @click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point, with other phases and roundings.  [default: {DEFAULT_MEMBERS}]")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
@@ -61,19 +73,21 @@ def conditions(started: float, threads: int | None, cluster: str | None) -> dict
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("results/compare_absorbers"), show_default=True, help="Folder for figure and tables."
 )
-def main(quick: bool, members: int | None, seed: int, forces: int | None, threads: int | None, cluster: str | None, out: Path) -> None:
-    """Compare absorbers of one mass on the paper's beam: response level over the force near the first and the second resonance.
+def main(structure: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
+    """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
 
-    Writes comparison.png, curves.csv (medians and bands), runs.csv (every run) and summary.json, and prints a table. Ctrl-C ends the
-    run early and leaves what is finished.
+    On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
+    scaling law and the energy of a cycle, the linear absorber tuned to the first of the resonances. Writes comparison.png, curves.csv
+    (medians and bands), runs.csv (every run) and summary.json, and prints a table. Ctrl-C ends the run early and leaves what is finished.
     """
     started = time.perf_counter()
-    members = members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
-    forces = forces or (QUICK_FORCES if quick else DEFAULT_FORCES)
+    given["members"] = given["members"] or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
+    given["forces"] = given["forces"] or (QUICK_FORCES if quick else DEFAULT_FORCES)
+    given["percent_per_100_periods"] = given.pop("rate")
     with plain_errors():
         require_writable("--out", out)
-        comparison = run(forces, members, seed, threads, cluster)
-        files = write(out, comparison, conditions(started, threads, cluster))
+        comparison = run(None if structure is None else read_structure(structure), cluster, given)
+        files = write(out, comparison, conditions(started, given["threads"], cluster))
     click.echo(text_table(comparison))
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

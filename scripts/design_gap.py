@@ -1,4 +1,5 @@
 """Give the cavity's gap for a force by the design rule, and check it and its neighbours by simulation."""
+# needs: files
 
 from __future__ import annotations
 
@@ -7,17 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-from _command_line import end_early, name_files, plain_errors
-from _progress import sweeps_bar
-from _table import markdown
+from _structure_options import POSITION_HELP, model_of, refuse_beside, structure_option
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.modes import ModalModel, modal_model
+from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, positive
 from optimisation.bounds import LARGE_REACH, SMALL_REACH, design_gap, expected_gap, require_reach
+from optimisation.command_line import end_early, name_files, plain_errors
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_check import RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber, sweep_limits
+from optimisation.progress import sweeps_bar
+from optimisation.report.markdown import markdown
 from optimisation.sweep_rate import LEAST_RATIO, default_rate, sweep_ratio
 
 QUICK_GAPS, QUICK_MEMBERS = 5, 2
@@ -36,9 +38,20 @@ def simulated(
     rate: float,
     threads: int | None,
 ) -> GapCheck:
-    options = {"members": members, "seed": seed, "percent_per_100_periods": rate, "threads": threads}
+    factors = gap_factors(gaps)
     with sweeps_bar("simulating") as show:
-        return check_gap(model, force, resonance, absorber, factors=gap_factors(gaps), progress=show, **options)
+        return check_gap(
+            model,
+            force,
+            resonance,
+            absorber,
+            factors=factors,
+            members=members,
+            seed=seed,
+            percent_per_100_periods=rate,
+            threads=threads,
+            progress=show,
+        )
 
 
 def answer(model: ModalModel, mass_ratio: float, force: float, resonance: int, rate: float) -> list[str]:
@@ -95,10 +108,17 @@ def text(check: GapCheck) -> str:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@structure_option
 @click.option("--force", type=float, required=True, help="Amplitude of the harmonic force in N.")
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance near which it acts, counted from 1.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
-@click.option("--position", type=float, default=Beam.absorber_position, show_default=True, help="Place of absorber and response, over the length.")
+@click.option(
+    "--position",
+    type=float,
+    default=Beam.absorber_position,
+    show_default=True,
+    help=POSITION_HELP,
+)
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--restitution", type=float, default=RESTITUTION, show_default=True, help="Coefficient of restitution in the simulation, 0 to 1.")
 @click.option(
@@ -115,6 +135,7 @@ def text(check: GapCheck) -> str:
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/design_gap"), show_default=True, help="Folder for figure and tables.")
 def main(
+    structure: Path | None,
     force: float,
     resonance: int,
     mass_ratio: float,
@@ -131,15 +152,16 @@ def main(
     threads: int | None,
     out: Path,
 ) -> None:
-    """Choose the gap of an impact absorber on the paper's beam for a force near a resonance.
+    """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
 
     The design rule answers at once, then sweeps up and down check it. Writes levels.png, levels.csv and summary.json. Ctrl-C ends the
     simulation early and leaves what is finished.
     """
     gaps, members = gaps or (QUICK_GAPS if quick else DEFAULT_GAPS), members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
     with plain_errors():
-        model = modal_model(Beam(modes=modes, absorber_position=position, damping_ratio=damping))
-        absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution)
+        refuse_beside(structure, "modes", "damping")
+        model = model_of(structure, Beam(modes=modes, absorber_position=position, damping_ratio=damping))
+        absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution, 1 if structure is None else resonance)
         if friction_limit is not None:
             absorber = replace(absorber, friction=friction_law(non_negative("friction_limit", friction_limit)))
         gap_factors(gaps)

@@ -6,13 +6,14 @@ import json
 from pathlib import Path
 
 import click
-from _command_line import BadInput, end_early, name_files, plain_errors
-from _progress import runs_bar
-from _report_page import ROOT, conditions, conditions_line, fill, published, require_markers
-from _table import markdown
 
 from optimisation.bounds import expected_factor
+from optimisation.command_line import BadInput, end_early, name_files, plain_errors
 from optimisation.files import require_writable, write_json
+from optimisation.progress import runs_bar
+from optimisation.report.markdown import markdown
+from optimisation.studies.machine import conditions, sources
+from optimisation.studies.page import ROOT, fill, published, require_markers
 from optimisation.studies.rule import (
     DAMPING,
     MASS,
@@ -63,7 +64,7 @@ def sections(rows: list[Row], machine: dict[str, object]) -> dict[str, str]:
         )
         for v in verdicts(rows)
     ]
-    return found | {VERDICT: markdown(header, lines), MACHINE: conditions_line(machine)}
+    return found | {VERDICT: markdown(header, lines), MACHINE: sources(machine)}
 
 
 def known_rows(file: Path, settings: dict[str, object]) -> dict[str, Row]:

@@ -3,7 +3,7 @@
 The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciPy; a study goes on where it was broken off.
 """
 
-# needs: optimise, cluster
+# needs: optimise, cluster, files
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import end_early, end_without, name_files, plain_errors
 from _design_options import (
     GOES_ON,
     KEPT,
     At,
     conditions_of,
     executor_of,
+    forces_at,
     journal_of,
     make_conditions,
     make_problem,
@@ -28,20 +28,20 @@ from _design_options import (
     variables_help,
 )
 from _design_search import SCIPY, Plan, find
-from _progress import runs_bar
 
 from impact_env.parameters import ParameterError
+from optimisation.command_line import end_early, end_without, name_files, plain_errors
 from optimisation.designs import GAP, IMPACT, VARIABLES
 from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.insight import detuned, levels, over_force, sensitivity, with_gaps
 from optimisation.objectives import KINDS, MEAN, WORST, Objective
 from optimisation.problem import Problem
+from optimisation.progress import runs_bar
 from optimisation.report.design_tables import (
     LEVEL_COLUMNS,
     PAPER,
     WINNER,
-    Findings,
     design_columns,
     design_rows,
     level_rows,
@@ -50,12 +50,15 @@ from optimisation.report.design_tables import (
 )
 from optimisation.search.judge import AUDITED
 from optimisation.search.noisy import NOISY
+from optimisation.search.result import Findings
 from optimisation.search.samplers import SAMPLERS
 from optimisation.search.settings import FAST
 from optimisation.service import DRAWS, FEW, service
 
 ALL = "all"
 DESIGNS, QUICK_DESIGNS = 400, 80
+AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and 2:35, with --structure by the design rule]"
+USUAL = ((1, 3.5), (2, 35.0))
 FORCES, DETUNINGS, MAP = 10, 9, 16
 SOBOL, QUICK_SOBOL = 64, 16
 QUICK_DRAWS = 8
@@ -124,7 +127,7 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
 
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
     """Return what was found of a concept, and written."""
-    conditions = make_conditions(concept, given["at"], given["objective"] == "range")
+    conditions = make_conditions(concept, forces_at(given, USUAL), given["objective"] == "range")
     objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])
     problem = make_problem(concept, conditions, (objective,), given)
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
@@ -143,7 +146,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
 @click.option("--concept", type=click.Choice([*VARIABLES, ALL]), default=IMPACT, show_default=True, help="Kind of absorber.")
-@click.option("--at", multiple=True, type=At(), default=["1:3.5", "2:35"], show_default=True, help="Resonance and force in N; may be repeated.")
+@click.option("--at", multiple=True, type=At(), help=AT_HELP)
 @click.option("--objective", type=click.Choice(list(KINDS)), default="level", show_default=True, help="What makes a design good.")
 @click.option("--over", type=click.Choice([WORST, MEAN]), default=WORST, show_default=True, help="How resonances and forces join.")
 @click.option("--quantile", type=float, default=0.5, show_default=True, help="Share of the members that meet or better the value.")

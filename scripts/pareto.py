@@ -3,7 +3,7 @@
 The front is searched by NSGA-II, run again on fresh members, and drawn with the paper's design and the limit.
 """
 
-# needs: optimise, cluster
+# needs: optimise, cluster, files
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import end_early, end_without, name_files, plain_errors
 from _design_options import (
     GOES_ON,
     KEPT,
     At,
     conditions_of,
     executor_of,
+    forces_at,
     journal_of,
     make_conditions,
     make_problem,
@@ -29,6 +29,7 @@ from _design_options import (
 from _front_search import CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 
 from impact_env.parameters import ParameterError
+from optimisation.command_line import end_early, end_without, name_files, plain_errors
 from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT
 from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json
@@ -40,6 +41,7 @@ from optimisation.search.settings import default_settings
 
 RESONANCES, SEVERITY = "resonances", "severity"
 DESIGNS, QUICK_DESIGNS = 300, 100
+AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and, for resonances, 2:15; with --structure by the design rule]"
 MEMBERS, QUICK_MEMBERS = 4, 2
 DEFAULT_AT = {RESONANCES: FORCES, SEVERITY: ((1, 3.5),)}
 SEVEREST = 0.1  # W: a corner for hypervolumes
@@ -48,7 +50,7 @@ CORNERS = {RESONANCES: CORNER, SEVERITY: (CORNER[0], SEVEREST)}
 
 def make(against: str, given: dict[str, Any]) -> Problem:
     """Return the problem; where severity counts, the restitution is the material's and not free, as elastic walls lose nothing."""
-    pairs = list(given["at"]) or list(DEFAULT_AT[against])
+    pairs = forces_at(given, DEFAULT_AT[against])
     if against == RESONANCES:
         if len({resonance for resonance, _ in pairs}) != 2:
             raise ParameterError(f"--at = {pairs} is not allowed: with --against {RESONANCES} two resonances")
@@ -89,7 +91,7 @@ def write(out: Path, front: Front, given: dict[str, Any]) -> list[Path]:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
 @click.option("--against", type=click.Choice([RESONANCES, SEVERITY]), default=RESONANCES, show_default=True, help="What is traded against what.")
-@click.option("--at", multiple=True, type=At(), help="Resonance and force in N; may be repeated.  [default: 1:3.5 and, for resonances, 2:15]")
+@click.option("--at", multiple=True, type=At(), help=AT_HELP)
 @click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")
 @click.option("--sampler", type=click.Choice([name for name in SAMPLERS if name != CMA]), help="Method.  [default: nsga2]")
 @click.option("--random-seeds", type=click.IntRange(min=0), default=0, show_default=True, help="Compare with random search, with this many seeds.")

@@ -1,6 +1,6 @@
 """An episode of an environment as a film: the bent beam, the absorber in its cavity, level and frequency."""
 
-# needs: rl
+# needs: env, rl
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import check_target, plain_errors
 from tqdm import tqdm
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
+from optimisation.command_line import check_target, plain_errors
 from optimisation.files import replacing
 
 with optional():

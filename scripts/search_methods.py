@@ -9,13 +9,14 @@ from pathlib import Path
 
 import click
 import numpy as np
-from _command_line import BadInput, end_early, name_files, plain_errors
 from _design_search import BARS
-from _report_page import ROOT, conditions, conditions_line, fill, published, require_markers
-from _table import markdown
 
+from optimisation.command_line import BadInput, end_early, name_files, plain_errors
 from optimisation.evaluation import Threads
 from optimisation.files import require_writable, write_json
+from optimisation.report.markdown import markdown
+from optimisation.studies.machine import conditions, sources
+from optimisation.studies.page import ROOT, fill, published, require_markers
 from optimisation.studies.search_methods import (
     DESIGNS,
     LABELS,
@@ -92,7 +93,7 @@ def main(quick: bool, question: tuple[str, ...], threads: int | None, out: Path 
             write_json(file, {"settings": settings, "conditions": machine, "trials": [as_json(known[k]) for k in keys if k in known]})
         trials = [known[k] for k in keys if k in known]
         if trials:
-            fill(out / PAGE, template, {SECTION: table(trials), MACHINE: conditions_line(machine)})
+            fill(out / PAGE, template, {SECTION: table(trials), MACHINE: sources(machine)})
             click.echo(table(trials))
             name_files([file, out / PAGE])
     end_early(len(trials) == len(keys), "the same command goes on from here.")

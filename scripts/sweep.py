@@ -1,4 +1,5 @@
 """One sweep through a resonance to look at: response level, impacts, energy balance and the time it took."""
+# needs: files
 
 from __future__ import annotations
 
@@ -11,10 +12,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-from _command_line import BadInput, check_target, plain_errors
+from _structure_options import structure_option
 from _sweep_report import Result, contract, describe_run, summary
 from _sweep_scene import DEFAULT_ABSORBER, FRICTION_DAMPER_LIMIT, PARTS, Options, make_method, make_scene, make_schedule, refuse_contradictions
-from _timing import Timed
 from tqdm import tqdm
 
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, FrequencySchedule
@@ -25,7 +25,9 @@ from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from impact_env.wording import absorber_words
+from optimisation.command_line import BadInput, check_target, plain_errors
 from optimisation.files import replacing
+from optimisation.studies.timing import Timed
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 SHORT = 2.0  # s: a run below this is timed three times
@@ -113,6 +115,7 @@ def write(result: Result, given: Options, beam: Beam | None) -> None:
 def run(given: Options) -> str:
     """Do what the options ask for and return the summary. Raises BadInput or ParameterError before anything is computed or written."""
     refuse_contradictions(given)
+    given["force"] = FORCE if given["force"] is None and given["structure"] is None else given["force"]
     check_target("--json", given["json"])
     check_target("--plot", given["plot"], (".png", ".pdf", ".svg"))
     (scene, beam), method = make_scene(given), make_method(given)
@@ -141,13 +144,18 @@ def default(text: str, value: object) -> str:
 @click.option(
     "--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Beam and absorber from a .toml or .json file (docs/scenes.md)."
 )
+@structure_option
 @click.option("--modes", type=int, help=default("Number of modes kept.", Beam.modes))
 @click.option("--damping", type=float, help=default("Modal damping ratio, the same for all modes.", Beam.damping_ratio))
 @click.option("--mass-ratio", type=float, help=default("Absorber mass over beam mass.", DEFAULT_MASS_RATIO))
-@click.option("--gap", type=float, help=default("Clearance to either wall in m (impact).", RigidWalls.gap))
+@click.option("--gap", type=float, help=default("Clearance to either wall in m (impact).", f"{RigidWalls.gap}, with --structure by the design rule"))
 @click.option("--restitution", type=float, help=default("Coefficient of restitution, 0 to 1 (impact, rigid walls).", RigidWalls.restitution))
 @click.option(
-    "--friction-limit", type=float, help=default("Friction limit in N; 0: no friction.", f"none for impact, {FRICTION_DAMPER_LIMIT} for friction")
+    "--friction-limit",
+    type=float,
+    help=default(
+        "Friction limit in N; 0: no friction.", f"none for impact, {FRICTION_DAMPER_LIMIT} for friction, with --structure by the energy of a cycle"
+    ),
 )
 @click.option("--contact-stiffness", type=float, help="Makes the walls springs of this stiffness in N/m (impact).")
 @click.option(
@@ -155,9 +163,11 @@ def default(text: str, value: object) -> str:
     type=float,
     help="Makes friction elastic with this stiffness in N/m.  [default with compliant walls: the contact stiffness]",
 )
-@click.option("--stiffness", type=float, help=default("Spring of the tuned absorber in N/m.", TunedAbsorber.stiffness))
-@click.option("--absorber-damping", type=float, help=default("Damper of the tuned absorber in N s/m.", TunedAbsorber.damping))
-@click.option("--force", type=float, default=FORCE, show_default=True, help="Amplitude of the harmonic force in N.")
+@click.option("--stiffness", type=float, help=default("Spring of the tuned absorber in N/m.", f"{TunedAbsorber.stiffness}, with --structure tuned"))
+@click.option(
+    "--absorber-damping", type=float, help=default("Damper of the tuned absorber in N s/m.", f"{TunedAbsorber.damping}, with --structure tuned")
+)
+@click.option("--force", type=float, help=default("Amplitude of the harmonic force in N.", f"{FORCE}, with --structure by the design rule"))
 @click.option("--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad.")
 @click.option("--resonance", type=int, default=1, show_default=True, help="Resonance, counted from 1, that frequencies and pseudo periods refer to.")
 @click.option("--from", "start", type=float, default=PAPER_LIMITS[0], show_default=True, help="First frequency over the resonance frequency.")

@@ -1,6 +1,6 @@
 """Is there anything to choose in a passage? Level and score over the rate, for several scenes, and over the place of a slow window."""
 
-# needs: rl
+# needs: env, rl
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import BadInput
-from _report_page import ROOT, published
-from _table import markdown
 from tqdm import tqdm
 
 from impact_env.envs.sweep_task import Passage
 from impact_env.parameters import ParameterError, require
+from optimisation.command_line import BadInput
 from optimisation.files import require_writable, write_json
+from optimisation.report.markdown import markdown
 from optimisation.report.policy_figures import save_tradeoff
 from optimisation.rl.tradeoff import constant_rates, windows
+from optimisation.studies.page import ROOT, published
 
 QUICK_OUT = Path("results/sweep_tradeoff")
 OUT = published(ROOT / "docs", QUICK_OUT)

@@ -1,6 +1,6 @@
 """Train agents for the environments with PPO and SAC: learning curves, checkpoints that resume, one small file an agent."""
 
-# needs: rl, optimise
+# needs: env, rl, optimise
 
 from __future__ import annotations
 
@@ -11,23 +11,39 @@ from typing import Any
 
 import click
 import numpy as np
-from _command_line import BadInput
-from _report_page import ROOT, published
-from _table import markdown
 from tqdm import tqdm
 
 from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
+from optimisation.command_line import BadInput
 from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_SCHEDULE, RANDOM, TASKS, TUNED_ESTIMATE, TUNED_TRUE, families, load, policy
-from optimisation.rl.hyperparameters import ALGORITHMS, settings_for
+from optimisation.report.markdown import markdown
+from optimisation.rl.baselines import (
+    BEST_CONSTANT,
+    BEST_GAP,
+    BEST_SCHEDULE,
+    GROUPS,
+    GROUPS_HELP,
+    RANDOM,
+    TASKS,
+    TUNED_ESTIMATE,
+    TUNED_TRUE,
+    ZERO_AND_ONE,
+    families,
+    load,
+    policy,
+)
+from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for
 from optimisation.rl.policies import Constant, Random
 from optimisation.rl.runs import Evaluation, collect, find_runs, run_folder
+from optimisation.rl.suite import SUITE
+from optimisation.studies.page import ROOT, published
 
 POLICIES = published(Path("docs/policies"), ROOT / "docs" / "policies")
 SHOWN = {
     "sweep": (RANDOM, BEST_CONSTANT, BEST_SCHEDULE),
     "gap": (RANDOM, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE),
+    **{task: (RANDOM, *ZERO_AND_ONE[task], BEST_SCHEDULE) for task in SUITE},
 }
 BOTH, INTERRUPTED = "both", 130
 SEEDS, CONSTANTS = 10, 17
@@ -41,7 +57,7 @@ def plan(task: str, given: dict[str, Any]) -> list[Any]:
 
     from optimisation.rl.training import Job, check_folder  # torch is slow to import
 
-    algorithms = list(ALGORITHMS) if given["algorithm"] == BOTH else [given["algorithm"]]
+    algorithms = recipes(TASKS[task]) if given["algorithm"] == BOTH else [given["algorithm"]]
     runs = []
     for seed in range(given["seeds"]):
         for algorithm in algorithms:
@@ -49,7 +65,7 @@ def plan(task: str, given: dict[str, Any]) -> list[Any]:
             steps = given["steps"] or (round(QUICK_SHARE * chosen.steps) if given["quick"] else chosen.steps)
             legs = max(1, min(QUICK_LEGS if given["quick"] else chosen.legs, steps // chosen.round))
             chosen = settings_for(TASKS[task], algorithm, given["hyperparameters"], steps=steps, legs=legs)
-            job = Job(TASKS[task], algorithm, seed, chosen, given["arguments"])
+            job = Job(TASKS[task], algorithm, seed, chosen, given["arguments"], demonstrations=given["demonstrations"])
             folder = run_folder(given["out"], task, algorithm, seed)
             check_folder(job, folder)
             runs.append(Planned(job, folder))
@@ -67,9 +83,10 @@ def beside(task: str, job: Any, count: int, folder: Path) -> dict[str, float]:
             kinds = families(task, arguments)
             chosen = [policy(baseline, kinds) for baseline in stored if baseline.name in SHOWN[task]]
             return {p.name: evaluate(p, job, 0, 0).score for p in tqdm(chosen, desc="baselines", leave=False, disable=None)}
-    scores = {}
-    for simple in tqdm([Random(), *(Constant(float(a)) for a in np.linspace(-1, 1, count))], desc="constant actions", leave=False, disable=None):
-        scores[simple.name if isinstance(simple, Random) else f"{simple.action:g}"] = evaluate(simple, job, 0, 0).score
+    scores, numbers = {}, job.numbers
+    constants = (Constant([float(a)] * numbers) for a in np.linspace(-1, 1, count))
+    for simple in tqdm([Random(numbers=numbers), *constants], desc="constant actions", leave=False, disable=None):
+        scores[simple.name if isinstance(simple, Random) else f"{simple.actions[0]:g}"] = evaluate(simple, job, 0, 0).score
     chance = scores.pop("random")
     best = max(scores, key=scores.__getitem__)
     return {"random": chance, f"best constant action ({float(best):+.2f})": scores[best]}
@@ -132,13 +149,20 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
-@click.option("--task", type=click.Choice([*TASKS, BOTH]), default="sweep", show_default=True, help="sweep: SweepRate-v0; gap: GapChoice-v0.")
-@click.option("--algorithm", type=click.Choice([*ALGORITHMS, BOTH]), default=BOTH, show_default=True, help="Which agents to train.")
+@click.option("--task", type=click.Choice([*TASKS, *GROUPS]), default="sweep", show_default=True, help=GROUPS_HELP)
+@click.option(
+    "--algorithm",
+    type=click.Choice([*ALGORITHMS, BOTH]),
+    default=BOTH,
+    show_default=True,
+    help="Both: all that the task has.",
+)
 @click.option("--seeds", type=click.IntRange(min=1), help=f"Agents of each algorithm.  [default: {SEEDS}, with --quick 1]")
 @click.option("--steps", type=click.IntRange(min=1), help="Steps of the environment for each agent.  [default: as in the hyperparameters]")
 @click.option("--quick", is_flag=True, help=f"A look: one seed, {100 * QUICK_SHARE:g} % of the steps, and a line for every evaluation.")
 @click.option("--hyperparameters", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="YAML; replaces those it names.")
 @click.option("--argument", "arguments", multiple=True, type=(str, str), metavar="NAME VALUE", help="Argument of the environment; may be repeated.")
+@click.option("--demonstrations", type=click.Path(path_type=Path), metavar="FOLDER", help="Data set of record_demonstrations to begin by imitating.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes to train in, each on one core.  [default: all cores]")
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder.  [default: {OUT}, with --quick {OUT}_quick]")
 @click.option("--baselines", type=click.Path(path_type=Path), default=POLICIES, show_default=True, help="Folder of tune_baselines to compare with.")
@@ -160,7 +184,7 @@ def main(**given: Any) -> None:
         require_writable("--out", given["out"])
         if given["target"] is not None:
             require_writable("--collect", given["target"])
-        for task in TASKS if given["task"] == BOTH else (given["task"],):
+        for task in GROUPS.get(given["task"], (given["task"],)):
             finished = finished and train_task(task, given)
         if finished and given["target"] is not None:
             click.echo(f"{collect(find_runs(given['out']), given['out'], given['target'])} agents copied to {given['target']}")

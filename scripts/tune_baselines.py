@@ -1,6 +1,6 @@
 """Rules and schedules without learning, their numbers chosen on training seeds: what agents are compared with."""
 
-# needs: rl optimise
+# needs: env, rl, optimise
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import click
-from _command_line import BadInput
-from _table import markdown
 from tqdm import tqdm
 
 from impact_env.parameters import ParameterError
+from optimisation.command_line import BadInput
 from optimisation.files import require_writable
-from optimisation.rl.baselines import QUICK, TASKS, Baseline, Effort, candidates_of, store, tune
+from optimisation.report.markdown import markdown
+from optimisation.rl.baselines import GROUPS, GROUPS_HELP, QUICK, TASKS, Baseline, Effort, candidates_of, store, tune
 
 INTERRUPTED = 130
 
@@ -25,7 +25,7 @@ def scaled(effort: Effort, share: float, seeds: int | None) -> Effort:
     """Return an effort with a share of the generations, at least one, and another number of seeds if one is given."""
     searches: dict[str, Any] = {
         name: replace(search, generations=max(1, round(share * search.generations)))
-        for name, search in (("rule", effort.rule), ("schedule", effort.schedule), ("fit", effort.fit))
+        for name, search in (("rule", effort.rule), ("schedule", effort.schedule), ("fit", effort.fit), ("suite", effort.suite))
     }
     return replace(effort, **searches, seeds=seeds or effort.seeds)
 
@@ -39,7 +39,7 @@ def table(baselines: list[Baseline]) -> str:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
-@click.option("--task", type=click.Choice([*TASKS, "both"]), default="both", show_default=True)
+@click.option("--task", type=click.Choice([*TASKS, *GROUPS]), default="both", show_default=True, help=GROUPS_HELP)
 @click.option("--quick", is_flag=True, help="A few candidates on a few seeds: a look, not a search.")
 @click.option("--effort", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True, help="Share of the generations.")
 @click.option("--seeds", type=click.IntRange(min=3), help=f"Number of training seeds.  [default: {Effort.seeds}]")
@@ -50,10 +50,9 @@ def main(task: str, quick: bool, effort: float, seeds: int | None, out: Path) ->
     docs/policies holds the ones that evaluate_policies uses; they are made by --out docs/policies.
     """
     spent = scaled(QUICK if quick else Effort(), effort, seeds)
-    tasks = list(TASKS) if task == "both" else [task]
     try:
         require_writable("--out", out)
-        for name in tasks:
+        for name in GROUPS.get(task, (task,)):
             with tqdm(total=candidates_of(name, spent), desc=f"{name}: searching", unit="candidate", leave=False, disable=None) as bar:
                 found = tune(name, {}, spent, bar.update)
             store(out / f"{name}_baselines.json", name, {}, spent, found)

@@ -1,14 +1,14 @@
 """Tune the linear absorber: closed forms, numerical optima and the paper's values, with a proof of each peak."""
-# needs: optimise
+# needs: optimise, files
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import click
+from _structure_options import POSITION_HELP, model_of, refuse_beside, structure_option
 from tqdm import tqdm
 
-from impact_env.modes import modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
 from optimisation.command_line import check_target, name_files, plain_errors
 from optimisation.files import replacing, require_writable, write_csv, write_json
@@ -69,9 +69,16 @@ def text(table: TuningTable, bounds: dict[str, float]) -> str:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@structure_option
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance to tune to, counted from 1.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
-@click.option("--position", type=float, default=Beam.absorber_position, show_default=True, help="Place of absorber and response, over the length.")
+@click.option(
+    "--position",
+    type=float,
+    default=Beam.absorber_position,
+    show_default=True,
+    help=POSITION_HELP,
+)
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
 @click.option("--low", type=float, default=LOW, show_default=True, help="Begin of the scoring range over the resonance frequency.")
@@ -85,6 +92,7 @@ def text(table: TuningTable, bounds: dict[str, float]) -> str:
     help=f"Write the table into this page, between <!-- {MARKER} --> and <!-- /{MARKER} -->, as in docs/limits.md.",
 )
 def main(
+    structure: Path | None,
     resonance: int,
     mass_ratio: float,
     position: float,
@@ -96,12 +104,13 @@ def main(
     out: Path,
     page: Path | None,
 ) -> None:
-    """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam.
+    """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam, or another structure.
 
     Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
     """
     with plain_errors():
-        model = modal_model(Beam(modes=modes, damping_ratio=damping, absorber_position=position))
+        refuse_beside(structure, "modes", "damping")
+        model = model_of(structure, Beam(modes=modes, damping_ratio=damping, absorber_position=position))
         require_writable("--out", out)
         check_target("--page", page)
         if page is not None:

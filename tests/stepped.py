@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import Observers, family
-from impact_env.kernels.observers import Energy, Events, Series, new_counters
+from impact_env.kernels.observers import Energy, Series, new_counters, new_energy, new_events
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.modes import ModalModel
 from impact_env.parameters import CompliantWalls, SlidingAbsorber, TunedAbsorber, impact_absorber
@@ -28,7 +29,7 @@ class Run:
     impacts: NDArray[np.float64]
     phases: NDArray[np.float64]
     states: NDArray[np.float64]
-    counters: NDArray[np.float64]
+    counters: Any
     energy: Energy
     balance_error: float
 
@@ -52,13 +53,19 @@ def integrate(scene: Scene, drive: Drive, method: Moreau | RungeKutta, initial: 
     end = start.copy()
     sample_dt = drive.schedule.pseudo_period / 128 if sample_dt is None else sample_dt
     rows = int(drive.schedule.times[-1] / sample_dt + 1e-9) + 1
-    counters, events = new_counters(), Events(np.zeros((2000, 4)), np.zeros((2000, 3)), np.zeros(2, dtype=np.int64))
-    series, energy = Series(np.full((rows, 2 * n + 2), np.nan)), Energy(np.zeros(4), np.zeros(n))
+    counters, events = new_counters(), new_events(2000)
+    series, energy = Series(np.full((rows, 2 * n + 2), np.nan)), new_energy(n)
     status = family(scene, method).run(scene, drive, method, end, sample_dt, Observers(counters, None, events, series, energy))
-    losses = energy.totals[1:].sum() + energy.modal.sum() + stored_energy(scene, end) - stored_energy(scene, start)
-    scale = max(abs(energy.totals[0]), stored_energy(scene, start), 1e-300)
-    impacts, phases = events.impacts[: events.counts[0]], events.phases[: events.counts[1]]
-    return Run(status, start, end, impacts, phases, series.states, counters.values, energy, abs(energy.totals[0] - losses) / scale)
+    work, *other_losses = energy.totals[0].tolist()
+    losses = sum(other_losses) + energy.modal.sum() + stored_energy(scene, end) - stored_energy(scene, start)
+    scale = max(abs(work), stored_energy(scene, start), 1e-300)
+    impacts, phases = events.impacts[: events.counts["impacts"]], events.phases[: events.counts["phases"]]
+    return Run(status, start, end, impacts, phases, series.states, counters.counts, energy, abs(work - losses) / scale)
+
+
+def table(phases: NDArray[Any]) -> NDArray[np.float64]:
+    """Return start, end and kind of phases, one row each."""
+    return np.column_stack([phases[name] for name in ("start", "end", "kind")])
 
 
 def still(duration: float, reference: float) -> Drive:

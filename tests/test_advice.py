@@ -15,12 +15,13 @@ from optimisation.branches import branches
 from optimisation.designs import design_space
 from optimisation.evaluation import Threads, measured_chunks
 from optimisation.insight import SHOWN, levels, member_levels
-from optimisation.measures import RMS, Chunk, gauges
+from optimisation.measures import RMS, Chunk, clamp_moment
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
 from optimisation.statistics import ratio_of_quantiles, standard_error
+from optimisation.studies.friction import LIMITS, rows
 from optimisation.studies.rule import STRUCTURES
 
 STEEL = replace(STRUCTURES["steel"], modes=2)
@@ -156,6 +157,13 @@ def test_constant_force_settles_before_it_is_watched() -> None:
     drive = Drive(0.5, constant_frequency(float(scene.model.omega[0]), 0.97, 60.0))
     times = np.linspace(0, 60 * 2 * np.pi / scene.model.omega[0], 60 * 32 + 1)
     motion = linear_truth(scene, drive, times)[:, : scene.model.modes] @ scene.model.tip_shape
-    chunk = Chunk((Lane(scene, drive),), (RMS,), gauges(STEEL), 5.0, at_end=True)
+    chunk = Chunk((Lane(scene, drive),), (RMS,), clamp_moment(STEEL), 5.0)
     (found,) = measured_chunks([chunk], Threads(1))
     assert found[0, 0] == pytest.approx(np.sqrt(np.mean(motion[len(motion) // 2 :] ** 2)), rel=1e-3)
+
+
+def test_friction_table_on_another_beam() -> None:
+    found = list(rows(0.005, 1.4, 2, Threads(), 40.0, beam=replace(STEEL, damping_ratio=0.005)))
+    assert [row.limit for row in found] == list(LIMITS)
+    assert all(0 < row.low <= row.median <= row.high < 1.1 for row in found)
+    assert all(row.branches is None for row in found)  # two members tell none

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from impact_env.frequency import receptance, tip_response
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, StuckAbsorber
 from optimisation.bounds import NEAR, design_force, design_gap, resonance_limit, stroke_limit_rms
 from optimisation.bounds.lines import lines, places
-from optimisation.response import receptance, tip_response
 
 MODEL = modal_model(Beam())
 MASS = 0.02 * MODEL.beam_mass

@@ -33,7 +33,6 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns
 from impact_env.curve import performance_curve
 from impact_env.ensemble import Lane, run_lanes
-from impact_env.kernels import interval as columns
 from impact_env.kernels import observers
 from impact_env.kernels.budget import FIRST_EVENTS, LONG_SEARCH, progress
 from impact_env.kernels.forced import Window
@@ -143,7 +142,7 @@ def test_a_control_interval_has_a_budget() -> None:
     scene, start = pressed()
     omega = scene.model.resonance_omega(1)
     runs = ControlledRuns(scene, 2, omega, 0.25, samples_per_period=64)
-    runs.orders[:, [columns.OMEGA_START, columns.OMEGA_STOP]] = omega
+    runs.orders["omega_start"] = runs.orders["omega_stop"] = omega
     runs.state[1] = start.vector(scene)
     with pytest.raises(IntegrationError, match=r"lane 1.*more events than its budget"):
         runs.advance()
@@ -170,23 +169,23 @@ def test_bad_budgets(value: object) -> None:
 
 
 @pytest.mark.parametrize(
-    ("row", "value", "tau", "status"),
+    ("name", "value", "tau", "status"),
     [
-        (observers.EVALUATIONS, 10.0, 0.5, observers.DONE),
-        (observers.EVALUATIONS, 41.0, 0.5, observers.TOO_MANY_EVALUATIONS),
-        (observers.EVALUATIONS, 10.0, math.nan, observers.NOT_FINITE),
-        (observers.EVALUATIONS, float(LONG_SEARCH), math.nan, observers.SEARCH_GAVE_UP),
-        (observers.EVENTS, 10.0, 0.5, observers.DONE),
-        (observers.EVENTS, 19.0, 0.5, observers.TOO_MANY_EVENTS),
-        (observers.STOP, 1.0, 0.5, observers.STOPPED),
+        ("evaluations", 10.0, 0.5, observers.DONE),
+        ("evaluations", 41.0, 0.5, observers.TOO_MANY_EVALUATIONS),
+        ("evaluations", 10.0, math.nan, observers.NOT_FINITE),
+        ("evaluations", float(LONG_SEARCH), math.nan, observers.SEARCH_GAVE_UP),
+        ("events", 10.0, 0.5, observers.DONE),
+        ("events", 19.0, 0.5, observers.TOO_MANY_EVENTS),
+        ("stop", True, 0.5, observers.STOPPED),
     ],
 )
-def test_why_a_run_ends(row: int, value: float, tau: float, status: int) -> None:
+def test_why_a_run_ends(name: str, value: float, tau: float, status: int) -> None:
     counters = new_counters(events=10, events_per_s=1.0, evaluations=20, evaluations_per_s=2.0)
-    counters.values[row] = value
+    counters.counts[name] = value
     window = Window(8.5, 1.0, 1.0, 0.0, 0.0, 0.0)
     assert progress(counters, window, tau, 0.0, 0)[1] == status
-    assert counters.values[observers.REACHED] == (9.0 if tau == tau else 0.0)
+    assert counters.counts["reached"] == (9.0 if tau == tau else 0.0)
 
 
 # --- progress and interrupts -------------------------------------------------------------------------------------------------------------------

@@ -7,12 +7,12 @@ from core import scene_of
 from impact_env import Drive, Moreau, ParameterError, Record, Response, Scene, constant_frequency, impact_absorber, simulate
 from impact_env.families.rigid import rigid_regimes
 from impact_env.kernels.check import check_flight, check_hold
-from impact_env.kernels.contact_law import Walls
-from impact_env.kernels.exact import new_room, solve_free, solve_joined
+from impact_env.kernels.exact import solve_free, solve_joined
+from impact_env.kernels.free_and_joined import Rigid, new_room
 from impact_env.kernels.next_event import end_of_flight, end_of_hold
-from impact_env.kernels.observers import MISSES, PASSED, PULLED, SEARCHES, TURNED, new_check
-from impact_env.kernels.rigid_contact import AT_REST, FORCE, SIGN, TAU, A, Contact, Q, V
-from impact_env.kernels.segments import Schedule, to_slots, window_of
+from impact_env.kernels.observers import PASSED, PULLED, TURNED, new_check
+from impact_env.kernels.rigid_contact import Body, Contact, Walls
+from impact_env.kernels.segments import Losses, Schedule, to_slots, window_of
 from impact_env.kernels.signals import HIT_HIGH, REVERSAL
 
 GAP = 1e-3
@@ -63,33 +63,35 @@ class Bench:
         omega, mass = scene.model.resonance_omega(1), scene.absorber_mass
         assert mass is not None
         tip_shape = np.array(scene.model.tip_shape)
-        contact, self.limit = Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape), limit
         self.free, self.joined, reach = rigid_regimes(scene, 20.0 / omega)
         schedule = Schedule(np.array([0.0, 2.0 / omega]), np.full(2, omega), np.array([0.0, 2.0]), 20.0, reach)
-        self.window, self.walls = window_of(schedule, 0, 0, 1), Walls(GAP, 1.0)
+        self.window, self.walls, self.limit = window_of(schedule, 0, 0, 1), Walls(GAP, 1.0), limit
+        contact = Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape, self.walls, limit)
+        rigid = Rigid(self.free, self.joined, contact, Losses(tip_shape, tip_shape, tip_shape, 0.0))
         self.room = new_room(self.free, self.joined, np.zeros(8))
-        solve_free(self.free, self.window, self.room)
-        solve_joined(self.joined, self.window, contact, self.room)
-        self.now, self.z, self.signal, self.check = self.room.now, self.room.work.z, self.room.signal, new_check()
-        self.now[TAU] = -self.window.half
+        solve_free(rigid, self.window, self.room)
+        solve_joined(rigid, self.window, self.room)
+        self.now, self.z, self.check = self.room.now[0], self.room.work.z, new_check()
+        self.body = Body(self.now, self.room.work, self.room.signal)
+        self.now["tau"] = -self.window.half
         self.z[0, 0] = 1e-4  # the beam swings, too
 
     def fly(self, velocity: float) -> tuple[int, float]:
         now, length = self.now, 2 * self.window.half
-        now[Q], now[V], now[A], now[SIGN] = 0.0, velocity, 0.0, np.sign(velocity)
+        now["q"], now["v"], now["a"], now["sign"] = 0.0, velocity, 0.0, np.sign(velocity)
         if self.limit is not None:
-            now[FORCE] = -now[SIGN] * self.limit
-            now[A], now[AT_REST] = now[FORCE] / 0.01, 0.0
-        found = end_of_flight(self.free.slots, self.room.free_forced, self.window, self.walls, self.limit, now, 0.0, length, self.z, self.signal)
+            now["force"] = -now["sign"] * self.limit
+            now["a"], now["at_rest"] = now["force"] / 0.01, False
+        found = end_of_flight(self.free.slots, self.room.free_forced, self.window, self.walls, self.limit, self.body, 0.0, length)
         return found.kind, found.offset
 
     def see_flight(self, offset: float) -> list[int]:
         forced = self.room.free_forced
-        check_flight(self.check, self.free.slots, forced, self.window, self.walls, self.limit, self.now, self.signal, offset)
+        check_flight(self.check, self.free.slots, forced, self.window, self.walls, self.limit, self.body, offset)
         return [int(n) for n in self.check.counts]
 
     def see_hold(self, offset: float) -> list[int]:
-        check_hold(self.check, self.joined.slots, self.room.joined_forced, self.window, self.limit, self.now, self.signal, offset)
+        check_hold(self.check, self.joined.slots, self.room.joined_forced, self.window, self.limit, self.body, offset)
         return [int(n) for n in self.check.counts]
 
 
@@ -113,7 +115,7 @@ def test_a_reversal_passed_is_seen() -> None:
     assert kind == REVERSAL
     assert bench.see_flight(offset) == [1, 0]
     assert bench.see_flight(1.001 * offset) == [2, 1]
-    assert bench.check.first[0, 1] == TURNED
+    assert bench.check.first["kind"][0] == TURNED
     assert bench.check.worst[TURNED] > 0
 
 
@@ -122,13 +124,13 @@ def test_a_joint_that_gives_too_much_is_seen() -> None:
     swing = np.zeros(8)
     swing[4] = 0.05  # m/s of the first mode, so that the joint is loaded more and more
     to_slots(bench.joined.into, swing, bench.z)
-    found = end_of_hold(bench.joined.slots, bench.room.joined_forced, bench.window, limit, bench.now, 2 * bench.window.half, bench.z, bench.signal)
+    found = end_of_hold(bench.joined.slots, bench.room.joined_forced, bench.window, limit, bench.body, 2 * bench.window.half)
     assert 0 < found.offset < 2 * bench.window.half
     assert bench.see_hold(found.offset) == [1, 0]
     assert bench.see_hold(1.001 * found.offset) == [2, 1]
-    assert bench.check.first[0, 1] == PULLED
-    assert bench.check.counts[SEARCHES] == 2
-    assert bench.check.counts[MISSES] == 1
+    assert bench.check.first["kind"][0] == PULLED
+    assert bench.check.counts["searches"] == 2
+    assert bench.check.counts["misses"] == 1
 
 
 def test_what_is_not_a_stretch_is_not_counted() -> None:

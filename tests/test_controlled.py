@@ -25,7 +25,6 @@ from impact_env import (
     impact_absorber,
 )
 from impact_env.controlled import ControlledRuns
-from impact_env.kernels import interval as columns
 from impact_env.level import response_level
 from impact_env.methods import Method
 from impact_env.sweep import IntegrationError
@@ -38,10 +37,10 @@ def controlled(
 ) -> tuple[ControlledRuns, FrequencySchedule]:
     omega = scene.model.resonance_omega(1)
     runs = ControlledRuns(scene, lanes, omega, interval, method, samples_per_period=SAMPLES, threads=1)
-    runs.orders[:, columns.FORCE] = force
+    runs.orders["force"] = force
     for k, (before, after) in enumerate(pairwise(ratios)):
-        runs.orders[:, columns.OMEGA_START], runs.orders[:, columns.OMEGA_STOP] = before * omega, after * omega
-        runs.orders[:, columns.FINAL] = k == len(ratios) - 2
+        runs.orders["omega_start"], runs.orders["omega_stop"] = before * omega, after * omega
+        runs.orders["final"] = k == len(ratios) - 2
         runs.advance()
     times = runs.duration * np.arange(len(ratios))
     return runs, FrequencySchedule(times, np.array(ratios) * omega, omega)
@@ -73,7 +72,7 @@ def test_intervals_make_the_run_that_a_single_call_makes(absorber: SlidingAbsorb
     scene = scene_of(absorber)
     runs, schedule = controlled(scene, Exact(), force, RATIOS, 2.5)
     response, level = whole(scene, Exact(), force, schedule)
-    assert runs.reports[0, columns.LEVEL] == pytest.approx(level, rel=digits)
+    assert runs.reports["level"][0] == pytest.approx(level, rel=digits)
     scale = np.max(np.abs(response.end_state))
     np.testing.assert_allclose(runs.state[0], response.end_state, rtol=0, atol=digits * scale)
     if isinstance(absorber, SlidingAbsorber) and absorber.walls is not None:
@@ -89,8 +88,8 @@ def test_stepping_methods_go_on_from_interval_to_interval(absorber: SlidingAbsor
     scene = scene_of(absorber, modes=2)
     runs, schedule = controlled(scene, method, 1.5, [0.97, 0.98, 0.975], 5.0)
     response, level = whole(scene, method, 1.5, schedule)
-    assert runs.reports[0, columns.LEVEL] == pytest.approx(level, rel=2e-3)
-    assert runs.reports[0, columns.TIP] == pytest.approx(scene.model.tip_shape @ response.end_state[:2], rel=0.02)
+    assert runs.reports["level"][0] == pytest.approx(level, rel=2e-3)
+    assert runs.reports["tip"][0] == pytest.approx(scene.model.tip_shape @ response.end_state[:2], rel=0.02)
 
 
 def test_lanes_do_not_depend_on_threads_or_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,15 +99,15 @@ def test_lanes_do_not_depend_on_threads_or_neighbours(monkeypatch: pytest.Monkey
     results = []
     for threads, order in ((1, 1), (2, 1), (5, 1), (3, -1)):
         runs = ControlledRuns(scene, 24, omega, 1.0, samples_per_period=SAMPLES, threads=threads)
-        runs.orders[:, columns.FORCE] = np.linspace(1, 4, 24)[::order]
-        runs.orders[:, [columns.OMEGA_START, columns.OMEGA_STOP]] = omega
+        runs.orders["force"] = np.linspace(1, 4, 24)[::order]
+        runs.orders["omega_start"] = runs.orders["omega_stop"] = omega
         for _ in range(20):
             runs.advance()
         results.append(np.concatenate([runs.reports, runs.state], axis=1)[::order])
         runs.close()
     for other in results[1:]:
         np.testing.assert_array_equal(other, results[0])
-    assert results[0][:, columns.IMPACT_COUNT].max() > 0
+    assert results[0]["impact_count"].max() > 0
 
 
 def test_amplitudes_are_those_of_the_linear_response() -> None:
@@ -119,9 +118,9 @@ def test_amplitudes_are_those_of_the_linear_response() -> None:
     steady = np.sum(
         model.force_shape * model.tip_shape / (model.omega**2 - (0.95 * omega) ** 2 + 2j * model.damping_ratio * model.omega * 0.95 * omega)
     )
-    assert runs.reports[0, columns.IN_PHASE] == pytest.approx(steady.real, rel=1e-3)
-    assert runs.reports[0, columns.QUADRATURE] == pytest.approx(-steady.imag, rel=2e-2)
-    assert runs.reports[0, columns.MEAN_SQUARE] == pytest.approx(abs(steady) ** 2 / 2, rel=1e-3)
+    assert runs.reports["in_phase"][0] == pytest.approx(steady.real, rel=1e-3)
+    assert runs.reports["quadrature"][0] == pytest.approx(-steady.imag, rel=2e-2)
+    assert runs.reports["mean_square"][0] == pytest.approx(abs(steady) ** 2 / 2, rel=1e-3)
 
 
 def test_energy_share_and_relative_motion_follow_from_the_state() -> None:
@@ -130,10 +129,10 @@ def test_energy_share_and_relative_motion_follow_from_the_state() -> None:
     state, model = runs.state[0], scene.model
     q, absorber, u, velocity = state[:3], state[3], state[4:7], state[7]
     energy = np.array([np.sum((model.omega * q) ** 2 + u**2), scene.absorber_mass * velocity**2])
-    assert runs.reports[0, columns.ABSORBER_SHARE] == pytest.approx(energy[1] / energy.sum(), rel=1e-12)
-    assert runs.reports[0, columns.DISTANCE] == pytest.approx(absorber - model.tip_shape @ q, rel=1e-9)
-    assert runs.reports[0, columns.RELATIVE_VELOCITY] == pytest.approx(velocity - model.tip_shape @ u, rel=1e-9)
-    assert abs(runs.reports[0, columns.DISTANCE]) <= 1e-3 * (1 + 1e-9)
+    assert runs.reports["absorber_share"][0] == pytest.approx(energy[1] / energy.sum(), rel=1e-12)
+    assert runs.reports["distance"][0] == pytest.approx(absorber - model.tip_shape @ q, rel=1e-9)
+    assert runs.reports["relative_velocity"][0] == pytest.approx(velocity - model.tip_shape @ u, rel=1e-9)
+    assert abs(runs.reports["distance"][0]) <= 1e-3 * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(("method", "limit"), [(Exact(), None), (Exact(), 0.1), (Moreau(), None)])
@@ -141,18 +140,18 @@ def test_walls_that_move_never_close_onto_the_absorber(method: Method, limit: fl
     scene = scene_of(impact_absorber(restitution=0.3, friction_limit=limit))
     omega = scene.model.resonance_omega(1)
     runs = ControlledRuns(scene, 3, omega, 0.5, method, samples_per_period=SAMPLES, threads=1)
-    runs.orders[:, columns.FORCE] = 4.0
-    runs.orders[:, [columns.OMEGA_START, columns.OMEGA_STOP]] = omega
+    runs.orders["force"] = 4.0
+    runs.orders["omega_start"] = runs.orders["omega_stop"] = omega
     generator = np.random.default_rng(3)
     raised = 0
     tolerance = 1e-15 if isinstance(method, Exact) else 1e-4  # m: the Moreau scheme notices an impact at the end of a step
     for _ in range(300):
         wanted = generator.uniform(1e-4, 2e-3, 3)
-        runs.orders[:, columns.GAP] = wanted
+        runs.orders["gap"] = wanted
         runs.advance()
-        gap = runs.orders[:, columns.GAP]
+        gap = runs.orders["gap"]
         assert np.all(gap >= wanted)
-        assert np.all(np.abs(runs.reports[:, columns.DISTANCE]) <= gap + tolerance)
+        assert np.all(np.abs(runs.reports["distance"]) <= gap + tolerance)
         raised += int(np.sum(gap > wanted))
     assert 30 < raised < 870
 
@@ -162,20 +161,20 @@ def test_absorber_held_by_a_wall_is_released_when_the_wall_moves_away() -> None:
     scene = scene_of(impact_absorber(restitution=0.0), modes=1)
     omega = scene.model.resonance_omega(1)
     runs = ControlledRuns(scene, 1, omega, 0.25, samples_per_period=SAMPLES, threads=1)
-    runs.orders[:, columns.FORCE] = 6.0
-    runs.orders[:, [columns.OMEGA_START, columns.OMEGA_STOP]] = omega
+    runs.orders["force"] = 6.0
+    runs.orders["omega_start"] = runs.orders["omega_stop"] = omega
     for _ in range(200):
-        runs.orders[0, columns.GAP] = 1e-3
+        runs.orders["gap"][0] = 1e-3
         runs.advance()
-        if runs.reports[0, columns.RELATIVE_VELOCITY] == 0.0:
+        if runs.reports["relative_velocity"][0] == 0.0:
             break
-    assert runs.reports[0, columns.RELATIVE_VELOCITY] == 0.0
-    assert abs(runs.reports[0, columns.DISTANCE]) == pytest.approx(1e-3)
-    runs.orders[0, columns.GAP] = 4e-3
+    assert runs.reports["relative_velocity"][0] == 0.0
+    assert abs(runs.reports["distance"][0]) == pytest.approx(1e-3)
+    runs.orders["gap"][0] = 4e-3
     runs.advance()
-    assert runs.reports[0, columns.RELATIVE_VELOCITY] != 0.0
-    assert runs.reports[0, columns.DISTANCE] != pytest.approx(1e-3, rel=1e-6)
-    assert runs.reports[0, columns.IMPACT_COUNT] == 0
+    assert runs.reports["relative_velocity"][0] != 0.0
+    assert runs.reports["distance"][0] != pytest.approx(1e-3, rel=1e-6)
+    assert runs.reports["impact_count"][0] == 0
 
 
 def test_what_cannot_be_done_is_refused() -> None:
@@ -190,7 +189,7 @@ def test_what_cannot_be_done_is_refused() -> None:
 def test_a_lane_that_breaks_down_is_named() -> None:
     scene = scene_of(modes=2)
     runs = ControlledRuns(scene, 3, scene.model.resonance_omega(1), 1.0, samples_per_period=SAMPLES)
-    runs.orders[1, columns.FORCE] = np.nan
+    runs.orders["force"][1] = np.nan
     with pytest.raises(IntegrationError, match="lane 1"):
         runs.advance()
 
@@ -203,8 +202,8 @@ def test_idle_lanes_rest_and_the_others_go_on_as_before(threads: int) -> None:
     idle[[0, 3, 4, 5, 90, 159]] = True
     free, partly = (ControlledRuns(scene, lanes, omega, 2.0, samples_per_period=32, threads=threads) for _ in range(2))
     for runs in (free, partly):
-        runs.orders[:, columns.FORCE] = np.linspace(0.5, 3.0, lanes)
-        runs.orders[:, [columns.OMEGA_START, columns.OMEGA_STOP]] = omega
+        runs.orders["force"] = np.linspace(0.5, 3.0, lanes)
+        runs.orders["omega_start"] = runs.orders["omega_stop"] = omega
         runs.advance()
     before = partly.state.copy()
     partly.idle = idle

@@ -57,6 +57,7 @@ def test_the_map_of_the_kernels_names_every_file_and_real_functions() -> None:
     assert set(order) >= set(sources)
     for place, function in re.findall(r"`(\w+\.py)` \(`(\w+)`", text.partition("## The paper's equations")[2]):
         assert re.search(rf"^def {function}\b", sources[place], re.MULTILINE), function
+    assert {f"`periodic/{file.name}`" for file in (KERNELS / "periodic").glob("[!_]*.py")} <= set(re.findall(r"`[\w/]+\.py`", text))
     # to be read from top to bottom: nothing needs what comes later
     known: set[str] = set()
     for name in dict.fromkeys(order):

@@ -13,7 +13,14 @@ import pytest
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install, optional
 
 ROOT = Path(__file__).resolve().parents[1]
-SOLD_AS = {"stable_baselines3": "stable-baselines3", "yaml": "PyYAML", "PIL": "pillow", "pygame": "pygame-ce"}
+SOLD_AS = {
+    "stable_baselines3": "stable-baselines3",
+    "sb3_contrib": "sb3-contrib",
+    "h5py": "minari[hdf5]",
+    "yaml": "PyYAML",
+    "PIL": "pillow",
+    "pygame": "pygame-ce",
+}
 IMPORTS = {
     "optimisation.search.samplers": ("optuna", "optimise"),
     "optimisation.search.study": ("optuna", "optimise"),
@@ -22,16 +29,19 @@ IMPORTS = {
     "optimisation.convex": ("cvxpy", "optimise"),
     "optimisation.bounds.relaxation": ("cvxpy", "optimise"),
     "optimisation.tuned.certificate": ("cvxpy", "optimise"),
-    "optimisation.rl.families": ("gymnasium", "rl"),
-    "optimisation.rl.play": ("gymnasium", "rl"),
+    "optimisation.rl.families": ("gymnasium", "env"),
+    "optimisation.rl.play": ("gymnasium", "env"),
     "optimisation.rl.hyperparameters": ("yaml", "rl"),
-    "optimisation.rl.vec_env": ("gymnasium", "rl"),
-    "optimisation.rl.models": ("gymnasium", "rl"),
-    "optimisation.rl.training": ("gymnasium", "rl"),
-    "impact_env.envs.sweep_rate": ("gymnasium", "rl"),
-    "impact_env.envs.gap_choice": ("gymnasium", "rl"),
-    "impact_env.envs.passive": ("gymnasium", "rl"),
-    "impact_env.envs.drawing": ("PIL", "rl"),
+    "optimisation.rl.vec_env": ("gymnasium", "env"),
+    "optimisation.rl.models": ("gymnasium", "env"),
+    "optimisation.rl.training": ("gymnasium", "env"),
+    "optimisation.rl.demonstrations": ("gymnasium", "env"),
+    "impact_env.envs.sweep_rate_v1": ("gymnasium", "env"),
+    "impact_env.envs.sweep_and_gap": ("gymnasium", "env"),
+    "impact_env.envs.sweep_rate": ("gymnasium", "env"),
+    "impact_env.envs.gap_choice": ("gymnasium", "env"),
+    "impact_env.envs.passive": ("gymnasium", "env"),
+    "impact_env.envs.drawing": ("PIL", "env"),
     "optimisation.studies.accuracy.heyoka_peer": ("heyoka", "peers"),
     "impact_env.verification.digits": ("mpmath", "peers"),
 }
@@ -93,6 +103,27 @@ def test_a_window_without_its_package_names_the_extra() -> None:
     pytest.importorskip("gymnasium")
     (line,) = fresh(HUMAN)
     assert line.endswith(how_to_install("pygame"))
+
+
+def test_the_environments_need_nothing_that_learns() -> None:
+    """A step in each with the packages of other extras out of reach, in a process that cannot import them."""
+    pytest.importorskip("gymnasium")
+    others = [package for package, extra in EXTRAS.items() if extra != "env"]
+    code = TRY.format(packages=others, modules=[]) + "import gymnasium, impact_env\nfor name in impact_env.envs.ENVIRONMENTS:\n"
+    code += "    env = gymnasium.make(name, interval=1.0, render_mode='rgb_array')\n    env.reset(seed=0)\n"
+    code += "    env.step(env.action_space.sample())\n    print(env.render().shape)\n"
+    assert fresh(code) == ["(420, 640, 3)"] * 7
+
+
+@pytest.mark.parametrize(
+    ("call", "package", "extra"), [("recurrent()", "sb3_contrib", "rl"), ("_minari(Path('.')).__enter__()", "minari", "offline")]
+)
+def test_what_only_one_function_needs_is_named_by_it(call: str, package: str, extra: str) -> None:
+    pytest.importorskip("stable_baselines3")
+    code = TRY.format(packages=[package], modules=[]) + "from pathlib import Path\nfrom optimisation.rl.models import recurrent\n"
+    code += f"from optimisation.rl.demonstrations import _minari\ntry:\n    {call}\nexcept ImportError as error:\n    print(error)\n"
+    (line,) = fresh(code)
+    assert line == f'{package} is not installed; it comes with: pip install "{DISTRIBUTION}[{extra}]"' or "h5py" in line
 
 
 def test_extras_are_those_of_the_package() -> None:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from impact_env.frequency import poles, tip_response
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber
-from optimisation.response import poles, tip_response
 from optimisation.tuned import (
     PAPER,
     den_hartog,

@@ -20,9 +20,9 @@ from impact_env import (
     impact_absorbers,
     modal_model,
 )
+from impact_env.frequency import receptance, tip_response
 from impact_env.modes import ModalModel
 from optimisation.bounds import design_force, stroke_limit_rms
-from optimisation.response import receptance, tip_response
 
 SAMPLES, SETTLED, MEASURED = 16, 220, 250  # pseudo periods: start-up has decayed to 1e-6, the mean over the window moves by less than SLACK
 SLACK = 5e-3

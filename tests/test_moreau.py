@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stepped import golden, integrate, order, still
+from stepped import golden, integrate, order, still, table
 
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.families import Observers, family
 from impact_env.kernels.chirp import fill_phases
-from impact_env.kernels.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, STUCK_TIME, close_level, new_counters, new_level
+from impact_env.kernels.grid import Force
+from impact_env.kernels.level import close_level, new_level
+from impact_env.kernels.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, new_counters
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
 from impact_env.parameters import (
     Beam,
@@ -57,11 +59,11 @@ def test_bouncing_absorber(restitution: float) -> None:
         run = integrate(light, still(times[-1] * 1.02, OMEGA), Moreau(steps), InitialState(absorber_velocity=speed))
         dt = 2 * np.pi / steps / OMEGA
         assert len(run.impacts) == 5
-        np.testing.assert_array_less(np.abs(run.impacts[:, 0] - times), 2 * dt * np.arange(1, 6) / restitution**4)
-        np.testing.assert_allclose(np.abs(run.impacts[:, 1]), speeds, rtol=1e-6)
-        np.testing.assert_allclose(np.sign(run.impacts[:, 1]), [1, -1, 1, -1, 1])
-        np.testing.assert_allclose(run.impacts[:, 2], -(1 + restitution) * run.impacts[:, 1] * mass, rtol=1e-6)
-        np.testing.assert_allclose(run.impacts[:, 3], (1 - restitution**2) * speeds**2 * mass / 2, rtol=1e-6, atol=1e-20 * speed)
+        np.testing.assert_array_less(np.abs(run.impacts["time"] - times), 2 * dt * np.arange(1, 6) / restitution**4)
+        np.testing.assert_allclose(np.abs(run.impacts["relative_velocity"]), speeds, rtol=1e-6)
+        np.testing.assert_allclose(np.sign(run.impacts["relative_velocity"]), [1, -1, 1, -1, 1])
+        np.testing.assert_allclose(run.impacts["impulse"], -(1 + restitution) * run.impacts["relative_velocity"] * mass, rtol=1e-6)
+        np.testing.assert_allclose(run.impacts["loss"], (1 - restitution**2) * speeds**2 * mass / 2, rtol=1e-6, atol=1e-20 * speed)
         assert run.balance_error < 1e-9
 
 
@@ -75,9 +77,9 @@ def test_friction_stops_the_absorber_and_holds_it() -> None:
     dt = 2 * np.pi / 500 / OMEGA
     assert run.end[1] == pytest.approx(speed**2 / slowing / 2, abs=speed * dt)
     assert abs(run.end[3]) < 1e-9
-    np.testing.assert_allclose(run.phases, [[stop, 2 * stop, STUCK_INSIDE]], atol=dt)
-    assert run.counters[STUCK_TIME] == pytest.approx(stop, abs=dt)
-    assert run.energy.totals[1] == pytest.approx(light.absorber_mass * speed**2 / 2, rel=1e-6)
+    np.testing.assert_allclose(table(run.phases), [[stop, 2 * stop, STUCK_INSIDE]], atol=dt)
+    assert run.counters["stuck_time"] == pytest.approx(stop, abs=dt)
+    assert run.energy.totals["friction_loss"][0] == pytest.approx(light.absorber_mass * speed**2 / 2, rel=1e-6)
 
 
 def test_coulomb_oscillator_loses_a_fixed_amplitude_each_half_period() -> None:
@@ -92,9 +94,9 @@ def test_coulomb_oscillator_loses_a_fixed_amplitude_each_half_period() -> None:
 def test_without_rebound_the_absorber_is_held_at_the_wall() -> None:
     held = beam_scene(Beam(modes=3), impact_absorber(1e-3, 0.0))
     run = integrate(held, Drive(5.0, constant_frequency(OMEGA, 1.0, 30)), Moreau(50))
-    assert {HELD_LOWER, HELD_UPPER} <= set(run.phases[:, 2])
-    assert run.counters[STUCK_TIME] == pytest.approx(np.sum(run.phases[:, 1] - run.phases[:, 0]))
-    assert run.counters[STUCK_TIME] > 0
+    assert {HELD_LOWER, HELD_UPPER} <= set(run.phases["kind"])
+    assert run.counters["stuck_time"] == pytest.approx(np.sum(run.phases["end"] - run.phases["start"]))
+    assert run.counters["stuck_time"] > 0
     distance = run.states[:, 3] - run.states[:, :3] @ held.model.tip_shape
     assert np.max(np.abs(distance)) < 1.05e-3
 
@@ -114,15 +116,15 @@ def test_first_impacts_of_the_golden_cases(name: str, duration: float, paper_err
     present, drive, times, velocities = golden(name, duration)
     period = drive.schedule.pseudo_period
     paper, fine = (integrate(present, drive, Moreau(steps)) for steps in (20, 10_000))
-    assert abs(paper.impacts[0, 0] - times[0]) < paper_error * period
-    np.testing.assert_allclose(fine.impacts[:5, 0], times[:5], atol=1e-3 * period)
-    assert abs(fine.impacts[0, 0] - times[0]) < 2e-5 * period
-    np.testing.assert_allclose(fine.impacts[:3, 1], velocities[:3], rtol=1e-2)
+    assert abs(paper.impacts["time"][0] - times[0]) < paper_error * period
+    np.testing.assert_allclose(fine.impacts["time"][:5], times[:5], atol=1e-3 * period)
+    assert abs(fine.impacts["time"][0] - times[0]) < 2e-5 * period
+    np.testing.assert_allclose(fine.impacts["relative_velocity"][:3], velocities[:3], rtol=1e-2)
 
 
 def test_impact_times_are_of_first_order() -> None:
     present, drive, times, _ = golden("rigid_frictionless_3_modes", 0.36)
-    errors = [abs(integrate(present, drive, Moreau(steps)).impacts[1, 0] - times[1]) for steps in (100, 1000, 10_000)]
+    errors = [abs(integrate(present, drive, Moreau(steps)).impacts["time"][1] - times[1]) for steps in (100, 1000, 10_000)]
     assert 0.7 < order(errors, 10.0) < 1.6
 
 
@@ -152,11 +154,11 @@ def test_level_agrees_with_the_series_and_any_step_grid() -> None:
     level, counters = new_level(128), new_counters()
     interval = drive.schedule.pseudo_period / 128
     family(present, Moreau()).run(present, drive, Moreau(), InitialState().vector(present), interval, Observers(counters, level))
-    assert level.state[0] == len(tip)
+    assert level.state["next"] == len(tip)
     at = int(np.argmax(np.abs(tip)))
     window = tip[max(0, at - 1280) + 1 : at + 1281]
     assert close_level(level)[0] == pytest.approx(np.sqrt(np.mean(window**2)), rel=1e-9)
-    assert counters.values[0] == run.counters[0]
+    assert counters.counts["impacts"] == run.counters["impacts"]
 
 
 def test_stuck_absorber_moves_with_the_tip() -> None:
@@ -164,7 +166,7 @@ def test_stuck_absorber_moves_with_the_tip() -> None:
     run = integrate(stuck, Drive(1.0, constant_frequency(OMEGA, 1.0, 10)), Moreau())
     distance = run.states[:, 3] - run.states[:, :3] @ stuck.model.tip_shape
     assert np.max(np.abs(distance)) < 1e-12
-    np.testing.assert_allclose(run.phases, [[0.0, 10 * 2 * np.pi / OMEGA, STUCK_INSIDE]])
+    np.testing.assert_allclose(table(run.phases), [[0.0, 10 * 2 * np.pi / OMEGA, STUCK_INSIDE]])
 
 
 def test_more_modes_than_a_table_of_fixed_width_holds() -> None:
@@ -173,7 +175,7 @@ def test_more_modes_than_a_table_of_fixed_width_holds() -> None:
     states = [
         integrate(present, still(duration, OMEGA), Moreau(steps), InitialState(absorber_velocity=2.0), sample_dt=duration) for steps in (20, 40)
     ]
-    assert all(run.status == DONE and run.impacts[0, 0] == pytest.approx(5e-5, rel=1e-2) for run in states)
+    assert all(run.status == DONE and run.impacts["time"][0] == pytest.approx(5e-5, rel=1e-2) for run in states)
     assert states[1].balance_error < 1e-3
 
 
@@ -186,10 +188,10 @@ def test_an_unstable_step_is_reported() -> None:
 @pytest.mark.parametrize("dt", [1e-4, 3.3e-3, 0.4])
 def test_the_turning_phasor_is_the_cosine(dt: float) -> None:
     schedule = FrequencySchedule(np.array([0.0, 0.3, 0.301, 0.5, 2.0]), np.array([240.0, 270.0, 100.0, 100.0, 900.0]), OMEGA)
-    times, omegas, phases = (np.array(row) for row in (schedule.times, schedule.omegas, schedule.phase_at(schedule.times)))
+    force = Force(*(np.array(row) for row in (schedule.times, schedule.omegas, schedule.phase_at(schedule.times))), 1.0, 0.7)
     count = int(2.0 / dt)
     target = np.zeros(count)
-    fill_phases(target, count, times, omegas, phases, 0.7, 0, 0.0, dt)
+    fill_phases(target, count, force, 0, 0.0, dt)
     np.testing.assert_allclose(target, np.cos(schedule.phase_at(dt * np.arange(count)) + 0.7), atol=2e-12)
 
 

@@ -65,6 +65,20 @@ def test_search_follows_from_its_seed_and_keeps_what_an_interrupt_leaves() -> No
     assert told
 
 
+def test_failed_runs_cost_a_design_and_not_the_search() -> None:
+    class Failing(Noisy):
+        def run(self, chunks):  # type: ignore[no-untyped-def]
+            for k, values in super().run(chunks):
+                yield k, np.full_like(values, np.nan) if self.seen[-1][1] > 0.6 else values
+
+    one = problem(conditions=(Condition(1, 3.5),), members=4)
+    for method in NOISY:
+        told, finished = noisy_search(one, method, 60, Failing(), from_scratch=True)
+        assert finished
+        assert told[0].design.values["restitution"] < 0.65
+        assert off(told[0].design) < 0.6
+
+
 def test_kernel_quantile_is_the_quantile_of_a_normal_around_a_slope() -> None:
     generator = np.random.default_rng(0)
     x = generator.random((4000, 1))

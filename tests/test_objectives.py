@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core import drive_of, run, scene_of
+from core import drive_of, scene_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impact_env import Beam, ParameterError, Record, impact_absorber, modal_model, simulate
+from impact_env import Beam, ParameterError, Record, Scene, impact_absorber, modal_model, simulate
 from impact_env.level import response_level
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
 from optimisation.evaluation import Threads, evaluate
-from optimisation.measures import MEASURES, Chunk, _value, fatigue_damage, gauges, rainflow_amplitudes, turning_points
+from optimisation.measures import MEASURES, Chunk, _value, clamp_moment, fatigue_damage, rainflow_amplitudes, turning_points
+from optimisation.mounting import mounted
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score, range_width
 from optimisation.problem import FAILED, PENALTY, Problem
 from optimisation.tuned import HIGH, LOW
@@ -54,17 +55,21 @@ def test_rainflow_loses_no_range(values: list[float]) -> None:
 
 def test_clamp_moment_of_a_load_at_the_end() -> None:
     beam = Beam(modes=60)
-    model, watched = modal_model(beam), gauges(beam)
+    model, moment = modal_model(beam), clamp_moment(beam)
+    assert moment is not None
     still = model.tip_shape * 7.0 / model.omega**2
-    assert watched.clamp_moment @ still == pytest.approx(7.0 * beam.length, rel=1e-6)
-    assert watched.free_end @ still == pytest.approx(7.0 * beam.length**3 / (3 * beam.bending_stiffness), rel=1e-6)
-    off = gauges(replace(beam, absorber_position=0.4))
-    np.testing.assert_array_equal(off.free_end, watched.free_end)
+    assert moment @ still == pytest.approx(7.0 * beam.length, rel=1e-6)
+    off = mounted(beam, 0.4)
+    assert off.level_shape @ still == pytest.approx(7.0 * beam.length**3 / (3 * beam.bending_stiffness), rel=1e-6)
+    np.testing.assert_array_equal(off.level_shape, model.tip_shape)
+    assert clamp_moment(Beam(ends="pinned-pinned", absorber_position=0.5)) is None
+    assert clamp_moment(model) is None
 
 
 def test_measures_agree_with_the_energy_account_and_the_events() -> None:
-    response = run(scene_of(impact_absorber(restitution=0.7, friction_limit=0.1)), drive_of(3.5, 0.95, 1.0, periods=40))
-    chunk = Chunk((), tuple(MEASURES), gauges(Beam(modes=3)), 5.0, at_end=False)
+    scene, drive = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1)), drive_of(3.5, 0.95, 1.0, periods=40)
+    response = simulate(scene, drive, record=Record(events=True, series=True, energy=True))
+    chunk = Chunk((), tuple(MEASURES), clamp_moment(Beam(modes=3)), 5.0)
     found = {name: _value(name, chunk, response) for name in MEASURES}
     energy, history, impacts = response.energy, response.history, response.impacts
     assert energy is not None
@@ -81,15 +86,14 @@ def test_measures_agree_with_the_energy_account_and_the_events() -> None:
 
 
 def test_only_what_is_needed_is_recorded() -> None:
-    def record(measures: tuple[str, ...], at_end: bool) -> Record:
-        return Chunk((), measures, gauges(Beam(modes=2)), 5.0, at_end).record
+    def record(*measures: str) -> Record:
+        return Chunk((), measures, clamp_moment(Beam(modes=2)), 5.0).record
 
-    assert record(("level",), True) == Record()
-    assert record(("level",), False) == Record(level=False, series=True)
-    assert record(("level", "impact_power"), True) == Record(events=True)
-    assert record(("level", "damage"), True) == Record(series=True)
+    assert record("level") == Record()
+    assert record("level", "impact_power") == Record(events=True)
+    assert record("level", "damage") == Record(series=True)
     with pytest.raises(ParameterError, match="measure = 'colour'"):
-        record(("colour",), True)
+        record("colour")
 
 
 @pytest.mark.parametrize(
@@ -185,7 +189,8 @@ def test_level_is_that_of_the_free_end_wherever_the_absorber_sits() -> None:
         ((_, measured),) = evaluate(problem, [design], problem.ensemble, problem.rate, Threads(1))
         assert problem.score(design, measured, problem.ensemble, problem.rate).values[0] == pytest.approx(1.0, rel=1e-5)
         chunk = problem.chunks(design, problem.ensemble, problem.rate)[0]
-        at_its_place = simulate(chunk.lanes[0].scene, chunk.lanes[0].drive).level
+        scene = chunk.lanes[0].scene
+        at_its_place = simulate(Scene(replace(scene.model, response_shape=None), scene.absorber), chunk.lanes[0].drive).level
         assert at_its_place is not None
         assert (at_its_place.value < 0.6 * measured[0, 0, 0, 0]) == (position < 1)
 

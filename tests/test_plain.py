@@ -257,7 +257,8 @@ def test_page_names_every_key_with_its_default() -> None:
     for key, value in beam.items():
         assert key in described
         if not isinstance(value, dict):
-            assert f"`{key}` ({value:g}" in PAGE or f"`{key}` ({value}" in PAGE, key
+            shown = f"{value:g}" if isinstance(value, float) else str(value)
+            assert f"`{key}` ({shown}" in PAGE or f"`{key}` ({value}" in PAGE, key
     tuned = from_scene(beam_scene(absorber=TunedAbsorber()))["absorber"]
     assert f"`stiffness_n_m` ({tuned['stiffness_n_m']})" in PAGE
     assert f"`damping_n_s_m` ({tuned['damping_n_s_m']})" in PAGE

@@ -30,8 +30,8 @@ def several(*members: dict[str, Any]) -> dict[str, Any]:
 
 
 BAD: list[tuple[Any, str]] = [
-    ([], "scene = [] is not allowed: a table with keys among beam, model, absorber"),
-    ({"beams": {}}, "scene.beams = {} is not allowed: only the keys beam, model, absorber are known"),
+    ([], "scene = [] is not allowed: a table with keys among beam, model, universal, matrices, absorber"),
+    ({"beams": {}}, "scene.beams = {} is not allowed: only the keys beam, model, universal, matrices, absorber are known"),
     ({"beam": 3}, "scene.beam = 3 is not allowed: a table with keys among length_m"),
     ({"beam": None}, "scene.beam = None"),
     ({"beam": {"length": 0.5}}, "scene.beam.length = 0.5 is not allowed: only the keys length_m"),
@@ -54,8 +54,8 @@ BAD: list[tuple[Any, str]] = [
     ({"beam": {"modal_frequency_ratio": {"02": 5}}}, "scene.beam.modal_frequency_ratio's mode = '02'"),
     ({"beam": {"modal_frequency_ratio": {"11": 5}}}, "scene.beam.modal_frequency_ratio's mode = 11"),
     ({"beam": {"modal_frequency_ratio": {"2": 0}}}, "scene.beam.modal_frequency_ratio[2] = 0"),
-    ({"beam": {}, "model": MODEL}, "scene.beam = Beam("),
-    ({"model": {}}, "scene.model = {} is not allowed: the key omega_rad_s must be given"),
+    ({"beam": {}, "model": MODEL}, "scene.beam = {} is not allowed: left out beside another structure"),
+    ({"model": {}}, "scene.model = {} is not allowed: the key damping_ratio must be given"),
     ({"model": {**MODEL, "omega_rad_s": [1, NAN]}}, "scene.model.omega_rad_s[1] = nan"),
     ({"model": {**MODEL, "omega_rad_s": [1, 10**400]}}, "scene.model.omega_rad_s[1] = "),
     ({"model": {**MODEL, "omega_rad_s": [1, -2]}}, "scene.model.omega_rad_s = "),

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from stepped import integrate, order, still
+from stepped import integrate, order, still, table
 
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.kernels.observers import DONE, HELD_LOWER, HELD_UPPER
@@ -77,7 +77,7 @@ def test_the_step_is_the_textbook_step() -> None:
     drive = Drive(20.0, schedule, 0.4)
     run = integrate(present, drive, RungeKutta())
     assert len(run.impacts) > 1
-    np.testing.assert_allclose(run.end, textbook(present, drive, int(run.counters[2])), rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(run.end, textbook(present, drive, int(run.counters["steps"])), rtol=1e-9, atol=1e-13)
 
 
 def test_a_contact_lasts_as_long_as_half_a_period_on_the_wall() -> None:
@@ -90,10 +90,10 @@ def test_a_contact_lasts_as_long_as_half_a_period_on_the_wall() -> None:
     second = first + contact + 2 * gap / speed
     run = integrate(light, still(second + 2 * contact, OMEGA), RungeKutta(20, 100), InitialState(absorber_velocity=speed))
     assert run.end[3] == pytest.approx(speed, rel=1e-4)
-    np.testing.assert_allclose(run.phases, [[first, first + contact, HELD_UPPER], [second, second + contact, HELD_LOWER]], rtol=1e-5)
-    np.testing.assert_allclose(run.impacts[:, 0], [first, second], rtol=1e-5)
-    np.testing.assert_allclose(run.impacts[:, 1], [speed, -speed], rtol=1e-4)
-    np.testing.assert_allclose(run.impacts[:, 2], [-2 * mass * speed, 2 * mass * speed], rtol=1e-4)
+    np.testing.assert_allclose(table(run.phases), [[first, first + contact, HELD_UPPER], [second, second + contact, HELD_LOWER]], rtol=1e-5)
+    np.testing.assert_allclose(run.impacts["time"], [first, second], rtol=1e-5)
+    np.testing.assert_allclose(run.impacts["relative_velocity"], [speed, -speed], rtol=1e-4)
+    np.testing.assert_allclose(run.impacts["impulse"], [-2 * mass * speed, 2 * mass * speed], rtol=1e-4)
 
 
 def test_elastic_friction_stops_the_absorber() -> None:
@@ -111,11 +111,11 @@ def test_elastic_friction_stops_the_absorber() -> None:
 
 def test_stiff_contact_approaches_rigid_contact() -> None:
     drive = Drive(3.0, linear_sweep(OMEGA, 0.98, 0.985))
-    rigid = integrate(beam_scene(Beam(modes=2), impact_absorber()), drive, Moreau(20_000)).impacts[:3, 0]
+    rigid = integrate(beam_scene(Beam(modes=2), impact_absorber()), drive, Moreau(20_000)).impacts["time"][:3]
     errors = []
     for stiffness in (1e5, 1e7, 1e9):
         run = integrate(beam_scene(Beam(modes=2), SlidingAbsorber(0.02, CompliantWalls(stiffness))), drive, RungeKutta())
-        errors.append(np.abs(run.impacts[:3, 0] - rigid) * OMEGA / 2 / np.pi)
+        errors.append(np.abs(run.impacts["time"][:3] - rigid) * OMEGA / 2 / np.pi)
     assert np.all(errors[1][1:] < errors[0][1:])
     assert np.all(errors[2][1:] < errors[1][1:])
     assert np.max(errors[2]) < 1e-3
@@ -145,7 +145,8 @@ def test_moreau_and_runge_kutta_agree_on_linear_scenes(absorber: Absorber | None
     drive = Drive(-2.0, constant_frequency(OMEGA, 0.97, 20), 0.3)
     one, other = integrate(present, drive, Moreau(5000)), integrate(present, drive, RungeKutta(40))
     np.testing.assert_allclose(one.states, other.states, atol=2e-3 * np.max(np.abs(other.states)))
-    np.testing.assert_allclose(one.energy.totals[[0, 3]], other.energy.totals[[0, 3]], rtol=2e-3, atol=1e-15)
+    for name in ("work", "absorber_damping"):
+        np.testing.assert_allclose(one.energy.totals[name], other.energy.totals[name], rtol=2e-3, atol=1e-15)
     np.testing.assert_allclose(one.energy.modal, other.energy.modal, rtol=5e-3)
 
 
@@ -162,4 +163,4 @@ def test_more_modes_than_a_table_of_fixed_width_holds() -> None:
     present = beam_scene(Beam(modes=70, elements=35), SlidingAbsorber(0.02, CompliantWalls(1e6, 1e-4)))
     run = integrate(present, still(1e-4, OMEGA), RungeKutta(), InitialState(absorber_velocity=2.0), sample_dt=1e-4)
     assert run.status == DONE
-    assert run.impacts[0, 0] == pytest.approx(5e-5, rel=1e-9)
+    assert run.impacts["time"][0] == pytest.approx(5e-5, rel=1e-9)

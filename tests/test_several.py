@@ -36,6 +36,10 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns
 from impact_env.energy import stored_energy
 from impact_env.ensemble import Lane, run_lanes
+from impact_env.families import Observers
+from impact_env.families.several import SEVERAL as ANY_NUMBER
+from impact_env.kernels.observers import DONE, new_counters, new_energy, new_events
+from impact_env.methods import Exact
 from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
 
@@ -119,6 +123,24 @@ def test_order_of_the_absorbers_does_not_matter() -> None:
     assert runs[0].impact_count == runs[1].impact_count >= 3
     order = [0, 1, 2, 4, 5, 3, 6, 7, 8, 10, 11, 9]
     np.testing.assert_allclose(runs[1].end_state[order], runs[0].end_state, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize(("restitution", "friction"), [(0.0, None), (0.6, None), (0.6, 0.05), (1.0, None), (1.0, 0.05)])
+def test_a_single_absorber_is_the_same_in_the_lane_of_several(friction: float | None, restitution: float) -> None:
+    """Two lanes of their own, by different regimes and ways from one to another, and no truth that they share but the search."""
+    scene, drive = beam_scene(BEAM, impact_absorber(3e-4, restitution, friction)), drive_of(3.0, 0.97, 1.02, periods=3)
+    single, start = run(scene, drive), InitialState().vector(scene)
+    seen, end = Observers(new_counters(), events=new_events(1000), energy=new_energy(3)), start.copy()
+    assert ANY_NUMBER.run(scene, drive, Exact(), end, drive.schedule.pseudo_period / 128, seen) == DONE
+    assert single.impacts is not None
+    assert single.energy is not None
+    assert seen.counters.counts["impacts"] == single.impact_count >= 3
+    assert seen.counters.counts["stuck_time"] == pytest.approx(single.stuck_time, rel=1e-6, abs=1e-9 * PERIOD)
+    impacts = seen.events.impacts[: single.impact_count]  # type: ignore[union-attr]
+    np.testing.assert_allclose(impacts["time"], single.impacts.time, atol=1e-8 * PERIOD)
+    np.testing.assert_allclose(impacts["impulse"], single.impacts.impulse, rtol=1e-6, atol=1e-9 * np.max(np.abs(single.impacts.impulse)))
+    np.testing.assert_allclose(end, single.end_state, atol=1e-7 * np.max(np.abs(single.end_state)))
+    assert seen.energy.totals["friction_loss"][0] == pytest.approx(single.energy.friction_loss, rel=1e-7)  # type: ignore[union-attr]
 
 
 def test_absorbers_that_never_move_are_a_stuck_one_of_their_mass() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from impact_env.frequency import natural_frequencies, tip_response
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, TunedAbsorber
-from optimisation.response import natural_frequencies, tip_response
 from optimisation.tuned import PAPER, den_hartog, effective_mass_ratio, minimax, peak, peaks, undamped_minimax
 
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from impact_env.envs.task import Task
 from impact_env.extras import how_to_install, optional
-from impact_env.kernels import interval as columns
-from impact_env.modes import modal_model
+from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, SlidingAbsorber
 
 with optional():
@@ -31,6 +30,7 @@ LEFT, RIGHT, MIDDLE = 50.0, 520.0, 140.0  # of the beam, in pixels
 REACH = 95.0  # pixels that the largest expected displacement gets
 STRIPS = ((285.0, 335.0), (360.0, 410.0))  # top and bottom of the strips
 STRIP_LEFT, STRIP_RIGHT = 60.0, 620.0
+UNKNOWN_PLACE = 0.5  # of the force, as a share of the length, where it is not known
 PAPER, INK, PALE, BLUE, RED, GREEN = "white", "#303030", "#d8e4f0", "#1f5fa8", "#c03028", "#2f7d4f"
 MASS = 9.0  # half the side of the absorber in pixels
 
@@ -38,14 +38,21 @@ MASS = 9.0  # half the side of the absorber in pixels
 @lru_cache(maxsize=8)
 def _shapes(lengths: tuple[Any, ...]) -> Array:
     beam = Beam(**dict(lengths[:-1]), modal_frequency_ratio=dict(lengths[-1]))
-    rows = [modal_model(replace(beam, force_position=x)).force_shape for x in np.linspace(0, 1, POSITIONS + 1)[1:]]
-    return np.concatenate([np.zeros((1, beam.modes)), rows])
+    moves = {0.0: beam.ends.startswith("free"), 1.0: beam.ends.endswith("free")}
+    places = [float(x) for x in np.linspace(0, 1, POSITIONS + 1)]
+    still = np.zeros(beam.modes)
+    return np.array([modal_model(replace(beam, force_position=x)).force_shape if moves.get(x, True) else still for x in places])
 
 
 def mode_shapes(beam: Beam) -> Array:
-    """Return the modes' deflections at equidistant places from the clamped end to the tip, (POSITIONS + 1, N_m) in 1/sqrt(kg)."""
+    """Return the modes' deflections at equidistant places from the left end to the right one, (POSITIONS + 1, N_m) in 1/sqrt(kg)."""
     values = {name: getattr(beam, name) for name in beam.__dataclass_fields__ if name != "modal_frequency_ratio"}
     return _shapes((*values.items(), tuple(beam.modal_frequency_ratio.items())))
+
+
+def straight_shapes(model: ModalModel) -> Array:
+    """Return shapes where only the modes are known, (POSITIONS + 1, N_m): a straight line from the support to the absorber's place."""
+    return np.linspace(0, 1, POSITIONS + 1)[:, None] * np.array(model.tip_shape)
 
 
 class Strip:
@@ -100,10 +107,15 @@ class Screen:
         self.task, self.fps = task, fps
         settings = task.settings
         self.beam = settings.beam_parameters
-        self.shapes = mode_shapes(self.beam)
+        self.shapes = straight_shapes(settings.scene.model) if self.beam is None else mode_shapes(self.beam)
         self.sliding = settings.scene.absorber if isinstance(settings.scene.absorber, SlidingAbsorber) else None
         self.strips: dict[int, tuple[Strip, Strip]] = {}
-        self._window = _Window() if window else None
+        self._wanted = window
+        self._window: _Window | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the window, which cannot be copied; a copy opens its own."""
+        return self.__dict__ | {"_window": None}
 
     def show(self, lane: int) -> NDArray[np.uint8] | None:
         """Return a lane's image (height, width, 3), or show it in the window."""
@@ -112,8 +124,10 @@ class Screen:
         level.push(float(info["time"][lane]), float(self.task.level()[lane]))
         frequency.push(float(info["time"][lane]), float(info["frequency_ratio"][lane]))
         pixels = self._draw(lane, info, level, frequency)
-        if self._window is None:
+        if not self._wanted:
             return pixels
+        if self._window is None:
+            self._window = _Window()
         self._window.show(pixels, self.fps)
         return None
 
@@ -136,20 +150,20 @@ class Screen:
         x = np.linspace(LEFT, RIGHT, POSITIONS + 1)
         y = MIDDLE - scale * (self.shapes @ state[:modes])
         first = self.shapes[:, 0] / self.task.settings.scene.model.tip_shape[0]
-        band = scale * np.hypot(report[columns.IN_PHASE], report[columns.QUADRATURE]) * np.abs(first)
+        band = scale * np.hypot(report["in_phase"], report["quadrature"]) * np.abs(first)
         upper, lower = list(zip(x, MIDDLE - band, strict=True)), list(zip(x, MIDDLE + band, strict=True))
         picture.polygon([*upper, *reversed(lower)], PALE)
         picture.line([(LEFT, MIDDLE), (RIGHT, MIDDLE)], "#b0b0b0", 1)
         picture.box(LEFT - 14, MIDDLE - 60, LEFT, MIDDLE + 60, "#909090")
-        place = LEFT + self.beam.force_position * (RIGHT - LEFT)
+        place = LEFT + (UNKNOWN_PLACE if self.beam is None else self.beam.force_position) * (RIGHT - LEFT)
         self._draw_force(picture, place, float(np.interp(place, x, y)), lane)
         picture.line(zip(x, y, strict=True), BLUE, 5)
         if task.settings.scene.absorber is not None:
-            place = LEFT + self.beam.absorber_position * (RIGHT - LEFT)
+            place = LEFT + (1.0 if self.beam is None else self.beam.absorber_position) * (RIGHT - LEFT)
             self._draw_absorber(picture, place, float(np.interp(place, x, y)), scale, lane)
 
     def _draw_force(self, picture: Picture, x: float, y: float, lane: int) -> None:
-        size = 45 * np.cos(self.task.runs.orders[lane, columns.PHASE])
+        size = 45 * np.cos(self.task.runs.orders["phase"][lane])
         tip = y - size
         picture.line([(x, y), (x, tip)], INK, 2)
         if abs(size) > 8:
@@ -158,7 +172,7 @@ class Screen:
 
     def _draw_absorber(self, picture: Picture, x: float, y: float, scale: float, lane: int) -> None:
         """Draw the absorber beside the tip and, where it has walls, the cavity around it: what is between both is the clearance to scale."""
-        half = 0.0 if self.sliding is None or self.sliding.walls is None else scale * self.task.runs.orders[lane, columns.GAP]
+        half = 0.0 if self.sliding is None or self.sliding.walls is None else scale * self.task.runs.orders["gap"][lane]
         x += MASS + 16
         picture.line([(x - MASS - 16, y), (x - MASS - 6, y)], BLUE, 5)
         if half > 0:
@@ -166,7 +180,7 @@ class Screen:
             picture.line([(x + MASS + 6, top), (x - MASS - 6, top), (x - MASS - 6, bottom), (x + MASS + 6, bottom)], BLUE, 4)
         else:
             picture.line([(x - MASS - 6, y - 20), (x - MASS - 6, y + 20)], BLUE, 4)
-        centre = y - scale * self.task.runs.reports[lane, columns.DISTANCE]
+        centre = y - scale * self.task.runs.reports["distance"][lane]
         picture.box(x - MASS, centre - MASS, x + MASS, centre + MASS, RED, INK)
 
     def close(self) -> None:

@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 from impact_env.envs.gap_task import GapControl, GapTask
-from impact_env.envs.settings import Settings
-from impact_env.envs.shells import TaskEnv, TaskVectorEnv, choice, lanes_of, split
+from impact_env.envs.settings import Settings, with_defaults
+from impact_env.envs.shells import TaskEnv, choice, lanes_of, split
+from impact_env.envs.vector_shell import TaskVectorEnv, shell_of
 
 DEFAULTS: dict[str, Any] = {"force": (0.5, 6.0), "absorber_options": {"restitution": 0.7}}
 
 
 def _task(lanes: int, arguments: dict[str, Any]) -> GapTask:
-    settings, control = split({**DEFAULTS, **arguments}, Settings, GapControl)
+    settings, control = split(with_defaults(DEFAULTS, arguments), Settings, GapControl)
     return GapTask(Settings(**settings), GapControl(**control), lanes)
 
 
@@ -65,6 +66,7 @@ class GapChoiceEnv(TaskEnv):
       ``gap``, ``restitution``, ``friction_limit``, ``contact_stiffness``, ``friction_stiffness`` (both make contact compliant), ``stiffness``,
       ``damping``
     - ``modes`` of the beam; ``beam``: other values of `impact_env.Beam`, by name
+    - ``whole_scene``: a whole scene in place of the lines above, as an `impact_env.Scene` or in plain form (docs/scenes.md): any structure
     - ``resonance`` (default 1): the one that is meant, counted from 1; its period is the pseudo period
     - ``force``: amplitude in N, or a pair (low, high) from which the schedule draws (default 0.5 to 6)
     - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``
@@ -87,7 +89,8 @@ class GapChoiceEnv(TaskEnv):
 
 
 class GapChoiceVectorEnv(TaskVectorEnv):
-    """Native vector of `GapChoiceEnv`: all lanes in one call of the simulator, autoreset in the same step, lane i as the single one with seed + i."""
+    """Native vector of `GapChoiceEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
 
     def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
-        super().__init__(_task(lanes_of(num_envs), arguments), choice(), render_mode)
+        own, shell = shell_of(arguments)
+        super().__init__(_task(lanes_of(num_envs), own), choice(), render_mode, shell)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.envs.observation import STATE, Feature
-from impact_env.envs.reference import mean_power_of_cosine, steady_amplitude
+from impact_env.envs.reference import mean_power_of_cosine
 from impact_env.envs.settings import Range, Settings, one_of, span
 from impact_env.envs.task import Array, Mask, Task
-from impact_env.kernels import interval as columns
+from impact_env.frequency import receptance
 from impact_env.parameters import RigidWalls, SlidingAbsorber, positive, require
 
 OBJECTIVES = ("rms", "fatigue")
@@ -71,13 +71,14 @@ class GapTask(Task):
             held = max(1, round(generator.uniform(shortest, longest) / interval))
             self._forces[lane, done : done + held] = self.draw_force(generator)
             done += held
-        amplitude = steady_amplitude(self.settings.scene.model, float(self.ratio[lane]) * self.omega)
+        model = self.settings.scene.model
+        amplitude = float(abs(receptance(model, self.ratio[lane] * self.omega, model.tip_shape, model.force_shape)))
         exponent = self.control.fatigue_exponent
         for step in range(self.steps):
             largest = amplitude * float(self._forces[lane, step])
             self._scale[lane, step] = (largest / self.length) ** exponent * mean_power_of_cosine(exponent) if self.fatigue else largest / math.sqrt(2)
         self.force[lane] = self._forces[lane, 0]
-        self.runs.orders[lane, columns.GAP] = self.length
+        self.runs.orders["gap"][lane] = self.length
         self.limited[lane] = False
         self.draw_phase(lane, generator)
 
@@ -85,22 +86,22 @@ class GapTask(Task):
         """Order the wanted half-clearances and the forces of the interval."""
         low, high = span("gap_limits", self.control.gap_limits)
         self._wanted = low + 0.5 * (actions[:, 0].astype(np.float64) + 1) * (high - low)
-        self.runs.orders[:, columns.GAP] = self._wanted
+        self.runs.orders["gap"] = self._wanted
         self.force = self._forces[self._rows, np.minimum(self.elapsed, self.steps - 1)]
         return np.full(self.lanes, self.interval), self.ratio.copy(), np.zeros(self.lanes, dtype=np.bool_)
 
     def reward(self) -> Array:
         """Return minus the interval's share of the mean relative response."""
-        self.limited = self.runs.orders[:, columns.GAP] > self._wanted
+        self.limited = self.runs.orders["gap"] > self._wanted
         scale = self._scale[self._rows, self.elapsed - 1] * self.steps
         if self.fatigue:
             samples = self.interval * self.settings.samples_per_period
-            return -(self.runs.reports[:, columns.DAMAGE] / samples) / scale
-        return -np.sqrt(self.runs.reports[:, columns.MEAN_SQUARE]) / scale
+            return -(self.runs.reports["damage"] / samples) / scale
+        return -np.sqrt(self.runs.reports["mean_square"]) / scale
 
     def level(self) -> Array:
         """Return the RMS of the last interval in units of the scene's half-clearance."""
-        return np.sqrt(self.runs.reports[:, columns.MEAN_SQUARE]) / self.length
+        return np.sqrt(self.runs.reports["mean_square"]) / self.length
 
     def expected_amplitude(self) -> Array:
         """Return twice the largest half-clearance for all lanes (L,) in m."""
@@ -109,7 +110,7 @@ class GapTask(Task):
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
         values = super().values()
-        values[:, 9] = self.runs.orders[:, columns.GAP] / self.length
+        values[:, 9] = self.runs.orders["gap"] / self.length
         return values
 
     def describe(self) -> dict[str, Any]:
@@ -119,7 +120,7 @@ class GapTask(Task):
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
         info = super().info()
-        info["rms"] = np.sqrt(self.runs.reports[:, columns.MEAN_SQUARE])
-        info["gap"] = self.runs.orders[:, columns.GAP].copy()
+        info["rms"] = np.sqrt(self.runs.reports["mean_square"])
+        info["gap"] = self.runs.orders["gap"].copy()
         info["gap_limited"] = self.limited.copy()
         return info

@@ -45,10 +45,20 @@ class Sensors:
         self._past = np.zeros((delay + 1, lanes, len(features)))
         self._at = 0
 
-    def see(self, values: Array, generators: Sequence[np.random.Generator], fresh: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-        """Return the observations (L, features) of scaled values (L, features): of all lanes, or of those that are ``fresh``, at their start."""
+    def see(
+        self,
+        values: Array,
+        generators: Sequence[np.random.Generator],
+        fresh: NDArray[np.bool_] | None = None,
+        resting: NDArray[np.bool_] | None = None,
+    ) -> NDArray[np.float32]:
+        """Return the observations (L, features) of scaled values (L, features): of all lanes, or of those that are ``fresh``, at their start.
+
+        Lanes that are ``resting`` use up no random numbers: they start afresh before they are looked at.
+        """
         seen = values.copy()
-        which = range(len(values)) if fresh is None else np.flatnonzero(fresh).tolist()
+        wanted = np.ones(len(values), dtype=np.bool_) if fresh is None else fresh
+        which = np.flatnonzero(wanted if resting is None else wanted & ~resting).tolist()
         if self.noise > 0:
             number = int(self.measured.sum())
             for lane in which:

@@ -2,12 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
 from impact_env.extras import optional
 
+
+@dataclass(frozen=True)
+class Entry:
+    """Where an environment's classes are, without their endings Env and VectorEnv, the arguments that its name stands for, and how many numbers an
+    action has.
+    """  # noqa: D205
+
+    place: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    numbers: int = 1
+
+
+V1 = "impact_env.envs.sweep_rate_v1:SweepRateV1"
 ENVIRONMENTS = {
-    "ImpactAbsorber/SweepRate-v0": "impact_env.envs.sweep_rate:SweepRate",
-    "ImpactAbsorber/GapChoice-v0": "impact_env.envs.gap_choice:GapChoice",
-    "ImpactAbsorber/Passive-v0": "impact_env.envs.passive:Passive",
+    "ImpactAbsorber/SweepRate-v0": Entry("impact_env.envs.sweep_rate:SweepRate"),
+    "ImpactAbsorber/GapChoice-v0": Entry("impact_env.envs.gap_choice:GapChoice"),
+    "ImpactAbsorber/Passive-v0": Entry("impact_env.envs.passive:Passive"),
+    "ImpactAbsorber/SweepRate-v1": Entry(V1),
+    "ImpactAbsorber/SweepRateNoisy-v1": Entry(V1, {"observation_noise": 0.3}),
+    "ImpactAbsorber/SweepRateDelayed-v1": Entry(V1, {"observation_delay": 4}),
+    "ImpactAbsorber/SweepAndGap-v0": Entry("impact_env.envs.sweep_and_gap:SweepAndGap", numbers=2),
 }
 
 
@@ -22,7 +43,7 @@ def register_environments() -> None:
         return
     for name, entry in ENVIRONMENTS.items():
         if name not in registry:
-            register(id=name, entry_point=f"{entry}Env", vector_entry_point=f"{entry}VectorEnv")
+            register(id=name, entry_point=f"{entry.place}Env", vector_entry_point=f"{entry.place}VectorEnv", kwargs=dict(entry.arguments))
 
 
 def first_step(name: str) -> None:

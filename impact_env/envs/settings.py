@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
+from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
     Absorber,
     Beam,
@@ -28,8 +30,10 @@ from impact_env.parameters import (
     positive,
     require,
 )
+from impact_env.plain import from_scene, to_beam, to_scene
 from impact_env.response import DEFAULT_SAMPLES
 from impact_env.scene import Scene, beam_scene
+from impact_env.structure import load_structure
 
 Range = tuple[float, float]
 ABSORBERS = {
@@ -41,6 +45,8 @@ ABSORBERS = {
 }
 METHODS = ("exact", "moreau", "runge-kutta")
 OBJECTIVES = ("level", "fatigue")
+FORCES = (1e-30, 1e30)  # N: squares of what follows from them, and powers of order five, are still numbers
+SCENE_PARTS = ("absorber", "absorber_options", "modes", "beam")  # what a whole scene stands in place of
 
 
 def known(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[str, Any]:
@@ -129,6 +135,36 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} is not a plain value")
 
 
+def _file_of(structure: Any) -> tuple[str, int]:
+    """Return a structure's file and when it was last changed, so that a changed file is read anew."""
+    require(isinstance(structure, str | Path), "structure", structure, "the name of a file as docs/scenes.md describes it")
+    path = Path(structure).resolve()
+    return str(path), path.stat().st_mtime_ns if path.is_file() else 0
+
+
+@lru_cache(maxsize=64)
+def _structure(path: str, _changed: int) -> Structure:
+    return load_structure(path)
+
+
+@lru_cache(maxsize=64)
+def _on_structure(path: str, changed: int, absorber: str, options: str) -> Scene:
+    model = replace(modal_model(_structure(path, changed)), response_shape=None)  # the environments read the level at the absorber's place
+    return Scene(model, make_absorber(absorber, json.loads(options)))
+
+
+@lru_cache(maxsize=64)
+def _whole_scene(text: str) -> tuple[Scene, Beam | None]:
+    plain = json.loads(text)
+    return to_scene(plain), to_beam(plain)
+
+
+def with_defaults(defaults: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an environment's arguments with its defaults; those that describe a scene do not apply beside a whole one."""
+    whole = arguments.get("whole_scene") is not None
+    return {name: value for name, value in defaults.items() if not (whole and name in SCENE_PARTS)} | dict(arguments)
+
+
 @dataclass(frozen=True)
 class Settings:
     """Arguments that all environments share; each environment's docstring describes them."""
@@ -147,12 +183,22 @@ class Settings:
     observation_delay: int = 0
     raw_state: bool = False
     threads: int | None = None
+    whole_scene: Scene | Mapping[str, Any] | None = None
+    structure: str | None = None
 
     def __post_init__(self) -> None:
-        require("modes" not in self.beam, "beam", self.beam, "no key modes: that is an argument of its own")
+        beam = known("beam", self.beam, {f.name for f in fields(Beam)})
+        require("modes" not in beam, "beam", self.beam, "no key modes: that is an argument of its own")
+        if self.whole_scene is not None:
+            self._check_whole_scene()
+        if self.structure is not None:
+            require(self.whole_scene is None, "whole_scene", self.whole_scene, "left out beside a structure")
+            require(not beam, "beam", self.beam, "left out beside a structure, whose file says what it is")
         check_supported(self.scene, self.integrator)
         self.scene.model.resonance_omega(self.resonance)
-        require(self.forces[0] > 0, "force", self.force, "a force in N above 0, or a pair (low, high) to draw from")
+        low, high = self.forces
+        allowed = f"a force in N from {FORCES[0]:g} to {FORCES[1]:g}, or a pair (low, high) of such to draw from"
+        require(FORCES[0] <= low <= high <= FORCES[1], "force", self.force, allowed)
         count("samples_per_period", self.samples_per_period, 8)
         positive("interval", self.interval)
         samples = self.interval * self.samples_per_period
@@ -162,15 +208,35 @@ class Settings:
         count("observation_delay", self.observation_delay, 0)
         require(isinstance(self.raw_state, bool), "raw_state", self.raw_state, "True or False")
 
+    def _check_whole_scene(self) -> None:
+        plain = isinstance(self.whole_scene, Scene | Mapping)
+        require(plain, "whole_scene", self.whole_scene, "an impact_env.Scene, or its plain form as docs/scenes.md describes it")
+        for name in SCENE_PARTS:
+            default = {} if name in ("absorber_options", "beam") else getattr(Settings, name)
+            require(getattr(self, name) == default, name, getattr(self, name), "left out beside whole_scene, which says it already")
+
     @property
     def scene(self) -> Scene:
         """The scene; the same object for the same values."""
+        if isinstance(self.whole_scene, Scene):
+            return self.whole_scene
+        if self.whole_scene is not None:
+            return _whole_scene(as_json("whole_scene", self.whole_scene))[0]
+        if self.structure is not None:
+            return _on_structure(*_file_of(self.structure), self.absorber, as_json("absorber_options", self.absorber_options))
         beam = {**known("beam", self.beam, {f.name for f in fields(Beam)}), "modes": self.modes}
         return _scene(self.absorber, as_json("absorber_options", self.absorber_options), as_json("beam", beam))
 
     @property
-    def beam_parameters(self) -> Beam:
-        """The beam."""
+    def beam_parameters(self) -> Beam | None:
+        """The beam, None where only its modes are known."""
+        if isinstance(self.whole_scene, Scene):
+            return None
+        if self.whole_scene is not None:
+            return _whole_scene(as_json("whole_scene", self.whole_scene))[1]
+        if self.structure is not None:
+            structure = _structure(*_file_of(self.structure))
+            return structure if isinstance(structure, Beam) else None
         return _beam(as_json("beam", {**self.beam, "modes": self.modes}))
 
     @property
@@ -194,3 +260,12 @@ class Settings:
         absorber = self.scene.absorber
         walls = absorber.walls if isinstance(absorber, SlidingAbsorber) else None
         return RigidWalls.gap if walls is None or walls.gap == 0 else walls.gap
+
+    def describe(self) -> dict[str, Any]:
+        """Return the arguments as plain values; without ``threads``, which change no number, and a scene that was not given."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("threads", "whole_scene")}
+        values = {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items()}
+        if self.whole_scene is None:
+            return values
+        plain = from_scene(self.whole_scene) if isinstance(self.whole_scene, Scene) else json.loads(as_json("whole_scene", self.whole_scene))
+        return {name: value for name, value in values.items() if name not in SCENE_PARTS} | {"whole_scene": plain}

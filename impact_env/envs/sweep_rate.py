@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from impact_env.envs.settings import Settings
-from impact_env.envs.shells import TaskEnv, TaskVectorEnv, choice, lanes_of, split
+from impact_env.envs.settings import Settings, with_defaults
+from impact_env.envs.shells import TaskEnv, choice, lanes_of, split
 from impact_env.envs.sweep_task import Passage, SweepTask
+from impact_env.envs.vector_shell import TaskVectorEnv, shell_of
 
 DEFAULTS: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, "limits": (0.93, 1.03)}
 
@@ -16,17 +17,18 @@ def _task(lanes: int, arguments: dict[str, Any]) -> SweepTask:
 
     Range, rates, budget and price are chosen by measurement (docs/agents.md): slow passage pays in a part of the range only.
     """
-    settings, passage = split({**DEFAULTS, **arguments}, Settings, Passage)
+    settings, passage = split(with_defaults(DEFAULTS, arguments), Settings, Passage)
     return SweepTask(Settings(**settings), Passage(**passage), lanes)
 
 
 class SweepRateEnv(TaskEnv):
-    """How quickly to run through a resonance.
+    """How quickly to run through a resonance: the hard exploration task.
 
     ## Description
     A machine runs through a resonance of the beam, and the agent decides how quickly. Passing slowly catches the high response branch, passing very
     slowly or very quickly may avoid it (paper, section 3.1). The fastest rate is limited, the time does not suffice to be very slow
-    everywhere, and it has a price.
+    everywhere, and it has a price. Exploration is hard: what pays is to be much slower in a tenth of the range, a little slower pays nowhere,
+    and one decision of up to 800 changes next to nothing. `SweepRateV1Env` is the same passage without these hurdles.
 
     ## Action Space
     A ``Box`` of one float32 number a in [-1, 1]: the sweep rate for the next control interval is ``slow * (fast/slow)**((a + 1)/2)`` in % of the
@@ -69,11 +71,14 @@ class SweepRateEnv(TaskEnv):
     - ``rates`` (default 0.05 to 4): slowest and fastest rate in % per 100 pseudo periods; ``backward_rate`` (default 0: never back)
     - ``time_budget`` (default 4000) in pseudo periods, rounded up to whole intervals; ``time_price`` (default 0.002) per 100 pseudo periods;
       ``unfinished_price`` (default 1)
+    - ``budget_end`` (default "truncated"; or "terminated"): what it is called when the time budget is spent
+    - ``frequency_origin`` (default "resonance"; or "middle" of ``limits``), ``frequency_unit`` (default 0.1): zero and unit of features 7 and 10
     - ``objective``: "level" or "fatigue"; ``fatigue_exponent``
     - ``absorber``: "impact" (default), "friction", "tuned", "stuck" or "none"; ``absorber_options``: its values in SI units, by name: ``mass_ratio``,
       ``gap``, ``restitution``, ``friction_limit``, ``contact_stiffness``, ``friction_stiffness`` (both make contact compliant), ``stiffness``,
       ``damping``
     - ``modes`` of the beam; ``beam``: other values of `impact_env.Beam`, by name
+    - ``whole_scene``: a whole scene in place of the lines above, as an `impact_env.Scene` or in plain form (docs/scenes.md): any structure
     - ``resonance`` (default 1): the one that is meant, counted from 1; its period is the pseudo period
     - ``force``: amplitude in N, or a pair (low, high) from which each episode draws
     - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``
@@ -95,7 +100,8 @@ class SweepRateEnv(TaskEnv):
 
 
 class SweepRateVectorEnv(TaskVectorEnv):
-    """Native vector of `SweepRateEnv`: all lanes in one call of the simulator, autoreset in the same step, lane i as the single one with seed + i."""
+    """Native vector of `SweepRateEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
 
     def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
-        super().__init__(_task(lanes_of(num_envs), arguments), choice(), render_mode)
+        own, shell = shell_of(arguments)
+        super().__init__(_task(lanes_of(num_envs), own), choice(), render_mode, shell)

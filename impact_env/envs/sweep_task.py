@@ -15,12 +15,12 @@ from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import OBJECTIVES, Range, Settings, one_of, span
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
-from impact_env.kernels import interval as columns
 from impact_env.kernels.interval import spread
 from impact_env.parameters import non_negative, positive, require
 
 DIRECTIONS = ("up", "down", "random")
-UP, DOWN = 0, 1
+BUDGET_ENDS = ("truncated", "terminated")
+ORIGINS = ("resonance", "middle")
 ROUNDING = 1e-12  # of the frequency ratio
 PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequency ratio in one
 
@@ -38,6 +38,9 @@ class Passage:
     unfinished_price: float = 1.0
     objective: str = "level"
     fatigue_exponent: float = 5.0
+    budget_end: str = "truncated"
+    frequency_origin: str = "resonance"
+    frequency_unit: float = FREQUENCY_SCALE
 
     def __post_init__(self) -> None:
         one_of("direction", self.direction, DIRECTIONS)
@@ -53,6 +56,9 @@ class Passage:
         non_negative("time_price", self.time_price)
         non_negative("unfinished_price", self.unfinished_price)
         positive("fatigue_exponent", self.fatigue_exponent)
+        one_of("budget_end", self.budget_end, BUDGET_ENDS)
+        one_of("frequency_origin", self.frequency_origin, ORIGINS)
+        positive("frequency_unit", self.frequency_unit)
 
 
 class SweepTask(Task):
@@ -63,6 +69,10 @@ class SweepTask(Task):
 
     def __init__(self, settings: Settings, passage_settings: Passage, lanes: int) -> None:
         self.passage = passage_settings
+        self.budget_terminates = passage_settings.budget_end == "terminated"
+        self.frequency_unit = passage_settings.frequency_unit
+        if passage_settings.frequency_origin == "middle":
+            self.frequency_origin = 0.5 * sum(passage_settings.limits)
         self.fatigue = passage_settings.objective == "fatigue"
         exponent = passage_settings.fatigue_exponent if self.fatigue else 0.0
         super().__init__(settings, lanes, max(1, math.ceil(passage_settings.time_budget / settings.interval - 1e-9)), exponent)
@@ -109,17 +119,17 @@ class SweepTask(Task):
         late = (self.elapsed >= self.steps) & (self.ratio != self.far)
         price = self.duration * (self.passage.time_price / 100) + late * self.passage.unfinished_price
         if self.fatigue:
-            gain = self.runs.reports[:, columns.DAMAGE] / self.damage_scale
+            gain = self.runs.reports["damage"] / self.damage_scale
             self._potential = self._potential + gain
             return -gain - price
-        relative = self.runs.reports[:, columns.LEVEL] / self.level_scale
+        relative = self.runs.reports["level"] / self.level_scale
         gain = relative - self._potential
         self._potential = relative
         return -gain - price
 
     def level(self) -> Array:
         """Return the level so far relative to that of the reference passage."""
-        return self.runs.reports[:, columns.LEVEL] / self.level_scale
+        return self.runs.reports["level"] / self.level_scale
 
     def expected_amplitude(self) -> Array:
         """Return the amplitude of the reference passage (L,) in m."""
@@ -128,7 +138,7 @@ class SweepTask(Task):
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
         values = super().values()
-        values[:, 9] = (self.far - self.ratio) / FREQUENCY_SCALE
+        values[:, 9] = (self.far - self.ratio) / self.frequency_unit
         return values
 
     def describe(self) -> dict[str, Any]:
@@ -138,7 +148,7 @@ class SweepTask(Task):
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
         info = super().info()
-        info["level"] = self.runs.reports[:, columns.LEVEL].copy()
+        info["level"] = self.runs.reports["level"].copy()
         info["relative_level"] = self.level()
         if self.fatigue:
             info["relative_damage"] = self._potential.copy()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
 from impact_env.envs.settings import Settings
-from impact_env.kernels import interval as columns
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,9 +29,17 @@ class Task(ABC):
     features: Sequence[Feature]
     level_name: str
 
+    budget_terminates = False
+    frequency_origin, frequency_unit = 1.0, FREQUENCY_SCALE
+
     def __init__(self, settings: Settings, lanes: int, steps: int, exponent: float = 0.0) -> None:
-        """``steps``: control intervals after which an episode is cut off; ``exponent`` of the damage, 0 for none."""
+        """``steps``: control intervals of the time budget; ``exponent`` of the damage, 0 for none.
+
+        An episode that has spent its budget is cut off, or ended where ``budget_terminates``. What is set in ``limit`` cuts it off after that
+        number of intervals, as gymnasium's TimeLimit does from outside: the task knows nothing of it.
+        """
         self.settings, self.lanes, self.steps = settings, lanes, steps
+        self.limit: int | None = None
         self.omega, self.length, self.interval = settings.omega, settings.length, settings.interval
         self.runs = ControlledRuns(
             settings.scene,
@@ -61,28 +67,46 @@ class Task(ABC):
         self.runs.restart(which)
         return self.sensors.see(self.values(), generators, which)
 
-    def step(self, actions: NDArray[Any]) -> tuple[Array, Mask, Mask]:
-        """Advance all lanes by one control interval; return rewards (L,), and whether episodes ended or were cut off (L,)."""
+    def step(self, actions: NDArray[Any], resting: Mask | None = None) -> tuple[Array, Mask, Mask]:
+        """Advance all lanes by one control interval; return rewards (L,), and whether episodes ended or were cut off (L,).
+
+        Lanes of the mask ``resting`` (L,) stay where they are; their reward is 0, and what else is said of them holds only after a `reset`.
+        """
         orders = self.runs.orders
         duration, ratio, terminated = self.decide(actions)
-        self.elapsed += 1
-        truncated = (self.elapsed >= self.steps) & ~terminated
-        orders[:, columns.DURATION] = duration * self._period
-        orders[:, columns.OMEGA_START] = self.ratio * self.omega
-        orders[:, columns.OMEGA_STOP] = ratio * self.omega
-        orders[:, columns.FORCE] = self.force
-        orders[:, columns.FINAL] = terminated | truncated
+        if resting is None:
+            self.elapsed += 1
+        else:
+            self.elapsed += ~resting
+            self.runs.idle = resting
+        late = (self.elapsed >= self.steps) & ~terminated
+        orders["duration"] = duration * self._period
+        orders["omega_start"] = self.ratio * self.omega
+        orders["omega_stop"] = ratio * self.omega
+        orders["force"] = self.force
+        orders["final"] = terminated | late
         self.runs.advance()
         self.ratio = ratio
         self.time = self.time + duration
         self.duration = duration
         rewards = self.reward()
         self.score = self.score + rewards
+        return self._outcome(rewards, terminated, late, resting)
+
+    def _outcome(self, rewards: Array, terminated: Mask, late: Mask, resting: Mask | None) -> tuple[Array, Mask, Mask]:
+        truncated = np.zeros_like(late) if self.budget_terminates else late
+        if self.budget_terminates:
+            terminated = terminated | late
+        if self.limit is not None:
+            truncated = truncated | (self.elapsed >= self.limit)
+        if resting is not None:
+            self.runs.idle = np.zeros_like(resting)
+            rewards, terminated, truncated = np.where(resting, 0.0, rewards), terminated & ~resting, truncated & ~resting
         return rewards, terminated, truncated
 
-    def observe(self, generators: Sequence[np.random.Generator]) -> NDArray[np.float32]:
+    def observe(self, generators: Sequence[np.random.Generator], resting: Mask | None = None) -> NDArray[np.float32]:
         """Return the observations (L, features) after a step."""
-        return self.sensors.see(self.values(), generators)
+        return self.sensors.see(self.values(), generators, None, resting)
 
     @abstractmethod
     def draw(self, lane: int, generator: np.random.Generator) -> None:
@@ -111,19 +135,19 @@ class Task(ABC):
 
     def draw_phase(self, lane: int, generator: np.random.Generator) -> None:
         """Draw the force's phase at the start."""
-        self.runs.orders[lane, columns.PHASE] = generator.uniform(0, 2 * np.pi)
+        self.runs.orders["phase"][lane] = generator.uniform(0, 2 * np.pi)
 
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
         reports, length = self.runs.reports, self.length
         values = np.empty((self.lanes, len(self.features)))
-        values[:, 0] = reports[:, columns.IN_PHASE] / length
-        values[:, 1] = reports[:, columns.QUADRATURE] / length
-        values[:, 2] = reports[:, columns.DISTANCE] / length
-        values[:, 3] = reports[:, columns.RELATIVE_VELOCITY] * self._velocity_scale
-        values[:, 4] = reports[:, columns.IMPACT_COUNT] / (self.interval * IMPACTS_SCALE)
-        values[:, 5] = reports[:, columns.ABSORBER_SHARE]
-        values[:, 6] = (self.ratio - 1) / FREQUENCY_SCALE
+        values[:, 0] = reports["in_phase"] / length
+        values[:, 1] = reports["quadrature"] / length
+        values[:, 2] = reports["distance"] / length
+        values[:, 3] = reports["relative_velocity"] * self._velocity_scale
+        values[:, 4] = reports["impact_count"] / (self.interval * IMPACTS_SCALE)
+        values[:, 5] = reports["absorber_share"]
+        values[:, 6] = (self.ratio - self.frequency_origin) / self.frequency_unit
         values[:, 7] = 1 - self.elapsed / self.steps
         values[:, 8] = self.level()
         return values
@@ -135,7 +159,7 @@ class Task(ABC):
             "frequency_ratio": self.ratio.copy(),
             "force": self.force.copy(),
             "score": self.score.copy(),
-            "impacts": self.runs.reports[:, columns.IMPACT_COUNT].copy(),
+            "impacts": self.runs.reports["impact_count"].copy(),
         }
         if self.settings.raw_state:
             info["state"] = self.runs.state.copy()
@@ -155,7 +179,7 @@ class Task(ABC):
 
     def describe(self) -> dict[str, Any]:
         """Return the environment's arguments as plain values, also those left at their defaults; without ``threads``, which change no number."""
-        return {name: value for name, value in asdict(self.settings).items() if name != "threads"}
+        return self.settings.describe()
 
     def close(self) -> None:
         """End the threads."""

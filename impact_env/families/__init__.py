@@ -1,6 +1,6 @@
 """From scene and method to kernels: one module for each family, and the table that finds it. No other module looks at kinds of scenes."""
 
-from impact_env.families.family import Batch, Family, Observers
+from impact_env.families.family import Family, Observers
 from impact_env.families.table import family, kernel_key
 
-__all__ = ["Batch", "Family", "Observers", "family", "kernel_key"]
+__all__ = ["Family", "Observers", "family", "kernel_key"]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
-from impact_env.kernels.rigid_contact import Contact
+from impact_env.kernels.rigid_contact import Contact, Walls
 from impact_env.kernels.segments import Losses, Schedule
 from impact_env.parameters import TunedAbsorber
 from impact_env.scene import Scene
@@ -18,11 +18,6 @@ WINDOW_PERIODS = 3.2  # wanted length of a window of the chirp, in pseudo period
 def window_of(drive: Drive) -> float:
     """Return the wanted length of a window in s."""
     return WINDOW_PERIODS * drive.schedule.pseudo_period
-
-
-def clock_of(sample_dt: float) -> Array:
-    """Return the samples' clock: next sample's number, their distance in s, time of the stretch."""
-    return np.array([0.0, sample_dt, 0.0])
 
 
 def schedule_of(drive: Drive, reach: float) -> Schedule:
@@ -39,8 +34,8 @@ def losses_of(scene: Scene) -> Losses:
     return Losses(np.array(model.force_shape), np.array(model.tip_shape), 2 * model.damping_ratio * model.omega, damper)
 
 
-def contact_of(scene: Scene) -> Contact:
-    """Return the contact of one absorber with its place."""
+def contact_of(scene: Scene, walls: Walls | None = None, limit: float | None = None) -> Contact:
+    """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None where absent."""
     mass, tip_shape = scene.absorber_mass, np.array(scene.model.tip_shape)
     assert mass is not None
-    return Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape)
+    return Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape, walls, limit)

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from functools import lru_cache, partial
 
 from impact_env.drive import Drive
-from impact_env.families.common import WINDOW_PERIODS, Array, clock_of, contact_of, losses_of, schedule_of, window_of
-from impact_env.families.family import Batch, Family, Observers
-from impact_env.kernels.compliant import Springs, compliant_lane
+from impact_env.families.common import WINDOW_PERIODS, Array, contact_of, losses_of, schedule_of, window_of
+from impact_env.families.family import Family, Observers
+from impact_env.kernels.compliant import Sprung, compliant_lane
+from impact_env.kernels.interval import Batch
 from impact_env.kernels.lanes import compliant_lanes
 from impact_env.kernels.segments import Regime
+from impact_env.kernels.springs import Springs
 from impact_env.methods import Exact
 from impact_env.parameters import CompliantWalls, ElasticCoulombFriction, SlidingAbsorber
 from impact_env.regimes import fastest, free_regime, padded_size, sprung_regime
@@ -50,15 +52,19 @@ def _laws(scene: Scene) -> tuple[float | None, float | None]:
     return None if absorber.walls is None else absorber.walls.gap, None if absorber.friction is None else absorber.friction.limit
 
 
+def _sprung(scene: Scene, wanted: float) -> tuple[Sprung, float]:
+    """Return the scene as its kernels take it, and the reach of the regimes' tables in s: ``wanted`` or less."""
+    regimes, reach = compliant_regimes(scene, wanted)
+    return Sprung(regimes, contact_of(scene), _springs(scene), *_laws(scene), losses_of(scene)), reach
+
+
 def _run(scene: Scene, drive: Drive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
-    regimes, reach = compliant_regimes(scene, window_of(drive))
-    parts = (contact_of(scene), _springs(scene), *_laws(scene), losses_of(scene), schedule_of(drive, reach))
-    return int(compliant_lane(*regimes, *parts, state, clock_of(sample_dt), *observers.parts))
+    sprung, reach = _sprung(scene, window_of(drive))
+    return int(compliant_lane(sprung, schedule_of(drive, reach), state, observers.every(sample_dt)))
 
 
 def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
-    regimes, reach = compliant_regimes(scene, WINDOW_PERIODS * pseudo_period)
-    return partial(compliant_lanes, *regimes, contact_of(scene), _springs(scene), *_laws(scene), losses_of(scene), reach, *batch)
+    return partial(compliant_lanes, *_sprung(scene, WINDOW_PERIODS * pseudo_period), batch)
 
 
 def _slots(scene: Scene, pseudo_period: float) -> int:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
-from impact_env.kernels.interval import Lanes, Watch
-from impact_env.kernels.observers import Counters, Energy, Events, Level, Series
+from impact_env.kernels.interval import Batch
+from impact_env.kernels.level import Level
+from impact_env.kernels.observers import Counters, Energy, Events, Observe, Series, new_clock
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
@@ -28,20 +29,9 @@ class Observers:
     series: Series | None = None
     energy: Energy | None = None
 
-    @property
-    def parts(self) -> tuple[Counters, Level | None, Events | None, Series | None, Energy | None]:
-        """All of them, in the order of the kernels' arguments."""
-        return self.counters, self.level, self.events, self.series, self.energy
-
-
-class Batch(NamedTuple):
-    """Lanes under control: see `impact_env.kernels.interval`."""
-
-    watch: Watch
-    lanes: Lanes
-    orders: Array
-    reports: Array
-    status: NDArray[np.int64]
+    def every(self, sample_dt: float) -> Observe:
+        """Return them as the kernels take them, for a run that begins, with samples ``sample_dt`` (s) apart."""
+        return Observe(new_clock(sample_dt), self.counters, self.level, self.events, self.series, self.energy)
 
 
 class Run(Protocol):

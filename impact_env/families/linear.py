@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache, partial
 
 from impact_env.drive import Drive
-from impact_env.families.common import WINDOW_PERIODS, Array, clock_of, losses_of, schedule_of, window_of
-from impact_env.families.family import Batch, Family, Observers
+from impact_env.families.common import WINDOW_PERIODS, Array, losses_of, schedule_of, window_of
+from impact_env.families.family import Family, Observers
+from impact_env.kernels.interval import Batch
 from impact_env.kernels.lanes import linear_lanes
-from impact_env.kernels.linear import linear_lane
+from impact_env.kernels.linear import Linear, linear_lane
 from impact_env.kernels.segments import Regime
 from impact_env.methods import Exact
 from impact_env.parameters import StuckAbsorber, TunedAbsorber
@@ -38,13 +40,13 @@ def _laws(scene: Scene) -> tuple[object, ...]:
 
 def _run(scene: Scene, drive: Drive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
     regime, reach = linear_regime(scene, window_of(drive))
-    losses, seen = losses_of(scene), (observers.counters, observers.level, observers.series, observers.energy)
-    return int(linear_lane(regime, losses.tip_shape, losses, schedule_of(drive, reach), state, clock_of(sample_dt), *seen))
+    observers = replace(observers, events=None)  # there are none, and a list would be one more variant to compile
+    return int(linear_lane(Linear(regime, losses_of(scene)), schedule_of(drive, reach), state, observers.every(sample_dt)))
 
 
 def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
     regime, reach = linear_regime(scene, WINDOW_PERIODS * pseudo_period)
-    return partial(linear_lanes, regime, losses_of(scene), reach, *batch)
+    return partial(linear_lanes, Linear(regime, losses_of(scene)), reach, batch)
 
 
 def _slots(scene: Scene, pseudo_period: float) -> int:

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from functools import lru_cache, partial
 
 from impact_env.drive import Drive
-from impact_env.families.common import WINDOW_PERIODS, Array, clock_of, contact_of, losses_of, schedule_of, window_of
-from impact_env.families.family import Batch, Family, Observers
-from impact_env.kernels.contact_law import Walls
+from impact_env.families.common import WINDOW_PERIODS, Array, contact_of, losses_of, schedule_of, window_of
+from impact_env.families.family import Family, Observers
 from impact_env.kernels.exact import exact_lane
+from impact_env.kernels.free_and_joined import Rigid
+from impact_env.kernels.interval import Batch
 from impact_env.kernels.lanes import rigid_lanes
+from impact_env.kernels.rigid_contact import Walls
 from impact_env.kernels.segments import Regime
 from impact_env.methods import Exact
 from impact_env.parameters import CoulombFriction, RigidWalls, SlidingAbsorber
@@ -48,17 +50,19 @@ def _laws(scene: Scene) -> tuple[Walls, float | None]:
     return FAR_AWAY if walls is None else walls, limit
 
 
+def _rigid(scene: Scene, wanted: float, walls: Walls | None, limit: float | None) -> tuple[Rigid, float]:
+    """Return the scene as its kernels take it, and the reach of the regimes' tables in s: ``wanted`` or less."""
+    free, joined, reach = rigid_regimes(scene, wanted)
+    return Rigid(free, joined, contact_of(scene, walls, limit), losses_of(scene)), reach
+
+
 def _run(scene: Scene, drive: Drive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
-    free, joined, reach = rigid_regimes(scene, window_of(drive))
-    parts = (contact_of(scene), *_laws(scene), losses_of(scene), schedule_of(drive, reach))
-    return int(exact_lane(free, joined, *parts, state, clock_of(sample_dt), *observers.parts))
+    rigid, reach = _rigid(scene, window_of(drive), *_laws(scene))
+    return int(exact_lane(rigid, schedule_of(drive, reach), state, observers.every(sample_dt)))
 
 
 def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
-    free, joined, reach = rigid_regimes(scene, WINDOW_PERIODS * pseudo_period)
-    walls, limit = rigid_laws(scene)
-    restitution = None if walls is None else walls.restitution
-    return partial(rigid_lanes, free, joined, contact_of(scene), restitution, limit, losses_of(scene), reach, *batch)
+    return partial(rigid_lanes, *_rigid(scene, WINDOW_PERIODS * pseudo_period, *rigid_laws(scene)), batch)
 
 
 def _slots(scene: Scene, pseudo_period: float) -> int:

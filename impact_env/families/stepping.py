@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
-from impact_env.families.family import Batch, Family, Observers
+from impact_env.families.family import Family, Observers
 from impact_env.families.rigid import rigid_laws
 from impact_env.kernels import feedback, moreau
-from impact_env.kernels.contact_law import Spring, Walls
-from impact_env.kernels.feedback import Slider, Stops
+from impact_env.kernels.feedback import CompliantLaws, Slider, Stops
+from impact_env.kernels.grid import Force, Modes, Step
+from impact_env.kernels.interval import Batch
 from impact_env.kernels.lanes import moreau_lanes, runge_kutta_lanes
 from impact_env.kernels.moreau import moreau_lane
+from impact_env.kernels.moreau_law import RigidLaws, Spring
 from impact_env.kernels.runge_kutta import runge_kutta_lane
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.parameters import CompliantWalls, ElasticCoulombFriction, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
-MoreauLaws = tuple[float | None, Walls | None, float | None, Spring | None, int | None]
-RungeKuttaLaws = tuple[float | None, float | None, Stops | None, Slider | None, Spring | None, int | None]
 
 
 def _writable(row: Array) -> Array:
@@ -31,15 +31,15 @@ def _writable(row: Array) -> Array:
     return np.array(row, dtype=np.float64, order="C")
 
 
-def _modes(scene: Scene) -> tuple[Array, Array, Array, Array]:
+def _modes(scene: Scene) -> Modes:
     model = scene.model
-    return _writable(model.omega), _writable(model.damping_ratio), _writable(model.force_shape), _writable(model.tip_shape)
+    return Modes(_writable(model.omega), _writable(model.damping_ratio), _writable(model.force_shape), _writable(model.tip_shape))
 
 
-def _drive(drive: Drive) -> tuple[Array, Array, Array, float, float]:
+def _force(drive: Drive) -> Force:
     schedule = drive.schedule
     phases = schedule.phase_at(schedule.times)
-    return _writable(schedule.times), _writable(schedule.omegas), _writable(phases), drive.amplitude, drive.phase
+    return Force(_writable(schedule.times), _writable(schedule.omegas), _writable(phases), drive.amplitude, drive.phase)
 
 
 def _spring(scene: Scene) -> Spring | None:
@@ -51,28 +51,31 @@ def _wide(lanes: int, stride: int) -> int | None:
     return padded if padded > stride else None
 
 
-def _moreau_laws(scene: Scene) -> MoreauLaws:
-    """Return absorber mass (kg), walls, friction limit (N), spring and padded width; a stuck absorber is one whose friction has no limit."""
+def _moreau_parts(scene: Scene) -> tuple[RigidLaws, int | None]:
+    """Return the absorber's laws and the padded width of the table; a stuck absorber is one whose friction has no limit."""
     walls, limit = None, np.inf if isinstance(scene.absorber, StuckAbsorber) else None
     if isinstance(scene.absorber, SlidingAbsorber):
         walls, limit = rigid_laws(scene)
-    return scene.absorber_mass, walls, limit, _spring(scene), _wide(scene.model.modes, moreau.STRIDE)
+    return RigidLaws(scene.absorber_mass, walls, limit, _spring(scene)), _wide(scene.model.modes, moreau.STRIDE)
+
+
+def _moreau_laws(scene: Scene) -> tuple[object, ...]:
+    laws, wide = _moreau_parts(scene)
+    return *laws, wide
 
 
 def _run_moreau(scene: Scene, drive: Drive, method: Moreau, state: Array, sample_dt: float, observers: Observers) -> int:
-    mass, walls, limit, spring, wide = _moreau_laws(scene)
-    parts = (*_modes(scene), mass, walls, limit, spring, *_drive(drive))
-    return int(moreau_lane(*parts, state, method.step(scene), sample_dt, *observers.parts, wide))
+    laws, wide = _moreau_parts(scene)
+    return int(moreau_lane(_modes(scene), laws, _force(drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
 
 
 def _control_moreau(scene: Scene, method: Moreau, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
-    mass, walls, limit, spring, wide = _moreau_laws(scene)
-    restitution = None if walls is None else walls.restitution
-    return partial(moreau_lanes, _modes(scene), mass, restitution, limit, spring, method.step(scene), wide, *batch)
+    laws, wide = _moreau_parts(scene)
+    return partial(moreau_lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
 
 
-def _runge_kutta_laws(scene: Scene) -> RungeKuttaLaws:
-    """Return mass of an absorber that moves and mass added to the tip (kg), stops, slider, spring and padded width."""
+def _runge_kutta_parts(scene: Scene) -> tuple[CompliantLaws, int | None]:
+    """Return the absorber's laws, one that is stuck as a mass added to the tip, and the padded width of the table."""
     absorber, mass = scene.absorber, scene.absorber_mass
     stops = slider = None
     if isinstance(absorber, SlidingAbsorber):
@@ -80,20 +83,24 @@ def _runge_kutta_laws(scene: Scene) -> RungeKuttaLaws:
         elastic = isinstance(absorber.friction, ElasticCoulombFriction)
         slider = Slider(absorber.friction.limit, absorber.friction.stiffness) if elastic else None  # type: ignore[union-attr]
     free_mass, added_mass = (None, mass) if isinstance(absorber, StuckAbsorber) else (mass, None)
-    return free_mass, added_mass, stops, slider, _spring(scene), _wide(scene.model.modes + 1, feedback.STRIDE)
+    return CompliantLaws(free_mass, added_mass, stops, slider, _spring(scene)), _wide(scene.model.modes + 1, feedback.STRIDE)
+
+
+def _runge_kutta_laws(scene: Scene) -> tuple[object, ...]:
+    laws, wide = _runge_kutta_parts(scene)
+    return *laws, wide
 
 
 def _run_runge_kutta(scene: Scene, drive: Drive, method: RungeKutta, state: Array, sample_dt: float, observers: Observers) -> int:
-    free_mass, added_mass, stops, slider, spring, wide = _runge_kutta_laws(scene)
-    parts = (*_modes(scene), free_mass, added_mass, stops, slider, spring, *_drive(drive))
-    return int(runge_kutta_lane(*parts, state, method.step(scene), sample_dt, *observers.parts, wide))
+    laws, wide = _runge_kutta_parts(scene)
+    return int(runge_kutta_lane(_modes(scene), laws, _force(drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
 
 
 def _control_runge_kutta(scene: Scene, method: RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
-    free_mass, added_mass, stops, slider, spring, wide = _runge_kutta_laws(scene)
+    laws, wide = _runge_kutta_parts(scene)
     # a state of steps does not hold the slider
-    require(slider is None, "method", method, "Exact for elastic friction that is controlled in intervals")
-    return partial(runge_kutta_lanes, _modes(scene), free_mass, added_mass, stops, spring, method.step(scene), wide, *batch)
+    require(laws.slider is None, "method", method, "Exact for elastic friction that is controlled in intervals")
+    return partial(runge_kutta_lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
 
 
 MOREAU = Family("moreau", _moreau_laws, _run_moreau, _control_moreau)

@@ -5,25 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels.jit import jit_inline
-from impact_env.kernels.observers import (
-    DONE,
-    EVALUATIONS,
-    EVALUATIONS_PER_S,
-    EVENTS,
-    EVENTS_PER_S,
-    MOST_EVALUATIONS,
-    MOST_EVENTS,
-    NO_PROGRESS,
-    NOT_FINITE,
-    REACHED,
-    SEARCH_GAVE_UP,
-    SEARCHED,
-    STEPS,
-    STOP,
-    STOPPED,
-    TOO_MANY_EVALUATIONS,
-    TOO_MANY_EVENTS,
-)
+from impact_env.kernels.observers import DONE, NO_PROGRESS, NOT_FINITE, SEARCH_GAVE_UP, STOPPED, TOO_MANY_EVALUATIONS, TOO_MANY_EVENTS
 
 # What a run may use unless told otherwise. Friction with 60 undamped modes can turn a few thousand times a pseudo period; the usual is below 100. A
 # million events take some ten seconds, and events that pile up at one time have no more than that, since the budget grows only with the time reached.
@@ -38,25 +20,25 @@ LONG_SEARCH = 2_000_000  # evaluations after which a search gives up
 @jit_inline
 def progress(counters, window, tau, last, stalled):  # type: ignore[no-untyped-def]
     """Count the stretch from ``last`` to tau (s from the window's centre); return the events in a row without progress in time, and a status code."""
-    values = counters.values
-    values[STEPS] += 1.0
-    searched = values[EVALUATIONS] - values[SEARCHED]
-    values[SEARCHED] = values[EVALUATIONS]
+    counts = counters.counts
+    counts.steps += 1
+    searched = counts.evaluations - counts.searched
+    counts.searched = counts.evaluations
     if not np.isfinite(tau):
         return stalled, SEARCH_GAVE_UP if searched >= LONG_SEARCH else NOT_FINITE
     time = window.centre + tau
-    values[REACHED] = time
+    counts.reached = time
     if tau < window.half:
-        values[EVENTS] += 1.0
+        counts.events += 1
     stalled = stalled + 1 if tau == last else 0
     status = DONE
     if stalled > STALLED:
         status = NO_PROGRESS
-    if values[EVENTS] > values[MOST_EVENTS] + values[EVENTS_PER_S] * time:
+    if counts.events > counts.most_events + counts.events_per_s * time:
         status = TOO_MANY_EVENTS
-    if values[EVALUATIONS] > values[MOST_EVALUATIONS] + values[EVALUATIONS_PER_S] * time:
+    if counts.evaluations > counts.most_evaluations + counts.evaluations_per_s * time:
         status = TOO_MANY_EVALUATIONS
-    if values[STOP] != 0.0:
+    if counts.stop:
         status = STOPPED
     return stalled, status
 
@@ -64,5 +46,5 @@ def progress(counters, window, tau, last, stalled):  # type: ignore[no-untyped-d
 @jit_inline
 def note_time(counters, time):  # type: ignore[no-untyped-def]
     """Note the time reached (s) of a run that has no events; return a status code."""
-    counters.values[REACHED] = time
-    return STOPPED if counters.values[STOP] != 0.0 else DONE
+    counters.counts.reached = time
+    return STOPPED if counters.counts.stop else DONE

@@ -7,11 +7,13 @@ so does the event, but for rounding: nothing is looked at closer to either than 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from impact_env.kernels.jit import jit
-from impact_env.kernels.observers import MISSES, PASSED, PULLED, SEARCHES, TURNED
-from impact_env.kernels.rigid_contact import JOINT_SLACK, SIDE, SIGN, TAU, joint_bounds
+from impact_env.kernels.observers import PASSED, PULLED, TURNED
+from impact_env.kernels.rigid_contact import JOINT_SLACK, joint_bounds
 from impact_env.kernels.sets import forced_of, is_joined, signal_of, slots_with
 from impact_env.kernels.signals import NOISE, at_offset, signal_scale, time_resolution
 from impact_env.kernels.slots import SPEED
@@ -61,21 +63,35 @@ def sample_time(k, count, offset):  # type: ignore[no-untyped-def]
 def note_miss(check, time, kind, share):  # type: ignore[no-untyped-def]
     """Count a miss of a kind and of a share of what it is measured by, and list the first few."""
     check.worst[kind] = max(check.worst[kind], share)
-    n = check.counts[MISSES]
+    n = check.counts.misses
     if n < check.first.shape[0]:
-        check.first[n, 0], check.first[n, 1], check.first[n, 2] = time, kind, share
-    check.counts[MISSES] = n + 1
+        row = check.first[n]
+        row.time, row.kind, row.share = time, kind, share
+    check.counts.misses = n + 1
+
+
+class Guard(NamedTuple):
+    """What a signal must keep: the interval (low, high), and the sign of its rate (0: not watched).
+
+    ``unit``: what a place beyond low or high is measured by (0: the signal's terms); ``slack``: share of these terms that is allowed; ``kind``: of
+    miss.
+    """
+
+    low: float
+    high: float
+    unit: float
+    slack: float
+    sign: float
+    kind: int
 
 
 @jit
-def sample_guard(check, slots, forced, window, signal, tau, offset, low, high, unit, slack, sign, kind):  # type: ignore[no-untyped-def]
-    """Check that a signal keeps within (low, high) from tau up to an offset (s), and its rate to a sign (0: not watched).
-
-    ``unit``: what a place beyond low or high is measured by (0: the signal's terms); ``slack``: share of these terms that is allowed.
-    """
+def sample_guard(check, slots, forced, window, signal, tau, offset, guard):  # type: ignore[no-untyped-def]
+    """Check that a signal keeps within its guard from tau up to an offset (s)."""
     if not offset > 0.0:  # nothing was passed, or not a number
         return
-    check.counts[SEARCHES] += 1
+    low, high, unit, slack, sign, kind = guard
+    check.counts.searches += 1
     omega, scale, speed_scale = window.omega, signal_scale(signal, forced.bound), rate_scale(slots, signal, forced.bound, offset)
     margin, rate_margin = max(DEPTH * unit, (ROUNDING + slack) * scale), ROUNDING * speed_scale
     moment = TIME_ROUNDING * time_resolution(slots.rows, omega, window.half)
@@ -97,7 +113,7 @@ def sample_guard(check, slots, forced, window, signal, tau, offset, low, high, u
 
 
 @jit
-def check_flight(check, slots, forced, window, walls, limit, now, signal, offset):  # type: ignore[no-untyped-def]
+def check_flight(check, slots, forced, window, walls, limit, body, offset):  # type: ignore[no-untyped-def]
     """Check the search of a flight: no wall is passed, and with friction the relative velocity keeps its sign."""
     if check is None:
         return
@@ -105,30 +121,32 @@ def check_flight(check, slots, forced, window, walls, limit, now, signal, offset
     if walls is not None:
         gap = walls.gap
     if limit is not None:
-        sign = now[SIGN]
-    sample_guard(check, slots, forced, window, signal, now[TAU], offset, -gap, gap, gap if gap < np.inf else 0.0, 0.0, sign, PASSED)
+        sign = body.now.sign
+    guard = Guard(-gap, gap, gap if gap < np.inf else 0.0, 0.0, sign, PASSED)
+    sample_guard(check, slots, forced, window, body.signal, body.now.tau, offset, guard)
 
 
 @jit
-def check_hold(check, slots, forced, window, limit, now, signal, offset):  # type: ignore[no-untyped-def]
+def check_hold(check, slots, forced, window, limit, body, offset):  # type: ignore[no-untyped-def]
     """Check the search of a hold: the joint force keeps within what the joint can give."""
     if check is None:
         return
-    low, high = joint_bounds(limit, now[SIDE])
-    sample_guard(check, slots, forced, window, signal, now[TAU], offset, low, high, 0.0, JOINT_SLACK, 0.0, PULLED)
+    low, high = joint_bounds(limit, body.now.side)
+    sample_guard(check, slots, forced, window, body.signal, body.now.tau, offset, Guard(low, high, 0.0, JOINT_SLACK, 0.0, PULLED))
 
 
 @jit
-def check_set(check, sets, absorbers, window, s, offset, room):  # type: ignore[no-untyped-def]
+def check_set(check, scene, window, s, offset, room):  # type: ignore[no-untyped-def]
     """Check the searches of all absorbers in set s, up to the earliest event."""
     if check is None:
         return
+    sets, absorbers = scene.sets, scene.absorbers
     for a in range(room.now.shape[0]):
         now, limit, gap = room.now[a], absorbers.limit[a], absorbers.gap[a]
         slots, forced, signal = slots_with(sets, s, sets.rows[s, a]), forced_of(room.flow, s, a), signal_of(room.signals, a)
         if is_joined(s, a):
-            low, high = joint_bounds(limit, now[SIDE])
-            sample_guard(check, slots, forced, window, signal, now[TAU], offset, low, high, 0.0, JOINT_SLACK, 0.0, PULLED)
+            low, high = joint_bounds(limit, now.side)
+            guard = Guard(low, high, 0.0, JOINT_SLACK, 0.0, PULLED)
         else:
-            unit, sign = gap if gap < np.inf else 0.0, now[SIGN] if limit > 0.0 else 0.0
-            sample_guard(check, slots, forced, window, signal, now[TAU], offset, -gap, gap, unit, 0.0, sign, PASSED)
+            guard = Guard(-gap, gap, gap if gap < np.inf else 0.0, 0.0, now.sign if limit > 0.0 else 0.0, PASSED)
+        sample_guard(check, slots, forced, window, signal, now.tau, offset, guard)

@@ -30,31 +30,33 @@ def turns_left(times, k, t, dt, most):  # type: ignore[no-untyped-def]
 
 
 @jit
-def force_angle(times, omegas, phases, k, t):  # type: ignore[no-untyped-def]
+def force_angle(force, k, t):  # type: ignore[no-untyped-def]
     """Return (phase in rad, frequency in rad/s, its rate in rad/s^2) of stretch ``k`` at time ``t``."""
+    times, omegas, phases = force.times, force.omegas, force.phases
     rate = (omegas[k + 1] - omegas[k]) / (times[k + 1] - times[k])
     tau = t - times[k]
     return phases[k] + (omegas[k] + 0.5 * rate * tau) * tau, omegas[k] + rate * tau, rate
 
 
 @jit
-def phasor(times, omegas, phases, phase, k, t, dt):  # type: ignore[no-untyped-def]
+def phasor(force, k, t, dt):  # type: ignore[no-untyped-def]
     """Return cosine and sine of: the force's phase at ``t``, its turn to t + dt, and the change of that turn per step."""
-    angle, omega, rate = force_angle(times, omegas, phases, k, t)
+    angle, omega, rate = force_angle(force, k, t)
     turn, change = (omega + 0.5 * rate * dt) * dt, rate * dt * dt
-    return np.cos(angle + phase), np.sin(angle + phase), np.cos(turn), np.sin(turn), np.cos(change), np.sin(change)
+    return np.cos(angle + force.phase), np.sin(angle + force.phase), np.cos(turn), np.sin(turn), np.cos(change), np.sin(change)
 
 
 @jit
-def fill_phases(target, count, times, omegas, phases, phase, k, t, dt):  # type: ignore[no-untyped-def]
+def fill_phases(target, count, force, k, t, dt):  # type: ignore[no-untyped-def]
     """Write the force for amplitude 1 at t, t + dt, ... into the first ``count`` places of ``target``; return the stretch of the first."""
+    times = force.times
     first = stretch_at(times, k, t)
     k, done = first, 0
     while done < count:
         now = t + done * dt
         k = stretch_at(times, k, now)
         stop = done + turns_left(times, k, now, dt, min(RESET, count - done))
-        c, s, turn_c, turn_s, change_c, change_s = phasor(times, omegas, phases, phase, k, now, dt)
+        c, s, turn_c, turn_s, change_c, change_s = phasor(force, k, now, dt)
         while done < stop:
             target[done] = c
             c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c

@@ -10,14 +10,11 @@ from __future__ import annotations
 from impact_env.kernels.energy_account import (
     CANCELLING,
     CARRIER,
-    KIND,
     OWN,
     PLAIN,
-    PRODUCT_ORDER,
     PRODUCTS,
     TURNING,
     UNKNOWN,
-    WINDOW,
     learn_regime,
     learn_window,
     places,
@@ -27,27 +24,27 @@ from impact_env.kernels.energy_moments import fill_moments, fill_powers, plain_m
 from impact_env.kernels.energy_own import add_own, learn_mixed
 from impact_env.kernels.energy_quadrature import add_by_quadrature
 from impact_env.kernels.jit import jit, jit_inline
-from impact_env.kernels.observers import ABSORBER_DAMPING, WORK
 from impact_env.kernels.slots import advance, copy, cos_sin
 
 
 @jit
-def add_energy(regime, forced, window, losses, z, constant, absorber, tau, end, scratch, state, r, account):  # type: ignore[no-untyped-def]
-    """Add work and losses of the stretch [tau, end], which lies in regime number ``r`` of the account; None: not observed.
+def add_energy(stretch, losses, state, r, account):  # type: ignore[no-untyped-def]
+    """Add work and losses of a `segments.Stretch`, which lies in regime number ``r`` of the account; None: not observed.
 
-    ``constant``, ``absorber`` as in `segments.sample_state`; a constant force bends, and moves nothing. ``scratch`` (2, 2, J).
+    A constant force bends, and moves nothing. ``state`` is scratch.
     """
     if account is None:
         return
+    tau, end, window, forced, z, scratch = stretch.tau, stretch.end, stretch.window, stretch.forced, stretch.work.z, stretch.work.rows
     if not end > tau:
         return
-    if account.numbers[r, 0, KIND] == UNKNOWN:
-        learn_regime(account, r, regime, losses)
-    kind, slots, w = account.numbers[r, 0, KIND], regime.slots, scratch[0]
+    if account.known[r].kind == UNKNOWN:
+        learn_regime(account, r, stretch.regime, losses)
+    kind, slots, w = account.known[r].kind, stretch.regime.slots, scratch[0]
     if kind == CANCELLING:
-        add_by_quadrature(regime, forced, window, losses, z, constant, absorber, tau, end, scratch, state, account)
+        add_by_quadrature(stretch, losses, state, account)
         return
-    if account.clock[r, WINDOW] != window.centre:
+    if account.known[r].window != window.centre:
         learn_window(account, r, forced, window)
         if kind == OWN:
             learn_mixed(account, r, slots.rows, forced.slots, forced.terms, window)
@@ -64,8 +61,8 @@ def add_energy(regime, forced, window, losses, z, constant, absorber, tau, end, 
     modes = losses.rate.shape[0]
     for i in range(modes):
         account.modal[i] += losses.rate[i] * found[i]
-    account.totals[ABSORBER_DAMPING] += losses.damper * found[modes]
-    account.totals[WORK] += found[modes + 1]
+    account.totals[0].absorber_damping += losses.damper * found[modes]
+    account.totals[0].work += found[modes + 1]
 
 
 @jit_inline
@@ -79,7 +76,7 @@ def _fill_scratch(scratch, window, tau, end):  # type: ignore[no-untyped-def]
 @jit_inline
 def _set_forced_part(account, r, window, found):  # type: ignore[no-untyped-def]
     """Write the products of forced parts and their partners to ``found``."""
-    scratch, count, velocities = account.scratch, account.numbers[r, 0, PRODUCT_ORDER], account.velocities[r]
+    scratch, count, velocities = account.scratch, account.known[r].product_order, account.velocities[r]
     _, product, _ = places(account)
     c, s, d, t = scratch[CARRIER, 0], scratch[CARRIER, 1], scratch[CARRIER, 2], scratch[CARRIER, 3]
     a_r, a_i, b_r, b_i = c * c - s * s, 2.0 * c * s, d * d - t * t, 2.0 * d * t

@@ -6,13 +6,15 @@ each, but for the last its product with the force. So every velocity has a partn
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.energy_moments import EXTRA
-from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_view
+from impact_env.kernels.observers import Observe
+from impact_env.kernels.records import INTEGER, NUMBER, record
 from impact_env.kernels.slots import SPEED
 from impact_env.kernels.vector import TERMS
 
@@ -23,12 +25,11 @@ UNKNOWN, OWN, COUPLED, CANCELLING = range(4)  # kinds of regime: not met yet; on
 MOST_CANCELLING = 30.0  # amplitudes of slots over the velocity that they add up to: squared, it multiplies rounding
 NEGLIGIBLE = 1e-17  # coefficients below this share of the largest one are left out
 
-# Account.numbers: in the first row what kind of regime, how many powers of velocity and of product count, and for either sign of the carrier how many
-# slots turn almost like it; then a slot's mode, -1 for none; then which slots turn almost like the carrier
-KIND, ORDER, PRODUCT_ORDER, NEAR = 0, 1, 2, 3
-PLACE, NEAREST = 1, 2
-# Account.clock: centre of the window that all is known for, and the time for which the antiderivatives are
-WINDOW, REACHED = 0, 1
+# rows of Account.places: a slot's mode, -1 for none; then, for either sign of the carrier, which slots turn almost like it
+PLACE, NEAREST = 0, 1
+# what is known of a regime: its kind, how many powers of velocity and of product count, how many slots turn almost like the carrier (for either
+# sign), the centre of the window that all is known for, and the time for which the antiderivatives are
+KNOWN = record(kind=INTEGER, order=INTEGER, product_order=INTEGER, near=(INTEGER, 2), window=NUMBER, reached=NUMBER)
 # rows of Account.slots: weight in the mode's velocity, the antiderivatives (of loss, of work) before and after a stretch, the loss of a stretch,
 # moments on the carrier and on its conjugate, and for either sign of the carrier the series of loss and work; real, then imaginary parts
 VELOCITY, BEGIN, END, LOSS, MOMENTS, NEAR_SERIES = 0, 2, 6, 10, 11, 11 + 4 * TERMS
@@ -40,7 +41,7 @@ POWERS, PLAIN, TURNING, CARRIER = 0, 2, 3, 5
 class Account(NamedTuple):
     """`observers.Energy`, and what is known of R regimes of J slots, with N_m + 2 velocities. Few arrays, because each costs time at every call.
 
-    ``numbers`` (R, 4, any), ``clock`` (R, 2), ``slots`` (R, SLOT_ROWS, J), ``scratch`` (6, any): see above. ``velocities`` (R, any, N_m + 2): shape
+    ``known`` (R,), ``places`` (R, 3, J), ``slots`` (R, SLOT_ROWS, J), ``scratch`` (6, any): see above. ``velocities`` (R, any, N_m + 2): shape
     (2 J: velocity = Re(shape Z), all real parts first), partner (2 TERMS), product (3 PRODUCTS), and what a stretch adds. Partner and product are in
     powers of the time in half windows. Partner: forced velocity, or half the force, as a factor of the carrier; product: half of the square, or the
     power, first without a carrier, then as a factor of its square. ``mixed`` (R, 2, 4, TERMS, J), where each mode is one slot: antiderivatives of a
@@ -48,10 +49,10 @@ class Account(NamedTuple):
     `forced.Forced.slots`.
     """
 
-    totals: Array
+    totals: NDArray[Any]
     modal: Array
-    numbers: NDArray[np.int64]
-    clock: Array
+    known: NDArray[Any]
+    places: NDArray[np.int64]
     velocities: Array
     slots: Array
     mixed: Array
@@ -63,16 +64,25 @@ def new_account(energy, regimes, slots):  # type: ignore[no-untyped-def]
     """Return room for the energies of a lane with this many regimes of this many slots; None where they are not observed."""
     if energy is None:
         return None
+    known = np.zeros(regimes, KNOWN)
+    for r in range(regimes):
+        known[r].window, known[r].reached = np.nan, np.nan
     return Account(
         energy.totals,
         energy.modal,
-        np.zeros((regimes, 4, max(slots, 5)), np.int64),
-        np.full((regimes, 2), np.nan),
+        known,
+        np.zeros((regimes, 3, slots), np.int64),
         np.zeros((regimes, 2 * slots + 2 * TERMS + 3 * PRODUCTS + 1, energy.modal.shape[0] + 2)),
         np.zeros((regimes, SLOT_ROWS, slots)),
         np.zeros((regimes, 2, 4, TERMS, slots)),
         np.zeros((6, PRODUCTS + EXTRA + 1)),
     )
+
+
+@jit_view
+def observe_with(observe, account):  # type: ignore[no-untyped-def]
+    """Return a lane's observers with the account in place of the energies."""
+    return Observe(observe.clock, observe.counters, observe.level, observe.events, observe.series, account)
 
 
 @jit_inline
@@ -99,10 +109,10 @@ def learn_regime(account, r, regime, losses):  # type: ignore[no-untyped-def]
             shape[modes] = regime.out[part, half + modes, j] - tip if losses.damper > 0.0 else 0.0
             shape[modes + 1] = point
     if _cancels(regime, modes, half):
-        account.numbers[r, 0, KIND] = CANCELLING
+        account.known[r].kind = CANCELLING
     else:
-        own = losses.damper == 0.0 and _find_places(account.velocities[r], modes, account.numbers[r, PLACE], account.slots[r])
-        account.numbers[r, 0, KIND] = OWN if own else COUPLED
+        own = losses.damper == 0.0 and _find_places(account.velocities[r], modes, account.places[r, PLACE], account.slots[r])
+        account.known[r].kind = OWN if own else COUPLED
 
 
 @jit
@@ -139,23 +149,23 @@ def _find_places(shape, modes, place, slots):  # type: ignore[no-untyped-def]
 @jit
 def learn_window(account, r, forced, window):  # type: ignore[no-untyped-def]
     """Fill what belongs to the forced part of regime r in a window."""
-    account.clock[r, WINDOW] = window.centre
+    account.known[r].window = window.centre
     count, last = account.slots.shape[2], account.velocities.shape[2] - 1
     first, second, end = places(account)
     shape, partner, product = account.velocities[r, :first], account.velocities[r, first:second], account.velocities[r, second:end]
     partner[:] = 0.0
     for j in range(count):
-        if account.numbers[r, 0, KIND] != OWN:
+        if account.known[r].kind != OWN:
             _add_forced_velocity(forced.slots, shape, j, count, 0, last + 1, window.half, partner)
-        elif account.numbers[r, PLACE, j] >= 0:
-            i = account.numbers[r, PLACE, j]
+        elif account.places[r, PLACE, j] >= 0:
+            i = account.places[r, PLACE, j]
             _add_forced_velocity(forced.slots, shape, j, count, i, i + 1, window.half, partner)
             _add_forced_velocity(forced.slots, shape, j, count, last, last + 1, window.half, partner)
     product[:] = 0.0
     _fill_squares(partner, product)
     _fill_power(forced.terms, window.half, partner, product)
-    account.numbers[r, 0, ORDER] = _order(partner, TERMS)
-    account.numbers[r, 0, PRODUCT_ORDER] = _order(product, PRODUCTS)
+    account.known[r].order = _order(partner, TERMS)
+    account.known[r].product_order = _order(product, PRODUCTS)
 
 
 @jit

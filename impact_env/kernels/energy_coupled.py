@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from impact_env.kernels.energy_account import CARRIER, MOMENTS, ORDER, places
+from impact_env.kernels.energy_account import CARRIER, MOMENTS, places
 from impact_env.kernels.energy_moments import fill_moments, pair_integral
 from impact_env.kernels.jit import jit, jit_inline
 from impact_env.kernels.slots import SPEED, S
@@ -63,7 +63,7 @@ def _add_mixed(velocities, partner, own, count, j, found):  # type: ignore[no-un
 @jit_inline
 def add_coupled(account, r, rows, damper, window, h, z, w, found):  # type: ignore[no-untyped-def]
     """Add all products with free parts; z, w (2, J): the slots at begin and end of a stretch of h s."""
-    velocities, own, count = account.velocities[r], account.slots[r], account.numbers[r, 0, ORDER]
+    velocities, own, count = account.velocities[r], account.slots[r], account.known[r].order
     partner, _, _ = places(account)
     _add_pairs(velocities, rows, h, z, w, damper, found)
     for j in range(own.shape[1]):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.energy_account import BEGIN, END, LOSS, NEAR, NEAR_SERIES, NEAREST, PLACE, REACHED, SERIES, VELOCITY
+from impact_env.kernels.energy_account import BEGIN, END, LOSS, NEAR_SERIES, NEAREST, PLACE, SERIES, VELOCITY
 from impact_env.kernels.energy_moments import SLOW, decay_integrals
 from impact_env.kernels.forced import add_forced
 from impact_env.kernels.jit import jit, jit_inline
@@ -19,20 +19,20 @@ from impact_env.kernels.vector import TERMS
 @jit
 def learn_mixed(account, r, rows, slots, terms, window):  # type: ignore[no-untyped-def]
     """Fill the antiderivatives of regime r in a window; ``slots``, ``terms``: its forced part."""
-    numbers, own, count = account.numbers[r], account.slots[r], rows.shape[1]
+    known, places, own, count = account.known[r], account.places[r], account.slots[r], rows.shape[1]
     point = account.velocities[r, : 2 * count, account.velocities.shape[2] - 1]
-    account.clock[r, REACHED], least = np.nan, SLOW**2 / window.half**2
+    known.reached, least = np.nan, SLOW**2 / window.half**2
     for k in range(2):
         sign, at, near = 1.0 - 2.0 * k, 2 * k, 0
         _substitute(rows, window, sign, own, point, slots, terms, at, account.mixed[r, 0], account.mixed[r, 1])
         for j in range(count):
             l_r, l_i = rows[S, j], rows[S + 1, j] + sign * window.omega
-            if numbers[PLACE, j] >= 0 and l_r * l_r + l_i * l_i < least:
-                numbers[NEAREST + k, near] = j
+            if places[PLACE, j] >= 0 and l_r * l_r + l_i * l_i < least:
+                places[NEAREST + k, near] = j
                 near += 1
                 series = own[NEAR_SERIES + 4 * SERIES * k : NEAR_SERIES + 4 * SERIES * (k + 1), j]
                 _build_up(l_r * window.half, l_i * window.half, window.half, j, sign, own, point, slots, terms, series)
-        numbers[0, NEAR + k] = near
+        known.near[k] = near
 
 
 @jit
@@ -79,19 +79,19 @@ def _build_up(l_r, l_i, half, j, sign, own, point, slots, terms, series):  # typ
 
 
 @jit
-def _antiderivatives(numbers, mixed, own, omega, half, tau, at):  # type: ignore[no-untyped-def]
+def _antiderivatives(known, places, mixed, own, omega, half, tau, at):  # type: ignore[no-untyped-def]
     """Write the antiderivatives of loss and work at an offset from the window's centre to own[at] ... own[at + 3]; without the slots themselves."""
     for j in range(own.shape[1]):
         own[at, j], own[at + 1, j], own[at + 2, j], own[at + 3, j] = 0.0, 0.0, 0.0, 0.0
     add_forced(mixed[0], omega, tau, 1.0, own[at : at + 2])
     add_forced(mixed[1], omega, tau, 1.0, own[at + 2 : at + 4])
-    if numbers[0, NEAR] + numbers[0, NEAR + 1] == 0:
+    if known.near[0] + known.near[1] == 0:
         return
     c, s = cos_sin(omega * tau)
     x = tau / half
     for k in range(2):
-        for n in range(numbers[0, NEAR + k]):
-            j, p = numbers[NEAREST + k, n], NEAR_SERIES + 4 * SERIES * k
+        for n in range(known.near[k]):
+            j, p = places[NEAREST + k, n], NEAR_SERIES + 4 * SERIES * k
             a_r, a_i, b_r, b_i = 0.0, 0.0, 0.0, 0.0
             for m in range(SERIES):
                 q = p + SERIES - 1 - m
@@ -121,19 +121,19 @@ def _losses_of_slots(rows, own, z, w):  # type: ignore[no-untyped-def]
 @jit_inline
 def add_own(account, r, rows, window, tau, end, z, w, found):  # type: ignore[no-untyped-def]
     """Add all products with free parts; z, w (2, J): the slots at the stretch's ends."""
-    numbers, own = account.numbers[r], account.slots[r]
-    if account.clock[r, REACHED] == tau:
+    known, places, own = account.known[r], account.places[r], account.slots[r]
+    if known.reached == tau:
         copy(own[END : END + 2], own[BEGIN : BEGIN + 2])
         copy(own[END + 2 : END + 4], own[BEGIN + 2 : BEGIN + 4])
     else:
-        _antiderivatives(numbers, account.mixed[r], own, window.omega, window.half, tau, BEGIN)
-    _antiderivatives(numbers, account.mixed[r], own, window.omega, window.half, end, END)
-    account.clock[r, REACHED] = end
+        _antiderivatives(known, places, account.mixed[r], own, window.omega, window.half, tau, BEGIN)
+    _antiderivatives(known, places, account.mixed[r], own, window.omega, window.half, end, END)
+    known.reached = end
     decay_integrals(rows, end - tau, own[LOSS])
     _losses_of_slots(rows, own, z, w)
     power = 0.0
     for j in range(own.shape[1]):
-        if numbers[PLACE, j] >= 0:
-            found[numbers[PLACE, j]] += own[LOSS, j]
+        if places[PLACE, j] >= 0:
+            found[places[PLACE, j]] += own[LOSS, j]
             power += w[0, j] * own[END + 2, j] - w[1, j] * own[END + 3, j] - (z[0, j] * own[BEGIN + 2, j] - z[1, j] * own[BEGIN + 3, j])
     found[found.shape[0] - 1] += power

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels.jit import jit
-from impact_env.kernels.observers import ABSORBER_DAMPING, WORK
 from impact_env.kernels.segments import state_at
 from impact_env.kernels.slots import SPEED, advance, copy
 
@@ -27,14 +26,14 @@ def _active_speed(rows, omega, z):  # type: ignore[no-untyped-def]
 
 
 @jit
-def add_by_quadrature(regime, forced, window, losses, z, constant, absorber, tau, end, scratch, state, energy):  # type: ignore[no-untyped-def]
-    """Add work and losses of the stretch [tau, end] by Gauss-Legendre quadrature, in panels that resolve every slot still active.
+def add_by_quadrature(stretch, losses, state, energy):  # type: ignore[no-untyped-def]
+    """Add work and losses of a `segments.Stretch` by Gauss-Legendre quadrature, in panels that resolve every slot still active.
 
-    ``absorber`` as in `segments.sample_state`, of which only a tuned one has a damper; ``scratch`` (2, 2, J).
+    Of absorbers only a tuned one has a damper; ``state`` is scratch.
     """
-    modes, half = losses.rate.shape[0], state.shape[0] // 2
-    slots, p = regime.slots, scratch[0]
-    copy(z, p)
+    modes, half, regime, forced, window = losses.rate.shape[0], state.shape[0] // 2, stretch.regime, stretch.forced, stretch.window
+    slots, p, absorber, tau, end = regime.slots, stretch.work.rows[0], stretch.motion[0], stretch.tau, stretch.end
+    copy(stretch.work.z, p)
     force_size = np.sqrt(window.force_r**2 + window.force_i**2)
     phase = np.arctan2(window.force_i, window.force_r)
     x = tau
@@ -44,7 +43,7 @@ def add_by_quadrature(regime, forced, window, losses, z, constant, absorber, tau
             h = end - x
         for k in range(_NODES.shape[0]):
             t = 0.5 * h * (1.0 + _NODES[k])
-            state_at(regime, forced, window.omega, p, constant, x, t, scratch[1], state)
+            state_at(regime, forced, window.omega, p, stretch.constant, x, t, stretch.work.rows[1], state)
             c = x + t
             f = force_size * np.cos(phase + (window.omega + 0.5 * window.alpha * c) * c)
             weight = 0.5 * h * _WEIGHTS[k]
@@ -54,8 +53,8 @@ def add_by_quadrature(regime, forced, window, losses, z, constant, absorber, tau
                 power += losses.force_shape[i] * v
                 tip += losses.tip_shape[i] * v
                 energy.modal[i] += weight * losses.rate[i] * v * v
-            energy.totals[WORK] += weight * f * power
-            relative = state[half + modes] + absorber[1] + absorber[2] * (c - tau) - tip
-            energy.totals[ABSORBER_DAMPING] += weight * losses.damper * relative * relative
+            energy.totals[0].work += weight * f * power
+            relative = state[half + modes] + absorber.v + absorber.a * (c - tau) - tip
+            energy.totals[0].absorber_damping += weight * losses.damper * relative * relative
         advance(slots.rows, slots.table, slots.scale, h, p)
         x += h

@@ -8,53 +8,92 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from impact_env.kernels.check import check_flight, check_hold
 from impact_env.kernels.energies import add_energy
-from impact_env.kernels.forced import add_forced, signal_value
-from impact_env.kernels.jit import jit
+from impact_env.kernels.forced import Forced, add_forced, new_forced, signal_value
+from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_view
 from impact_env.kernels.next_event import end_of_flight, end_of_hold
-from impact_env.kernels.observers import EVALUATIONS, STUCK_TIME
+from impact_env.kernels.observers import MOTION
 from impact_env.kernels.rigid_contact import (
-    AT_REST,
-    FORCE,
     FREE,
     JOINED,
     JOINT_SLACK,
-    OFFSET,
-    REGIME,
-    SIDE,
-    SIGN,
-    SINCE,
-    TAU,
-    A,
-    Q,
-    V,
+    Body,
+    Contact,
     add_friction_loss,
     end_phase,
     friction_force,
     joint_bounds,
+    largest_kick,
+    new_now,
     tip_motion,
     touch,
 )
-from impact_env.kernels.segments import sample_state, sample_tip, to_slots, to_state
-from impact_env.kernels.signals import HIT_HIGH
+from impact_env.kernels.segments import Losses, Regime, Stretch, Work, new_work, sample_state, sample_tip, to_slots, to_state
+from impact_env.kernels.signals import HIT_HIGH, Signal, new_signal
 from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
+
+
+class Rigid(NamedTuple):
+    """A scene of one absorber with rigid contact: its two regimes, the contact, and what the energy balance needs."""
+
+    free: Regime
+    joined: Regime
+    contact: Contact
+    losses: Losses
+
+
+class Room(NamedTuple):
+    """What a lane carries from stretch to stretch, ``now`` (1,), a NOW record, and ``work.z``, and scratch for it.
+
+    ``solved`` (2,): whether a regime's forced part is known in the current window; ``motion`` (1,) as in `segments.Stretch`.
+    """
+
+    now: NDArray[Any]
+    work: Work
+    signal: Signal
+    free_forced: Forced
+    joined_forced: Forced
+    solved: NDArray[np.bool_]
+    motion: NDArray[Any]
+    scratch: NDArray[np.float64]
+
+
+@jit_room
+def new_room(free, joined, state):  # type: ignore[no-untyped-def]
+    """Return room for lanes of one scene."""
+    size = free.slots.rows.shape[1]
+    now = new_now(1)
+    now[0].kick = largest_kick(free.slots.rows)
+    free_forced, joined_forced, solved = new_forced(free.slots), new_forced(joined.slots), np.zeros(2, np.bool_)
+    return Room(now, new_work(size), new_signal(size), free_forced, joined_forced, solved, np.zeros(1, MOTION), np.zeros_like(state))
+
+
+@jit_view
+def body_of(room):  # type: ignore[no-untyped-def]
+    """Return the absorber."""
+    return Body(room.now[0], room.work, room.signal)
 
 
 @jit
 def totals(regime, forced, omega, now, z, w):  # type: ignore[no-untyped-def]
     """Write the whole slots (free, forced and rest part) at the current time to w."""
     copy(z, w)
-    add_forced(forced.slots, omega, now[TAU], 1.0, w)
-    add(regime.slots.rows, REST, now[FORCE], w)
+    add_forced(forced.slots, omega, now.tau, 1.0, w)
+    add(regime.slots.rows, REST, now.force, w)
 
 
 @jit
 def enter(regime, forced, omega, now, state, z):  # type: ignore[no-untyped-def]
     """Write the free part of a regime's slots for a state at the current time."""
     to_slots(regime.into, state, z)
-    add_forced(forced.slots, omega, now[TAU], -1.0, z)
-    add(regime.slots.rows, REST, -now[FORCE], z)
+    add_forced(forced.slots, omega, now.tau, -1.0, z)
+    add(regime.slots.rows, REST, -now.force, z)
 
 
 @jit
@@ -63,106 +102,124 @@ def free_state(free, forced, omega, now, work, state):  # type: ignore[no-untype
     totals(free, forced, omega, now, work.z, work.rows[0])
     to_state(free.out, work.rows[0], state)
     half = state.shape[0] // 2
-    state[half - 1] = now[Q]
-    state[2 * half - 1] = now[V]
+    state[half - 1] = now.q
+    state[2 * half - 1] = now.v
 
 
 @jit
-def try_join(joined, forced, window, contact, limit, now, state, work, centre):  # type: ignore[no-untyped-def]
-    """Join absorber and tip if the joint force allows it, else set the sign in which the absorber will slide; return True if joined."""
-    q_tip, v_tip = tip_motion(contact, state)
-    now[FORCE] = 0.0
-    enter(joined, forced, window.omega, now, state, work.z)
+def joint_force(joined, forced, omega, tau, work):  # type: ignore[no-untyped-def]
+    """Return the joint force at tau in the joined regime, whose free part is ``work.z``, and the size of its terms."""
     weigh(joined.slots.rows, GUARD, work.z, work.u)
-    f = signal_value(forced.signals, 0, window.omega, now[TAU])
+    f, scale = signal_value(forced.signals, 0, omega, tau), forced.bound[0]
     for j in range(work.u.shape[1]):
         f += work.u[0, j]
-    low, high = joint_bounds(limit, now[SIDE])
-    scale = forced.bound[0]
-    for j in range(work.u.shape[1]):
         scale += abs(work.u[0, j]) + abs(work.u[1, j])
+    return f, scale
+
+
+@jit
+def try_join(scene, window, room, state):  # type: ignore[no-untyped-def]
+    """Join absorber and tip if the joint force allows it, else set the sign in which the absorber will slide; return True if joined."""
+    now, joined, forced, work = room.now[0], scene.joined, room.joined_forced, room.work
+    q_tip, v_tip = tip_motion(scene.contact, state)
+    now.force = 0.0
+    enter(joined, forced, window.omega, now, state, work.z)
+    f, scale = joint_force(joined, forced, window.omega, now.tau, work)
+    low, high = joint_bounds(scene.contact.limit, now.side)
     slack = JOINT_SLACK * scale  # at its bound the joint force decides in the joined regime, by its rate
-    now[V] = v_tip
-    now[OFFSET] = now[Q] - q_tip
+    now.v = v_tip
+    now.offset = now.q - q_tip
     if low - slack <= f <= high + slack:
-        now[REGIME] = JOINED
-        now[SINCE] = centre + now[TAU]
+        now.regime = JOINED
+        now.since = window.centre + now.tau
         return True
-    now[SIGN] = -1.0 if f > high else 1.0
+    now.sign = -1.0 if f > high else 1.0
     return False
 
 
-@jit
-def fly(free, forced, window, contact, walls, limit, losses, now, work, signal, state, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
+@jit_inline
+def observe_stretch(scene, stretch, r, scratch, observe):  # type: ignore[no-untyped-def]
+    """Let the observers of samples and energies see a stretch, which lies in regime r."""
+    sample_tip(stretch, observe.clock, observe.level)
+    sample_state(stretch, observe.clock, observe.series)
+    add_energy(stretch, scene.losses, scratch, r, observe.energy)
+
+
+@jit_inline
+def fly(scene, window, room, observe):  # type: ignore[no-untyped-def]
     """Advance the free regime to its next event or to the window's end; return what the search found."""
-    slots, omega = free.slots, window.omega
-    now[A] = now[FORCE] / contact.mass
-    tau = now[TAU]
-    found = end_of_flight(slots, forced, window, walls, limit, now, free.tip_rest * now[FORCE], window.half - tau, work.z, signal)
-    counters.values[EVALUATIONS] += found.evaluations
+    free, forced, contact, body, omega = scene.free, room.free_forced, scene.contact, body_of(room), window.omega
+    now, slots, counters = body.now, free.slots, observe.counters
+    now.a = now.force / contact.mass
+    tau, bent = now.tau, free.tip_rest * now.force
+    found = end_of_flight(slots, forced, window, contact.walls, contact.limit, body, bent, window.half - tau)
+    counters.counts.evaluations += found.evaluations
     offset = found.offset
-    check_flight(counters.check, slots, forced, window, walls, limit, now, signal, offset)
-    end = tau + offset
-    sample_tip(slots, forced.signals, window, work.z, work.u, free.tip_rest * now[FORCE], tau, end, clock, level)
-    sample_state(free, forced, window, work.z, now[FORCE], now[Q : A + 1], tau, end, clock, work.rows[0], series)
-    add_energy(free, forced, window, losses, work.z, now[FORCE], now[Q : A + 1], tau, end, work.rows, state, FREE, energy)
-    add_friction_loss(limit, slots, forced, omega, signal, tau, offset, energy)
-    advance(slots.rows, slots.table, slots.scale, offset, work.z)
-    now[Q] += offset * (now[V] + 0.5 * offset * now[A])
-    now[V] += offset * now[A]
-    now[TAU] = end
-    now[SIDE], now[AT_REST] = 0.0, 0.0
+    check_flight(counters.check, slots, forced, window, contact.walls, contact.limit, body, offset)
+    end, motion = tau + offset, room.motion[0]
+    motion.q, motion.v, motion.a = now.q, now.v, now.a
+    observe_stretch(scene, Stretch(free, forced, window, room.work, now.force, bent, room.motion, tau, end), FREE, room.scratch, observe)
+    add_friction_loss(contact.limit, slots, forced, omega, body, tau, offset, observe.energy)
+    advance(slots.rows, slots.table, slots.scale, offset, room.work.z)
+    now.q += offset * (now.v + 0.5 * offset * now.a)
+    now.v += offset * now.a
+    now.tau = end
+    now.side, now.at_rest = 0.0, False
     return found
 
 
-@jit
-def hold(joined, forced, window, limit, losses, now, work, signal, state, clock, counters, level, series, energy):  # type: ignore[no-untyped-def]
+@jit_inline
+def hold(scene, window, room, observe):  # type: ignore[no-untyped-def]
     """Advance the joined regime to where the joint force leaves its interval, or to the window's end; return the event."""
-    slots = joined.slots
-    tau = now[TAU]
-    found = end_of_hold(slots, forced, window, limit, now, window.half - tau, work.z, signal)
-    counters.values[EVALUATIONS] += found.evaluations
+    joined, forced, limit, body = scene.joined, room.joined_forced, scene.contact.limit, body_of(room)
+    now, slots, counters = body.now, joined.slots, observe.counters
+    tau = now.tau
+    found = end_of_hold(slots, forced, window, limit, body, window.half - tau)
+    counters.counts.evaluations += found.evaluations
     offset = found.offset
-    check_hold(counters.check, slots, forced, window, limit, now, signal, offset)
-    end = tau + offset
-    sample_tip(slots, forced.signals, window, work.z, work.u, 0.0, tau, end, clock, level)
-    now[V], now[A] = 0.0, 0.0
-    now[Q] = now[OFFSET]
-    sample_state(joined, forced, window, work.z, 0.0, now[Q : A + 1], tau, end, clock, work.rows[0], series)
-    add_energy(joined, forced, window, losses, work.z, 0.0, now[Q : A + 1], tau, end, work.rows, state, JOINED, energy)
-    advance(slots.rows, slots.table, slots.scale, offset, work.z)
-    now[TAU] = end
-    counters.values[STUCK_TIME] += offset
+    check_hold(counters.check, slots, forced, window, limit, body, offset)
+    end, motion = tau + offset, room.motion[0]
+    motion.q, motion.v, motion.a = now.offset, 0.0, 0.0
+    observe_stretch(scene, Stretch(joined, forced, window, room.work, 0.0, 0.0, room.motion, tau, end), JOINED, room.scratch, observe)
+    advance(slots.rows, slots.table, slots.scale, offset, room.work.z)
+    now.tau = end
+    counters.counts.stuck_time += offset
     return found.kind
 
 
 @jit
-def release(free, free_forced, joined, joined_forced, window, limit, now, work, state, event, events):  # type: ignore[no-untyped-def]
+def release(scene, window, room, state, event, events):  # type: ignore[no-untyped-def]
     """Leave the joined regime: the absorber lags where the joint force is above its bound, leads where it is below."""
-    totals(joined, joined_forced, window.omega, now, work.z, work.rows[0])
+    now, joined, work, half = room.now[0], scene.joined, room.work, state.shape[0] // 2
+    totals(joined, room.joined_forced, window.omega, now, work.z, work.rows[0])
     to_state(joined.out, work.rows[0], state)
-    half = state.shape[0] // 2
-    state[half - 1] += now[OFFSET]
-    now[Q], now[V] = state[half - 1], state[2 * half - 1]
-    end_phase(events, now, window.centre + now[TAU])
-    now[REGIME] = FREE
-    now[SIGN] = -1.0 if event == HIT_HIGH else 1.0
-    now[AT_REST] = 1.0
-    friction_force(limit, now)
-    enter(free, free_forced, window.omega, now, state, work.z)
+    state[half - 1] += now.offset
+    now.q, now.v = state[half - 1], state[2 * half - 1]
+    end_phase(events, now, window.centre + now.tau)
+    now.regime = FREE
+    now.sign = -1.0 if event == HIT_HIGH else 1.0
+    now.at_rest = True
+    friction_force(scene.contact.limit, now)
+    enter(scene.free, room.free_forced, window.omega, now, state, work.z)
+
+
+@jit_inline
+def can_hold(limit, side):  # type: ignore[no-untyped-def]
+    """Return whether friction or a wall could hold an absorber without relative velocity."""
+    return limit is not None or side != 0.0
 
 
 @jit
-def begin(free, free_forced, joined, joined_forced, window, contact, walls, limit, now, state, work):  # type: ignore[no-untyped-def]
+def begin(scene, window, room, state):  # type: ignore[no-untyped-def]
     """Set the first regime from the initial state: joined if the relative velocity is zero and friction or a wall can hold it."""
-    half = state.shape[0] // 2
-    now[Q], now[V] = state[half - 1], state[2 * half - 1]
-    relative = touch(contact, walls, now, state)
-    if relative == 0.0 and (limit is not None or now[SIDE] != 0.0):
-        if try_join(joined, joined_forced, window, contact, limit, now, state, work, window.centre):
+    now, contact, half = room.now[0], scene.contact, state.shape[0] // 2
+    now.q, now.v = state[half - 1], state[2 * half - 1]
+    relative = touch(contact, contact.walls, now, state)
+    if relative == 0.0 and can_hold(contact.limit, now.side):
+        if try_join(scene, window, room, state):
             return
-        now[AT_REST] = 1.0
-    elif relative * now[SIDE] > 0.0:
-        now[SIDE] = 0.0  # on a wall and moving into it: the search reports the impact at once
-    friction_force(limit, now)
-    enter(free, free_forced, window.omega, now, state, work.z)
+        now.at_rest = True
+    elif relative * now.side > 0.0:
+        now.side = 0.0  # on a wall and moving into it: the search reports the impact at once
+    friction_force(contact.limit, now)
+    enter(scene.free, room.free_forced, window.omega, now, state, room.work.z)

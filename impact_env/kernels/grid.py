@@ -2,12 +2,42 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit
-from impact_env.kernels.observers import STUCK_TIME, push_phase
+from impact_env.kernels.observers import push_phase
 
+Array = NDArray[np.float64]
 FREE = -1  # kind of phase: none
+
+
+class Modes(NamedTuple):
+    """The beam: circular frequencies (rad/s), damping ratios, shapes at the force and at the tip, each (N_m,)."""
+
+    omega: Array
+    damping_ratio: Array
+    force_shape: Array
+    tip_shape: Array
+
+
+class Force(NamedTuple):
+    """Breakpoints of the drive: times (s), circular frequencies (rad/s), integrals of the frequency (rad), each (K,); amplitude (N), phase (rad)."""
+
+    times: Array
+    omegas: Array
+    phases: Array
+    amplitude: float
+    phase: float
+
+
+class Step(NamedTuple):
+    """Time step (s), which is reduced so that it divides the duration; ``wide``: number of oscillators in steps of 4 if the table is to be wider."""
+
+    dt: float
+    wide: int | None
 
 
 @jit
@@ -31,5 +61,5 @@ def step_of_row(row, rows, sample_dt, dt, steps):  # type: ignore[no-untyped-def
 def close_phase(kind, start, end, counters, events):  # type: ignore[no-untyped-def]
     """Note the contact phase that ends, if it is one."""
     if kind != FREE:
-        counters.values[STUCK_TIME] += end - start
-        push_phase(events, start, end, kind)
+        counters.counts.stuck_time += end - start
+        push_phase(events, start, end, kind, 0)

@@ -5,42 +5,62 @@ A lane's interval is one stretch of a schedule, so a chain of intervals is the r
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.kernels import rigid_contact, springs
 from impact_env.kernels.budget import EVALUATIONS_PER_EVENT, FIRST_EVENTS
-from impact_env.kernels.contact_law import Walls
-from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.observers import COUNTS, IMPACTS, MOST_EVALUATIONS, MOST_EVENTS, Counters, Level, clear_level, close_level
+from impact_env.kernels.jit import jit, jit_room, jit_view
+from impact_env.kernels.level import LEVEL, Level, clear_level, close_level
+from impact_env.kernels.observers import CLOCK, COUNTS, Counters, Observe
+from impact_env.kernels.records import FLAG, INTEGER, NUMBER, record
+from impact_env.kernels.rigid_contact import Walls
 from impact_env.kernels.segments import last_sample
 
 Array = NDArray[np.float64]
 
-# columns of an order: duration (s), circular frequency at start and end (rad/s), force (N), its phase at the start (rad; becomes that at the end),
-# half-clearance (m; becomes the one in use), start afresh (0, 1), the run ends here (0, 1)
-DURATION, OMEGA_START, OMEGA_STOP, FORCE, PHASE, GAP, FRESH, FINAL = range(8)
-ORDERS = 8
-# columns of a report: tip's amplitude in phase with the force and a quarter behind it (m), absorber less tip at the end (m, m/s), impacts,
-# absorber's share of the energy at the end, level so far (m), mean of q_tip^2 (m^2), sum of |q_tip/unit|^exponent over the samples, tip
-# displacement at the end (m)
-IN_PHASE, QUADRATURE, DISTANCE, RELATIVE_VELOCITY, IMPACT_COUNT, ABSORBER_SHARE, LEVEL, MEAN_SQUARE, DAMAGE, TIP = range(10)
-REPORTS = 10
-NOW, GAP_IN_USE, SEARCH_LEVEL = 17, 15, 16  # columns of Lanes.now, and those behind what the integrators keep there
+# an order: duration (s), circular frequency at start and end (rad/s), force (N), its phase at the start (rad; becomes that at the end),
+# half-clearance (m; becomes the one in use), whether to start afresh, whether the run ends here
+ORDER = record(duration=NUMBER, omega_start=NUMBER, omega_stop=NUMBER, force=NUMBER, phase=NUMBER, gap=NUMBER, fresh=FLAG, final=FLAG)
+# a report: tip's amplitude in phase with the force and a quarter behind it (m), absorber less tip at the end (m, m/s), impacts, absorber's share of
+# the energy at the end, level so far (m), mean of q_tip^2 (m^2), sum of |q_tip/unit|^exponent over the samples, tip displacement at the end (m)
+REPORT = record(
+    in_phase=NUMBER,
+    quadrature=NUMBER,
+    distance=NUMBER,
+    relative_velocity=NUMBER,
+    impact_count=INTEGER,
+    absorber_share=NUMBER,
+    level=NUMBER,
+    mean_square=NUMBER,
+    damage=NUMBER,
+    tip=NUMBER,
+)
+KEPT = record(gap=NUMBER, search_level=NUMBER)  # half-clearance in use (m), and the level that a search begins with
 MARGIN = 1e-9  # by which a wall that is moved keeps off the absorber, relative to their distance from the middle
 
 
 class Lanes(NamedTuple):
-    """What lanes carry from interval to interval, one row each: free parts of the slots (L, 2, J), the integrator's variables (L, NOW), state
-    (L, 2 N_m + 2), and the level's ring (L, W + 1) and state (L, 10).
+    """What lanes carry from interval to interval, one row each: free parts of the slots (L, 2, J), records of a rigid and of a compliant contact
+    (L,), whatever the lane has, KEPT records (L,), state (L, 2 N_m + 2), and the level's ring (L, W + 1) and LEVEL records (L,).
     """  # noqa: D205
 
     z: Array
-    now: Array
+    rigid: NDArray[Any]
+    sprung: NDArray[Any]
+    kept: NDArray[Any]
     state: Array
     ring: Array
-    level: Array
+    level: NDArray[Any]
+
+
+def new_lanes(lanes: int, slots: int, state: int, half_window: int) -> Lanes:
+    """Return lanes at rest with this many slots and places of a state; ``half_window``: samples in half the level's window."""
+    contacts = np.zeros(lanes, rigid_contact.NOW), np.zeros(lanes, springs.NOW)
+    ring = np.zeros((lanes, half_window + 1))
+    return Lanes(np.zeros((lanes, 2, slots)), *contacts, np.zeros(lanes, KEPT), np.zeros((lanes, state)), ring, np.zeros(lanes, LEVEL))
 
 
 class Watch(NamedTuple):
@@ -57,48 +77,67 @@ class Watch(NamedTuple):
     mass: float
 
 
+class Batch(NamedTuple):
+    """Lanes under control, what is ordered and reported, ORDER and REPORT records (L,), and their status codes (L,)."""
+
+    watch: Watch
+    lanes: Lanes
+    orders: NDArray[Any]
+    reports: NDArray[Any]
+    status: NDArray[np.int64]
+
+
 class Desk(NamedTuple):
-    """Scratch of one thread: the stretch's breakpoints (2,) each, samples of the interval, clock, counters."""
+    """Scratch of one thread: the stretch's breakpoints (2,) each, samples of the interval, a CLOCK and a COUNTS record, (1,) each.
+
+    ``budget`` (1,): counters at zero, with what an interval may use.
+    """
 
     times: Array
     omegas: Array
     phases: Array
     block: Array
-    clock: Array
-    counters: Counters
+    clock: NDArray[Any]
+    counts: NDArray[Any]
+    budget: NDArray[Any]
 
 
 @jit_room
 def new_desk(watch):  # type: ignore[no-untyped-def]
     """Return scratch for one thread."""
-    return Desk(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(watch.samples), np.zeros(3), Counters(np.zeros(COUNTS), None))
+    budget = np.zeros(1, COUNTS)
+    budget[0].most_events, budget[0].most_evaluations = FIRST_EVENTS, FIRST_EVENTS * EVALUATIONS_PER_EVENT
+    return Desk(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(watch.samples), np.zeros(1, CLOCK), np.zeros(1, COUNTS), budget)
 
 
-@jit_room
+@jit_view
+def observe_lane(desk, lanes, i):  # type: ignore[no-untyped-def]
+    """Return the observers of lane i, of which there is the level."""
+    return Observe(desk.clock[0], Counters(desk.counts[0], None), Level(lanes.ring[i], lanes.level[i], desk.block), None, None, None)
+
+
+@jit
 def open_interval(desk, watch, lanes, i, order):  # type: ignore[no-untyped-def]
-    """Lay out a lane's interval and return its level."""
-    desk.times[1] = order[DURATION]
-    desk.omegas[0], desk.omegas[1] = order[OMEGA_START], order[OMEGA_STOP]
-    desk.phases[0] = order[PHASE]
-    desk.phases[1] = order[PHASE] + 0.5 * (order[OMEGA_START] + order[OMEGA_STOP]) * order[DURATION]
-    desk.clock[0], desk.clock[1], desk.clock[2] = 0.0, watch.sample_dt, 0.0
-    values = desk.counters.values
-    values[:] = 0.0
-    values[MOST_EVENTS], values[MOST_EVALUATIONS] = FIRST_EVENTS, FIRST_EVENTS * EVALUATIONS_PER_EVENT
-    level = Level(lanes.ring[i], lanes.level[i], desk.block)
-    if order[FRESH] > 0.0:
-        clear_level(level)
-    return level
+    """Lay out a lane's interval."""
+    clock = desk.clock[0]
+    desk.times[1] = order.duration
+    desk.omegas[0], desk.omegas[1] = order.omega_start, order.omega_stop
+    desk.phases[0] = order.phase
+    desk.phases[1] = order.phase + 0.5 * (order.omega_start + order.omega_stop) * order.duration
+    clock.level, clock.interval, clock.series = 0, watch.sample_dt, 0
+    desk.counts[0] = desk.budget[0]
+    if order.fresh:
+        clear_level(Level(lanes.ring[i], lanes.level[i], desk.block))
 
 
 @jit
 def report_samples(desk, watch, order, report):  # type: ignore[no-untyped-def]
     """Report what the interval's samples say: the amplitudes by projection on the force's phase, mean square, damage."""
-    count = int(desk.clock[0])
+    count = desk.clock[0].level
     step = watch.sample_dt
-    change = (order[OMEGA_STOP] - order[OMEGA_START]) / order[DURATION] * step * step
-    turn = order[OMEGA_START] * step + 0.5 * change
-    c, s = np.cos(order[PHASE]), np.sin(order[PHASE])
+    change = (order.omega_stop - order.omega_start) / order.duration * step * step
+    turn = order.omega_start * step + 0.5 * change
+    c, s = np.cos(order.phase), np.sin(order.phase)
     turn_c, turn_s, change_c, change_s = np.cos(turn), np.sin(turn), np.cos(change), np.sin(change)
     along, behind, square, damage = 0.0, 0.0, 0.0, 0.0
     for k in range(count):
@@ -112,7 +151,8 @@ def report_samples(desk, watch, order, report):  # type: ignore[no-untyped-def]
         for k in range(count):
             damage += (abs(desk.block[k]) / watch.unit) ** watch.exponent
     share = 1.0 / max(count, 1)
-    report[IN_PHASE], report[QUADRATURE], report[MEAN_SQUARE], report[DAMAGE] = 2.0 * along * share, 2.0 * behind * share, square * share, damage
+    report.in_phase, report.quadrature = 2.0 * along * share, 2.0 * behind * share
+    report.mean_square, report.damage = square * share, damage
 
 
 @jit
@@ -124,29 +164,29 @@ def report_state(watch, state, relative, relative_velocity, report):  # type: ig
         tip += watch.tip_shape[i] * state[i]
         energy += (watch.omega[i] * state[i]) ** 2 + state[modes + 1 + i] ** 2
     absorber = watch.mass * state[2 * modes + 1] ** 2
-    report[DISTANCE], report[RELATIVE_VELOCITY], report[TIP] = relative, relative_velocity, tip
-    report[ABSORBER_SHARE] = absorber / (absorber + energy) if absorber > 0.0 else 0.0
+    report.distance, report.relative_velocity, report.tip = relative, relative_velocity, tip
+    report.absorber_share = absorber / (absorber + energy) if absorber > 0.0 else 0.0
 
 
 @jit
 def close_interval(desk, watch, level, state, order, report):  # type: ignore[no-untyped-def]
     """Report samples and level, and set the order's phase to that of the interval's end."""
     report_samples(desk, watch, order, report)
-    report[IMPACT_COUNT] = desk.counters.values[IMPACTS]
-    if order[FINAL] > 0.0:
-        last_sample(state, watch.tip_shape, order[DURATION], desk.clock, level, None)
-    report[LEVEL] = close_level(level)[0]
+    report.impact_count = desk.counts[0].impacts
+    if order.final:
+        last_sample(state, watch.tip_shape, order.duration, desk.clock[0], level, None)
+    report.level = close_level(level)[0]
     turns = np.floor(desk.phases[1] / (2.0 * np.pi))
-    order[PHASE] = desk.phases[1] - 2.0 * np.pi * turns
-    order[FRESH] = 0.0
+    order.phase = desk.phases[1] - 2.0 * np.pi * turns
+    order.fresh = False
 
 
 @jit
-def with_gap(restitution, gap):  # type: ignore[no-untyped-def]
-    """Return the walls of a lane, or None."""
-    if restitution is None:
+def with_gap(walls, gap):  # type: ignore[no-untyped-def]
+    """Return walls at another half-clearance, or None."""
+    if walls is None:
         return None
-    return Walls(gap, restitution)
+    return Walls(gap, walls.restitution)
 
 
 @jit

@@ -7,99 +7,105 @@ from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels import compliant, exact
-from impact_env.kernels.interval import (
-    DISTANCE,
-    DURATION,
-    FORCE,
-    FRESH,
-    GAP,
-    GAP_IN_USE,
-    SEARCH_LEVEL,
-    close_interval,
-    new_desk,
-    open_interval,
-    possible_gap,
-    report_state,
-    with_gap,
-)
-from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.linear import linear_stretch, new_room
+from impact_env.kernels import compliant, exact, linear, springs
+from impact_env.kernels.free_and_joined import Rigid, new_room
+from impact_env.kernels.grid import Force
+from impact_env.kernels.interval import close_interval, new_desk, observe_lane, open_interval, possible_gap, report_state, with_gap
+from impact_env.kernels.jit import jit, jit_room, jit_view
+from impact_env.kernels.level import push_block
 from impact_env.kernels.moreau import moreau_lane
-from impact_env.kernels.observers import Series, push_block
-from impact_env.kernels.rigid_contact import FREE, KICK, OFFSET, REGIME, SIDE, tip_motion
+from impact_env.kernels.moreau_law import RigidLaws
+from impact_env.kernels.observers import Observe, Series
+from impact_env.kernels.rigid_contact import FREE, Contact, new_now, tip_motion
 from impact_env.kernels.runge_kutta import runge_kutta_lane
 from impact_env.kernels.segments import Schedule, samples_before, to_slots, to_state
+from impact_env.kernels.slots import copy
 
 
 @jit
-def move_walls(restitution, order, now, gap, relative):  # type: ignore[no-untyped-def]
+def move_walls(walls, order, now, gap, relative):  # type: ignore[no-untyped-def]
     """Set the half-clearance in use; return True if an absorber that a wall held is set free and its regime must be found anew."""
-    if restitution is None:
+    if walls is None:
         return False
-    order[GAP] = possible_gap(order[GAP], gap, abs(relative), now[SIDE] != 0.0)
-    if order[GAP] == gap or now[SIDE] == 0.0:
+    order.gap = possible_gap(order.gap, gap, abs(relative), now.side != 0.0)
+    if order.gap == gap or now.side == 0.0:
         return False
-    now[SIDE] = 0.0
-    return now[REGIME] != FREE
+    now.side = 0.0
+    return now.regime != FREE
+
+
+@jit
+def take_up(walls, lanes, i, order, distance, start, room):  # type: ignore[no-untyped-def]
+    """Put lane i into the room; return whether its regime must be found anew.
+
+    ``distance``: of the absorber from the tip (m); ``start`` (1,): the contact of a lane that begins.
+    """
+    begins = order.fresh
+    room.now[0] = lanes.rigid[i]
+    room.signal.memory[0] = lanes.kept[i].search_level
+    if not begins:
+        copy(lanes.z[i], room.work.z)
+        begins = move_walls(walls, order, room.now[0], lanes.kept[i].gap, distance)
+    if begins:
+        room.now[0] = start[0]
+        room.signal.memory[0] = 0.0
+    return begins
+
+
+@jit
+def report_rigid(watch, scene, room, state, report):  # type: ignore[no-untyped-def]
+    """Write the lane's state, and report its share."""
+    exact.current_state(scene, room, state)
+    now, half = room.now[0], state.shape[0] // 2
+    tip, tip_velocity = tip_motion(watch, state)
+    if now.regime != FREE:
+        state[2 * half - 1] = tip_velocity  # to the last digit: `begin` then knows that they move as one
+        report_state(watch, state, now.offset, 0.0, report)
+    else:
+        report_state(watch, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report)
 
 
 @jit_room
-def rigid_lanes(free, joined, contact, restitution, limit, losses, reach, watch, lanes, orders, reports, status, start, stop):  # type: ignore[no-untyped-def]
-    """Advance lanes [start, stop) of a scene with rigid contact; ``restitution`` None: no walls, ``limit`` None: no friction."""
-    desk, room = new_desk(watch), exact.new_room(free, joined, lanes.state[start])
-    now, work, kick = room.now, room.work, room.now[KICK]
-    size = now.shape[0]
+def rigid_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-def]
+    """Advance lanes [start, stop) of a scene with rigid contact; ``reach`` (s): longest window. The walls' gap is that of a lane's order."""
+    watch, lanes, orders, reports, status = batch
+    free, joined, contact, losses = scene
+    desk, room, fresh = new_desk(watch), new_room(free, joined, lanes.state[start]), new_now(1)
+    fresh[0] = room.now[0]
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
-        level = open_interval(desk, watch, lanes, i, order)
-        begins = order[FRESH] > 0.0
-        now[:] = lanes.now[i, :size]
-        if not begins:
-            work.z[:, :] = lanes.z[i]
-            begins = move_walls(restitution, order, now, lanes.now[i, GAP_IN_USE], report[DISTANCE])
-        room.signal.memory[0] = lanes.now[i, SEARCH_LEVEL]
-        if begins:
-            now[:] = 0.0
-            now[KICK] = kick
-            room.signal.memory[0] = 0.0
-        walls = with_gap(restitution, order[GAP])
-        schedule = Schedule(desk.times, desk.omegas, desk.phases, order[FORCE], reach)
-        status[i] = exact.exact_stretch(
-            free, joined, contact, walls, limit, losses, schedule, 0, not begins, room, state, desk.clock, desk.counters, level, None, None, None
-        )
-        exact.current_state(free, joined, now, work, state)
-        tip, tip_velocity = tip_motion(watch, state)
-        half = state.shape[0] // 2
-        if now[REGIME] != FREE:
-            state[2 * half - 1] = tip_velocity  # to the last digit: `begin` then knows that they move as one
-            report_state(watch, state, now[OFFSET], 0.0, report)
-        else:
-            report_state(watch, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report)
-        close_interval(desk, watch, level, state, order, report)
-        lanes.now[i, :size] = now
-        lanes.now[i, GAP_IN_USE] = order[GAP]
-        lanes.now[i, SEARCH_LEVEL] = room.signal.memory[0]
-        lanes.z[i, :, :] = work.z
+        open_interval(desk, watch, lanes, i, order)
+        begins = take_up(contact.walls, lanes, i, order, report.distance, fresh, room)
+        walls = with_gap(contact.walls, order.gap)
+        now_there = Rigid(free, joined, Contact(contact.mass, contact.compliance, contact.tip_shape, walls, contact.limit), losses)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, lanes, i)
+        status[i] = exact.exact_stretch(now_there, schedule, 0, not begins, room, state, observe)
+        report_rigid(watch, scene, room, state, report)
+        close_interval(desk, watch, observe.level, state, order, report)
+        lanes.rigid[i] = room.now[0]
+        lanes.kept[i].gap, lanes.kept[i].search_level = order.gap, room.signal.memory[0]
+        lanes.z[i, :, :] = room.work.z
 
 
 @jit_room
-def linear_lanes(regime, losses, reach, watch, lanes, orders, reports, status, start, stop):  # type: ignore[no-untyped-def]
-    """Advance lanes [start, stop) of a scene with one linear regime."""
-    desk, room = new_desk(watch), new_room(regime, lanes.state[start])
+def linear_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-def]
+    """Advance lanes [start, stop) of a scene with one linear regime; ``reach`` (s): longest window."""
+    watch, lanes, orders, reports, status = batch
+    regime = scene.regime
+    desk, room = new_desk(watch), linear.new_room(regime, lanes.state[start])
     work = room.work
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
-        level = open_interval(desk, watch, lanes, i, order)
-        if order[FRESH] > 0.0:
+        open_interval(desk, watch, lanes, i, order)
+        if order.fresh:
             to_slots(regime.into, state, work.z)
         else:
             work.z[:, :] = lanes.z[i]
-        schedule = Schedule(desk.times, desk.omegas, desk.phases, order[FORCE], reach)
-        status[i] = linear_stretch(regime, losses, schedule, 0, room, desk.clock, desk.counters, level, None, None)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, lanes, i)
+        status[i] = linear.linear_stretch(scene, schedule, 0, room, observe)
         to_state(regime.out, work.z, state)
         report_relative(watch, state, report)
-        close_interval(desk, watch, level, state, order, report)
+        close_interval(desk, watch, observe.level, state, order, report)
         lanes.z[i, :, :] = work.z
 
 
@@ -115,35 +121,30 @@ def report_relative(watch, state, report):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def compliant_lanes(free, wall, friction, both, contact, springs, gap, limit, losses, reach, watch, lanes, orders, reports, status, start, stop):  # type: ignore[no-untyped-def]
-    """Advance lanes [start, stop) of a scene with compliant contact; ``gap`` None: no walls, ``limit`` None: no friction."""
-    desk, room = new_desk(watch), compliant.new_room(free, wall, friction, both, lanes.state[start])
-    now = room.now
-    size = now.shape[0]
+def compliant_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-def]
+    """Advance lanes [start, stop) of a scene with compliant contact; ``reach`` (s): longest window."""
+    watch, lanes, orders, reports, status = batch
+    desk, room, fresh = new_desk(watch), compliant.new_room(scene.regimes, lanes.state[start]), springs.new_now()
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
-        level = open_interval(desk, watch, lanes, i, order)
-        now[:] = lanes.now[i, :size]
-        room.signal.memory[0] = lanes.now[i, SEARCH_LEVEL]
-        if order[FRESH] > 0.0:
-            now[:] = 0.0
-            room.signal.memory[0] = 0.0
-            compliant.begin(springs, gap, limit, now, state, contact, 0.0, desk.counters)
-        schedule = Schedule(desk.times, desk.omegas, desk.phases, order[FORCE], reach)
-        status[i] = compliant.compliant_stretch(
-            free, wall, friction, both, contact, springs, gap, limit, losses, schedule, 0, room, state,
-            desk.clock, desk.counters, level, None, None, None,
-        )  # fmt: skip
+        open_interval(desk, watch, lanes, i, order)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, lanes, i)
+        room.now[0] = lanes.sprung[i]
+        room.signal.memory[0] = lanes.kept[i].search_level
+        if order.fresh:
+            room.now[0], room.signal.memory[0] = fresh[0], 0.0
+            springs.begin(scene.springs, scene.gap, scene.limit, room.now[0], state, scene.contact, observe.counters)
+        status[i] = compliant.compliant_stretch(scene, schedule, 0, room, state, observe)
         report_relative(watch, state, report)
-        close_interval(desk, watch, level, state, order, report)
-        lanes.now[i, :size] = now
-        lanes.now[i, SEARCH_LEVEL] = room.signal.memory[0]
+        close_interval(desk, watch, observe.level, state, order, report)
+        lanes.sprung[i] = room.now[0]
+        lanes.kept[i].search_level = room.signal.memory[0]
 
 
 @jit
 def take_rows(desk, watch, series, level, order):  # type: ignore[no-untyped-def]
     """Push the recorded states' tip displacements to the level, all but the one at the interval's end."""
-    count = int(samples_before(order[DURATION], watch.sample_dt))
+    count = int(samples_before(order.duration, watch.sample_dt))
     modes = watch.tip_shape.shape[0]
     for k in range(count):
         q = 0.0
@@ -151,43 +152,52 @@ def take_rows(desk, watch, series, level, order):  # type: ignore[no-untyped-def
             q += watch.tip_shape[j] * series.states[k, j]
         desk.block[k] = q
     push_block(level, 0, count)
-    desk.clock[0] = count
+    desk.clock[0].level = count
+
+
+@jit
+def close_walls(walls, lanes, i, order, distance):  # type: ignore[no-untyped-def]
+    """Set the half-clearance in use of a lane that goes on; ``distance``: of the absorber from the tip (m)."""
+    if walls is None or order.fresh:
+        return
+    order.gap = possible_gap(order.gap, lanes.kept[i].gap, abs(distance), False)
+
+
+@jit_view
+def observe_steps(seen, series):  # type: ignore[no-untyped-def]
+    """Return observers that record the states, from which the level is taken later."""
+    return Observe(seen.clock, seen.counters, None, None, series, None)
 
 
 @jit_room
-def moreau_lanes(modal, m_a, restitution, limit, spring, dt, wide, watch, lanes, orders, reports, status, start, stop):  # type: ignore[no-untyped-def]
-    """Advance lanes [start, stop) with the Moreau scheme; arguments as in `moreau_lane`, ``modal`` its first four."""
-    omega, damping_ratio, force_shape, tip_shape = modal
+def moreau_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no-untyped-def]
+    """Advance lanes [start, stop) with the Moreau scheme; arguments as in `moreau_lane`. The walls' gap is that of a lane's order."""
+    watch, lanes, orders, reports, status = batch
     desk, series = new_desk(watch), Series(np.zeros((watch.samples + 1, lanes.state.shape[1])))
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
-        level = open_interval(desk, watch, lanes, i, order)
-        if order[FRESH] == 0.0:
-            if restitution is not None:
-                order[GAP] = possible_gap(order[GAP], lanes.now[i, GAP_IN_USE], abs(report[DISTANCE]), False)
-        walls = with_gap(restitution, order[GAP])
-        status[i] = moreau_lane(
-            omega, damping_ratio, force_shape, tip_shape, m_a, walls, limit, spring, desk.times, desk.omegas, desk.phases, order[FORCE], 0.0,
-            state, dt, watch.sample_dt, desk.counters, None, None, series, None, wide,
-        )  # fmt: skip
-        take_rows(desk, watch, series, level, order)
+        open_interval(desk, watch, lanes, i, order)
+        observe = observe_lane(desk, lanes, i)
+        close_walls(laws.walls, lanes, i, order, report.distance)
+        now_there = RigidLaws(laws.mass, with_gap(laws.walls, order.gap), laws.limit, laws.spring)
+        force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
+        status[i] = moreau_lane(modes, now_there, force, state, step, observe_steps(observe, series))
+        take_rows(desk, watch, series, observe.level, order)
         report_relative(watch, state, report)
-        close_interval(desk, watch, level, state, order, report)
-        lanes.now[i, GAP_IN_USE] = order[GAP]
+        close_interval(desk, watch, observe.level, state, order, report)
+        lanes.kept[i].gap = order.gap
 
 
 @jit_room
-def runge_kutta_lanes(modal, m_a, added_mass, stops, spring, dt, wide, watch, lanes, orders, reports, status, start, stop):  # type: ignore[no-untyped-def]
-    """Advance lanes [start, stop) with the Runge-Kutta method; arguments as in `runge_kutta_lane`, ``modal`` its first four. No friction."""
-    omega, damping_ratio, force_shape, tip_shape = modal
+def runge_kutta_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no-untyped-def]
+    """Advance lanes [start, stop) with the Runge-Kutta method; arguments as in `runge_kutta_lane`. No friction."""
+    watch, lanes, orders, reports, status = batch
     desk, series = new_desk(watch), Series(np.zeros((watch.samples + 1, lanes.state.shape[1])))
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
-        level = open_interval(desk, watch, lanes, i, order)
-        status[i] = runge_kutta_lane(
-            omega, damping_ratio, force_shape, tip_shape, m_a, added_mass, stops, None, spring, desk.times, desk.omegas, desk.phases, order[FORCE],
-            0.0, state, dt, watch.sample_dt, desk.counters, None, None, series, None, wide,
-        )  # fmt: skip
-        take_rows(desk, watch, series, level, order)
+        open_interval(desk, watch, lanes, i, order)
+        observe, force = observe_lane(desk, lanes, i), Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
+        status[i] = runge_kutta_lane(modes, laws, force, state, step, observe_steps(observe, series))
+        take_rows(desk, watch, series, observe.level, order)
         report_relative(watch, state, report)
-        close_interval(desk, watch, level, state, order, report)
+        close_interval(desk, watch, observe.level, state, order, report)

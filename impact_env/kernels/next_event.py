@@ -5,35 +5,35 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels.jit import jit_inline
-from impact_env.kernels.rigid_contact import AT_REST, SIDE, SIGN, TAU, A, Q, V, joint_bounds
+from impact_env.kernels.rigid_contact import joint_bounds
 from impact_env.kernels.search import search
 from impact_env.kernels.slots import GUARD, weigh
 
 
 @jit_inline
-def end_of_flight(slots, forced, window, walls, limit, now, bent, length, z, signal):  # type: ignore[no-untyped-def]
+def end_of_flight(slots, forced, window, walls, limit, body, bent, length):  # type: ignore[no-untyped-def]
     """Return the first event within ``length`` (s) of an absorber apart from the beam, which constant forces have bent by ``bent`` (m) there."""
-    omega, tau, p = window.omega, now[TAU], signal.polynomial
-    weigh(slots.rows, GUARD, z, signal.u)
-    p[0], p[1], p[2] = now[Q] - bent, now[V], now[A]
+    now, signal, omega, tau, p = body.now, body.signal, window.omega, body.now.tau, body.signal.polynomial
+    weigh(slots.rows, GUARD, body.work.z, signal.u)
+    p[0], p[1], p[2] = now.q - bent, now.v, now.a
     gap = 0.0
     if walls is not None:
         gap = walls.gap
     if limit is None:
-        return search(slots, forced, omega, signal, tau, length, window.half, -gap, gap, int(now[SIDE]), None, False)
-    zero = now[AT_REST] > 0.0
+        return search(slots, forced, omega, signal, tau, length, window.half, -gap, gap, int(now.side), None, False)
     if walls is None:
-        return search(slots, forced, omega, signal, tau, length, window.half, None, None, 0, now[SIGN], zero)
+        return search(slots, forced, omega, signal, tau, length, window.half, None, None, 0, now.sign, now.at_rest)
     # only the wall ahead can be reached before the relative velocity turns
-    low = -gap if now[SIGN] < 0.0 else -np.inf
-    high = gap if now[SIGN] > 0.0 else np.inf
-    return search(slots, forced, omega, signal, tau, length, window.half, low, high, 0, now[SIGN], zero)
+    low = -gap if now.sign < 0.0 else -np.inf
+    high = gap if now.sign > 0.0 else np.inf
+    return search(slots, forced, omega, signal, tau, length, window.half, low, high, 0, now.sign, now.at_rest)
 
 
 @jit_inline
-def end_of_hold(slots, forced, window, limit, now, length, z, signal):  # type: ignore[no-untyped-def]
+def end_of_hold(slots, forced, window, limit, body, length):  # type: ignore[no-untyped-def]
     """Return the first event within ``length`` (s) of an absorber that moves with the beam: its joint force leaves what the joint can give."""
-    weigh(slots.rows, GUARD, z, signal.u)
+    signal = body.signal
+    weigh(slots.rows, GUARD, body.work.z, signal.u)
     signal.polynomial[:] = 0.0
-    low, high = joint_bounds(limit, now[SIDE])
-    return search(slots, forced, window.omega, signal, now[TAU], length, window.half, low, high, 0, None, False)
+    low, high = joint_bounds(limit, body.now.side)
+    return search(slots, forced, window.omega, signal, body.now.tau, length, window.half, low, high, 0, None, False)

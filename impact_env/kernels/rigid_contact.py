@@ -6,14 +6,16 @@ relative velocity is taken out by a plastic impulse.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.jit import jit
-from impact_env.kernels.observers import FRICTION_LOSS, HELD_LOWER, HELD_UPPER, IMPACT_LOSS, IMPACTS, STUCK_INSIDE, push_impact, push_phase
-from impact_env.kernels.signals import EPSILON, NOISE, at_offset, signal_scale
+from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE, push_impact, push_phase
+from impact_env.kernels.records import FLAG, INTEGER, NUMBER, record
+from impact_env.kernels.segments import Work
+from impact_env.kernels.signals import EPSILON, HIT_HIGH, NOISE, Signal, at_offset, signal_scale
 from impact_env.kernels.slots import GUARD, RELATIVE, REST, SPEED, add, weigh
 
 FREE, JOINED = 0, 1
@@ -21,51 +23,96 @@ JOINT_SLACK = 1e-9  # of the joint force's scale: above the rounding of the chan
 SLOWEST_DECAY = 0.1  # 1 - e counts as at least this where a chatter is completed
 ROUNDING = 16.0 * NOISE  # of a signal: above what the search takes for zero distance
 
-# rows of a contact's `now`: regime, time from the window's centre, absorber displacement, velocity, acceleration, constant relative
-# force, sign of the relative velocity, wall touched (-1, 0, 1), relative velocity is zero (0, 1), joined offset absorber - tip, start of phase,
-# largest relative acceleration by a unit impulse, number of the absorber
-REGIME, TAU, Q, V, A, FORCE, SIGN, SIDE, AT_REST, OFFSET, SINCE, KICK, WHICH = range(13)
-NOW = 13
+# a contact between two events: regime, time from the window's centre, absorber displacement, velocity, acceleration, constant relative force, sign of
+# the relative velocity, wall touched (-1, 0, 1), whether the relative velocity is zero, joined offset absorber - tip, start of phase, largest
+# relative acceleration by a unit impulse, number of the absorber
+NOW = record(
+    regime=INTEGER,
+    tau=NUMBER,
+    q=NUMBER,
+    v=NUMBER,
+    a=NUMBER,
+    force=NUMBER,
+    sign=NUMBER,
+    side=NUMBER,
+    at_rest=FLAG,
+    offset=NUMBER,
+    since=NUMBER,
+    kick=NUMBER,
+    which=INTEGER,
+)
+
+
+class Walls(NamedTuple):
+    """Clearance to either wall in m, and Newton's coefficient of restitution."""
+
+    gap: float
+    restitution: float
 
 
 class Contact(NamedTuple):
-    """Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,)."""
+    """Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls, and friction limit (N), None where absent."""
 
     mass: float
     compliance: float
     tip_shape: NDArray[np.float64]
+    walls: Walls | None
+    limit: float | None
+
+
+class Body(NamedTuple):
+    """One absorber in motion: its contact, a NOW record, the slots it moves with, and its guard signal."""
+
+    now: Any
+    work: Work
+    signal: Signal
+
+
+@jit_room
+def new_now(n):  # type: ignore[no-untyped-def]
+    """Return the contacts (n,) of absorbers that are free and at rest."""
+    return np.zeros(n, NOW)
 
 
 @jit
 def friction_force(limit, now):  # type: ignore[no-untyped-def]
     """Set the constant relative force and the absorber's acceleration from the sign of sliding."""
     if limit is not None:
-        now[FORCE] = -now[SIGN] * limit
+        now.force = -now.sign * limit
 
 
 @jit
-def add_friction_loss(limit, slots, forced, omega, signal, tau, offset, energy):  # type: ignore[no-untyped-def]
+def add_friction_loss(limit, slots, forced, omega, body, tau, offset, energy):  # type: ignore[no-untyped-def]
     """Add friction limit times the distance slid."""
     if energy is None or limit is None:
         return
-    start, _, _ = at_offset(slots, forced.signals, omega, signal, tau, 0.0)
-    end, _, _ = at_offset(slots, forced.signals, omega, signal, tau, offset)
-    energy.totals[FRICTION_LOSS] += limit * abs(end - start)
+    start, _, _ = at_offset(slots, forced.signals, omega, body.signal, tau, 0.0)
+    end, _, _ = at_offset(slots, forced.signals, omega, body.signal, tau, offset)
+    energy.totals[0].friction_loss += limit * abs(end - start)
 
 
 @jit
-def turn(free, contact, limit, now, work, found):  # type: ignore[no-untyped-def]
+def slide_on(slots, limit, sign, now, z):  # type: ignore[no-untyped-def]
+    """Let the friction force follow a new sign of sliding, and with it the free part z of the slots."""
+    if limit is None:
+        return
+    old = now.force
+    now.sign = sign
+    friction_force(limit, now)
+    add(slots.rows, REST, old - now.force, z)
+
+
+@jit
+def turn(slots, contact, limit, body, found):  # type: ignore[no-untyped-def]
     """The relative velocity is zero: slide on the other way if friction cannot hold, and return False; else return True."""
     if limit is None:
         return False
     # the constant force F alone bends the relative displacement by F G
-    needed = now[FORCE] - found.bend / contact.compliance
+    needed = body.now.force - found.bend / contact.compliance
     if abs(needed) <= limit:
         return True
-    old = now[FORCE]
-    now[SIGN], now[AT_REST] = -1.0 if needed > 0.0 else 1.0, 1.0
-    friction_force(limit, now)
-    add(free.slots.rows, REST, old - now[FORCE], work.z)
+    body.now.at_rest = True
+    slide_on(slots, limit, -1.0 if needed > 0.0 else 1.0, body.now, body.work.z)
     return False
 
 
@@ -85,8 +132,8 @@ def joint_bounds(limit, side):  # type: ignore[no-untyped-def]
 @jit
 def end_phase(events, now, time):  # type: ignore[no-untyped-def]
     """Note a joined phase that ends."""
-    kind = STUCK_INSIDE if now[SIDE] == 0.0 else (HELD_UPPER if now[SIDE] > 0.0 else HELD_LOWER)
-    push_phase(events, now[SINCE], time, kind, now[WHICH])
+    kind = STUCK_INSIDE if now.side == 0.0 else (HELD_UPPER if now.side > 0.0 else HELD_LOWER)
+    push_phase(events, now.since, time, kind, now.which)
 
 
 @jit
@@ -104,44 +151,46 @@ def tip_motion(contact, state):  # type: ignore[no-untyped-def]
 def touch(contact, walls, now, state):  # type: ignore[no-untyped-def]
     """Find the wall that an absorber touches and the sign in which it slides; return its relative velocity."""
     q_tip, v_tip = tip_motion(contact, state)
-    relative = now[V] - v_tip
+    relative = now.v - v_tip
     if walls is not None:
-        if abs(now[Q] - q_tip) >= walls.gap * (1.0 - 4.0 * EPSILON):
-            now[SIDE] = 1.0 if now[Q] > q_tip else -1.0
-    now[SIGN] = 1.0 if relative > 0.0 else -1.0
+        if abs(now.q - q_tip) >= walls.gap * (1.0 - 4.0 * EPSILON):
+            now.side = 1.0 if now.q > q_tip else -1.0
+    now.sign = 1.0 if relative > 0.0 else -1.0
     return relative
 
 
 @jit
-def impact(free, forced, window, contact, walls, limit, now, work, signal, side, found, counters, events, energy):  # type: ignore[no-untyped-def]
+def add_impact_loss(loss, energy):  # type: ignore[no-untyped-def]
+    """Add what an impact has dissipated."""
+    if energy is not None:
+        energy.totals[0].impact_loss += loss
+
+
+@jit_inline
+def impact(slots, forced, window, walls, contact, body, found, observe):  # type: ignore[no-untyped-def]
     """Apply Newton's impact law; return True if the remaining chatter is below rounding and was completed by a plastic impulse."""
     if walls is None:
         return False
-    v = found.rate
-    now[Q] -= found.value - side * walls.gap  # rounding must not add up to a penetration
+    now, z, v, side = body.now, body.work.z, found.rate, 1.0 if found.kind == HIT_HIGH else -1.0
+    now.q -= found.value - side * walls.gap  # rounding must not add up to a penetration
     impulse = -(1.0 + walls.restitution) * v / contact.compliance
     loss = 0.5 * (1.0 - walls.restitution**2) * v * v / contact.compliance
     after = -walls.restitution * v
-    add(free.slots.rows, RELATIVE, impulse, work.z)
-    now[V] += impulse / contact.mass
-    now[SIDE] = side
-    counters.values[IMPACTS] += 1.0
-    largest = abs(found.bend) + abs(impulse) * now[KICK] + 2.0 * abs(now[FORCE]) * contact.compliance
-    complete = chatter_is_complete(free, forced, window, walls, now, work, signal, side, after, largest)
+    add(slots.rows, RELATIVE, impulse, z)
+    now.v += impulse / contact.mass
+    now.side = side
+    observe.counters.counts.impacts += 1
+    largest = abs(found.bend) + abs(impulse) * now.kick + 2.0 * abs(now.force) * contact.compliance
+    complete = chatter_is_complete(slots, forced, window, walls, body, side, after, largest)
     if complete:
         rest = -after / contact.compliance
-        add(free.slots.rows, RELATIVE, rest, work.z)
-        now[V] += rest / contact.mass
+        add(slots.rows, RELATIVE, rest, z)
+        now.v += rest / contact.mass
         impulse += rest
         loss += 0.5 * after * after / contact.compliance
-    push_impact(events, window.centre + now[TAU], v, impulse, loss, now[WHICH])
-    if energy is not None:
-        energy.totals[IMPACT_LOSS] += loss
-    if limit is not None:
-        old = now[FORCE]
-        now[SIGN] = -side
-        friction_force(limit, now)
-        add(free.slots.rows, REST, old - now[FORCE], work.z)
+    push_impact(observe.events, window.centre + now.tau, v, impulse, loss, now.which)
+    add_impact_loss(loss, observe.energy)
+    slide_on(slots, contact.limit, -side, now, z)
     return complete
 
 
@@ -156,14 +205,15 @@ def largest_kick(rows):  # type: ignore[no-untyped-def]
 
 
 @jit
-def chatter_is_complete(free, forced, window, walls, now, work, signal, side, after, largest):  # type: ignore[no-untyped-def]
+def chatter_is_complete(slots, forced, window, walls, body, side, after, largest):  # type: ignore[no-untyped-def]
     """Return whether all bounces to come, of heights summed to v^2/(2 a (1 - e)), stay below the rounding of the position.
 
     ``largest`` bounds the relative acceleration after the impact.
     """
+    signal = body.signal
     height = ROUNDING * signal_scale(signal, forced.bound) * max(1.0 - walls.restitution, SLOWEST_DECAY)
     if after * after > 2.0 * largest * height + 1e-300:
         return False
-    weigh(free.slots.rows, GUARD, work.z, signal.u)
-    _, _, a = at_offset(free.slots, forced.signals, window.omega, signal, now[TAU], 0.0)
+    weigh(slots.rows, GUARD, body.work.z, signal.u)
+    _, _, a = at_offset(slots, forced.signals, window.omega, signal, body.now.tau, 0.0)
     return side * a >= 0.0 and after * after <= 2.0 * abs(a) * height + 1e-300

@@ -11,11 +11,12 @@ The slider of elastic friction stays where it is within a step and follows at it
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.core import types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 from impact_env.kernels.budget import note_time
 from impact_env.kernels.chirp import fill_phases
@@ -28,7 +29,6 @@ from impact_env.kernels.feedback import (
     QP3,
     QQ,
     QU,
-    STRIDE,
     TIP,
     U_BEFORE,
     UF1,
@@ -40,7 +40,9 @@ from impact_env.kernels.feedback import (
     UP4,
     UQ,
     UU,
+    CompliantLaws,
     Q,
+    Table,
     U,
     Y,
     feedback,
@@ -48,29 +50,19 @@ from impact_env.kernels.feedback import (
     new_table,
     slider_force,
     stop_force,
+    stride_of,
     textbook_step,
 )
-from impact_env.kernels.grid import close_phase, rows_wanted, step_of_row
+from impact_env.kernels.grid import Modes, close_phase, rows_wanted, step_of_row
 from impact_env.kernels.jit import jit, jit_inline, jit_room
-from impact_env.kernels.observers import (
-    ABSORBER_DAMPING,
-    DONE,
-    EVALUATIONS,
-    FRICTION_LOSS,
-    HELD_LOWER,
-    HELD_UPPER,
-    IMPACTS,
-    NOT_FINITE,
-    STEPS,
-    STUCK_INSIDE,
-    WORK,
-    push_impact,
-    push_level,
-    push_phase,
-)
+from impact_env.kernels.level import push_level
+from impact_env.kernels.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, push_impact, push_phase
+from impact_env.kernels.records import NUMBER, record
 from impact_env.kernels.vector_code import Code, Number
 
 _BLOCK = 16  # steps between two checks for values that are not finite
+# a contact with a wall's spring: wall (-1, 0, 1), time and relative velocity at its start, impulse so far
+TOUCH = record(side=NUMBER, time=NUMBER, rate=NUMBER, impulse=NUMBER)
 
 
 def _swing_code(pushed: bool, watched: bool) -> Any:
@@ -110,91 +102,96 @@ _freely, _freely_watched, _pushed, _pushed_watched = (_swing_code(pushed, watche
 
 
 @jit_inline
-def _swing(table, lanes, wide, forces, at, push, watched):  # type: ignore[no-untyped-def]
+def _swing(table, forces, at, push, watched):  # type: ignore[no-untyped-def]
     """Advance all oscillators by a step; return the next step's four observations as far as they follow from the state."""
-    stride = STRIDE
-    if wide is not None:
-        stride = wide
+    cells, lanes, stride = table.cells, table.lanes, stride_of(table.wide)
     f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
     if push is None:
         if watched is None:
-            return _freely(table, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
-        return _freely_watched(table, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
+            return _freely(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
+        return _freely_watched(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
     if watched is None:
-        return _pushed(table, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
-    return _pushed_watched(table, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
+        return _pushed(cells, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
+    return _pushed_watched(cells, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
 
 
 @jit_inline
-def _swing_watched(table, lanes, wide, forces, at, push):  # type: ignore[no-untyped-def]
+def _swing_watched(table, forces, at, push):  # type: ignore[no-untyped-def]
     """Advance as `_swing` does, with the four feedbacks; most steps are without any."""
     if push[0] == 0.0 and push[1] == 0.0 and push[2] == 0.0 and push[3] == 0.0:
-        return _swing(table, lanes, wide, forces, at, None, 0.0)
-    return _swing(table, lanes, wide, forces, at, push, 0.0)
+        return _swing(table, forces, at, None, 0.0)
+    return _swing(table, forces, at, push, 0.0)
 
 
 @jit_room
-def _observe(table, lanes, wide):  # type: ignore[no-untyped-def]
+def _observe(table):  # type: ignore[no-untyped-def]
     """Return the four observations of the first step as far as they follow from the state."""
-    stride = STRIDE
-    if wide is not None:
-        stride = wide
-    y = np.zeros(4)
+    cells, stride, y = table.cells, stride_of(table.wide), np.zeros(4)
     for stage in range(4):
-        for j in range(lanes):
-            y[stage] += table[(Y + 2 * stage) * stride + j] * table[Q * stride + j]
-            y[stage] += table[(Y + 2 * stage + 1) * stride + j] * table[U * stride + j]
+        for j in range(table.lanes):
+            y[stage] += cells[(Y + 2 * stage) * stride + j] * cells[Q * stride + j]
+            y[stage] += cells[(Y + 2 * stage + 1) * stride + j] * cells[U * stride + j]
     return y[0], y[1], y[2], y[3]
 
 
-@jit
-def _stages(y, mix, forces, at, rest, stops, slider, spring, added_mass, joined_mass):  # type: ignore[no-untyped-def]
+@jit_inline
+def _stages(y, table, forces, at, rest, laws, joined_mass):  # type: ignore[no-untyped-def]
     """Return the observations and the feedbacks in the four stages."""
-    f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
+    mix, f1, fm, f4 = table.mix, forces[at], forces[at + 1], forces[at + 2]
     y1 = y[0] + mix[0, 0] * f1
-    p1 = feedback(y1, rest, stops, slider, spring, added_mass, joined_mass)
+    p1 = feedback(y1, rest, laws, joined_mass)
     y2 = y[1] + mix[1, 0] * f1 + mix[1, 1] * fm + mix[1, 3] * p1
-    p2 = feedback(y2, rest, stops, slider, spring, added_mass, joined_mass)
+    p2 = feedback(y2, rest, laws, joined_mass)
     y3 = y[2] + mix[2, 0] * f1 + mix[2, 1] * fm + mix[2, 3] * p1 + mix[2, 4] * p2
-    p3 = feedback(y3, rest, stops, slider, spring, added_mass, joined_mass)
+    p3 = feedback(y3, rest, laws, joined_mass)
     y4 = y[3] + mix[3, 0] * f1 + mix[3, 1] * fm + mix[3, 2] * f4 + mix[3, 3] * p1 + mix[3, 4] * p2 + mix[3, 5] * p3
-    p4 = feedback(y4, rest, stops, slider, spring, added_mass, joined_mass)
+    p4 = feedback(y4, rest, laws, joined_mass)
     return (y1, y2, y3, y4), (p1, p2, p3, p4)
 
 
+@jit
+def _account_laws(energy, slider, spring, y, rest, gamma, weight):  # type: ignore[no-untyped-def]
+    """Add a stage's losses in slider and tuned absorber's damper, at a relative velocity."""
+    if slider is not None:
+        energy.totals[0].friction_loss -= weight * slider_force(y, rest, slider) * gamma
+    if spring is not None:
+        energy.totals[0].absorber_damping += weight * spring.damping * gamma * gamma
+
+
 @jit_room
-def _account(energy, table, wide, omega, damping_ratio, force_shape, amplitude, m_a, spring, slider, rest, forces, at, y, p, h):  # type: ignore[no-untyped-def]
-    """Add a step's work and losses: the powers in the four stages with the weights of the method."""
-    stride = STRIDE
-    if wide is not None:
-        stride = wide
-    n = omega.shape[0]
+def _account(energy, modes, amplitude, laws, table, rest, stages):  # type: ignore[no-untyped-def]
+    """Add a step's work and losses: the powers in the four stages with the weights of the method.
+
+    ``stages``: the excitation at start, middle and end, the observations, and the feedbacks.
+    """
+    if energy is None:
+        return
+    f, y, p = stages
+    cells, n, h, stride, totals = table.cells, table.modes, table.h, stride_of(table.wide), energy.totals[0]
     weights = (h / 6.0, h / 3.0, h / 3.0, h / 6.0)
     gamma = np.zeros(4)
     for j in range(n + 1):
         w2, c, push = 0.0, 0.0, 0.0
         if j < n:
-            w2, c, push = omega[j] * omega[j], 2.0 * damping_ratio[j] * omega[j], force_shape[j] * amplitude
-        tip = table[TIP * stride + j]
-        f = (push * forces[at], push * forces[at + 1], push * forces[at + 1], push * forces[at + 2])
-        w = (f[0] - tip * p[0], f[1] - tip * p[1], f[2] - tip * p[2], f[3] - tip * p[3])
-        stages = textbook_step(w2, c, h, table[Q * stride + j], table[U * stride + j], w[0], w[1], w[2], w[3])
-        us = (stages[1], stages[3], stages[5], stages[7])
+            w2, c, push = modes.omega[j] * modes.omega[j], 2.0 * modes.damping_ratio[j] * modes.omega[j], modes.force_shape[j] * amplitude
+        tip = cells[TIP * stride + j]
+        e = (push * f[0], push * f[1], push * f[1], push * f[2])
+        w = (e[0] - tip * p[0], e[1] - tip * p[1], e[2] - tip * p[2], e[3] - tip * p[3])
+        steps = textbook_step(w2, c, h, cells[Q * stride + j], cells[U * stride + j], w)
+        us = (steps[1], steps[3], steps[5], steps[7])
         for s in range(4):
             gamma[s] -= tip * us[s]
-            energy.totals[WORK] += weights[s] * f[s] * us[s]
+            totals.work += weights[s] * e[s] * us[s]
             if j < n:
                 energy.modal[j] += weights[s] * c * us[s] * us[s]
     for s in range(4):
-        if slider is not None:
-            energy.totals[FRICTION_LOSS] -= weights[s] * slider_force(y[s], rest, slider) * gamma[s]
-        if spring is not None:
-            energy.totals[ABSORBER_DAMPING] += weights[s] * spring.damping * gamma[s] * gamma[s]
+        _account_laws(energy, laws.slider, laws.spring, y[s], rest, gamma[s], weights[s])
 
 
 @jit
-def _crossing(d0, g0, d1, g1, level, h):  # type: ignore[no-untyped-def]
+def _crossing(left, right, level, h):  # type: ignore[no-untyped-def]
     """Return (time into the step, relative velocity) where the cubic through both ends' values and slopes passes ``level``."""
+    (d0, g0), (d1, g1) = left, right
     low, high = 0.0, 1.0
     rising = d1 > d0
     for _ in range(52):
@@ -212,68 +209,85 @@ def _side(y, gap):  # type: ignore[no-untyped-def]
     return 1.0 if y > gap else (-1.0 if y < -gap else 0.0)
 
 
+@jit_inline
+def _slope(y, h):  # type: ignore[no-untyped-def]
+    """Return the relative displacement and its rate from a step's observations."""
+    return y[0], 2.0 * (y[1] - y[0]) / h
+
+
 @jit
-def _track_stops(touch, stops, d0, g0, d1, g1, y, t, h, counters, events):  # type: ignore[no-untyped-def]
-    """Note where a wall's spring is reached and left; ``touch`` holds side, time, relative velocity at the start of the contact, impulse."""
-    touch[3] += h / 6.0 * (stop_force(y[0], stops) + 2.0 * stop_force(y[1], stops) + 2.0 * stop_force(y[2], stops) + stop_force(y[3], stops))
-    side = _side(d1, stops.gap)
-    if side == touch[0]:
+def _begin_touch(stops, touches, y, h):  # type: ignore[no-untyped-def]
+    """Note a contact that there is from the start."""
+    if stops is not None:
+        touches[0].side, touches[0].rate = _side(y[0], stops.gap), _slope(y, h)[1]
+
+
+@jit
+def _track_stops(stops, touches, before, y, seen, span, observe):  # type: ignore[no-untyped-def]
+    """Note where a wall's spring is reached and left; ``touches`` (1,): a TOUCH record; ``span``: start and length of the step (s)."""
+    if stops is None:
         return
-    if touch[0] != 0.0:
-        tau, _ = _crossing(d0, g0, d1, g1, touch[0] * stops.gap, h)
-        _end_touch(touch, t + tau, counters, events)
-    touch[0] = side
+    touch, t, h = touches[0], span[0], span[1]
+    if touch.side == 0.0 and not abs(y[0]) > stops.gap:
+        return
+    touch.impulse += (
+        h / 6.0 * (stop_force(seen[0], stops) + 2.0 * stop_force(seen[1], stops) + 2.0 * stop_force(seen[2], stops) + stop_force(seen[3], stops))
+    )
+    side = _side(y[0], stops.gap)
+    if side == touch.side:
+        return
+    left, right = _slope(before, h), _slope(y, h)
+    if touch.side != 0.0:
+        tau, _ = _crossing(left, right, touch.side * stops.gap, h)
+        _end_touch(touches, t + tau, observe)
+    touch.side = side
     if side != 0.0:
-        tau, gamma = _crossing(d0, g0, d1, g1, side * stops.gap, h)
-        touch[1], touch[2] = t + tau, gamma
+        tau, gamma = _crossing(left, right, side * stops.gap, h)
+        touch.time, touch.rate = t + tau, gamma
 
 
 @jit
-def _end_touch(touch, time, counters, events):  # type: ignore[no-untyped-def]
-    """Note a contact as an impact without loss and as a phase."""
-    counters.values[IMPACTS] += 1
-    push_impact(events, touch[1], touch[2], touch[3], 0.0)
-    push_phase(events, touch[1], time, HELD_UPPER if touch[0] > 0.0 else HELD_LOWER)
-    touch[3] = 0.0
+def _end_touch(touches, time, observe):  # type: ignore[no-untyped-def]
+    """Note a contact, if there is one, as an impact without loss and as a phase."""
+    touch = touches[0]
+    if touch.side == 0.0:
+        return
+    observe.counters.counts.impacts += 1
+    push_impact(observe.events, touch.time, touch.rate, touch.impulse, 0.0, 0)
+    push_phase(observe.events, touch.time, time, HELD_UPPER if touch.side > 0.0 else HELD_LOWER, 0)
+    touch.impulse = 0.0
 
 
 @jit
-def _keep_before(table, lanes, wide):  # type: ignore[no-untyped-def]
+def _keep_before(table):  # type: ignore[no-untyped-def]
     """Note the state at the step's start."""
-    stride = STRIDE
-    if wide is not None:
-        stride = wide
-    for j in range(lanes):
-        table[Q_BEFORE * stride + j] = table[Q * stride + j]
-        table[U_BEFORE * stride + j] = table[U * stride + j]
+    cells, stride = table.cells, stride_of(table.wide)
+    for j in range(table.lanes):
+        cells[Q_BEFORE * stride + j] = cells[Q * stride + j]
+        cells[U_BEFORE * stride + j] = cells[U * stride + j]
 
 
 @jit
-def _tip(table, n, wide):  # type: ignore[no-untyped-def]
+def _tip(table):  # type: ignore[no-untyped-def]
     """Return the tip's displacement."""
-    stride = STRIDE
-    if wide is not None:
-        stride = wide
-    tip = 0.0
-    for j in range(n):
-        tip += table[TIP * stride + j] * table[Q * stride + j]
+    cells, stride, tip = table.cells, stride_of(table.wide), 0.0
+    for j in range(table.modes):
+        tip += cells[TIP * stride + j] * cells[Q * stride + j]
     return tip
 
 
 @jit
-def _store(target, table, n, wide, part, m_a, added_mass, offset):  # type: ignore[no-untyped-def]
+def _store(target, table, part, m_a, added_mass, offset):  # type: ignore[no-untyped-def]
     """Write the state at ``part`` (0 to 1) of the step; ``offset`` is where a stuck absorber sits in the cavity."""
-    stride = STRIDE
-    if wide is not None:
-        stride = wide
+    cells, n, stride = table.cells, table.modes, stride_of(table.wide)
     tip_q, tip_u = 0.0, 0.0
     for j in range(n + 1):
-        q, u = table[Q_BEFORE * stride + j], table[U_BEFORE * stride + j]
-        q, u = q + part * (table[Q * stride + j] - q), u + part * (table[U * stride + j] - u)
+        q, u = cells[Q_BEFORE * stride + j], cells[U_BEFORE * stride + j]
+        q, u = q + part * (cells[Q * stride + j] - q), u + part * (cells[U * stride + j] - u)
         if j < n:
             target[j], target[n + 1 + j] = q, u
-            tip_q += table[TIP * stride + j] * q
-            tip_u += table[TIP * stride + j] * u
+            tip_q += cells[TIP * stride + j] * q
+            tip_u += cells[TIP * stride + j] * u
         elif m_a is not None:
             target[n], target[2 * n + 1] = q / np.sqrt(m_a), u / np.sqrt(m_a)
     if added_mass is not None:
@@ -281,83 +295,131 @@ def _store(target, table, n, wide, part, m_a, added_mass, offset):  # type: igno
 
 
 @jit_inline
-def _take_sample(row, part, tip_start, table, n, wide, m_a, added_mass, offset, state, level, series):  # type: ignore[no-untyped-def]
-    """Take a sample at ``part`` (0 to 1) of a step; where there is no absorber its place in the series keeps what ``state`` has there."""
+def _take_level(level, part, start, table):  # type: ignore[no-untyped-def]
     if level is not None:
-        push_level(level, tip_start + part * (_tip(table, n, wide) - tip_start))
-    if series is not None:
-        series.states[row, n], series.states[row, 2 * n + 1] = state[n], state[2 * n + 1]
-        _store(series.states[row], table, n, wide, part, m_a, added_mass, offset)
+        push_level(level, start + part * (_tip(table) - start))
+
+
+@jit_inline
+def _take_row(series, row, part, table, laws, offset, state):  # type: ignore[no-untyped-def]
+    """Write a row of the series; where there is no absorber its place keeps what ``state`` has there."""
+    if series is None:
+        return
+    n, target = table.modes, series.states[row]
+    target[n], target[2 * n + 1] = state[n], state[2 * n + 1]
+    _store(target, table, part, laws.mass, laws.added_mass, offset)
 
 
 @jit_room
-def runge_kutta_lane(  # type: ignore[no-untyped-def]
-    omega, damping_ratio, force_shape, tip_shape, m_a, added_mass, stops, slider, spring, times, omegas, phases, amplitude, phase,
-    state, dt, sample_dt, counters, level, events, series, energy, wide,
-):  # fmt: skip
-    """Integrate one lane from time 0 to ``times[-1]`` and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end.
+def _joined_mass(added_mass, tip_shape):  # type: ignore[no-untyped-def]
+    """Return m_a / (1 + m_a sum tip_shape^2) of a stuck absorber, else 0."""
+    if added_mass is None:
+        return 0.0
+    return added_mass / (1.0 + added_mass * np.sum(tip_shape * tip_shape))
 
-    An absorber has either ``m_a`` (kg) with ``stops``, ``slider`` or ``spring``, or, stuck, ``added_mass`` (kg); what is absent is None, as are
-    observers. ``phases`` is the integral of the frequency at each of ``times``. ``dt`` (s) is reduced so that it divides the duration.
-    Sample k lies at k ``sample_dt``. ``wide`` is None, or N_m + 1 rounded up to a multiple of 4 if that is above `STRIDE`. The friction loss
-    contains what the slider's spring holds at the end. A contact with a wall's spring is noted as an impact at the time it begins.
-    """
-    n = omega.shape[0]
-    steps = max(1, int(np.ceil(times[-1] / dt - 1e-9)))
-    dt = times[-1] / steps
-    table, mix = new_table(omega, damping_ratio, force_shape, tip_shape, amplitude, m_a, added_mass, spring, state, dt, wide)
-    lanes = 4 * ((n + 4) // 4)
-    offset = state[n] - _tip(table, n, wide)
-    joined_mass = 0.0
+
+@jit
+def _close_stuck(added_mass, end, counters, events):  # type: ignore[no-untyped-def]
+    """Note the phase of a stuck absorber, which is the whole run."""
     if added_mass is not None:
-        joined_mass = added_mass / (1.0 + added_mass * np.sum(tip_shape * tip_shape))
-    y = _observe(table, lanes, wide)
-    rest, touch = y[0], np.zeros(4)
-    if stops is not None:
-        touch[0], touch[2] = _side(y[0], stops.gap), 2.0 * (y[1] - y[0]) / dt
-    rows, row = rows_wanted(level, series, times[-1], sample_dt), 0
-    row_step = step_of_row(row, rows, sample_dt, dt, steps)
-    forces = np.empty(2 * _BLOCK + 1)
+        close_phase(STUCK_INSIDE, 0.0, end, counters, events)
 
+
+class Absorber(NamedTuple):
+    """What the loop carries of the absorber: four observations as far as they follow from the state, and the slider's place."""
+
+    y: tuple[float, float, float, float]
+    rest: float
+
+
+class Kit(NamedTuple):
+    """What the loop works with; ``touches`` (1,): a TOUCH record."""
+
+    modes: Modes
+    laws: CompliantLaws
+    table: Table
+    amplitude: float
+    joined_mass: float
+    touches: NDArray[Any]
+
+
+@jit_inline
+def _free_step(kit, forces, at, observe):  # type: ignore[no-untyped-def]
+    """Do a step without an absorber and account for it."""
+    zero, f = (0.0, 0.0, 0.0, 0.0), (forces[at], forces[at + 1], forces[at + 2])
+    _account(observe.energy, kit.modes, kit.amplitude, kit.laws, kit.table, 0.0, (f, zero, zero))
+    _swing(kit.table, forces, at, None, None)
+
+
+@jit_inline
+def _watched_step(kit, absorber, forces, at, time, observe):  # type: ignore[no-untyped-def]
+    """Do a step that begins at a time (s) and account for it; return the `Absorber` at its end."""
+    laws, table, before, f = kit.laws, kit.table, absorber.y, (forces[at], forces[at + 1], forces[at + 2])
+    seen, push = _stages(before, table, forces, at, absorber.rest, laws, kit.joined_mass)
+    _account(observe.energy, kit.modes, kit.amplitude, laws, table, absorber.rest, (f, seen, push))
+    y = _swing_watched(table, forces, at, push)
+    _track_stops(laws.stops, kit.touches, before, y, seen, (time, table.h), observe)
+    return Absorber(y, move_slider(y[0], absorber.rest, laws.slider))
+
+
+@jit_inline
+def _advance(m_a, added_mass, kit, absorber, forces, at, time, observe):  # type: ignore[no-untyped-def]
+    """Do a step that begins at a time (s); without an absorber nothing feeds back."""
+    if m_a is None:
+        if added_mass is None:
+            _free_step(kit, forces, at, observe)
+            return absorber
+    return _watched_step(kit, absorber, forces, at, time, observe)
+
+
+@jit_inline
+def _finish(kit, offset, state, end, observe):  # type: ignore[no-untyped-def]
+    """Close what is open at the end (s), and write the state."""
+    laws, table = kit.laws, kit.table
+    _end_touch(kit.touches, end, observe)
+    _close_stuck(laws.added_mass, end, observe.counters, observe.events)
+    _keep_before(table)
+    _store(state, table, 0.0, laws.mass, laws.added_mass, offset)
+
+
+@jit_room
+def runge_kutta_lane(modes, laws, force, state, step, observe):  # type: ignore[no-untyped-def]
+    """Integrate one lane from time 0 to the drive's end and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end.
+
+    `grid.Modes`, `feedback.CompliantLaws`, `grid.Force`, `grid.Step`. Sample k lies at k ``observe.clock.interval``. ``step.wide`` is None, or
+    N_m + 1 rounded up to a multiple of 4 if that is above `STRIDE`. The friction loss contains what the slider's spring holds at the end. A contact
+    with a wall's spring is noted as an impact at the time it begins.
+    """
+    end, sample_dt, counters = force.times[-1], observe.clock.interval, observe.counters
+    steps = max(1, int(np.ceil(end / step.dt - 1e-9)))
+    dt = end / steps
+    table, touches = new_table(modes, laws, force.amplitude, state, dt, step.wide), np.zeros(1, TOUCH)
+    kit = Kit(modes, laws, table, force.amplitude, _joined_mass(laws.added_mass, modes.tip_shape), touches)
+    offset, y = state[table.modes] - _tip(table), _observe(table)
+    _begin_touch(laws.stops, touches, y, dt)
+    absorber = Absorber(y, y[0])
+    rows, row = rows_wanted(observe.level, observe.series, end, sample_dt), 0
+    row_step, forces = step_of_row(row, rows, sample_dt, dt, steps), np.empty(2 * _BLOCK + 1)
     i, k, status, tip_start = 0, 0, DONE, 0.0
     while i < steps:
         start, stop = i, min(i + _BLOCK, steps)
-        k = fill_phases(forces, 2 * (stop - start) + 1, times, omegas, phases, phase, k, i * dt, 0.5 * dt)
+        k = fill_phases(forces, 2 * (stop - start) + 1, force, k, i * dt, 0.5 * dt)
         while i < stop:
-            at = 2 * (i - start)
             if i == row_step:
-                _keep_before(table, lanes, wide)
-                tip_start = _tip(table, n, wide)
-            if m_a is None and added_mass is None:
-                if energy is not None:
-                    zero = (0.0, 0.0, 0.0, 0.0)
-                    _account(energy, table, wide, omega, damping_ratio, force_shape, amplitude, m_a, spring, slider, rest, forces, at, zero, zero, dt)
-                _swing(table, lanes, wide, forces, at, None, None)
-            else:
-                seen, push = _stages(y, mix, forces, at, rest, stops, slider, spring, added_mass, joined_mass)
-                if energy is not None:
-                    _account(energy, table, wide, omega, damping_ratio, force_shape, amplitude, m_a, spring, slider, rest, forces, at, seen, push, dt)
-                before, y = y, _swing_watched(table, lanes, wide, forces, at, push)
-                if stops is not None:
-                    if touch[0] != 0.0 or abs(y[0]) > stops.gap:
-                        g0, g1 = 2.0 * (before[1] - before[0]) / dt, 2.0 * (y[1] - y[0]) / dt
-                        _track_stops(touch, stops, before[0], g0, y[0], g1, seen, i * dt, dt, counters, events)
-                rest = move_slider(y[0], rest, slider)
+                _keep_before(table)
+                tip_start = _tip(table)
+            absorber = _advance(laws.mass, laws.added_mass, kit, absorber, forces, 2 * (i - start), i * dt, observe)
             while i == row_step:
                 part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
-                _take_sample(row, part, tip_start, table, n, wide, m_a, added_mass, offset, state, level, series)
+                _take_level(observe.level, part, tip_start, table)
+                _take_row(observe.series, row, part, table, laws, offset, state)
                 row += 1
                 row_step = step_of_row(row, rows, sample_dt, dt, steps)
             i += 1
-        status = note_time(counters, i * dt) if np.isfinite(_tip(table, n, wide)) else NOT_FINITE
+        status = note_time(counters, i * dt) if np.isfinite(_tip(table)) else NOT_FINITE
         if status != DONE:
             break
-    if touch[0] != 0.0:
-        _end_touch(touch, i * dt, counters, events)
-    if added_mass is not None:
-        close_phase(STUCK_INSIDE, 0.0, i * dt, counters, events)
-    _keep_before(table, lanes, wide)
-    _store(state, table, n, wide, 0.0, m_a, added_mass, offset)
-    counters.values[STEPS] += i
-    counters.values[EVALUATIONS] += 4 * i
+    _finish(kit, offset, state, i * dt, observe)
+    counters.counts.steps += i
+    counters.counts.evaluations += 4 * i
     return status

@@ -1,19 +1,16 @@
-"""What the exact kernels share: regimes with their maps, the walk through windows, and the observers of a stretch without events.
-
-A lane's ``clock`` (3,) holds the level's next sample, the sampling interval in s, and the series' next sample.
-"""
+"""What the exact kernels share: regimes with their maps, the walk through windows, and the observers of a stretch without events."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.forced import CHIRP_REMAINDER, Window, add_forced
+from impact_env.kernels.forced import CHIRP_REMAINDER, Forced, Window, add_forced
 from impact_env.kernels.forced_sums import slots_of_state, state_of_slots
-from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.observers import push_block, push_level
+from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.level import push_block, push_level
 from impact_env.kernels.sampling import fill_samples
 from impact_env.kernels.slots import REST, TIP, Slots, add, advance, copy, weigh
 
@@ -52,6 +49,38 @@ class Losses(NamedTuple):
     tip_shape: Array
     rate: Array
     damper: float
+
+
+class Work(NamedTuple):
+    """Scratch of a lane: free part z, signal of the samples u, each (2, J), and room for the observers (2, 2, J)."""
+
+    z: Array
+    u: Array
+    rows: Array
+
+
+@jit_room
+def new_work(size):  # type: ignore[no-untyped-def]
+    """Return scratch for regimes of ``size`` slots."""
+    return Work(np.zeros((2, size)), np.zeros((2, size)), np.zeros((2, 2, size)))
+
+
+class Stretch(NamedTuple):
+    """A stretch without events, for its observers: times ``tau`` and ``end`` (s, from the window's centre), and all that moves from tau on.
+
+    ``work.z`` is the free part at tau, ``constant`` the constant relative force (in units of the regime's rest part), ``bent`` what it does to the
+    tip (m). ``motion`` (n,): MOTION records, for each absorber what is to be added to what the regime's map gives.
+    """
+
+    regime: Regime
+    forced: Forced
+    window: Window
+    work: Work
+    constant: float
+    bent: float
+    motion: NDArray[Any]
+    tau: float
+    end: float
 
 
 @jit
@@ -95,26 +124,27 @@ def samples_before(end, interval):  # type: ignore[no-untyped-def]
     return max(np.ceil(end / interval - SAMPLE_ROUNDING), 0.0)
 
 
-@jit
-def sample_tip(slots, signals, window, z, u, tip_rest, tau, end, clock, level):  # type: ignore[no-untyped-def]
-    """Push the tip displacement at the samples in [tau, end) to the level; z holds the free part at tau, u is scratch."""
+@jit_inline
+def sample_tip(stretch, clock, level):  # type: ignore[no-untyped-def]
+    """Push the tip displacement at the samples in [tau, end) to the level."""
     if level is None:
         return
-    n, interval = clock[0], clock[1]
+    slots, signals, window, tau, end = stretch.regime.slots, stretch.forced.signals, stretch.window, stretch.tau, stretch.end
+    n, interval, u = clock.level, clock.interval, stretch.work.u
     if n * interval - window.centre >= end:
         return
     stop = samples_before(end + window.centre, interval)
     if stop <= n:
         return
-    weigh(slots.rows, TIP, z, u)
+    weigh(slots.rows, TIP, stretch.work.z, u)
     while n < stop:
-        first = int(n) % level.block.shape[0]
+        first = n % level.block.shape[0]
         count = min(int(stop - n), level.block.shape[0] - first)
         x = n * interval - window.centre
-        fill_samples(slots, signals, window.omega, u, tip_rest, max(x - tau, 0.0), x, interval, level.block, first, count)
+        fill_samples(slots, signals, window.omega, u, stretch.bent, max(x - tau, 0.0), x, interval, level.block, first, count)
         push_block(level, first, count)
         n += count
-    clock[0] = n
+    clock.level = n
 
 
 @jit
@@ -129,54 +159,39 @@ def state_at(regime, forced, omega, z, constant, tau, offset, w, state):  # type
 
 
 @jit
-def sample_state(regime, forced, window, z, constant, absorber, tau, end, clock, w, series):  # type: ignore[no-untyped-def]
-    """Write the state at the samples in [tau, end).
-
-    ``absorber`` (3 n,): for each absorber displacement, velocity and acceleration at tau, to be added to what the regime's map gives.
-    """
+def sample_state(stretch, clock, series):  # type: ignore[no-untyped-def]
+    """Write the state at the samples in [tau, end)."""
     if series is None:
         return
-    n, interval = int(clock[2]), clock[1]
+    window, tau, end, motion, work = stretch.window, stretch.tau, stretch.end, stretch.motion, stretch.work
+    n, interval = clock.series, clock.interval
     x = n * interval - window.centre
-    half, absorbers = series.states.shape[1] // 2, absorber.shape[0] // 3
+    half, absorbers = series.states.shape[1] // 2, motion.shape[0]
     while x < end and n < series.states.shape[0]:
         t = max(x - tau, 0.0)
         row = series.states[n]
-        state_at(regime, forced, window.omega, z, constant, tau, t, w, row)
+        state_at(stretch.regime, stretch.forced, window.omega, work.z, stretch.constant, tau, t, work.rows[0], row)
         for a in range(absorbers):
-            row[half - absorbers + a] += absorber[3 * a] + t * (absorber[3 * a + 1] + 0.5 * t * absorber[3 * a + 2])
-            row[2 * half - absorbers + a] += absorber[3 * a + 1] + t * absorber[3 * a + 2]
+            own = motion[a]
+            row[half - absorbers + a] += own.q + t * (own.v + 0.5 * t * own.a)
+            row[2 * half - absorbers + a] += own.v + t * own.a
         n += 1
         x = n * interval - window.centre
-    clock[2] = n
+    clock.series = n
 
 
 @jit
 def last_sample(state, tip_shape, end, clock, level, series):  # type: ignore[no-untyped-def]
     """Take the sample that falls on the end of the run, within rounding."""
-    interval = clock[1]
+    interval = clock.interval
     if series is not None:
-        n = int(clock[2])
+        n = clock.series
         if n < series.states.shape[0] and abs(n * interval - end) < 1e-6 * interval:
             for i in range(state.shape[0]):
                 series.states[n, i] = state[i]
     if level is not None:
-        if abs(clock[0] * interval - end) < 1e-6 * interval:
+        if abs(clock.level * interval - end) < 1e-6 * interval:
             q = 0.0
             for i in range(tip_shape.shape[0]):
                 q += tip_shape[i] * state[i]
             push_level(level, q)
-
-
-class Work(NamedTuple):
-    """Scratch of a lane: free part z, signal of the samples u, each (2, J), and room for the observers (2, 2, J)."""
-
-    z: Array
-    u: Array
-    rows: Array
-
-
-@jit_room
-def new_work(size):  # type: ignore[no-untyped-def]
-    """Return scratch for regimes of ``size`` slots."""
-    return Work(np.zeros((2, size)), np.zeros((2, size)), np.zeros((2, 2, size)))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.forced import DERIVATIVES, SCANNED, SIGNALS, Forced, add_forced, solve_guard, solve_place, solve_response
 from impact_env.kernels.jit import jit, jit_room, jit_view
-from impact_env.kernels.rigid_contact import FORCE, JOINED, REGIME, largest_kick
+from impact_env.kernels.rigid_contact import JOINED, largest_kick
 from impact_env.kernels.segments import Regime, to_slots
 from impact_env.kernels.signals import Signal
 from impact_env.kernels.slots import REST, Slots, add
@@ -143,7 +143,7 @@ def joined_set(now):  # type: ignore[no-untyped-def]
     """Return the number of the set of joined absorbers."""
     s = 0
     for a in range(now.shape[0]):
-        if now[a, REGIME] == JOINED:
+        if now[a].regime == JOINED:
             s |= 1 << a
     return s
 
@@ -173,16 +173,17 @@ def bend(sets, now, s, own, bent):  # type: ignore[no-untyped-def]
     own[s, REST + 1, :] = 0.0
     bent[:] = 0.0
     for b in range(n):
-        if not is_joined(s, b) and now[b, FORCE] != 0.0:
-            add(sets.rows[s, b], REST, now[b, FORCE], own[s, REST : REST + 2])
+        if not is_joined(s, b) and now[b].force != 0.0:
+            add(sets.rows[s, b], REST, now[b].force, own[s, REST : REST + 2])
             for place in range(n + 1):
-                bent[place] += now[b, FORCE] * sets.bent[s, place, b]
+                bent[place] += now[b].force * sets.bent[s, place, b]
 
 
 @jit
-def enter_set(sets, flow, window, now, s, own, bent, tau, state, z):  # type: ignore[no-untyped-def]
+def enter_set(sets, window, s, room, state):  # type: ignore[no-untyped-def]
     """Write the free part of the slots of set s for a state and the absorbers' constant forces."""
-    bend(sets, now, s, own, bent)
+    z = room.work.z
+    bend(sets, room.now, s, room.own, room.bent)
     to_slots(sets.into[s], state, z)
-    add_forced(flow.slots[s], window.omega, tau, -1.0, z)
-    add(own[s], REST, -1.0, z)
+    add_forced(room.flow.slots[s], window.omega, room.now[0].tau, -1.0, z)
+    add(room.own[s], REST, -1.0, z)

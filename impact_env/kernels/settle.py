@@ -14,24 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit, jit_room
-from impact_env.kernels.rigid_contact import (
-    AT_REST,
-    FORCE,
-    FREE,
-    JOINED,
-    JOINT_SLACK,
-    OFFSET,
-    REGIME,
-    SIDE,
-    SIGN,
-    SINCE,
-    TAU,
-    Q,
-    V,
-    end_phase,
-    friction_force,
-    joint_bounds,
-)
+from impact_env.kernels.rigid_contact import FREE, JOINED, JOINT_SLACK, end_phase, friction_force, joint_bounds
 
 MOST_ROUNDS = 1000
 SETTLED = 1e-15  # of the largest force: change in a round that ends it
@@ -73,20 +56,20 @@ def see_places(absorbers, state, joints):  # type: ignore[no-untyped-def]
 def see_accelerations(absorbers, losses, window, now, state, joints):  # type: ignore[no-untyped-def]
     """Write the relative accelerations without the forces of those that wait, and how far the terms' sizes make them uncertain."""
     n, modes = absorbers.shapes.shape
-    half, tau = n + modes, now[0, TAU]
+    half, tau = n + modes, now[0].tau
     angle = (window.omega + 0.5 * window.alpha * tau) * tau
     force = window.force_r * np.cos(angle) - window.force_i * np.sin(angle)
     for a in range(n):
         joints.start[a], joints.slack[a] = 0.0, 0.0
-        if not joints.waits[a] and now[a, REGIME] == FREE:
-            joints.start[a] = now[a, FORCE] / absorbers.mass[a]
+        if not joints.waits[a] and now[a].regime == FREE:
+            joints.start[a] = now[a].force / absorbers.mass[a]
     for i in range(modes):
         pull, drag, push = absorbers.square[i] * state[i], losses.rate[i] * state[half + i], losses.force_shape[i] * force
         rate, size = push - drag - pull, abs(push) + abs(drag) + abs(pull)
         for b in range(n):
-            if not joints.waits[b] and now[b, REGIME] == FREE:
-                rate -= absorbers.shapes[b, i] * now[b, FORCE]
-                size += abs(absorbers.shapes[b, i] * now[b, FORCE])
+            if not joints.waits[b] and now[b].regime == FREE:
+                rate -= absorbers.shapes[b, i] * now[b].force
+                size += abs(absorbers.shapes[b, i] * now[b].force)
         for a in range(n):
             joints.start[a] -= absorbers.shapes[a, i] * rate
             joints.slack[a] += abs(absorbers.shapes[a, i]) * size
@@ -111,7 +94,7 @@ def balance(absorbers, compliance, now, joints):  # type: ignore[no-untyped-def]
         change, largest = 0.0, 0.0
         for a in range(n):
             if joints.waits[a]:
-                low, high = joint_bounds(absorbers.limit[a], now[a, SIDE])
+                low, high = joint_bounds(absorbers.limit[a], now[a].side)
                 f = min(max(wanted_force(absorbers, compliance, joints, a), low), high)
                 change, largest = max(change, abs(f - joints.force[a])), max(largest, abs(f))
                 joints.force[a] = f
@@ -129,10 +112,10 @@ def settle(absorbers, losses, compliance, window, now, state, joints, events):  
     see_places(absorbers, state, joints)
     see_accelerations(absorbers, losses, window, now, state, joints)
     balance(absorbers, compliance, now, joints)
-    time = window.centre + now[0, TAU]
+    time = window.centre + now[0].tau
     for a in range(now.shape[0]):
         if joints.waits[a]:
-            low, high = joint_bounds(absorbers.limit[a], now[a, SIDE])
+            low, high = joint_bounds(absorbers.limit[a], now[a].side)
             f, slack = wanted_force(absorbers, compliance, joints, a), JOINT_SLACK * joints.slack[a] / compliance[a, a]
             if low - slack <= f <= high + slack:
                 join(now[a], joints.place[a], time)
@@ -143,15 +126,15 @@ def settle(absorbers, losses, compliance, window, now, state, joints, events):  
 @jit
 def join(now, place, time):  # type: ignore[no-untyped-def]
     """Let an absorber move with the beam from now on; one that does so already goes on."""
-    if now[REGIME] != JOINED:
-        now[REGIME], now[SINCE], now[OFFSET] = JOINED, time, now[Q] - place
-    now[FORCE], now[AT_REST] = 0.0, 0.0
+    if now.regime != JOINED:
+        now.regime, now.since, now.offset = JOINED, time, now.q - place
+    now.force, now.at_rest = 0.0, False
 
 
 @jit
 def part(limit, now, speed, sign, time, events):  # type: ignore[no-untyped-def]
     """Let an absorber without relative velocity slide in a sign from now on; ``speed``: of the beam at its place."""
-    if now[REGIME] == JOINED:
+    if now.regime == JOINED:
         end_phase(events, now, time)
-    now[REGIME], now[SIGN], now[AT_REST], now[V] = FREE, sign, 1.0, speed
+    now.regime, now.sign, now.at_rest, now.v = FREE, sign, True, speed
     friction_force(limit, now)

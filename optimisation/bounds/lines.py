@@ -17,6 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.matrices import with_masses
 from impact_env.modes import ModalModel
 from impact_env.parameters import positive, require
 
@@ -58,8 +59,8 @@ def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
 
 
 def watched(model: ModalModel, at: ArrayLike | None) -> Real:
-    """Return the mode shape (N_m,) of the place where the level is read: ``at``, or the model's tip shape."""
-    row = model.tip_shape if at is None else np.asarray(at, dtype=np.float64)
+    """Return the mode shape (N_m,) of the place where the level is read: ``at``, or where the model says."""
+    row = model.level_shape if at is None else np.asarray(at, dtype=np.float64)
     ok = row.shape == (model.modes,) and bool(np.all(np.isfinite(row)) and np.any(row != 0))
     require(ok, "tip_shape", row, f"{model.modes} finite modal amplitudes in 1/sqrt(kg), at least one of them other than 0")
     return row
@@ -97,5 +98,4 @@ def _solve(matrix: Complex, row: Real, size: Real) -> tuple[Complex, Real]:
 def stuck_frequencies(model: ModalModel, masses: Real) -> Real:
     """Return the undamped natural frequencies in rad/s, rising, of the beam with ``masses`` (n,) in kg stuck at the model's places."""
     shapes = places(model)
-    mass = np.eye(model.modes) + (shapes.T * masses) @ shapes
-    return np.asarray(np.sqrt(scipy.linalg.eigvalsh(np.diag(model.omega**2), mass)))
+    return np.asarray(np.sqrt(scipy.linalg.eigvalsh(np.diag(model.omega**2), with_masses(shapes, masses))))

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.frequency import frequency_range
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, positive, require
 from optimisation.bounds.lines import masses_of, stuck_frequencies
 from optimisation.bounds.stroke import GRID, line_terms, smallest
-from optimisation.response import frequency_range
 from optimisation.tuned import highest_amplitude
 
 Real = NDArray[np.float64]
@@ -47,7 +48,8 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
     ``mass`` m_a in kg, ``gap`` g0 in m. The paper's best operating points of the first two modes, found by simulation, lie close to f*.
     For the paper's beam |kappa|/|G_f| grows with the frequency, so the minimum sits at the lower end of the range, and f* depends on
     where "near the resonance" begins: 1 % of frequency moves it by 2 % at the first mode and by 5 to 6 % at the second. The default
-    begins 7 % below the resonance for the paper's mass ratio, see `near_range`. Raises ParameterError for numbers out of range, and for a
+    begins 7 % below the resonance for the paper's mass ratio, see `near_range`. It is the absorber's own place whose limit is meant, also where
+    the level is read elsewhere: there the absorber gets its motion from. Raises ParameterError for numbers out of range, and for a
     range without the resonance of the beam with the mass stuck to it, around which the limit is largest.
     """
     omega_r, default = model.resonance_omega(resonance), near_range(model, mass, resonance)
@@ -56,7 +58,7 @@ def design_force(model: ModalModel, mass: float, gap: float, resonance: int = 1,
     require(low <= stuck <= high, "range (low, high)", (low, high), f"a range that holds the resonance with the mass stuck, at {stuck:.4f}")
 
     def needed(ratio: Real) -> Real:
-        by_force, reach, _ = line_terms(model, mass, gap, ratio * omega_r)
+        by_force, reach, _ = line_terms(model, mass, gap, ratio * omega_r, model.tip_shape)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.where(by_force > 0, reach / by_force, np.inf))
 
@@ -76,7 +78,8 @@ def free_amplitude(model: ModalModel, mass: float, force: float, resonance: int 
 
     Infinite at an undamped resonance. Raises ParameterError for numbers out of range.
     """
-    return positive("force", force) * highest_amplitude(model, None, resonance, *near_range(model, mass, resonance))[0]
+    own = replace(model, response_shape=None)
+    return positive("force", force) * highest_amplitude(own, None, resonance, *near_range(model, mass, resonance))[0]
 
 
 def reach(model: ModalModel, mass: float, resonance: int = 1) -> float:

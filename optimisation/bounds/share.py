@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.frequency import frequency_range
 from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, require
 from optimisation.bounds.stroke import SWEPT, resonance_limit
-from optimisation.response import frequency_range
 from optimisation.tuned import highest_amplitude
 
 Real = NDArray[np.float64]

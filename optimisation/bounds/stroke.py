@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
+from impact_env.frequency import frequency_range
 from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, require
 from optimisation.bounds.lines import lines, masses_of, strokes_of, stuck_frequencies, watched
-from optimisation.response import frequency_range
 
 Real = NDArray[np.float64]
 

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls
 from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, NONE, Comparison, ResonanceComparison
 
 DPI = 160
@@ -46,14 +45,17 @@ def save_figure(path: Path, comparison: Comparison) -> None:
     for panel, part in zip(panels, comparison.resonances, strict=True):
         _draw(panel, part)
         top = max(top, float(np.nanmax(MM * part.curves[NONE].median, initial=0)))
-    panels[0].set_ylim(MM * SHOWN * RigidWalls.gap, 1.3 * top if top > 0 else None)
-    panels[0].set_ylabel("resonant response level of the tip in mm (RMS)", fontsize=11)
+    panels[0].set_ylim(MM * SHOWN * comparison.gap, 1.3 * top if top > 0 else None)
+    panels[0].set_ylabel(
+        "resonant response level in mm (RMS)" if comparison.own_structure else "resonant response level of the tip in mm (RMS)", fontsize=11
+    )
     handles, labels = panels[0].get_legend_handles_labels()
     legend = figure.legend(
         handles, labels, loc="outside lower center", ncols=3, fontsize=10, frameon=False, title=_caption(comparison), alignment="center"
     )
     legend.get_title().set(fontsize=9, color="0.35", ha="center")
-    title = f"Response of the beam's tip at resonance, with absorbers of {100 * DEFAULT_MASS_RATIO:g} % of the beam's mass"
+    what, whose = ("the structure", "its") if comparison.own_structure else ("the beam's tip", "the beam's")
+    title = f"Response of {what} at resonance, with absorbers of {100 * comparison.mass_ratio:g} % of {whose} mass"
     figure.suptitle(title, fontsize=13)
     figure.savefig(path, dpi=DPI, format=path.suffix[1:])
 
@@ -66,6 +68,8 @@ def _caption(comparison: Comparison) -> str:
 
 def _draw(panel: Axes, part: ResonanceComparison) -> None:
     for key, look in LOOKS.items():
+        if key not in part.curves:
+            continue
         curve = part.curves[key]
         low, high = MM * curve.band
         panel.fill_between(part.forces, low, high, color=look.colour, alpha=0.25, lw=0)
@@ -87,7 +91,7 @@ def _draw_limit(panel: Axes, part: ResonanceComparison) -> None:
     """Shade what no device of this mass and gap can reach."""
     forces = np.geomspace(part.forces[0], part.forces[-1], 200)
     limit = np.maximum(MM * part.limit_at(forces), 1e-9)
-    label = f"out of reach within a cavity of ±{MM * RigidWalls.gap:g} mm"
+    label = f"out of reach within a cavity of ±{MM * part.gap:.4g} mm"
     panel.fill_between(forces, 1e-9, limit, facecolor="0.93", edgecolor="0.72", hatch="////", lw=0.8, zorder=0.4, label=label)
 
 

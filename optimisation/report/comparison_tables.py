@@ -10,8 +10,8 @@ import numpy as np
 
 from impact_env.curve import BAND, DOWN, UP, Optimum, quantiles
 from impact_env.kinds import is_linear
-from impact_env.parameters import RigidWalls
 from impact_env.scene import Scene
+from optimisation.bounds import LEAST_REACH
 from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
 
 Json = dict[str, object]
@@ -93,6 +93,11 @@ def _at(point: Optimum) -> Json:
     return {"force_n": point.force, **level, **_relative(point)}
 
 
+def _seen(comparison: Comparison, part: ResonanceComparison) -> list[Concept]:
+    """Return the concepts that have a curve near a resonance."""
+    return [concept for concept in comparison.concepts if concept.key in part.curves]
+
+
 def _parameters(concept: Concept) -> Json:
     """Return an absorber's parameters, without the parts that it lacks."""
     if concept.absorber is None:
@@ -127,7 +132,8 @@ def summary(comparison: Comparison) -> Json:
             "members": comparison.members,
             "seed": comparison.seed,
             "modes": model.modes,
-            "gap_m": RigidWalls.gap,
+            "gap_m": comparison.gap,
+            "mass_ratio": comparison.mass_ratio,
             "beam_mass_kg": model.beam_mass,
             "damping_ratio": model.damping_ratio.tolist(),
             "percent_per_100_pseudo_periods": comparison.percent_per_100_periods,
@@ -140,7 +146,9 @@ def summary(comparison: Comparison) -> Json:
                 "limit_m": part.limit.tolist(),
                 "design_force_n": part.design_force,
                 "sweep_over_stationary_level": _number(part.sweep_ratio),
-                "concepts": {concept.key: _concept_summary(comparison, part, concept) for concept in comparison.concepts},
+                "concepts": {
+                    concept.key: _concept_summary(comparison, part, concept) for concept in comparison.concepts if concept.key in part.curves
+                },
             }
             for part in comparison.resonances
         },
@@ -170,14 +178,18 @@ def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
     finished = int(np.max(np.sum(~np.isnan(part.curves[IMPACT].combined), axis=1)))
     at = "the best force" if part.best is None else f"{part.forces[part.best]:.3g} N"
     rows = [["concept", "best force, N", "level there, %", f"level at {at}, mm", f"level at {at}, %"]]
-    rows += [_row(comparison, part, concept) for concept in comparison.concepts]
+    rows += [_row(comparison, part, concept) for concept in _seen(comparison, part)]
     if part.best is not None:
-        rows.append([f"limit within a cavity of ±{1e3 * RigidWalls.gap:g} mm", "", "", f"{1e3 * part.limit[part.best]:.3f}", ""])
+        rows.append([f"limit within a cavity of ±{1e3 * part.gap:.4g} mm", "", "", f"{1e3 * part.limit[part.best]:.3f}", ""])
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     title = f"Resonance {part.resonance} ({part.omega / (2 * np.pi):.1f} Hz), {finished} of {comparison.members} members"
     sweep = f"sweeps without absorber show {part.sweep_ratio:.3f} of the stationary level" if not math.isnan(part.sweep_ratio) else ""
-    return [title, *lines, *([sweep] if sweep else []), f"design rule: {part.design_force:.3g} N is the force at which the limit leaves zero"]
+    where = " at the absorber's place" if comparison.model.response_shape is not None else ""
+    rule = f"design rule: {part.design_force:.3g} N is the force at which the limit{where} leaves zero"
+    touched = f"; the free amplitude is {part.reach:.3g} gaps there" if comparison.own_structure else ""
+    touched += ", so that no wall is touched" if comparison.own_structure and part.reach < LEAST_REACH else ""
+    return [title, *lines, *([sweep] if sweep else []), rule + touched]
 
 
 def text_table(comparison: Comparison) -> str:

@@ -17,6 +17,7 @@ from impact_env.parameters import ParameterError
 from optimisation.bounds import design_gap
 from optimisation.designs import GAP, MASS_RATIO, POSITION
 from optimisation.insight import Levels, over_force
+from optimisation.mounting import mounted
 from optimisation.objectives import Condition
 from optimisation.report.comparison_figure import DPI, MM, ORDINALS
 from optimisation.report.design_tables import limit
@@ -131,9 +132,9 @@ def save_map(path: Path, findings: Findings) -> None:
 
 def _rule(findings: Findings, resonance: int, force: float) -> float | None:
     winner = findings.verdict.winner.design if findings.verdict else None
-    if winner is None or winner.values[POSITION] != 1.0:
+    if winner is None:
         return None
-    model = findings.problem.model
+    model = mounted(findings.problem.beam, winner.values[POSITION])
     try:
         return design_gap(model, winner.values[MASS_RATIO] * model.beam_mass, force, resonance)
     except ParameterError:  # a heavy absorber moves the resonance out of the rule's range

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from impact_env.modes import modal_model
 from optimisation.bounds import reduction_share, resonance_limit
 from optimisation.branches import Branches, branches
 from optimisation.designs import VARIABLES, Design
 from optimisation.insight import Levels
+from optimisation.mounting import detuned
 from optimisation.objectives import Condition
-from optimisation.problem import Problem, detuned_beam
+from optimisation.problem import Problem
 from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.search.judge import Judged, Verdict
 from optimisation.search.result import Cost, Findings
@@ -29,18 +29,16 @@ def number(value: float) -> float | None:
 
 
 def limit(problem: Problem, design: Design, condition: Condition) -> float:
-    """Return the stationary limit in m of the free end's level that no device in this design's cavities beats; NaN if an absorber has none.
+    """Return the stationary limit in m of the level that no device in this design's cavities beats; NaN if an absorber has none.
 
     See `optimisation.bounds`; a sweep's level is near it, not bound by it.
     """
-    beam = detuned_beam(problem.beam, condition.detuning)
-    scene = design.scene(beam)
+    scene = design.scene(detuned(problem.beam, condition.detuning))
     cavities = [scene.cavity(which) for which in range(scene.places)]
     gaps = [cavity.gap for cavity in cavities if cavity is not None]
     if len(gaps) < len(cavities):
         return math.nan
-    end = modal_model(beam).tip_shape
-    return float(resonance_limit(scene.model, scene.absorber_masses, gaps, condition.force, condition.resonance, *condition.limits, at=end))
+    return float(resonance_limit(scene.model, scene.absorber_masses, gaps, condition.force, condition.resonance, *condition.limits))
 
 
 def design_columns(problem: Problem) -> list[str]:
@@ -228,5 +226,6 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
                     for x, share in zip(part["branches"]["relative"], part["branches"]["shares_of_members"], strict=True)
                 )
                 yield f"    {name} has two branches: {low} and {high}"
-        if sweep is not None and sweep < LEAST_RATIO:
-            yield f"    the sweeps show {sweep:.3f} of the stationary level without absorber: too fast to tell the share of the possible"
+        if sweep is not None:
+            fast = ": too fast to tell the share of the possible" if sweep < LEAST_RATIO else ""
+            yield f"    the sweeps show {sweep:.3f} of the stationary level without absorber{fast}"

@@ -114,6 +114,9 @@ def front_text(front: Front) -> str:
     problem, cost = front.problem, front.cost
     lines = [f"{problem.space.concept}: " + " against ".join(o.label for o in problem.objectives)]
     lines.append(f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s, {100 * cost.overhead:.1f} % of it outside the runs")
+    for condition in problem.conditions:
+        ratio = problem.sweep_ratio(condition)
+        lines.append(f"  resonance {condition.resonance}: sweeps show {ratio:.3f} of the stationary level without absorber")
     header = [*(v.name for v in problem.space.free), *(_name(problem, k) for k in range(2)), *(f"{_name(problem, k)} fresh" for k in range(2))]
     lines.append("  " + "  ".join(f"{name:>14}" for name in header))
     for k, e in enumerate(front.members):

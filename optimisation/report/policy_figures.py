@@ -14,13 +14,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
 from optimisation.report.comparison_figure import DPI, MM
-from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_SCHEDULE, KNOTTED, TUNED_ESTIMATE, TUNED_TRUE, WINDOWED
+from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_PAIR, BEST_SCHEDULE, KNOTTED, TUNED_ESTIMATE, TUNED_TRUE, WINDOWED
 from optimisation.rl.judging import Judged
 from optimisation.rl.statistics import interval, profile
+from optimisation.rl.suite import FEEDBACK, ORACLE
 
 THRESHOLDS = 200
 COLOURS = {
     "PPO": "#0072B2",
+    "RPPO": "#56B4E9",
+    FEEDBACK: "#CC79A7",
+    ORACLE: "#E69F00",
+    BEST_PAIR: "#000000",
     "SAC": "#009E73",
     BEST_SCHEDULE: "#D55E00",
     WINDOWED: "#CC79A7",
@@ -47,8 +52,8 @@ def _finish(figure: Figure, panels: Sequence[Axes], path: Path, columns: int = 3
     figure.savefig(path, dpi=DPI, format=path.suffix[1:])
 
 
-def save_profiles(path: Path, results: Sequence[Judged], title: str, resamples: int) -> None:
-    """Draw the share of episodes above each score, with its 95 % band for the policies that have a colour."""
+def save_profiles(path: Path, results: Sequence[Judged], title: str, resamples: int, lines: Mapping[str, float] | None = None) -> None:
+    """Draw the share of episodes above each score, with its 95 % band for the policies that have a colour; ``lines``: means to mark, by name."""
     figure = Figure(figsize=(8, 5.4), layout="constrained")
     panel = figure.subplots()
     pooled = np.concatenate([np.ravel(r.scores) for r in results if r.name in COLOURS])
@@ -64,6 +69,8 @@ def save_profiles(path: Path, results: Sequence[Judged], title: str, resamples: 
         else:
             style = {"lw": 1.2, **next(greys)}
         panel.plot(thresholds, profile(result.scores, thresholds), label=label, **style)
+    for name, value in (lines or {}).items():
+        panel.axvline(value, color=_colour(name), lw=1.1, ls=":" if name in COLOURS else "--", label=f"{name}, mean {value:.3f}")
     panel.set(xlim=(thresholds[0], thresholds[-1]), ylim=(0, 1.02), xlabel="score s", ylabel="share of episodes with a score above s", title=title)
     _finish(figure, [panel], path)
 
@@ -90,6 +97,31 @@ def save_schedules(path: Path, curves: Mapping[str, Any], title: str) -> None:
     panels[1].set_ylim(bottom=0)
     panels[1].set_xlim(float(ratio[-1]), float(ratio[0]))
     _finish(figure, list(panels), path, 4)
+
+
+def save_responses(path: Path, curves: Mapping[str, Any], title: str) -> None:
+    """Draw what policies do over the frequency: median and 5 to 95 % of rate, and of gap where there is one; beside each other while impacts go on
+    and where there are none. The passage runs as the axis does.
+    """  # noqa: D205
+    keys = [key for key in ("rate", "gap") if any(f"{key}, quiet" in found for found in curves["policies"].values())]
+    figure = Figure(figsize=(9.6, 3.4 * len(keys) + 0.9), layout="constrained")
+    panels = figure.subplots(len(keys), 2, sharex=True, sharey="row", squeeze=False)
+    ratio = np.array(curves["frequency_ratio"])
+    for name, found in curves["policies"].items():
+        for row, key in zip(panels, keys, strict=True):
+            for panel, word in zip(row, ("impacting", "quiet"), strict=True):
+                low, median, high = map(_number, found[f"{key}, {word}"])
+                panel.fill_between(ratio, low, high, color=_colour(name), alpha=0.13, lw=0)
+                panel.plot(ratio, median, color=_colour(name), lw=1.9, label=name)
+    for panel, words in zip(panels[0], ("impacts go on", "no impacts in the interval before"), strict=True):
+        panel.set_title(f"{title}: {words}", fontsize=10)
+        panel.set_yscale("symlog", linthresh=0.05)
+        panel.set_xlim(float(ratio[-1]), float(ratio[0]))
+    for panel in panels[-1]:
+        panel.set_xlabel("frequency over the resonance")
+    for row, key in zip(panels, keys, strict=True):
+        row[0].set_ylabel("rate in % per 100 pseudo periods (below 0: back)" if key == "rate" else "gap over the design rule's for the true force")
+    _finish(figure, list(panels.ravel()), path, 4)
 
 
 def save_gaps(path: Path, curves: Mapping[str, Any]) -> None:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from impact_env.drive import PAPER_LIMITS
-from optimisation.response import tip_response
+from impact_env.frequency import tip_response
 from optimisation.tuned.table import MINIMAX, MINIMUM_H2, NONE, PAPER_VALUES, RULE, Tuning, TuningTable
 
 Json = dict[str, object]

@@ -22,13 +22,44 @@ Map = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 ACTIVATIONS: dict[str, Map] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0))}
 SQUASHES: dict[str, Map] = {"clip": lambda x: np.clip(x, np.float32(-1), np.float32(1)), "tanh": np.tanh}
 Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
+Cells = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
+CELLS = ("inputs", "outputs", "biases")  # of an LSTM, as they are called in a file
+SHORT = {"RecurrentPPO": "rppo"}
+
+
+def _sigmoid(x: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(np.float32(0.5) * (np.tanh(np.float32(0.5) * x) + np.float32(1)))
+
+
+class Memory:
+    """Long short-term memory (S. Hochreiter and J. Schmidhuber 1997) of a number of lanes; gates lie in the order input, forget, cell, output.
+
+    ``cells``: weights of the inputs (4 H, features) and of its own outputs (4 H, H), biases (4 H,).
+    """
+
+    def __init__(self, cells: Cells) -> None:
+        self.cells = cells
+        self.start(0)
+
+    def start(self, lanes: int) -> None:
+        """Forget everything."""
+        self.output, self.state = (np.zeros((lanes, self.cells[1].shape[1]), dtype=np.float32) for _ in range(2))
+
+    def see(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return outputs (L, H) after one more row of inputs (L, features)."""
+        inputs, outputs, biases = self.cells
+        takes, keeps, new, shows = np.split(values @ inputs.T + self.output @ outputs.T + biases, 4, axis=1)
+        self.state = _sigmoid(keeps) * self.state + _sigmoid(takes) * np.tanh(new)
+        self.output = _sigmoid(shows) * np.tanh(self.state)
+        return self.output
 
 
 @dataclass(frozen=True, eq=False)
 class Agent:
-    """A policy that sees nothing but the observation: its mean action through fully connected layers, no memory, no chance.
+    """A policy that sees nothing but the observation: its mean action through fully connected layers, no chance.
 
-    ``layers``: weights (out, in) and biases (out,) from first to last, with ``activation`` between them and ``squash`` behind the last.
+    ``layers``: weights (out, in) and biases (out,) from first to last, with ``activation`` between them and ``squash`` behind the last. ``cells``
+    of a `Memory` ahead of them; None: no memory.
     ``arguments`` are those of the environment ``env_id`` it was trained on with ``seed``, for ``steps`` steps.
     """
 
@@ -40,14 +71,25 @@ class Agent:
     activation: str
     squash: str
     layers: Sequence[Layer]
+    cells: Cells | None = None
 
     def __post_init__(self) -> None:
         require(self.env_id in ENVIRONMENTS, "environment of the agent", self.env_id, f"one of {', '.join(ENVIRONMENTS)}")
         require(self.activation in ACTIVATIONS, "activation", self.activation, f"one of {', '.join(ACTIVATIONS)}")
         require(self.squash in SQUASHES, "squash", self.squash, f"one of {', '.join(SQUASHES)}")
-        widths = [weights.shape[1] for weights, _ in self.layers] + [1]
+        widths = [weights.shape[1] for weights, _ in self.layers] + [ENVIRONMENTS[self.env_id].numbers]
         fits = all(w.shape == (n, w.shape[1]) and b.shape == (n,) for (w, b), n in zip(self.layers, widths[1:], strict=True))
-        require(len(self.layers) > 0 and fits, "layers", [weights.shape for weights, _ in self.layers], "layers that fit one another, to one action")
+        require(
+            len(self.layers) > 0 and fits,
+            "layers",
+            [weights.shape for weights, _ in self.layers],
+            "layers that fit one another, to as many numbers as an action has",
+        )
+        if self.cells is not None:
+            size = self.cells[1].shape[1]
+            shapes = (self.cells[0].shape[0], self.cells[1].shape[0], *self.cells[2].shape, 4 * self.layers[0][0].shape[1])
+            require(set(shapes) == {4 * size}, "cells", [part.shape for part in self.cells], "a memory that fits the first layer")
+        object.__setattr__(self, "_memory", None if self.cells is None else Memory(self.cells))
 
     @property
     def name(self) -> str:
@@ -55,11 +97,17 @@ class Agent:
         return f"{self.algorithm.upper()}, seed {self.seed}"
 
     def start(self, lanes: int) -> None:
-        """Do nothing: there is no memory."""
+        """Forget earlier episodes."""
+        memory: Memory | None = getattr(self, "_memory")  # noqa: B009
+        if memory is not None:
+            memory.start(lanes)
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return actions (L, 1) for observations (L, features)."""
+        """Return actions (L, A) for observations (L, features)."""
         values = np.asarray(observations, dtype=np.float32)
+        memory: Memory | None = getattr(self, "_memory")  # noqa: B009
+        if memory is not None:
+            values = memory.see(values)
         for number, (weights, biases) in enumerate(self.layers):
             values = values @ weights.T + biases
             values = (ACTIVATIONS[self.activation] if number + 1 < len(self.layers) else SQUASHES[self.squash])(values)
@@ -71,6 +119,8 @@ def save_agent(path: Path, agent: Agent) -> None:
     about = {name: getattr(agent, name) for name in ("env_id", "algorithm", "seed", "steps", "activation", "squash")}
     text = json.dumps({"format": AGENT_FORMAT, **about, "arguments": dict(agent.arguments)})
     arrays = {f"{kind}{k}": values for k, layer in enumerate(agent.layers) for kind, values in zip(("weights", "biases"), layer, strict=True)}
+    if agent.cells is not None:
+        arrays |= dict(zip(CELLS, agent.cells, strict=True))
     with replacing(path) as temporary:
         np.savez(temporary, about=np.array(text), **arrays)  # type: ignore[arg-type]
 
@@ -82,7 +132,8 @@ def load_agent(path: Path) -> Agent:
             about = json.loads(str(file["about"]))
             require(about.pop("format") == AGENT_FORMAT, "agent", str(path), f"a file of format {AGENT_FORMAT}, which this version reads")
             layers = [(file[f"weights{k}"], file[f"biases{k}"]) for k in range(sum(name.startswith("weights") for name in file.files))]
-        return Agent(**about, layers=layers)
+            cells = tuple(file[name] for name in CELLS) if CELLS[0] in file.files else None
+        return Agent(**about, layers=layers, cells=cells)
     except ParameterError:
         raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
@@ -96,11 +147,20 @@ def find_agents(folder: Path, name: str = FINAL, env_id: str | None = None) -> l
 
 
 def actor_of(model: Any, env_id: str, seed: int, arguments: Mapping[str, Any]) -> Agent:
-    """Return the agent that acts as a PPO or SAC model of stable-baselines3 does when it is deterministic."""
+    """Return the agent that acts as a PPO, SAC or recurrent PPO model of stable-baselines3 does when it is deterministic."""
     stochastic_squash = hasattr(model, "actor")
     policy = model.policy
     hidden, last = (model.actor.latent_pi, model.actor.mu) if stochastic_squash else (policy.mlp_extractor.policy_net, policy.action_net)
     linear = [layer for layer in hidden if hasattr(layer, "weight")] + [last]
     layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear]
-    algorithm, squash = type(model).__name__.lower(), "tanh" if stochastic_squash else "clip"
-    return Agent(env_id, algorithm, seed, int(model.num_timesteps), dict(arguments), policy.activation_fn.__name__.lower(), squash, layers)
+    kind, squash = type(model).__name__, "tanh" if stochastic_squash else "clip"
+    steps, activation = int(model.num_timesteps), policy.activation_fn.__name__.lower()
+    return Agent(env_id, SHORT.get(kind, kind.lower()), seed, steps, dict(arguments), activation, squash, layers, _cells_of(policy))
+
+
+def _cells_of(policy: Any) -> Cells | None:
+    memory = getattr(policy, "lstm_actor", None)
+    if memory is None:
+        return None
+    inputs, outputs, one, other = (getattr(memory, f"{name}_l0").detach().numpy().copy() for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh"))
+    return inputs, outputs, one + other

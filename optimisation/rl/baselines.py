@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +20,28 @@ from optimisation.rl.families import Array, ConstantAction, Family, FrequencyWin
 from optimisation.rl.gap_rules import EstimatedForceRule, GapOverFrequency, GapScale, TrueForceRule
 from optimisation.rl.play import GAP, SWEEP
 from optimisation.rl.policies import Policy, Random
+from optimisation.rl.suite import BLIND, FEEDBACK, SUITE, WINDOW, kinds_of, search_adaptive, search_passage, tried
 from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores, searched
 
-TASKS = {"sweep": SWEEP, "gap": GAP}
+OLD = {"sweep": SWEEP, "gap": GAP}
+TASKS = OLD | SUITE
 KNOTS = 21
 PAPER_SLOW_RATE = 100 / 725  # % per 100 pseudo periods, of the paper's example of a jump (section 3.1)
+GROUPS: dict[str, tuple[str, ...]] = {"both": tuple(OLD), "suite": tuple(SUITE), "all": tuple(TASKS)}  # of tasks, as commands take them
+GROUPS_HELP = "; ".join(f"{name}: {env_id.split('/')[1]}" for name, env_id in TASKS.items()) + "; both: the first two; suite: the others."
 RANDOM = "random"
 BEST_CONSTANT, BEST_SCHEDULE = "best constant rate", "best open-loop schedule"
 WINDOWED, KNOTTED = "rule over the frequency", "schedule by knots"
+BEST_PAIR = "best constant rate and gap"
 BEST_GAP, TUNED_TRUE, TUNED_ESTIMATE = "best fixed gap", "rule, true force, fitted", "rule, estimated force, fitted"
-ZERO_AND_ONE = {"sweep": (BEST_CONSTANT, BEST_SCHEDULE), "gap": (BEST_GAP, TUNED_TRUE)}  # what the normalised scores 0 and 1 mean
-RIVAL = {"sweep": BEST_SCHEDULE, "gap": TUNED_ESTIMATE}  # the best that needs no learning and knows no more than an agent
+# what the normalised scores 0 and 1 mean
+ZERO_AND_ONE = {
+    "sweep": (BEST_CONSTANT, BEST_SCHEDULE),
+    "gap": (BEST_GAP, TUNED_TRUE),
+    **{task: (BEST_PAIR if task == "adaptive" else BEST_CONSTANT, FEEDBACK) for task in SUITE},
+}
+# what agents are compared with episode by episode: the best that needs no learning and knows no more, or what does not look at the response
+RIVAL = {"sweep": BEST_SCHEDULE, "gap": TUNED_ESTIMATE, **dict.fromkeys(SUITE, BEST_SCHEDULE)}
 VERSION = 1
 
 
@@ -46,6 +57,7 @@ class Baseline:
 
 RULES, SCHEDULES = Search(generations=12, population=10, sigma=0.1), Search(generations=40, population=16, sigma=0.2)
 FITS = Search(generations=14, population=12, sigma=0.4)
+SUITE_SEARCH = Search(generations=18, population=12, sigma=0.15, relative=True)
 # a first look for slow windows, in shares of the range
 WINDOW_EDGES, WINDOW_WIDTHS, SLOW_ACTIONS = np.arange(0.25, 0.56, 0.05), (0.1, 0.15, 0.2, 0.3), (-0.9, -0.7, -0.5)
 
@@ -60,17 +72,21 @@ class Effort:
     rule: Search = RULES
     schedule: Search = SCHEDULES
     fit: Search = FITS
+    suite: Search = SUITE_SEARCH
 
 
 FEW = Search(generations=2, population=6, finalists=2)
-QUICK = Effort(seeds=9, windows=False, grid=5, rule=FEW, schedule=FEW, fit=FEW)
+QUICK = Effort(seeds=9, windows=False, grid=5, rule=FEW, schedule=FEW, fit=FEW, suite=replace(FEW, sigma=0.1, relative=True))
 FIRST_TRAINING_SEED = 1000
+SUITE_SEEDS = 2  # times as many training seeds: its episodes are short
 
 
 def families(task: str, arguments: Mapping[str, Any]) -> dict[str, Family]:
-    """Return the kinds of policies of a task ("sweep" or "gap") by name."""
+    """Return the kinds of policies of a task (one of `TASKS`) by name."""
     require(task in TASKS, "task", task, f"one of {', '.join(TASKS)}")
     behind = task_of(TASKS[task], arguments)
+    if task in SUITE:
+        return kinds_of(task, behind)
     constant: dict[str, Family] = {"constant": ConstantAction()}
     if task == "sweep":
         rates = Rates.of(behind)
@@ -86,7 +102,7 @@ def families(task: str, arguments: Mapping[str, Any]) -> dict[str, Family]:
 def policy(baseline: Baseline, kinds: Mapping[str, Family]) -> Policy:
     """Return the policy of a baseline; raises ParameterError for an unknown kind."""
     if baseline.kind == RANDOM:
-        return Random(name=baseline.name)
+        return Random(name=baseline.name, numbers=2 if "pair" in kinds else 1)
     require(baseline.kind in kinds, "kind", baseline.kind, f"one of {RANDOM}, {', '.join(kinds)}")
     return policy_of(baseline.name, kinds[baseline.kind], list(baseline.parameters))
 
@@ -97,9 +113,16 @@ Advance = Callable[[int], None]
 def tune(task: str, arguments: Mapping[str, Any], effort: Effort, advance: Advance | None = None) -> list[Baseline]:
     """Return the baselines of a task with their numbers chosen on training seeds. ``advance`` is called with the number of candidates tried."""
     kinds = families(task, arguments)
-    seeds = range(FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + effort.seeds)
+    seeds = training_seeds(task, effort)
     rest = (TASKS[task], seeds, arguments)
+    if task in SUITE:
+        return [Baseline(RANDOM, RANDOM, ()), *_suite(task, kinds, rest, effort, advance)]
     return [Baseline(RANDOM, RANDOM, ()), *(_sweep if task == "sweep" else _gap)(kinds, rest, effort, advance)]
+
+
+def training_seeds(task: str, effort: Effort) -> range:
+    """Return the seeds on which a task's numbers are chosen."""
+    return range(FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + effort.seeds * (SUITE_SEEDS if task in SUITE else 1))
 
 
 Rest = tuple[str, Sequence[int], Mapping[str, Any]]
@@ -133,6 +156,17 @@ def _schedules(rule: Tuned, knotted: Tuned) -> list[Baseline]:
     simple = rule.score >= knotted.score
     names = (BEST_SCHEDULE, KNOTTED) if simple else (WINDOWED, BEST_SCHEDULE)
     return [Baseline(names[0], "window", rule.parameters, rule), Baseline(names[1], "open loop", knotted.parameters, knotted)]
+
+
+def _suite(task: str, kinds: Mapping[str, Family], rest: Rest, effort: Effort, advance: Advance | None) -> list[Baseline]:
+    """Return a suite task's baselines; of two schedules the better one on the seeds that no search saw is the best open-loop schedule."""
+    search = search_adaptive if task == "adaptive" else search_passage
+    found = search(kinds, rest, effort.grid, effort.suite, advance)
+    names = {"constant": ZERO_AND_ONE[task][0], "schedule": BEST_SCHEDULE}
+    schedules = {name: numbers.score for name, _, numbers in found if name in (WINDOW, BLIND)}
+    if schedules:
+        names[max(schedules, key=schedules.__getitem__)] = BEST_SCHEDULE
+    return [Baseline(names.get(name, name), kind, numbers.parameters, numbers) for name, kind, numbers in found]
 
 
 def _windows(window: FrequencyWindow, rest: Rest, effort: Effort, advance: Advance | None) -> list[list[float]]:
@@ -175,6 +209,8 @@ def candidates_of(task: str, effort: Effort) -> int:
     def count(search: Search, starts: int) -> int:
         return starts * (search.generations * search.population + search.finalists + 2)
 
+    if task in SUITE:
+        return tried(task, effort.grid, effort.suite)
     if task == "sweep":
         windows = len(WINDOW_EDGES) * len(WINDOW_WIDTHS) * len(SLOW_ACTIONS) if effort.windows else 0
         return effort.grid + windows + count(effort.rule, 2) + count(effort.schedule, 2)
@@ -183,8 +219,8 @@ def candidates_of(task: str, effort: Effort) -> int:
 
 def store(path: Path, task: str, arguments: Mapping[str, Any], effort: Effort, baselines: Sequence[Baseline]) -> None:
     """Write baselines as JSON."""
-    seeds = [FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + effort.seeds - 1]
-    content = {"version": VERSION, "task": task, "arguments": dict(arguments), "training_seeds": seeds, "effort": asdict(effort)}
+    seeds = training_seeds(task, effort)
+    content = {"version": VERSION, "task": task, "arguments": dict(arguments), "training_seeds": [seeds[0], seeds[-1]], "effort": asdict(effort)}
     write_json(path, content | {"policies": [asdict(baseline) for baseline in baselines]})
 
 

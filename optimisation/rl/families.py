@@ -38,7 +38,9 @@ class Family(Protocol):
         """Forget what was seen in earlier episodes."""
 
     def act(self, parameters: Array, observations: Observations, info: Info) -> Array:
-        """Return actions (L,); numbers outside [-1, 1] are cut off. ``info`` is empty unless ``informed``."""
+        """Return actions (L,), or (L, A) for tasks that take several numbers; what lies outside [-1, 1] is cut off. ``info`` is empty unless
+        ``informed``.
+        """  # noqa: D205
 
 
 class Stateless:
@@ -57,34 +59,49 @@ def task_of(name: str, arguments: Mapping[str, Any]) -> Any:
     return env.unwrapped.task  # type: ignore[attr-defined]
 
 
-def frequency_ratio(observations: Observations) -> Array:
-    """Return the frequency ratios (L,) in observations."""
-    return 1 + FREQUENCY_SCALE * observations[:, FREQUENCY].astype(np.float64)
-
-
 @dataclass(frozen=True)
 class Rates:
-    """The sweep's scale: slowest and fastest rate in % per 100 pseudo periods, range of frequency ratios."""
+    """The sweep's scale: slowest and fastest rate in % per 100 pseudo periods, range of frequency ratios, rate of going back (0: never), and zero
+    and unit of the frequency in observations.
+    """  # noqa: D205
 
     slow: float
     fast: float
     low: float
     high: float
+    back: float = 0.0
+    origin: float = 1.0
+    unit: float = FREQUENCY_SCALE
 
     @classmethod
     def of(cls, task: SweepTask) -> Rates:
-        """Return the scale of a task; raises ParameterError if it goes backward, where an action means something else."""
+        """Return the scale of a task."""
         passage = task.passage
-        require(passage.backward_rate == 0, "backward_rate", passage.backward_rate, "0: the baselines go forward only")
-        return cls(*passage.rates, *passage.limits)
+        return cls(*passage.rates, *passage.limits, passage.backward_rate, task.frequency_origin, task.frequency_unit)
+
+    @property
+    def slowest(self) -> float:
+        """Action of the slowest rate forward."""
+        return -1.0 if self.back == 0 else 0.0
 
     def action(self, rate: NDArray[Any] | float) -> Array:
-        """Return the action of a rate."""
-        return np.asarray(2 * np.log(np.asarray(rate) / self.slow) / np.log(self.fast / self.slow) - 1)
+        """Return the action of a rate forward."""
+        share = np.log(np.asarray(rate) / self.slow) / np.log(self.fast / self.slow)
+        return np.asarray(self.slowest + (1 - self.slowest) * share)
 
     def rate(self, action: NDArray[Any] | float) -> Array:
-        """Return the rate of an action."""
-        return np.asarray(self.slow * (self.fast / self.slow) ** ((np.clip(action, -1, 1) + 1) / 2))
+        """Return the rate of an action, below 0 for one that goes back."""
+        cut = np.clip(action, -1, 1)
+        forward = self.slow * (self.fast / self.slow) ** np.maximum((cut - self.slowest) / (1 - self.slowest), 0)
+        return np.asarray(np.where(cut < self.slowest, cut * self.back, forward))
+
+    def ratio(self, observations: Observations) -> Array:
+        """Return the frequency ratios (L,) in observations."""
+        return np.asarray(self.origin + self.unit * observations[:, FREQUENCY].astype(np.float64))
+
+    def share(self, observations: Observations) -> Array:
+        """Return where in the range the frequencies in observations are (L,): 0 at its low end, 1 at its high one."""
+        return (self.ratio(observations) - self.low) / (self.high - self.low)
 
 
 class ConstantAction(Stateless):
@@ -107,7 +124,7 @@ class FrequencyWindow(Stateless):
 
     def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
         """Return the action inside or outside."""
-        share = (frequency_ratio(observations) - self.rates.low) / (self.rates.high - self.rates.low)
+        share = self.rates.share(observations)
         edges = np.sort(parameters[:, :2], axis=1)
         return np.where((share > edges[:, 0]) & (share <= edges[:, 1]), parameters[:, 2], parameters[:, 3])
 
@@ -125,7 +142,7 @@ class OpenLoop(Stateless):
 
     def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
         """Return the interpolated action."""
-        share = (frequency_ratio(observations) - self.rates.low) / (self.rates.high - self.rates.low) * (self.knots - 1)
+        share = self.rates.share(observations) * (self.knots - 1)
         left = np.clip(share.astype(np.int64), 0, self.knots - 2)
         part, lanes = np.clip(share - left, 0, 1), np.arange(len(share))
         actions = np.clip(parameters, -1, 1)
@@ -151,7 +168,7 @@ class FamilyPolicy:
     def act(self, observations: Observations) -> NDArray[np.float32]:
         """Return what the family does with the numbers."""
         actions = self.family.act(self._rows, observations, self._info)
-        return np.clip(actions, -1, 1).astype(np.float32)[:, None]
+        return np.clip(actions, -1, 1).astype(np.float32).reshape(len(actions), -1)
 
 
 class InformedPolicy(FamilyPolicy):

@@ -16,24 +16,32 @@ This is exact for a stationary response with that stroke, so a transient mislead
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.envs.gap_task import GapTask
 from impact_env.envs.settings import span
+from impact_env.envs.sweep_gap_task import SweepGapTask
 from impact_env.envs.task import FREQUENCY_SCALE
+from impact_env.frequency import receptance
 from optimisation.bounds import design_force
-from optimisation.response import receptance
 from optimisation.rl.families import FREQUENCY, Array, Info, Stateless
 from optimisation.rl.policies import Observations
 
-IN_PHASE, QUADRATURE, IMPACTS, GAP_IN_USE = 0, 1, 4, 9  # columns of the observation
+IN_PHASE, QUADRATURE, IMPACTS = 0, 1, 4  # columns of the observation
 
 
 class GapScale:
     """What gap rules know of a task: limits and unit of the gap (m), f*/gap of the design rule (N/m), the beam, the absorber's mass."""
 
-    def __init__(self, task: GapTask) -> None:
-        self.low, self.high = span("gap_limits", task.control.gap_limits)
+    def __init__(self, task: GapTask | SweepGapTask) -> None:
+        limits = task.cavity.gap_limits if isinstance(task, SweepGapTask) else task.control.gap_limits
+        self.low, self.high = span("gap_limits", limits)
+        self.geometric = isinstance(task, SweepGapTask)
+        self.column = [feature.name for feature in task.features].index("half-clearance in use")
+        self.origin, self.unit = task.frequency_origin, task.frequency_unit
         self.length, self.omega = task.length, task.omega
         self.model = task.settings.scene.model
         mass = task.settings.scene.absorber_mass
@@ -43,11 +51,19 @@ class GapScale:
 
     def action(self, gap: Array | float) -> Array:
         """Return the action of a half-clearance in m."""
+        if self.geometric:
+            return np.asarray(2 * np.log(np.maximum(gap, 1e-3 * self.low) / self.low) / np.log(self.high / self.low) - 1)
         return np.asarray(2 * (np.asarray(gap) - self.low) / (self.high - self.low) - 1)
 
     def gap(self, action: Array | float) -> Array:
         """Return the half-clearance of an action in m."""
+        if self.geometric:
+            return np.asarray(self.low * (self.high / self.low) ** (0.5 * (np.clip(action, -1, 1) + 1)))
         return np.asarray(self.low + 0.5 * (np.clip(action, -1, 1) + 1) * (self.high - self.low))
+
+    def offset(self, observations: NDArray[Any]) -> Array:
+        """Return the frequency ratios less 1 in observations, over 0.1 (L,)."""
+        return np.asarray((self.origin + self.unit * observations[:, FREQUENCY].astype(np.float64) - 1) / FREQUENCY_SCALE)
 
     def lines(self, ratio: Array) -> tuple[Array, Array]:
         """Return G_f (m/N) and kappa, complex (L,), at frequency ratios."""
@@ -86,7 +102,7 @@ class TrueForceRule(Stateless):
 
 def rule_action(scale: GapScale, parameters: Array, observations: Observations, force: Array) -> Array:
     """Return the actions (L,) of the rule's gap, times the first two parameters' factor, for forces in N."""
-    factor = parameters[:, 0] + parameters[:, 1] * observations[:, FREQUENCY]
+    factor = parameters[:, 0] + parameters[:, 1] * scale.offset(observations)
     return scale.action(factor * force / scale.force_per_gap)
 
 
@@ -109,8 +125,8 @@ class EstimatedForceRule:
         """Return the force (L,) in N that the last interval speaks for."""
         seen, length = observations.astype(np.float64), self.scale.length
         q = (seen[:, IN_PHASE] - 1j * seen[:, QUADRATURE]) * length
-        by_force, kappa = self.scale.lines(1 + FREQUENCY_SCALE * seen[:, FREQUENCY])
-        a, size = (1 - kappa) * q / by_force, np.abs(kappa / by_force) * stroke * seen[:, GAP_IN_USE] * length
+        by_force, kappa = self.scale.lines(1 + FREQUENCY_SCALE * self.scale.offset(seen))
+        a, size = (1 - kappa) * q / by_force, np.abs(kappa / by_force) * stroke * seen[:, self.scale.column] * length
         knocked = a.real + np.sqrt(np.maximum(size**2 - a.imag**2, 0.0))
         return np.maximum(np.where(seen[:, IMPACTS] > 0, knocked, (q / by_force).real), 0.0)
 

@@ -110,6 +110,17 @@ class PPOSettings(Hyperparameters):
 
 
 @dataclass(frozen=True)
+class RecurrentPPOSettings(PPOSettings):
+    """Proximal policy optimisation with a memory of ``lstm`` cells in the actor, and as many in the critic, ahead of their layers (sb3-contrib)."""
+
+    lstm: int
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        count("lstm", self.lstm, 1)
+
+
+@dataclass(frozen=True)
 class SACSettings(Hyperparameters):
     """Soft actor-critic: ``gradient_steps`` after every ``train_freq`` steps of all lanes, with targets that hold the rewards of ``n_steps`` steps;
     names are those of stable-baselines3. With ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, and no longer
@@ -158,7 +169,7 @@ def _check_sample_freq(value: int) -> None:
     require(allowed, "sde_sample_freq", value, "a number of steps of each lane, 1 or more, or -1 for a whole round")
 
 
-ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettings, "sac": SACSettings}
+ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettings, "sac": SACSettings, "rppo": RecurrentPPOSettings}
 
 
 def read(file: Path = PACKAGED) -> dict[str, dict[str, dict[str, Any]]]:
@@ -185,6 +196,13 @@ def _mapping(file: Path, where: str, value: Any, known: Mapping[str, Any] | Sequ
         require(key in known, place, key, f"{kind} of {', '.join(known)}")
 
 
+def recipes(environment: str) -> list[str]:
+    """Return the algorithms for which the package has hyperparameters on an environment; raises ParameterError if there are none."""
+    packaged = read()
+    require(environment in packaged, "environment", environment, f"one of {', '.join(packaged)}")
+    return list(packaged[environment])
+
+
 def settings_for(environment: str, algorithm: str, file: Path | None = None, **given: Any) -> PPOSettings | SACSettings:
     """Return the hyperparameters of an algorithm on an environment: those of the package, replaced by those of ``file``, and by those ``given``.
 
@@ -192,6 +210,7 @@ def settings_for(environment: str, algorithm: str, file: Path | None = None, **g
     """
     require(algorithm in ALGORITHMS, "algorithm", algorithm, f"one of {', '.join(ALGORITHMS)}")
     packaged = read()
-    require(environment in packaged, "environment", environment, f"one of {', '.join(packaged)}")
+    known = recipes(environment)
+    require(algorithm in known, f"algorithm for {environment}", algorithm, f"one of {', '.join(known)}")
     own = read(file).get(environment, {}).get(algorithm, {}) if file is not None else {}
     return ALGORITHMS[algorithm](**{**packaged[environment][algorithm], **own, **given})

@@ -16,7 +16,7 @@ from optimisation.rl.agents import FINAL, Agent, find_agents, load_agent
 from optimisation.rl.baselines import RIVAL, TASKS, ZERO_AND_ONE
 from optimisation.rl.play import play
 from optimisation.rl.policies import Policy
-from optimisation.rl.statistics import RESAMPLES, Array, improvement, interquartile_mean, interval, normalised
+from optimisation.rl.statistics import RESAMPLES, Array, difference, improvement, interquartile_mean, interval, normalised
 
 FIRST_HELD_OUT_SEED = 2_000_000
 NO_LEARNING = "without learning"
@@ -77,7 +77,7 @@ def judge(task: str, contender: Contender, seeds: Sequence[int], arguments: Mapp
     for _, policy in runs:
         episodes = play(policy, TASKS[task], seeds, arguments)
         scores.append(episodes.scores)
-        levels.append(episodes.last["relative_level"] if task == "sweep" else -episodes.scores)
+        levels.append(episodes.last.get("relative_level", -episodes.scores))
         times.append(episodes.last["time"])
         if advance is not None:
             advance()
@@ -134,6 +134,8 @@ class Line:
     """What the statistics say of one policy.
 
     ``normalised`` and ``improvement`` are None where what they refer to was not judged, or (a quick look) the yardsticks came out in the wrong order.
+    ``over_rival`` and ``over_one``: how much higher the mean score is than that of the rival, and of the policy whose normalised score is 1, episode
+    by episode on the same seeds.
     """
 
     name: str
@@ -145,6 +147,8 @@ class Line:
     improvement: Estimate | None
     level: float
     time: float
+    over_rival: Estimate | None = None
+    over_one: Estimate | None = None
 
 
 def _estimate(statistic: Callable[..., float], *scores: Array, resamples: int) -> Estimate:
@@ -163,7 +167,8 @@ def summarise(task: str, results: Sequence[Judged], resamples: int = RESAMPLES, 
         better = None if rival is None else _estimate(improvement, r.scores, rival, resamples=resamples)
         mean = _estimate(lambda x: float(x.mean()), r.scores, resamples=resamples)
         middle = _estimate(interquartile_mean, r.scores, resamples=resamples)
-        lines.append(Line(r.name, r.kind, len(r.runs), mean, middle, scaled, better, float(r.levels.mean()), float(r.times.mean())))
+        paired = [None if other is None else _estimate(difference, r.scores, other, resamples=resamples) for other in (rival, one)]
+        lines.append(Line(r.name, r.kind, len(r.runs), mean, middle, scaled, better, float(r.levels.mean()), float(r.times.mean()), *paired))
         if advance is not None:
             advance()
     return lines

@@ -7,15 +7,15 @@ import pickle
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.envs.shells import TaskVectorEnv
+from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
-from optimisation.rl.hyperparameters import PPOSettings, SACSettings
+from optimisation.rl.hyperparameters import PPOSettings, RecurrentPPOSettings, SACSettings
 from optimisation.rl.vec_env import NativeVecEnv, make_native
 
 with optional():
@@ -25,7 +25,10 @@ with optional():
     from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvStepReturn
 
-Model = PPO | SAC
+if TYPE_CHECKING:
+    from sb3_contrib import RecurrentPPO
+
+Model = Union["PPO", "SAC", "RecurrentPPO"]
 REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
@@ -81,10 +84,7 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
     net: dict[str, Any] = {"net_arch": list(chosen.hidden)}
     torch.set_num_threads(1)  # the networks are so small that more threads only wait for one another
     if isinstance(chosen, PPOSettings):
-        own = {name: getattr(chosen, name) for name in ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef", "use_sde", "sde_sample_freq")}
-        ppo = PPO("MlpPolicy", env, policy_kwargs=net | {"log_std_init": chosen.log_std_init}, **own, **common)
-        _start_at(ppo.policy.action_net, chosen.initial_action)
-        return ppo
+        return _make_ppo(chosen, env, net, common)
     own = {
         name: getattr(chosen, name)
         for name in (
@@ -105,9 +105,31 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
     return sac
 
 
+def _make_ppo(chosen: PPOSettings, env: VecEnv, net: dict[str, Any], common: dict[str, Any]) -> Model:
+    own = {name: getattr(chosen, name) for name in ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef", "use_sde", "sde_sample_freq")}
+    net = net | {"log_std_init": chosen.log_std_init}
+    ppo: Any
+    if isinstance(chosen, RecurrentPPOSettings):
+        ppo = recurrent()("MlpLstmPolicy", env, policy_kwargs=net | {"lstm_hidden_size": chosen.lstm}, **own, **common)
+    else:
+        ppo = PPO("MlpPolicy", env, policy_kwargs=net, **own, **common)
+    _start_at(ppo.policy.action_net, chosen.initial_action)
+    made: Model = ppo
+    return made
+
+
+def recurrent() -> Any:
+    """Return the recurrent PPO of sb3-contrib, which nothing else needs."""
+    with optional():
+        from sb3_contrib import RecurrentPPO
+    return RecurrentPPO
+
+
 def _start_at(layer: Any, action: float) -> None:
-    """Set the last layer of an actor so that its first actions lie around ``action``."""
-    torch.nn.init.constant_(layer.bias, action)
+    """Set the last layer of an actor so that its first actions lie around ``action``; of several numbers the first, the others around 0."""
+    torch.nn.init.constant_(layer.bias, 0.0)
+    with torch.no_grad():
+        layer.bias[0] = action
 
 
 def begin_leg(model: Model, seed: int, leg: int, learning_rate: float) -> None:
@@ -133,12 +155,15 @@ def save_model(folder: Path, model: Model, env: ScaledRewards) -> None:
         filled = memory.size()
         arrays = {name: getattr(memory, name)[:filled] for name in REPLAY}
         np.savez(folder / "replay.npz", position=memory.pos, full=memory.full, **arrays)
+    states = getattr(model, "_last_lstm_states", None)
+    if states is not None:
+        np.savez(folder / "memory.npz", *(part.numpy() for pair in states for part in pair))
 
 
 def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
     """Return what `save_model` wrote, with its lanes where they were. Raises ParameterError for files that are damaged or missing."""
     try:
-        kind: type[PPO] | type[SAC] = PPO if algorithm == "ppo" else SAC
+        kind: Any = recurrent() if algorithm == "rppo" else PPO if algorithm == "ppo" else SAC
         with warnings.catch_warnings():  # the library warns of the memory that it chose itself
             warnings.filterwarnings("ignore", message="`n_steps=")
             model: Model = kind.load(folder / "model.zip", env=env, device="cpu", force_reset=False)
@@ -151,6 +176,11 @@ def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
                 for name in REPLAY:
                     getattr(memory, name)[: len(file[name])] = file[name]
                 memory.pos, memory.full = int(file["position"]), bool(file["full"])
+        if algorithm == "rppo":
+            with np.load(folder / "memory.npz") as file:
+                parts = [torch.from_numpy(file[name]) for name in file.files]
+            states: Any = model
+            states._last_lstm_states = type(states._last_lstm_states)((parts[0], parts[1]), (parts[2], parts[3]))
     except Exception as error:  # whatever a torn zip file, pickle or array makes the readers raise
         raise ParameterError(
             f"checkpoint = {str(folder)!r} is not allowed: a folder whose files are whole ({type(error).__name__}: {error})"

@@ -20,6 +20,8 @@ with optional():
 
 Array = NDArray[np.float64]
 SWEEP, GAP = "ImpactAbsorber/SweepRate-v0", "ImpactAbsorber/GapChoice-v0"
+PASSAGE, NOISY, DELAYED = "ImpactAbsorber/SweepRate-v1", "ImpactAbsorber/SweepRateNoisy-v1", "ImpactAbsorber/SweepRateDelayed-v1"
+ADAPTIVE = "ImpactAbsorber/SweepAndGap-v0"
 ACTION, AMPLITUDE = "action", "amplitude"
 
 
@@ -65,7 +67,7 @@ def _play(policy: Policy, env: Any, seeds: list[int], record: Sequence[str]) -> 
     last = {key: np.zeros(lanes) for key in known}
     rows: dict[str, list[Array]] = {key: [] for key in record}
     while going.any():
-        actions = _actions(policy, observations, info)
+        actions = _actions(policy, observations, info, env.action_space.shape)
         observations, rewards, terminated, truncated, info = env.step(actions)
         over = terminated | truncated
         final = info.get("final_info", {})
@@ -92,9 +94,9 @@ def _amplitudes(observations: NDArray[np.float32], info: dict[str, Any]) -> Arra
     return np.hypot(seen[:, 0], seen[:, 1])
 
 
-def _actions(policy: Policy, observations: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float32]:
+def _actions(policy: Policy, observations: NDArray[np.float32], info: dict[str, Any], shape: tuple[int, ...]) -> NDArray[np.float32]:
     if isinstance(policy, Informed):
         policy.inform({key: values for key, values in info.items() if not key.startswith("_") and not key.startswith("final_")})
     actions = policy.act(observations)
-    require(actions.shape == (len(observations), 1), "actions", actions.shape, f"an array of shape {(len(observations), 1)} from {policy.name}")
+    require(actions.shape == shape, "actions", actions.shape, f"an array of shape {shape} from {policy.name}")
     return actions

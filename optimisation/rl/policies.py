@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -25,7 +25,7 @@ class Policy(Protocol):
         """Get ready for the first interval of new episodes in all lanes."""
 
     def act(self, observations: Observations) -> Actions:
-        """Return actions (L, 1) in [-1, 1] for observations (L, features)."""
+        """Return actions (L, A) in [-1, 1] for observations (L, features); A is how many numbers the task takes."""
 
 
 @runtime_checkable
@@ -36,31 +36,26 @@ class Informed(Protocol):
         """Take info, one array (L,) for each name."""
 
 
-def column(values: NDArray[Any] | float, lanes: int) -> Actions:
-    """Return actions (L, 1) from one number, or one for each lane; numbers are cut to [-1, 1]."""
-    return np.broadcast_to(np.clip(values, -1, 1), (lanes,)).astype(np.float32)[:, None]
-
-
 class Constant:
-    """The same action always, in [-1, 1]."""
+    """The same action always: one number in [-1, 1], or several for a task that takes them."""
 
-    def __init__(self, action: float, name: str = "constant") -> None:
-        require(-1 <= action <= 1, "action", action, "a number from -1 to 1")
-        self.action, self.name = action, name
+    def __init__(self, action: float | Sequence[float], name: str = "constant") -> None:
+        self.actions, self.name = np.atleast_1d(np.asarray(action, dtype=np.float32)), name
+        require(bool(np.all(np.abs(self.actions) <= 1)), "action", action, "a number from -1 to 1, or several")
 
     def start(self, lanes: int) -> None:
         """Do nothing: there is no memory."""
 
     def act(self, observations: Observations) -> Actions:
         """Return the action for all lanes."""
-        return column(self.action, len(observations))
+        return np.tile(self.actions, (len(observations), 1))
 
 
 class Random:
-    """Any action from [-1, 1] in every interval, the same ones again after `start`."""
+    """Any action from [-1, 1] in every interval, the same ones again after `start`; ``numbers`` of them for a task that takes several."""
 
-    def __init__(self, seed: int = 0, name: str = "random") -> None:
-        self.seed, self.name = seed, name
+    def __init__(self, seed: int = 0, name: str = "random", numbers: int = 1) -> None:
+        self.seed, self.name, self.numbers = seed, name, numbers
         self.start(0)
 
     def start(self, lanes: int) -> None:  # noqa: ARG002 - one generator serves all lanes
@@ -69,4 +64,4 @@ class Random:
 
     def act(self, observations: Observations) -> Actions:
         """Return one draw for each lane."""
-        return column(self._generator.uniform(-1, 1, len(observations)), len(observations))
+        return self._generator.uniform(-1, 1, (len(observations), self.numbers)).astype(np.float32)

@@ -35,6 +35,11 @@ def improvement(scores: Array, others: Array) -> float:
     return float((ranks.sum() - first.size * (first.size + 1) / 2) / (first.size * second.size))
 
 
+def difference(scores: Array, others: Array) -> float:
+    """Return how much higher the mean of ``scores`` is; with `interval`, which resamples the seeds of both together, a paired comparison."""
+    return float(scores.mean() - others.mean())
+
+
 def normalised(scores: Array, zero: Array, one: Array) -> float:
     """Return the mean score on the scale where the mean of ``zero`` is 0 and that of ``one`` is 1."""
     return float((scores.mean() - zero.mean()) / (one.mean() - zero.mean()))

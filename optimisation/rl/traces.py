@@ -11,8 +11,9 @@ from optimisation.rl.families import Array, Rates, task_of
 from optimisation.rl.gap_rules import GapScale
 from optimisation.rl.play import ACTION, AMPLITUDE, GAP, SWEEP, Episodes, play
 from optimisation.rl.policies import Policy
+from optimisation.rl.suite import SUITE
 
-POINTS = 99
+POINTS, BINS = 99, 50
 QUANTILES = (0.05, 0.5, 0.95)
 Curves = dict[str, Any]
 
@@ -57,3 +58,36 @@ def gap_curves(policies: Mapping[str, Policy], seed: int, arguments: Mapping[str
         curves["policies"][name] = {key: traces[key][:, 0].tolist() for key in ("gap", "rms")}
     curves["rule_gap"] = (np.array(curves["force"]) / scale.force_per_gap).tolist()
     return curves
+
+
+def response_curves(task: str, policies: Mapping[str, Sequence[Policy]], seeds: Sequence[int], arguments: Mapping[str, Any]) -> Curves:
+    """Return what policies of the suite do over the frequency, apart for intervals after which impacts go on and after which there are none.
+
+    Quantiles over all intervals in a bin of the rate (% per 100 pseudo periods, below 0 going back), and of the gap (over the design rule's for
+    the true force) where there is one.
+    """
+    behind = task_of(SUITE[task], arguments)
+    rates, adaptive = Rates.of(behind), task == "adaptive"
+    edges = np.linspace(rates.low, rates.high, BINS + 1)
+    curves: Curves = {"frequency_ratio": (0.5 * (edges[1:] + edges[:-1])).tolist(), "quantiles": list(QUANTILES), "policies": {}}
+    wanted = (ACTION, "frequency_ratio", "impacts", "force", *(("gap",) if adaptive else ()))
+    for name, runs in policies.items():
+        traces = [play(policy, SUITE[task], seeds, arguments, wanted).traces for policy in runs]
+        before = {key: np.concatenate([t[key][:-1].ravel() for t in traces]) for key in ("frequency_ratio", "impacts")}
+        values = {"rate": rates.rate(np.concatenate([t[ACTION][1:].ravel() for t in traces]))}
+        if adaptive:
+            used = np.concatenate([(t["gap"] / t["force"])[1:].ravel() for t in traces])
+            values["gap"] = used * GapScale(behind).force_per_gap
+        curves["policies"][name] = _split(values, before, edges)
+    return curves
+
+
+def _split(values: Mapping[str, Array], before: Mapping[str, Array], edges: Array) -> dict[str, Any]:
+    """Return quantiles of values by bin of the frequency and by whether there were impacts in the interval before."""
+    place = np.digitize(before["frequency_ratio"], edges) - 1
+    found: dict[str, Any] = {}
+    for word, mask in (("impacting", before["impacts"] > 0), ("quiet", before["impacts"] == 0)):
+        for key, numbers in values.items():
+            parts = [numbers[mask & (place == k) & np.isfinite(numbers)] for k in range(len(edges) - 1)]
+            found[f"{key}, {word}"] = [[float(np.quantile(part, q)) if part.size else None for part in parts] for q in QUANTILES]
+    return found

@@ -20,13 +20,16 @@ import numpy as np
 import scipy
 from scipy.stats import trim_mean
 
-from impact_env.envs.shells import TaskVectorEnv
+from impact_env.envs import ENVIRONMENTS
+from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, count
+from impact_env.parameters import ParameterError, count, require
 from optimisation.differences import difference
 from optimisation.files import held, require_writable, write_json
 from optimisation.rl.agents import BEST, FINAL, actor_of, save_agent
 from optimisation.rl.checkpoints import forget_replay, last_checkpoint, save_checkpoint
+from optimisation.rl.cloning import imitate
+from optimisation.rl.demonstrations import fingerprint, read_demonstrations
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings
 from optimisation.rl.models import Model, ScaledRewards, begin_leg, make_lanes, make_model
 from optimisation.rl.play import play
@@ -48,7 +51,10 @@ Show = Callable[[int, list[Evaluation]], None]
 
 @dataclass(frozen=True)
 class Job:
-    """One agent to train: on an environment with its ``arguments``, with an algorithm's hyperparameters and a seed."""
+    """One agent to train: on an environment with its ``arguments``, with an algorithm's hyperparameters and a seed.
+
+    ``demonstrations``: folder of a data set (`optimisation.rl.demonstrations`) that the agent imitates before it is trained; None: it starts fresh.
+    """
 
     env_id: str
     algorithm: str
@@ -56,10 +62,18 @@ class Job:
     hyperparameters: PPOSettings | SACSettings
     arguments: Mapping[str, Any] = field(default_factory=dict)
     episodes: int = EVALUATION_EPISODES
+    demonstrations: Path | None = None
 
     def __post_init__(self) -> None:
         count("seed", self.seed, 0)
         count("episodes", self.episodes, 1)
+        memory = self.algorithm == "rppo"
+        require(not memory or self.demonstrations is None, "demonstrations", str(self.demonstrations), "left out for rppo: only one step is imitated")
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers an action has."""
+        return ENVIRONMENTS[self.env_id].numbers
 
     @property
     def evaluation_seeds(self) -> range:
@@ -76,7 +90,8 @@ class Job:
             env.close()
         own = {"environment": self.env_id, "environment_arguments": environment, "algorithm": self.algorithm, "seed": self.seed}
         evaluation = {"first_seed": FIRST_EVALUATION_SEED, "episodes": self.episodes}
-        whole = {"format": RUN_FORMAT, **own, "hyperparameters": self.hyperparameters.describe(), "evaluation": evaluation}
+        imitated = {} if self.demonstrations is None else {"demonstrations": fingerprint(read_demonstrations(self.demonstrations, self.env_id))}
+        whole = {"format": RUN_FORMAT, **own, **imitated, "hyperparameters": self.hyperparameters.describe(), "evaluation": evaluation}
         return dict(json.loads(json.dumps(whole)))
 
 
@@ -122,7 +137,7 @@ def train(job: Job, folder: Path, show: Show | None = None, threads: int | None 
 def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evaluation]:
     chosen, kept = job.hyperparameters, folder / "checkpoints"
     found = last_checkpoint(kept, job.algorithm, env)
-    model, evaluations = found or (make_model(chosen, env, job.seed), [])
+    model, evaluations = found or (_fresh(job, env), [])
     show(model.num_timesteps, evaluations)
     if len(evaluations) < chosen.legs:
         model.set_logger(Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
@@ -142,6 +157,13 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evalu
     save_agent(folder / FINAL, actor_of(model, job.env_id, job.seed, job.arguments))
     forget_replay(kept)
     return evaluations
+
+
+def _fresh(job: Job, env: ScaledRewards) -> Model:
+    model = make_model(job.hyperparameters, env, job.seed)
+    if job.demonstrations is not None:
+        imitate(model, read_demonstrations(job.demonstrations, job.env_id), job.seed)
+    return model
 
 
 def _log(model: Model, evaluation: Evaluation) -> None:

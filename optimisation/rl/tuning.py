@@ -62,12 +62,15 @@ def best_of(
 
 @dataclass(frozen=True)
 class Search:
-    """How far CMA-ES looks from each start: generations of ``population`` candidates, first standard deviation ``sigma``."""
+    """How far CMA-ES looks from each start: generations of ``population`` candidates, first standard deviation ``sigma``, in the numbers' own units
+    or, if ``relative``, in those of their bounds' widths.
+    """  # noqa: D205
 
     generations: int = 50
     population: int = 16
     sigma: float = 0.4
     finalists: int = 8
+    relative: bool = False
 
 
 def searched(seeds: Sequence[int]) -> Sequence[int]:
@@ -97,7 +100,8 @@ def evolve(
     tried = 0
     for number, start in enumerate(starts):
         mean = np.asarray(start, dtype=np.float64)
-        optimiser = CMA(mean=mean, sigma=search.sigma, bounds=bounds, seed=number + 1, population_size=search.population)
+        shape = np.diag((bounds[:, 1] - bounds[:, 0]) ** 2) if search.relative else None
+        optimiser = CMA(mean=mean, sigma=search.sigma, bounds=bounds, seed=number + 1, population_size=search.population, cov=shape)
         seen: list[tuple[float, Array]] = []
         for _ in range(search.generations):
             candidates = np.array([optimiser.ask() for _ in range(search.population)])

@@ -22,12 +22,15 @@ from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdi
 from optimisation.search.ledger import Ledger, remembering
 from optimisation.search.noisy import MEMBERS_A_DESIGN, NOISY, noisy_search
 from optimisation.search.result import Cost, Findings
+from optimisation.search.samplers import CMA
 from optimisation.search.settings import Settings, default_settings
 from optimisation.search.smooth import MEMBERS, smooth_search
 from optimisation.search.study import DesignStudy, Evaluated, Progress, opened
 from optimisation.sources import fingerprint
 
 SCIPY = "scipy"
+# the default where levels are noisy: of the methods of docs/search_methods.md one that keeps a journal; any of `SAMPLERS` and `NOISY` may stand here
+FOR_NOISE = CMA
 Counting = Callable[[int, int], None]  # takes how many runs are done, and of how many
 
 
@@ -87,6 +90,8 @@ def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Ex
     StudyError for a journal that is another study's.
     """
     executor, concept = executor or Threads(), problem.space.concept
+    if plan.sampler is None and not plan.smooth(concept) and len(problem.objectives) == 1 and len(problem.space.free) > 1:
+        plan = replace(plan, sampler=FOR_NOISE)
     if plan.smooth(concept) or plan.noisy:
         with remembering(executor, _identity(problem, plan), journal) as ledger:
             return (_find_noisily if plan.noisy else _find_smoothly)(problem, plan, ledger, bars)
@@ -145,6 +150,8 @@ def _judged(findings: Findings, candidates: Sequence[Evaluated], plan: Plan, exe
     problem, concept = findings.problem, findings.problem.space.concept
     with bars.runs(f"{concept}: judging on fresh members") as show:
         found: Verdict = verdict(problem, candidates, executor, progress=show)
+    findings = replace(findings, verdict=found)
+    if not plan.modes:
+        return findings
     with bars.runs(f"{concept}: winner with more modes") as show:
-        wider = more_modes(problem, found.winner, found.share, executor, show) if plan.modes else None
-    return replace(findings, verdict=found, wider=wider)
+        return replace(findings, wider=more_modes(problem, found.winner, found.share, executor, show))

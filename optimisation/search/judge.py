@@ -117,7 +117,9 @@ class MoreModes:
 def more_modes(problem: Problem, winner: Judged, share: float, executor: Executor, progress: Progress | None = None) -> MoreModes | None:
     """Run a winner again with twice the modes, as far as the elements allow; None if the structure has no more."""
     beam = problem.beam
-    modes = min(2 * beam.modes, 2 * beam.elements) if isinstance(beam, Beam) and not isinstance(beam.damping_ratio, tuple) else 0
+    if not isinstance(beam, Beam) or isinstance(beam.damping_ratio, tuple):
+        return None
+    modes = min(2 * beam.modes, beam.freedoms)
     if modes <= problem.model.modes:
         return None
     wider = replace(problem, beam=replace(beam, modes=modes))

@@ -221,7 +221,8 @@ def _told(table: Table, shares: Array, values: Array) -> list[Evaluated]:
 def _map(table: Table, budget: int, generator: np.random.Generator) -> Iterator[list[Evaluated]]:
     """Yield the best of the map so far, batch by batch."""
     sequence = qmc.Halton(len(table.problem.space.free), rng=generator)
-    quantile = table.problem.objectives[0].share
+    objective = table.problem.objectives[0]
+    quantile = 1 - objective.share if objective.maximise else objective.share  # of costs, whose sign is turned where more is better
     while table.runs < budget:
         _add(table, list(sequence.random(min(40, budget - table.runs))))
         new = [k for k, own in enumerate(table.values) if not own]

@@ -29,10 +29,10 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from impact_env.extras import optional
+from impact_env.frequency import LinearAbsorber, state_space
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError, require
 from optimisation.convex import NotOptimalError, solve
-from optimisation.response import LinearAbsorber, state_space
 from optimisation.tuned.scoring import HIGH, LOW, highest_amplitude
 
 with optional():

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.frequency import LinearAbsorber, frequency_range, natural_frequencies, poles, tip_response
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError, TunedAbsorber, require
-from optimisation.response import LinearAbsorber, frequency_range, natural_frequencies, poles, tip_response
 from optimisation.tuned.closed_forms import effective_mass_ratio
 
 LOW, HIGH = 0.5, 1.6  # scoring range in units of the resonance frequency

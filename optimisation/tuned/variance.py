@@ -12,9 +12,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from impact_env.frequency import LinearAbsorber, frequency_range, state_space
 from impact_env.modes import ModalModel
 from impact_env.parameters import TunedAbsorber, require
-from optimisation.response import LinearAbsorber, frequency_range, state_space
 from optimisation.tuned.scoring import HIGH, LOW, require_wide_range
 
 Real = NDArray[np.float64]

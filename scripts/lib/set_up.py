@@ -1,6 +1,6 @@
 """Make or complete the environment in .venv: one call at a time, and started afresh after one that was broken off.
 
-Arguments are layers: "main", "test", "rl", ... are files in requirements/; "kernels" compiles the kernels into their cache.
+Arguments are layers: "main", "test", "env", "rl", ... are files in requirements/; "kernels" compiles the kernels into their cache.
 Only the standard library is used, as this runs before anything is installed.
 """
 
@@ -20,7 +20,10 @@ ROOT = Path(__file__).resolve().parents[2]
 EXPECTED = {
     "main": "one to three minutes",
     "test": "about half a minute",
+    "env": "a few seconds",
+    "clients": "a few seconds",
     "rl": "several minutes, as torch is large",
+    "offline": "half a minute",
     "optimise": "about a minute",
     "cluster": "about a minute",
 }

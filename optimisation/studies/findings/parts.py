@@ -22,7 +22,8 @@ from optimisation.insight import Levels, detuned, levels, member_levels, over_fo
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
-from optimisation.report.design_tables import Findings, limit, number, summary
+from optimisation.report.design_tables import limit, number, summary
+from optimisation.search.result import Findings
 from optimisation.tuned import minimax
 
 Json = dict[str, Any]

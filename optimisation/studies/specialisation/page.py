@@ -10,9 +10,10 @@ from optimisation.studies.specialisation.results import REAL, Results, claims, u
 from optimisation.studies.study import Measured
 
 PARTS = (
-    "search", "forced", "slots", "segments", "exact", "free_and_joined", "rigid_contact", "compliant", "linear", "moreau", "contact_law",
+    "search", "forced", "slots", "segments", "exact", "free_and_joined", "rigid_contact", "compliant", "linear", "moreau", "moreau_law",
     "runge_kutta", "feedback", "observers", "energies",
 )  # fmt: skip
+OF = {"springs": "compliant", "level": "observers"}  # modules that are counted with another
 
 
 def name_of(entry: dict[str, Any]) -> str:
@@ -80,7 +81,7 @@ def counts(entry: dict[str, Any]) -> dict[str, int]:
     counts = dict.fromkeys(PARTS, 0)
     for function in entry["functions"]:
         module = function["name"].partition(".")[0]
-        part = "energies" if module.startswith("energ") else module
+        part = "energies" if module.startswith("energ") else OF.get(module, module)
         if part in counts:
             counts[part] += function["arithmetic"]
     return counts

@@ -23,6 +23,7 @@ from impact_env import (
     beam_scene,
 )
 from impact_env.families import Observers, family
+from impact_env.frequency import joint_matrices
 from impact_env.kernels.observers import DONE, Series, new_counters
 
 MOREAU, RUNGE_KUTTA = "moreau", "runge-kutta"
@@ -110,20 +111,13 @@ def first_order(scene: Scene) -> NDArray[np.float64]:
 
 
 def _matrices(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    model, absorber = scene.model, scene.absorber
-    square, rate = model.omega**2, 2 * model.damping_ratio * model.omega
-    if absorber is None or scene.absorber_mass is None:
-        return np.eye(model.modes), np.diag(rate), np.diag(square)
-    line = np.append(-model.tip_shape, 1.0)
-    if isinstance(absorber, TunedAbsorber):
-        spring, damper = absorber.stiffness, absorber.damping
-    else:
-        assert isinstance(absorber, SlidingAbsorber)
+    """Return mass, damping and stiffness; a wall's spring that is closed is a tuned absorber's without a damper."""
+    absorber = scene.absorber
+    if isinstance(absorber, SlidingAbsorber):
         assert isinstance(absorber.walls, CompliantWalls)
-        spring, damper = absorber.walls.stiffness, 0.0
-    outer = np.outer(line, line)
-    mass = np.diag(np.append(np.ones(model.modes), scene.absorber_mass))
-    return mass, np.diag(np.append(rate, 0.0)) + damper * outer, np.diag(np.append(square, 0.0)) + spring * outer
+        return joint_matrices(scene.model, TunedAbsorber(absorber.mass_ratio, absorber.walls.stiffness, 0.0))
+    assert absorber is None or isinstance(absorber, TunedAbsorber)
+    return joint_matrices(scene.model, absorber)
 
 
 def moreau_theory(scene: Scene) -> float:

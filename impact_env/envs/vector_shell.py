@@ -1,0 +1,204 @@
+"""The native vector: all lanes of a task in one call of the simulator, with each of gymnasium's three kinds of autoreset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.envs.shells import METADATA, Info, Observation, check_options, check_render_mode, checked_actions, checked_seed, observation_space
+from impact_env.envs.task import Task
+from impact_env.extras import optional
+from impact_env.parameters import ParameterError, count, require
+
+with optional():
+    import gymnasium
+    from gymnasium import spaces
+    from gymnasium.error import ResetNeeded
+    from gymnasium.utils import seeding
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+
+SHELL = ("autoreset_mode", "max_episode_steps")  # arguments of the vector that no task knows
+
+
+def shell_of(arguments: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the arguments of the task, and those of the vector around it."""
+    own = {name: value for name, value in arguments.items() if name in SHELL}
+    return {name: value for name, value in arguments.items() if name not in SHELL}, own
+
+
+def autoreset(mode: Any) -> AutoresetMode:
+    """Return gymnasium's autoreset mode for itself, its name ("SAME_STEP") or its value ("SameStep")."""
+    for known in AutoresetMode:
+        if mode in (known, known.name, known.value):
+            return known
+    allowed = ", ".join(known.name for known in AutoresetMode)
+    raise ParameterError(f"autoreset_mode = {mode!r} is not allowed: one of {allowed}, as text or as gymnasium's enum")
+
+
+class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
+    """All lanes of a task in one call; lane i is the single environment with seed + i.
+
+    ``shell``: ``autoreset_mode`` (gymnasium's enum, or its name or value as text; default SAME_STEP) says when a lane that is over starts again: in
+    the same step, in the next one, whose action it ignores, or only by `reset` with a ``reset_mask``. ``max_episode_steps`` cuts episodes off as
+    gymnasium's TimeLimit does around a single environment; None or -1: the task's own budget alone.
+    """
+
+    metadata: dict[str, Any] = {**METADATA, "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 - as gymnasium declares it
+
+    def __init__(self, task: Task, action_space: spaces.Space[Any], render_mode: str | None, shell: Mapping[str, Any] | None = None) -> None:
+        check_render_mode(render_mode)
+        given = dict(shell or {})
+        self.autoreset_mode = autoreset(given.get("autoreset_mode", AutoresetMode.SAME_STEP))
+        self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
+        steps = given.get("max_episode_steps")
+        task.limit = None if steps in (None, -1) else count("max_episode_steps", steps, 1)
+        self.task, self.render_mode, self.num_envs = task, render_mode, task.lanes
+        self.single_action_space, self.single_observation_space = action_space, observation_space(task)
+        self.action_space = batch_space(action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._generators: list[np.random.Generator] = []
+        self._seeds: list[int] = []
+        self._observations: Observation | None = None
+        self._over = np.zeros(self.num_envs, dtype=np.bool_)
+        self._screen: Any = None
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The lanes' random generators."""
+        self._seed([None] * self.num_envs, np.ones(self.num_envs, dtype=np.bool_))
+        return tuple(self._generators)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The lanes' seeds."""
+        self._seed([None] * self.num_envs, np.ones(self.num_envs, dtype=np.bool_))
+        return tuple(self._seeds)
+
+    def _seed(self, seeds: Sequence[int | None], which: NDArray[np.bool_]) -> None:
+        """Give lanes of a mask new generators where a seed is given, and all lanes one if they have none yet."""
+        if not self._generators:
+            made = [seeding.np_random(seed if wanted else None) for seed, wanted in zip(seeds, which, strict=True)]
+            self._generators, self._seeds = [m[0] for m in made], [m[1] for m in made]
+            return
+        for lane in np.flatnonzero(which).tolist():
+            if seeds[lane] is not None:
+                self._generators[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
+
+    def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
+        """Start episodes at rest, in all lanes or in those of ``options["reset_mask"]`` (num_envs,), bool.
+
+        ``seed``: a number from which lane i gets seed + i, or one seed (or None) for each lane.
+        """
+        mask = check_options(options, ("reset_mask",)).get("reset_mask")
+        which = np.ones(self.num_envs, dtype=np.bool_) if mask is None else self._checked_mask(mask)
+        self._seed(self._lane_seeds(seed), which)
+        observations = self.task.reset(which, self._generators)
+        if self._observations is not None:
+            observations[~which] = self._observations[~which]
+        self._observations = observations
+        self._over[which] = False
+        return observations.copy(), self._masked(self.task.info(), which)
+
+    def _lane_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
+            require(len(seed) == self.num_envs, "seed", seed, f"a whole number, or a list of {self.num_envs}")
+            return [checked_seed(value) for value in seed]
+        first = count("seed", seed, 0)
+        return [first + i for i in range(self.num_envs)]
+
+    def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
+        ok = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,) and bool(mask.any())
+        require(ok, "reset_mask", mask, f"a bool array of shape ({self.num_envs},) with at least one True")
+        if self._observations is None and not mask.all():
+            raise ResetNeeded("the first reset() must be one of all lanes: leave reset_mask out")
+        return np.asarray(mask)
+
+    def step(self, actions: Any) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
+        """Advance all lanes by one control interval.
+
+        With autoreset in the same step, lanes that ended start again at once; their last observation and info are in ``final_obs``, ``final_info``
+        of info, with the masks ``_final_obs``, ``_final_info``. With autoreset in the next step, lanes that ended in the last one start again
+        instead of acting, with reward 0. Without autoreset they must have been reset: raises ResetNeeded.
+        """
+        if self._observations is None:
+            raise ResetNeeded("call reset() before step()")
+        actions = checked_actions(self.action_space, actions)
+        resting = self._over if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any() else None
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
+            lanes = np.flatnonzero(self._over).tolist()
+            raise ResetNeeded(f'lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()')
+        rewards, terminated, truncated = self.task.step(actions, resting)
+        observations = self.task.observe(self._generators, resting)
+        info = self.task.info()
+        over = terminated | truncated
+        final: Info = {}
+        again = resting
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
+            final, again = self._final(observations, info, over), over
+        if again is not None:
+            observations = np.where(again[:, None], self.task.reset(again, self._generators), observations)
+            info = self.task.info()
+        self._observations, self._over = observations, over if self.autoreset_mode is not AutoresetMode.SAME_STEP else self._over
+        return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info, np.ones(self.num_envs, dtype=np.bool_))}
+
+    def _final(self, observations: Observation, info: Info, over: NDArray[np.bool_]) -> Info:
+        last = np.full(self.num_envs, None, dtype=object)
+        for lane in np.flatnonzero(over).tolist():
+            last[lane] = observations[lane].copy()
+        return {"final_obs": last, "_final_obs": over.copy(), "final_info": self._masked(info, over), "_final_info": over.copy()}
+
+    def _masked(self, info: Info, which: NDArray[np.bool_]) -> Info:
+        """Return info with its masks, zeros where it does not apply, as gymnasium's own vectors have it."""
+        masked: Info = {}
+        for name, values in info.items():
+            if not which.all():
+                values[~which] = 0
+            masked[name], masked[f"_{name}"] = values, which.copy()
+        return masked
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return all that the next steps depend on, for `restore`: plain values and arrays, which can be pickled."""
+        if self._observations is None:
+            raise ResetNeeded("call reset() before snapshot()")
+        generators = [generator.bit_generator.state for generator in self._generators]
+        parts = {"task": self.task.snapshot(), "generators": generators}
+        return parts | {"seeds": list(self._seeds), "observations": self._observations.copy(), "over": self._over.copy()}
+
+    def restore(self, snapshot: dict[str, Any]) -> Observation:
+        """Go on from the snapshot of an environment with the same arguments, bit for bit; return the observations (num_envs, features)."""
+        require(len(snapshot["seeds"]) == self.num_envs, "lanes of the snapshot", len(snapshot["seeds"]), f"num_envs = {self.num_envs}")
+        self._seed(snapshot["seeds"], np.ones(self.num_envs, dtype=np.bool_))
+        for generator, state in zip(self._generators, snapshot["generators"], strict=True):
+            generator.bit_generator.state = state
+        self.task.restore(snapshot["task"])
+        self._observations, self._over = snapshot["observations"].copy(), snapshot["over"].copy()
+        return self._observations.copy()
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return an image of each lane."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() does nothing without a render_mode: give one to gymnasium.make_vec")
+            return None
+        if self._observations is None:
+            raise ResetNeeded("call reset() before render()")
+        from impact_env.envs.drawing import Screen
+
+        if self._screen is None:
+            self._screen = Screen(self.task, self.render_mode == "human", self.metadata["render_fps"])
+        if self.render_mode == "human":
+            self._screen.show(0)
+            return None
+        return tuple(self._screen.show(lane) for lane in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002 - gymnasium passes on what close() was given
+        """Close the window and end the threads."""
+        if self._screen is not None:
+            self._screen.close()
+            self._screen = None
+        self.task.close()

@@ -1,0 +1,183 @@
+"""Linear frequency responses of a modal model, free or with a linear attachment at the tip.
+
+Convention: all quantities vary as the real part of (complex amplitude) * exp(i omega t). A linear attachment answers a tip
+displacement q with a force T(omega) q on the tip, so it changes the free receptances by one rank (Sherman-Morrison):
+
+    H_ab = G_ab + G_at T G_tb / (1 - G_tt T),        G_ab = sum_i a_i b_i / (omega_i^2 - omega^2 + 2 i D_i omega_i omega).
+
+With b any force and a the tip the two terms join to H_tb = G_tb / (1 - G_tt T), free of cancellation; `tip_response` uses that form
+with numerator and denominator multiplied by the smallest modal denominator, so that it is exact at an undamped free resonance too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from impact_env.matrices import with_link, with_masses
+from impact_env.modes import ModalModel
+from impact_env.parameters import StuckAbsorber, TunedAbsorber, finite, positive, require
+
+LinearAbsorber = TunedAbsorber | StuckAbsorber
+Complex = NDArray[np.complex128]
+Real = NDArray[np.float64]
+
+
+def frequency_range(low: float, high: float) -> tuple[float, float]:
+    """Return a range as floats; raises ParameterError unless 0 < low < high, both finite."""
+    low, high = positive("low", low), finite("high", high)
+    require(high > low, "high", high, f"above low = {low}")
+    return low, high
+
+
+def _frequencies(omega: ArrayLike) -> Real:
+    values = np.asarray(omega, dtype=np.float64)
+    require(bool(np.all(np.isfinite(values) & (values >= 0))), "omega", omega, "finite frequencies in rad/s, 0 or above")
+    return values
+
+
+def _shape(model: ModalModel, name: str, row: ArrayLike) -> Real:
+    values = np.asarray(row, dtype=np.float64)
+    ok = values.shape == (model.modes,) and bool(np.all(np.isfinite(values)))
+    require(ok, name, row, f"{model.modes} finite modal amplitudes in 1/sqrt(kg), one per mode (e.g. model.tip_shape)")
+    return values
+
+
+def _bounded(omega: Real, response: Complex) -> Complex:
+    infinite = omega[~np.isfinite(response)]
+    require(infinite.size == 0, "omega", infinite, "frequencies off the undamped resonances (the response is infinite)")
+    return response
+
+
+def _denominators(model: ModalModel, omega: Real) -> Complex:
+    w = omega[..., None]
+    return np.asarray(model.omega**2 - w**2 + 2j * model.damping_ratio * model.omega * w)
+
+
+def scaled_receptances(model: ModalModel, omega: ArrayLike, *shapes: ArrayLike) -> tuple[Complex, ...]:
+    """Return (d, d G_tb for each b in ``shapes``), arrays of omega's shape, with the tip as the place of the answer.
+
+    d is the smallest modal denominator (rad^2/s^2) among the modes that move the tip. Products d G stay finite where G does not, and
+    every response at the tip is a quotient of such products.
+    """
+    moves = model.tip_shape != 0
+    require(bool(np.any(moves)), "tip_shape", model.tip_shape, "at least one mode that moves the tip")
+    w = _frequencies(omega)
+    terms = _denominators(model, w)[..., moves]
+    nearest = np.argmin(np.abs(terms), axis=-1)[..., None]
+    d = np.take_along_axis(terms, nearest, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weights = np.asarray(d / terms, dtype=np.complex128)
+    np.put_along_axis(weights, nearest, 1.0, axis=-1)
+    products: list[Complex] = [d[..., 0]]
+    products += [weights @ (_shape(model, "shape", b)[moves] * model.tip_shape[moves]) for b in shapes]
+    return tuple(products)
+
+
+def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
+    """Return the free beam's displacement at ``a`` per force at ``b`` in m/N, complex, of omega's shape.
+
+    omega in rad/s; ``a`` and ``b`` are rows (N_m,) of mode shapes in 1/sqrt(kg): ``model.tip_shape`` or ``model.force_shape``. It is
+    the stationary solution of the paper's modal equations (Eq. eqmmod). Raises ParameterError for bad frequencies or rows, and
+    where the response is infinite (an undamped mode at its own frequency).
+    """
+    w, row_a, row_b = _frequencies(omega), _shape(model, "a", a), _shape(model, "b", b)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        response = np.asarray((row_a * row_b / _denominators(model, w)).sum(axis=-1))
+    return _bounded(w, response)
+
+
+def receptance_slope(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
+    """Return the derivative of `receptance` by omega in m s/(N rad), complex, of omega's shape; arguments and errors as there."""
+    w, row_a, row_b = _frequencies(omega), _shape(model, "a", a), _shape(model, "b", b)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        terms = row_a * row_b * (2 * w[..., None] - 2j * model.damping_ratio * model.omega) / _denominators(model, w) ** 2
+    return _bounded(w, np.asarray(terms.sum(axis=-1)))
+
+
+def _attachment(model: ModalModel, absorber: LinearAbsorber, omega: Real) -> tuple[Complex, Complex]:
+    """Return n and D of the attachment's T = n/D (N/m): n = m_a omega^2 K and D = K - m_a omega^2 with K = k + i omega c; K is infinite if stuck."""
+    require(isinstance(absorber, LinearAbsorber), "absorber", absorber, "a TunedAbsorber or a StuckAbsorber (others are not linear)")
+    inertia = np.asarray(absorber.mass_ratio * model.beam_mass * omega**2, dtype=np.complex128)
+    if isinstance(absorber, StuckAbsorber):
+        return inertia, np.ones_like(inertia)
+    spring = absorber.stiffness + 1j * omega * absorber.damping
+    return inertia * spring, spring - inertia
+
+
+def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: ArrayLike) -> Complex:
+    """Return the displacement where the level is read, by default the tip, per newton at the driven point in m/N, complex, of omega's shape.
+
+    omega in rad/s; ``absorber`` a TunedAbsorber (spring and damper between tip and mass), a StuckAbsorber (added mass) or None.
+    Raises ParameterError for bad frequencies, another kind of absorber, and where the response is infinite (no damping anywhere).
+    """
+    w = _frequencies(omega)
+    if model.response_shape is not None:
+        rows = model.response_shape, model.force_shape
+        return receptance(model, w, *rows) if absorber is None else coupled_receptance(model, absorber, w, *rows)
+    d, by_force, by_tip = scaled_receptances(model, w, model.force_shape, model.tip_shape)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if absorber is None:
+            return _bounded(w, np.asarray(by_force / d))
+        n, denominator = _attachment(model, absorber, w)
+        return _bounded(w, np.asarray(by_force * denominator / (d * denominator - by_tip * n)))
+
+
+def coupled_receptance(model: ModalModel, absorber: LinearAbsorber, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
+    """Return the displacement at ``a`` per force at ``b`` in m/N with a linear absorber at the tip, complex, of omega's shape.
+
+    Arguments as in `receptance` and `tip_response`. The general Sherman-Morrison form: it loses digits next to a free resonance
+    that is hardly damped, where `tip_response` does not.
+    """
+    w = _frequencies(omega)
+    n, denominator = _attachment(model, absorber, w)
+    free, to_tip, from_tip = receptance(model, w, a, b), receptance(model, w, a, model.tip_shape), receptance(model, w, model.tip_shape, b)
+    own = receptance(model, w, model.tip_shape, model.tip_shape)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _bounded(w, np.asarray(free + to_tip * n * from_tip / (denominator - own * n)))
+
+
+def joint_matrices(model: ModalModel, absorber: LinearAbsorber | None) -> tuple[Real, Real, Real]:
+    """Return mass, damping and stiffness matrices of beam and absorber in the free beam's modal coordinates.
+
+    Size N_m, or N_m + 1 with a tuned absorber, whose displacement (m) is then the last coordinate.
+    """
+    rate, square = 2 * model.damping_ratio * model.omega, model.omega**2
+    if absorber is None:
+        return np.eye(model.modes), np.diag(rate), np.diag(square)
+    require(isinstance(absorber, LinearAbsorber), "absorber", absorber, "a TunedAbsorber or a StuckAbsorber (others are not linear)")
+    absorber_mass = absorber.mass_ratio * model.beam_mass
+    if isinstance(absorber, StuckAbsorber):
+        return with_masses(model.tip_shape[None, :], np.array([absorber_mass])), np.diag(rate), np.diag(square)
+    stretch, mass = np.append(-model.tip_shape, 1.0), np.diag(np.append(np.ones(model.modes), absorber_mass))
+    return mass, with_link(rate, absorber.damping, stretch), with_link(square, absorber.stiffness, stretch)
+
+
+def natural_frequencies(model: ModalModel, absorber: LinearAbsorber | None) -> Real:
+    """Return the undamped natural frequencies in rad/s, rising, (N_m,) or (N_m + 1,) with a tuned absorber.
+
+    A stuck mass lowers each: number r lies between omega_{r-1} and omega_r. A tuned absorber splits each: numbers r and r + 1 (from 1)
+    enclose omega_r, because its spring is a rank-one addition to the free beam beside the free mass.
+    """
+    mass, _, stiffness = joint_matrices(model, absorber)
+    return np.asarray(np.sqrt(np.maximum(scipy.linalg.eigvalsh(stiffness, mass), 0.0)))
+
+
+def state_space(model: ModalModel, absorber: LinearAbsorber | None, reference: float) -> tuple[Real, Real, Real]:
+    """Return A (S, S), b (S,), c (S,) with `tip_response` = c (i omega/reference - A)^-1 b in m/N; time is in units of 1/reference (s).
+
+    The state holds the coordinates of `joint_matrices`, then their rates; ``reference`` is a frequency in rad/s.
+    """
+    mass, damping, stiffness = joint_matrices(model, absorber)
+    size, inverse = len(mass), np.linalg.inv(mass)
+    positive("reference", reference)
+    force, tip = (np.pad(row, (0, size - model.modes)) for row in (model.force_shape, model.level_shape))
+    matrix = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness / reference**2, -inverse @ damping / reference]])
+    return matrix, np.concatenate([np.zeros(size), inverse @ force / reference**2]), np.concatenate([tip, np.zeros(size)])
+
+
+def poles(model: ModalModel, absorber: LinearAbsorber | None) -> Complex:
+    """Return the oscillating poles s in rad/s, those with positive imaginary part, of beam and absorber."""
+    s = np.linalg.eigvals(state_space(model, absorber, 1.0)[0])
+    return np.asarray(s[s.imag > 0], dtype=np.complex128)

@@ -1,0 +1,100 @@
+"""The symmetric orbit with one impact a wall and friction of one sign between impacts, in closed form.
+
+With the impulse P at the lower wall (pushing up, so P > 0) and its mirror image half a period later, the conditions at the impact are
+a P + a0 = Re(f H exp(i phase)), b P + b0 = -Im(f H exp(i phase)): squared and added, a quadratic in P, and the phase follows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_env.kernels.jit import jit, jit_inline
+from impact_env.kernels.periodic.structure import at_frequency, over, receptance
+
+
+class Line(NamedTuple):
+    """a, b (m/(N s)), a0, b0 (m), and H (m/N)."""
+
+    a: float
+    b: float
+    a0: float
+    b0: float
+    receptance: complex
+
+
+@jit_inline
+def kappa_of(restitution, compliance):  # type: ignore[no-untyped-def]
+    """Return kappa (1/kg): at an impact the mean of the relative velocities before and after is -kappa P."""
+    return 0.5 * compliance * (1.0 - restitution) / (1.0 + restitution)
+
+
+@jit
+def line_of(structure, point):  # type: ignore[no-untyped-def]
+    """Return the line of the symmetric orbits at a point."""
+    half = np.pi / point.omega
+    k, k_rate, s_value, s_rate = -0.25 * half / structure.mass, 0.0, 0.0, 0.0
+    for j in range(structure.s.shape[0]):
+        s = structure.s[j]
+        e = np.exp(s * half)
+        mean = over(0.5 * (1.0 - e), 1.0 + e)
+        share = structure.powers[1, j]
+        k += (share * mean).real
+        k_rate += (share * s * mean).real
+        s_value += (structure.powers[0, j] * mean).real
+    # friction jumps by 2 muN at an impact on the lower wall: from +muN (moving down) to -muN; its response is -2 muN times that of a unit jump
+    s_value, s_rate = -2.0 * s_value, -2.0 * k
+    limit, omega = point.limit, point.omega
+    kappa = kappa_of(point.restitution, structure.compliance)
+    h, _ = receptance(structure, omega)
+    return Line(k, (k_rate + kappa) / omega, limit * s_value + point.gap, limit * s_rate / omega, h)
+
+
+@jit
+def impulses_of(line, force):  # type: ignore[no-untyped-def]
+    """Return the smaller and the larger root P of the quadratic in N s; both are nan where there is none."""
+    two = line.a * line.a + line.b * line.b
+    one = line.a * line.a0 + line.b * line.b0
+    reach = force * abs(line.receptance)
+    cross = line.a * line.b0 - line.b * line.a0  # one^2 - two c without its cancellation
+    inside = two * reach * reach - cross * cross
+    if inside < 0.0 or two == 0.0:
+        return np.nan, np.nan
+    root = np.sqrt(inside)
+    return (-one - root) / two, (-one + root) / two
+
+
+@jit
+def phase_of(line, force, impulse):  # type: ignore[no-untyped-def]
+    """Return the force's phase (rad, 0 to 2 pi) at the impact on the lower wall."""
+    x, y = line.a * impulse + line.a0, line.b * impulse + line.b0
+    phase = np.arctan2(-y, x) - np.angle(line.receptance)
+    if force < 0.0:
+        phase += np.pi
+    return phase - 2.0 * np.pi * np.floor(phase / (2.0 * np.pi))
+
+
+@jit
+def fold_of(line):  # type: ignore[no-untyped-def]
+    """Return the smallest force (N) with a symmetric orbit, and its impulse (N s): the line's distance from the origin over |H|."""
+    two = line.a * line.a + line.b * line.b
+    cross = abs(line.a * line.b0 - line.b * line.a0)
+    return cross / np.sqrt(two) / abs(line.receptance), -(line.a * line.a0 + line.b * line.b0) / two
+
+
+@jit
+def closed_forms(structure, point, omegas, out):  # type: ignore[no-untyped-def]
+    """Write impulse and phase of both branches, (M, 4), at frequencies (M,) in rad/s: small P and its phase, large P and its phase."""
+    for m in range(omegas.shape[0]):
+        line = line_of(structure, at_frequency(point, omegas[m]))
+        small, large = impulses_of(line, point.force)
+        out[m, 0], out[m, 2] = small, large
+        out[m, 1], out[m, 3] = phase_of(line, point.force, small), phase_of(line, point.force, large)
+
+
+@jit
+def fold_forces(structure, point, omegas, out):  # type: ignore[no-untyped-def]
+    """Write fold force (N) and impulse at the fold (N s), (M, 2), at frequencies (M,) in rad/s."""
+    for m in range(omegas.shape[0]):
+        out[m, 0], out[m, 1] = fold_of(line_of(structure, at_frequency(point, omegas[m])))

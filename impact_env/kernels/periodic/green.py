@@ -1,0 +1,282 @@
+"""Conditions at the events of a free or sliding periodic orbit, and their derivatives, by the periodic Green's function.
+
+The relative displacement is linear in the impulses P_j, the jumps J_j of the friction force and a constant c:
+
+    r(t) = c + sum_j P_j K(t - t_j) + sum_j J_j L(t - t_j) - Re(f H exp(i omega t)),     L' = K
+
+K answers an impulse that comes again after each span, mirrored or the same. It is a sum of exponentials and a polynomial (the absorber's share).
+Unknowns: the events' phases in rad of the force, scaled impulses, and scaled c where the span is a whole period. Conditions: at each event the rate
+(the mean of both sides equals -kappa P at a wall, 0 at a reversal), at each impact the distance, and over a whole period no net impulse.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.periodic.closed_form import kappa_of
+from impact_env.kernels.periodic.structure import over, receptance
+
+# columns of the Jacobian behind those of the unknowns
+OMEGA, FORCE, GAP, RESTITUTION, LIMIT = range(5)
+
+
+class Room(NamedTuple):
+    """Scratch for n events, m unknowns and J exponentials.
+
+    ``steps`` (n, J): exp(s dt) from the event before; ``running``, ``first``, ``mean``, ``mean_slope``, ``stretch`` (J,): exponentials of the
+    periodic kernel at an event, just after its impulse, at it (mean of both sides), and their derivatives by the span; ``place`` (n,): where an
+    event's impulse is among the unknowns, -1 for a reversal; ``jump`` (n,): change of the friction force over muN; ``rub`` (n, 2): displacement and
+    rate by friction over muN; ``by_time`` (n, 2): their derivatives by the event's own time; ``by_span`` (n, 2): by omega with all phases kept,
+    without the forced part.
+    """
+
+    steps: NDArray[np.complex128]
+    running: NDArray[np.complex128]
+    first: NDArray[np.complex128]
+    mean: NDArray[np.complex128]
+    mean_slope: NDArray[np.complex128]
+    stretch: NDArray[np.complex128]
+    place: NDArray[np.int64]
+    jump: NDArray[np.float64]
+    rub: NDArray[np.float64]
+    by_time: NDArray[np.float64]
+    by_span: NDArray[np.float64]
+
+
+@jit_room
+def new_room(structure, order):  # type: ignore[no-untyped-def]
+    """Return room for an order of events."""
+    n, j = order.wall.shape[0], structure.s.shape[0]
+    place = np.full(n, -1, np.int64)
+    jump, at = np.zeros(n), n
+    for i in range(n):
+        if order.wall[i] != 0:
+            place[i] = at
+            at += 1
+        before = order.sign[i - 1] if i > 0 else order.mirror * order.sign[n - 1]
+        jump[i] = before - order.sign[i]
+    rows = np.zeros((5, j), np.complex128)
+    return Room(
+        np.zeros((n, j), np.complex128),
+        rows[0],
+        rows[1],
+        rows[2],
+        rows[3],
+        rows[4],
+        place,
+        jump,
+        np.zeros((n, 2)),
+        np.zeros((n, 2)),
+        np.zeros((n, 2)),
+    )
+
+
+@jit_inline
+def polynomial(structure, span, mirror, tau):  # type: ignore[no-untyped-def]
+    """Return the absorber's share of L, K, K', K'' and of dL/dspan, dK/dspan, dK'/dspan at 0 <= tau <= span (s)."""
+    mass, static = structure.mass, structure.static
+    if mirror < 0.0:
+        return (
+            0.25 * tau * (tau - span) / mass + 0.5 * static, (0.5 * tau - 0.25 * span) / mass, 0.5 / mass, 0.0,
+            -0.25 * tau / mass, -0.25 / mass, 0.0,
+        )  # fmt: skip
+    share = tau / span
+    return (
+        tau * (0.25 * tau - tau * share / 6.0 - span / 12.0) / mass + static * (0.5 - share),
+        (0.5 * tau - 0.5 * tau * share - span / 12.0) / mass - static / span,
+        (0.5 - share) / mass,
+        -1.0 / (span * mass),
+        (tau * share * share / 6.0 - tau / 12.0) / mass + static * share / span,
+        (0.5 * share * share - 1.0 / 12.0) / mass + static / (span * span),
+        share / (span * mass),
+    )
+
+
+@jit
+def prepare(structure, order, omega, z, room):  # type: ignore[no-untyped-def]
+    """Fill the exponentials between events and those of the periodic kernel."""
+    n, span, mirror = order.wall.shape[0], order.turn / omega, order.mirror
+    for j in range(structure.s.shape[0]):
+        s = structure.s[j]
+        whole = mirror * np.exp(s * span)
+        room.first[j] = over(complex(1.0, 0.0), 1.0 - whole)
+        room.mean[j] = over(0.5 * (1.0 + whole), 1.0 - whole)
+        room.stretch[j] = over(s * whole, 1.0 - whole)
+        room.mean_slope[j] = over(room.stretch[j], 1.0 - whole)
+        for i in range(n):
+            before = z[i - 1] if i > 0 else z[n - 1] - order.turn
+            room.steps[i, j] = np.exp(s * ((z[i] - before) / omega))
+
+
+@jit_inline
+def sums(structure, room, tau, span, mirror, with_span):  # type: ignore[no-untyped-def]
+    """Return L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan for the exponentials in ``room.running``, ``tau`` (s) after an impulse."""
+    g0, g1, g2, g3, d0, d1, d2 = polynomial(structure, span, mirror, tau)
+    for j in range(structure.s.shape[0]):
+        e = room.running[j]
+        g0 += (structure.powers[0, j] * e).real
+        g1 += (structure.powers[1, j] * e).real
+        g2 += (structure.powers[2, j] * e).real
+        g3 += (structure.powers[3, j] * e).real
+        if with_span:
+            e *= room.stretch[j]
+            d0 += (structure.powers[0, j] * e).real
+            d1 += (structure.powers[1, j] * e).real
+            d2 += (structure.powers[2, j] * e).real
+    return g0, g1, g2, g3, d0, d1, d2
+
+
+@jit_inline
+def own_sums(structure, room, span, mirror):  # type: ignore[no-untyped-def]
+    """Return L, K, K' at an impulse itself, the mean of both sides, and their derivatives by the span."""
+    g0, g1, g2, d0, d1, d2 = 0.0, -0.25 * span / structure.mass, 0.0, 0.0, -0.25 / structure.mass, 0.0
+    if mirror > 0.0:
+        g1 = -span / (12.0 * structure.mass) - structure.static / span
+        d1 = -1.0 / (12.0 * structure.mass) + structure.static / (span * span)
+    for j in range(structure.s.shape[0]):
+        g0 += (structure.powers[0, j] * room.mean[j]).real
+        g1 += (structure.powers[1, j] * room.mean[j]).real
+        g2 += (structure.powers[2, j] * room.mean[j]).real
+        d0 += (structure.powers[0, j] * room.mean_slope[j]).real
+        d1 += (structure.powers[1, j] * room.mean_slope[j]).real
+        d2 += (structure.powers[2, j] * room.mean_slope[j]).real
+    return g0, g1, g2, d0, d1, d2
+
+
+@jit
+def begin_rows(structure, point, order, z, scale, room, residual, jacobian):  # type: ignore[no-untyped-def]
+    """Fill the forced part, the constant and each event's own share; what other events add comes later."""
+    n, omega = order.wall.shape[0], point.omega
+    span = order.turn / omega
+    h, h_slope = receptance(structure, omega)
+    g0, g1, g2, d0, d1, d2 = own_sums(structure, room, span, order.mirror)
+    kappa = kappa_of(point.restitution, structure.compliance)
+    kappa_slope = -structure.compliance / (1.0 + point.restitution) ** 2
+    size, limit = jacobian.shape[0], point.limit
+    for i in range(n):
+        row, wall, jump, at = room.place[i], order.wall[i], room.jump[i], room.place[i]
+        turning = np.exp(1j * z[i])
+        forced, forced_slope = point.force * h * turning, point.force * h_slope * turning
+        impulse = 0.0
+        if wall != 0:
+            impulse = z[at] * scale.impulse
+        room.rub[i, 0], room.rub[i, 1] = jump * g0, jump * g1
+        # by the event's own phase, the others kept: only what does not move with it
+        room.by_time[i, 0], room.by_time[i, 1] = omega * forced.imag, omega * omega * forced.real
+        room.by_span[i, 0] = impulse * d1 + limit * jump * d0
+        room.by_span[i, 1] = impulse * d2 + limit * jump * d1
+        residual[i] = impulse * (g2 + kappa) + limit * jump * g1 + omega * forced.imag
+        jacobian[i, size + OMEGA] = forced.imag + omega * forced_slope.imag
+        jacobian[i, size + FORCE] = omega * (h * turning).imag
+        jacobian[i, size + RESTITUTION] = kappa_slope * impulse
+        if wall != 0:
+            residual[row] = impulse * g1 + limit * jump * g0 - forced.real - wall * point.gap
+            jacobian[i, at], jacobian[row, at] = g2 + kappa, g1
+            jacobian[row, size + OMEGA] = -forced_slope.real
+            jacobian[row, size + FORCE] = -(h * turning).real
+            jacobian[row, size + GAP] = -float(wall)
+            if order.mirror > 0.0:
+                residual[row] += z[size - 1] * scale.length
+                jacobian[row, size - 1] = scale.length
+
+
+@jit
+def add_pairs(structure, point, order, z, scale, room, residual, jacobian, with_span):  # type: ignore[no-untyped-def]
+    """Add to each event's rows what the impulses and friction jumps of the others bring, going round the span from each of them."""
+    n, omega, limit = order.wall.shape[0], point.omega, point.limit
+    span = order.turn / omega
+    for j in range(n):
+        at, jump, impulse = room.place[j], room.jump[j], 0.0
+        if order.wall[j] != 0:
+            impulse = z[at] * scale.impulse
+        for slot in range(structure.s.shape[0]):
+            room.running[slot] = room.first[slot]
+        for d in range(1, n):
+            i = j + d if j + d < n else j + d - n
+            tau, turn = (z[i] - z[j]) / omega, 1.0
+            if i < j:
+                tau, turn = tau + span, order.mirror
+            for slot in range(structure.s.shape[0]):
+                room.running[slot] *= room.steps[i, slot]
+            g0, g1, g2, g3, d0, d1, d2 = sums(structure, room, tau, span, order.mirror, with_span)
+            row = room.place[i]
+            rate, bend = turn * (impulse * g2 + limit * jump * g1), turn * (impulse * g3 + limit * jump * g2)
+            residual[i] += rate
+            jacobian[i, j] -= bend / omega
+            room.by_time[i, 1] += bend
+            room.by_time[i, 0] += rate
+            room.rub[i, 1] += turn * jump * g1
+            room.rub[i, 0] += turn * jump * g0
+            # phases kept, tau and span are as 1/omega
+            room.by_span[i, 0] += turn * (impulse * d1 + limit * jump * d0) + rate * tau / span
+            room.by_span[i, 1] += turn * (impulse * d2 + limit * jump * d1) + bend * tau / span
+            if at >= 0:
+                jacobian[i, at] = turn * g2
+            if row >= 0:
+                residual[row] += turn * (impulse * g1 + limit * jump * g0)
+                jacobian[row, j] -= rate / omega
+                if at >= 0:
+                    jacobian[row, at] = turn * g1
+
+
+@jit
+def finish_rows(structure, point, order, scale, room, jacobian):  # type: ignore[no-untyped-def]
+    """Fill the derivatives by the events' own phases, by omega and by the friction limit."""
+    n, size, omega = order.wall.shape[0], jacobian.shape[0], point.omega
+    span = order.turn / omega
+    for i in range(n):
+        row = room.place[i]
+        jacobian[i, i] += room.by_time[i, 1] / omega
+        jacobian[i, size + OMEGA] -= room.by_span[i, 1] * span / omega
+        jacobian[i, size + LIMIT] = room.rub[i, 1]
+        if row >= 0:
+            jacobian[row, i] += room.by_time[i, 0] / omega
+            jacobian[row, size + OMEGA] -= room.by_span[i, 0] * span / omega
+            jacobian[row, size + LIMIT] = room.rub[i, 0]
+
+
+@jit
+def balance(structure, point, order, z, scale, room, residual, jacobian):  # type: ignore[no-untyped-def]
+    """Fill the last row of a whole period: impulses and friction together leave the absorber's momentum as it was."""
+    n, size = order.wall.shape[0], jacobian.shape[0]
+    if order.mirror < 0.0:
+        return
+    total, rub = 0.0, 0.0
+    for i in range(n):
+        after = z[i + 1] if i + 1 < n else z[0] + order.turn
+        rub -= order.sign[i] * (after - z[i]) / point.omega
+        jacobian[size - 1, i] = -room.jump[i] * point.limit / point.omega / scale.impulse
+        if room.place[i] >= 0:
+            total += z[room.place[i]]
+            jacobian[size - 1, room.place[i]] = 1.0
+    residual[size - 1] = total + rub * point.limit / scale.impulse
+    jacobian[size - 1, size + OMEGA] = -rub * point.limit / point.omega / scale.impulse
+    jacobian[size - 1, size + LIMIT] = rub / scale.impulse
+
+
+@jit
+def conditions(structure, point, order, z, scale, room, residual, jacobian, with_span):  # type: ignore[no-untyped-def]
+    """Fill ``residual`` (m,) and ``jacobian`` (m, m + 5): by the unknowns, then by omega, force, gap, restitution, friction limit.
+
+    ``with_span`` False leaves the column of omega out (it is then wrong): Newton's method at one point does not need it.
+    """
+    n, size = order.wall.shape[0], jacobian.shape[0]
+    jacobian[:, :] = 0.0
+    prepare(structure, order, point.omega, z, room)
+    begin_rows(structure, point, order, z, scale, room, residual, jacobian)
+    add_pairs(structure, point, order, z, scale, room, residual, jacobian, with_span)
+    finish_rows(structure, point, order, scale, room, jacobian)
+    for i in range(n):
+        for row, unit in ((i, scale.velocity), (room.place[i], scale.length)):
+            if row >= 0:
+                residual[row] /= unit
+                for k in range(size + 5):
+                    jacobian[row, k] /= unit
+                for k in range(n):
+                    if room.place[k] >= 0:
+                        jacobian[row, room.place[k]] *= scale.impulse
+    balance(structure, point, order, z, scale, room, residual, jacobian)

@@ -1,0 +1,94 @@
+"""The derivative of an orbit's return map: flights as linear maps, events as saltation matrices.
+
+An event moves in time with the state, so its matrix is the derivative of its jump plus what the vector fields before and after differ by during the
+shift: each is a rank-one change (of the velocities, by the relative displacement or by its rate at the event).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.periodic.motion import state_in
+
+
+@jit
+def fly_over(structure, dt, block, matrix):  # type: ignore[no-untyped-def]
+    """Multiply ``matrix`` (2 N_m + 2, columns) from the left by a flight over ``dt`` (s): modes by themselves, the absorber uniformly."""
+    n, columns = structure.omega.shape[0], matrix.shape[1]
+    block[:, :] = 0.0
+    for j in range(structure.s.shape[0]):
+        e, i = structure.weight[j] * np.exp(structure.s[j] * dt), structure.mode[j]
+        block[0, i] += e.real  # h, the answer to a unit impulse, and its rate
+        block[1, i] += (structure.s[j] * e).real
+    for i in range(n):
+        h, rate = block[0, i], block[1, i]
+        own, stiff = rate + structure.rate[i] * h, -structure.omega[i] * structure.omega[i] * h
+        for c in range(columns):
+            q, v = matrix[i, c], matrix[n + 1 + i, c]
+            matrix[i, c], matrix[n + 1 + i, c] = own * q + h * v, stiff * q + rate * v
+    for c in range(columns):
+        matrix[n, c] += dt * matrix[2 * n + 1, c]
+
+
+@jit
+def relative_rows(structure, matrix, c):  # type: ignore[no-untyped-def]
+    """Return relative displacement and velocity of column ``c``."""
+    n = structure.omega.shape[0]
+    d, v = matrix[n, c], matrix[2 * n + 1, c]
+    for i in range(n):
+        d -= structure.tip[i] * matrix[i, c]
+        v -= structure.tip[i] * matrix[n + 1 + i, c]
+    return d, v
+
+
+@jit
+def leap_over(structure, wall, restitution, impulse, jump, rate, bend, matrix):  # type: ignore[no-untyped-def]
+    """Multiply ``matrix`` from the left by an event's saltation matrix.
+
+    ``impulse`` (N s), ``jump`` (N) of the friction force on the absorber, relative velocity ``rate`` (m/s) and acceleration ``bend`` (m/s^2) before.
+    """
+    n, mass = structure.omega.shape[0], structure.mass
+    bounce = (1.0 + restitution) / structure.compliance
+    for c in range(matrix.shape[1]):
+        d, v = relative_rows(structure, matrix, c)
+        if wall == 0:
+            push, shift = jump * v / bend, 0.0
+        else:
+            shift = d / rate
+            push = -bounce * (v - bend * shift) + jump * shift
+            matrix[n, c] += impulse * shift / mass
+        matrix[2 * n + 1, c] += push / mass
+        for i in range(n):
+            # a mode's damping answers the impulse at once, and so for the time of the shift
+            matrix[i, c] -= structure.tip[i] * impulse * shift
+            matrix[n + 1 + i, c] -= structure.tip[i] * (push - structure.rate[i] * impulse * shift)
+
+
+@jit_room
+def monodromy(structure, point, order, flights, impulses, jumps, matrix, turning):  # type: ignore[no-untyped-def]
+    """Write the derivative of the map over one span, from just after the first event to just after its return, mirrored back where the order is.
+
+    ``jumps`` (n,): changes of the friction force in N. ``turning`` (n,) takes the relative acceleration before each reversal over the change that
+    friction brings: -1 or below where the absorber slides on the other way, in between friction holds it; and -inf at impacts.
+    """
+    n, size = order.wall.shape[0], matrix.shape[0]
+    modes = size // 2 - 1
+    block, modal = np.zeros((2, modes)), np.zeros((3, modes))
+    amplitude, state = np.zeros(structure.s.shape[0], np.complex128), np.zeros(size)
+    matrix[:, :] = np.eye(size)
+    turning[:] = -np.inf
+    for k in range(1, n + 1):
+        i, turn = (k, 1.0) if k < n else (0, order.mirror)
+        dt = flights.time[k] - flights.time[k - 1]
+        fly_over(structure, dt, block, matrix)
+        state_in(structure, point, flights, k - 1, dt, amplitude, modal, state)
+        rate, bend = state[size - 1], flights.force[k - 1] / structure.mass
+        for m in range(modes):
+            rate -= structure.tip[m] * state[modes + 1 + m]
+            bend -= structure.tip[m] * modal[2, m]
+        if order.wall[i] == 0:
+            turning[i] = bend / (turn * jumps[i] * structure.compliance) if jumps[i] != 0.0 else -np.inf
+        leap_over(structure, order.wall[i], point.restitution, turn * impulses[i], turn * jumps[i], rate, bend, matrix)
+    if order.mirror < 0.0:
+        matrix[:, :] = -matrix

@@ -1,0 +1,207 @@
+"""The motion of an orbit whose events are known: states at its events, samples in between, turns of the relative velocity, and the tip's extremes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.periodic.green import new_room, prepare
+from impact_env.kernels.periodic.structure import over
+
+PANEL = 1.0  # rad of the fastest exponential in one panel of nodes
+NODES = 6  # of Gauss and Legendre in a panel
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(NODES)
+POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
+
+
+class Flights(NamedTuple):
+    """What follows each of n events: ``amplitude`` (n, J) of the exponentials, ``force`` (n,) of friction, place and velocity (n,) of the absorber.
+
+    ``time`` (n + 1,): the events' times, and the first one's of the next span.
+    """
+
+    amplitude: NDArray[np.complex128]
+    force: NDArray[np.float64]
+    place: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    time: NDArray[np.float64]
+
+
+class Extremes(NamedTuple):
+    """``tip`` (m): largest displacement of the tip; ``square`` (m^2): its mean square; ``distance`` (m): largest relative displacement."""
+
+    tip: float
+    square: float
+    distance: float
+
+
+@jit_inline
+def rates(structure, omega, force, rest, amplitude, phase, out):  # type: ignore[no-untyped-def]
+    """Write modal displacements, velocities and accelerations (3, N_m): exponentials ``amplitude`` (J,), constant force ``rest`` (N), phase (rad)."""
+    turning = force * np.exp(1j * phase)
+    for i in range(structure.omega.shape[0]):
+        q = over(structure.push[i] * turning, complex(structure.omega[i] ** 2 - omega * omega, structure.rate[i] * omega))
+        out[0, i] = q.real - structure.tip[i] * rest / structure.omega[i] ** 2
+        out[1, i] = (1j * omega * q).real
+        out[2, i] = (-omega * omega * q).real
+    for j in range(structure.s.shape[0]):
+        i, s = structure.mode[j], structure.s[j]
+        share = structure.weight[j] * amplitude[j] * structure.tip[i]
+        out[0, i] -= share.real
+        out[1, i] -= (s * share).real
+        out[2, i] -= (s * s * share).real
+
+
+@jit_room
+def flights_of(structure, point, order, z, impulses):  # type: ignore[no-untyped-def]
+    """Return the flights of an orbit with phases ``z`` (n, rad) and ``impulses`` (n, N s; 0 at reversals). The first event is an impact."""
+    room = new_room(structure, order)
+    prepare(structure, order, point.omega, z, room)
+    n, count, omega = z.shape[0], structure.s.shape[0], point.omega
+    amplitude, force, place, velocity, time = np.zeros((n, count), np.complex128), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n + 1)
+    for i in range(n):
+        time[i], force[i] = z[i] / omega, -point.limit * order.sign[i]
+    time[n] = (z[0] + order.turn) / omega
+    for j in range(count):
+        total = 0j
+        for i in range(1, n + 1):  # once round, from just after the first event: what one span adds
+            k = i if i < n else 0
+            total *= room.steps[k, j]
+            turn = 1.0 if i < n else order.mirror
+            total += turn * (impulses[k] + room.jump[k] * point.limit / structure.s[j])
+        amplitude[0, j] = order.mirror * room.first[j] * total
+        for i in range(1, n):
+            amplitude[i, j] = amplitude[i - 1, j] * room.steps[i, j] + impulses[i] + room.jump[i] * point.limit / structure.s[j]
+    absorber(structure, point, order, impulses, amplitude, z[0], force, place, velocity, time)
+    return Flights(amplitude, force, place, velocity, time)
+
+
+@jit_room
+def absorber(structure, point, order, impulses, amplitude, phase, force, place, velocity, time):  # type: ignore[no-untyped-def]
+    """Fill the absorber's place and velocity after each event: it starts on a wall, and its velocity follows from what comes again."""
+    n, modal, mass = time.shape[0] - 1, np.zeros((3, structure.omega.shape[0])), structure.mass
+    x, v = 0.0, 0.0
+    for i in range(n):
+        dt, pushed = time[i + 1] - time[i], impulses[i + 1] if i + 1 < n else order.mirror * impulses[0]
+        x += dt * (v + 0.5 * dt * force[i] / mass)
+        v += (dt * force[i] + pushed) / mass
+    rates(structure, point.omega, point.force, force[0], amplitude[0], phase, modal)
+    place[0] = order.wall[0] * point.gap
+    for i in range(structure.omega.shape[0]):
+        place[0] += structure.tip[i] * modal[0, i]
+    velocity[0] = -0.5 * v if order.mirror < 0.0 else -x / (time[n] - time[0])
+    for i in range(1, n):
+        dt = time[i] - time[i - 1]
+        place[i] = place[i - 1] + dt * (velocity[i - 1] + 0.5 * dt * force[i - 1] / mass)
+        velocity[i] = velocity[i - 1] + (dt * force[i - 1] + impulses[i]) / mass
+
+
+@jit
+def state_in(structure, point, flights, i, dt, amplitude, modal, state):  # type: ignore[no-untyped-def]
+    """Write the state (2 N_m + 2,) ``dt`` (s) after event ``i``; ``amplitude`` (J,) is scratch, ``modal`` (3, N_m) is left with q, q', q''."""
+    n = structure.omega.shape[0]
+    for j in range(structure.s.shape[0]):
+        amplitude[j] = flights.amplitude[i, j] * np.exp(structure.s[j] * dt)
+    force, mass = flights.force[i], structure.mass
+    rates(structure, point.omega, point.force, force, amplitude, point.omega * (flights.time[i] + dt), modal)
+    for k in range(n):
+        state[k], state[n + 1 + k] = modal[0, k], modal[1, k]
+    state[n] = flights.place[i] + dt * (flights.velocity[i] + 0.5 * dt * force / mass)
+    state[2 * n + 1] = flights.velocity[i] + dt * force / mass
+
+
+@jit_room
+def states_at(structure, point, flights, times, out):  # type: ignore[no-untyped-def]
+    """Write states (S, 2 N_m + 2) at rising times (S,) in s from the first event to its return."""
+    amplitude, modal, i = np.zeros(structure.s.shape[0], np.complex128), np.zeros((3, structure.omega.shape[0])), 0
+    for k in range(times.shape[0]):
+        while i + 2 < flights.time.shape[0] and times[k] >= flights.time[i + 1]:
+            i += 1
+        state_in(structure, point, flights, i, times[k] - flights.time[i], amplitude, modal, out[k])
+
+
+@jit
+def tip_in(structure, point, h, flights, i, dt):  # type: ignore[no-untyped-def]
+    """Return displacement, velocity and acceleration of the tip ``dt`` (s) after event ``i``; ``h`` is the receptance."""
+    omega = point.omega
+    forced = point.force * h * np.exp(1j * omega * (flights.time[i] + dt))
+    q, v, a = forced.real - structure.static * flights.force[i], -omega * forced.imag, -omega * omega * forced.real
+    for j in range(structure.s.shape[0]):
+        e = flights.amplitude[i, j] * np.exp(structure.s[j] * dt)
+        q -= (structure.powers[1, j] * e).real
+        v -= (structure.powers[2, j] * e).real
+        a -= (structure.powers[3, j] * e).real
+    return q, v, a
+
+
+@jit
+def peak_near(structure, point, h, flights, i, dt, reach):  # type: ignore[no-untyped-def]
+    """Return the largest |tip displacement| (m) within ``reach`` (s) of ``dt`` (s) after event ``i``, and within its flight."""
+    length = flights.time[i + 1] - flights.time[i]
+    best, start = abs(tip_in(structure, point, h, flights, i, dt)[0]), dt
+    for _ in range(8):
+        q, v, a = tip_in(structure, point, h, flights, i, dt)
+        if a == 0.0 or q * a > 0.0:
+            break
+        dt = min(max(dt - v / a, 0.0, start - reach), length, start + reach)
+        best = max(best, abs(tip_in(structure, point, h, flights, i, dt)[0]))
+    return best
+
+
+@jit_room
+def scan(structure, point, h, flights, order, turns):  # type: ignore[no-untyped-def]
+    """Go through all flights; return (extremes, number of turns, whether the signs fit the impacts).
+
+    ``turns`` (capacity,) takes the times (s) at which the relative velocity changes its sign between impacts, whatever the order says; the
+    count goes on beyond the capacity.
+    """
+    count, n, omega, mass = structure.s.shape[0], order.wall.shape[0], point.omega, structure.mass
+    shift, leap, e = np.zeros((NODES, count), np.complex128), np.zeros(count, np.complex128), np.zeros(count, np.complex128)
+    fastest = max(np.max(np.abs(structure.s)), omega)
+    tip, square, distance, found, fits = 0.0, 0.0, 0.0, 0, True
+    sign, last_rate, last_time = 0, 0.0, 0.0
+    at, at_dt = 0, 0.0
+    for i in range(n):
+        length = flights.time[i + 1] - flights.time[i]
+        if order.wall[i] != 0:
+            fits = fits and (sign == 0 or sign == order.wall[i])
+            sign, last_rate, last_time = -order.wall[i], 0.0, flights.time[i]
+        start = abs(tip_in(structure, point, h, flights, i, 0.0)[0])
+        if start > tip:
+            tip, at, at_dt = start, i, 0.0
+        panels = max(1, int(np.ceil(length * fastest / PANEL)))
+        step = length / panels
+        for j in range(count):
+            leap[j], e[j] = np.exp(structure.s[j] * step), flights.amplitude[i, j]
+            for k in range(NODES):
+                shift[k, j] = np.exp(structure.s[j] * step * POINTS[k])
+        for p in range(panels):
+            for k in range(NODES):
+                dt = (p + POINTS[k]) * step
+                forced = point.force * h * np.exp(1j * omega * (flights.time[i] + dt))
+                q, v = forced.real - structure.static * flights.force[i], -omega * forced.imag
+                for j in range(count):
+                    moved = e[j] * shift[k, j]
+                    q -= (structure.powers[1, j] * moved).real
+                    v -= (structure.powers[2, j] * moved).real
+                rate = flights.velocity[i] + dt * flights.force[i] / mass - v
+                place = flights.place[i] + dt * (flights.velocity[i] + 0.5 * dt * flights.force[i] / mass) - q
+                distance = max(distance, abs(place))
+                square += WEIGHTS[k] * step * q * q
+                if abs(q) > tip:
+                    tip, at, at_dt = abs(q), i, dt
+                if rate * sign < 0.0:
+                    now = flights.time[i] + dt
+                    if found < turns.shape[0]:
+                        past = abs(rate) if last_rate == 0.0 else abs(last_rate)
+                        turns[found] = now - (now - last_time) * abs(rate) / (abs(rate) + past)
+                    found, sign = found + 1, -sign
+                last_rate, last_time = rate, flights.time[i] + dt
+            for j in range(count):
+                e[j] *= leap[j]
+    fits = fits and sign == order.mirror * order.wall[0]
+    tip = max(tip, peak_near(structure, point, h, flights, at, at_dt, PANEL / fastest))
+    return Extremes(tip, square / (flights.time[n] - flights.time[0]), distance), found, fits

@@ -1,0 +1,99 @@
+"""Newton's method on the conditions of `green.py`, with steps that keep the events in their order."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.periodic.green import conditions, new_room
+
+CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR = range(4)
+MOST_STEPS = 30
+CLOSE = 1e-13  # of the units: a residual below this is rounding
+SETTLED = 1e-9  # a residual below this that no longer falls is rounding as well
+KEEP = 0.2  # share of the time between two events that one step leaves at least
+SLIVER = 1e-9  # rad between events, below which their order is lost
+
+
+@jit
+def solve_in_place(matrix, columns, rows):  # type: ignore[no-untyped-def]
+    """Solve ``matrix`` x = column number ``columns`` of the same array, (m, > m), by elimination with row exchange; False if it is singular."""
+    m = rows.shape[0]
+    largest = 0.0
+    for i in range(m):
+        for k in range(m):
+            largest = max(largest, abs(matrix[i, k]))
+    for i in range(m):
+        best = i
+        for k in range(i + 1, m):
+            if abs(matrix[k, i]) > abs(matrix[best, i]):
+                best = k
+        if not abs(matrix[best, i]) > 1e-15 * largest:
+            return False
+        if best != i:
+            for k in range(i, m):
+                matrix[i, k], matrix[best, k] = matrix[best, k], matrix[i, k]
+            matrix[i, columns], matrix[best, columns] = matrix[best, columns], matrix[i, columns]
+        for k in range(i + 1, m):
+            factor = matrix[k, i] / matrix[i, i]
+            if factor != 0.0:
+                for c in range(i + 1, m):
+                    matrix[k, c] -= factor * matrix[i, c]
+                matrix[k, columns] -= factor * matrix[i, columns]
+    for i in range(m - 1, -1, -1):
+        total = matrix[i, columns]
+        for k in range(i + 1, m):
+            total -= matrix[i, k] * rows[k]
+        rows[i] = total / matrix[i, i]
+    return True
+
+
+@jit
+def share_kept(order, z, step):  # type: ignore[no-untyped-def]
+    """Return the share of a step of the unknowns, 1 at most, that leaves every time between two events at least `KEEP` of what it is."""
+    n, share = order.wall.shape[0], 1.0
+    for i in range(n):
+        after = z[i + 1] if i + 1 < n else z[0] + order.turn
+        move = step[i + 1] - step[i] if i + 1 < n else step[0] - step[i]
+        if move < 0.0:
+            share = min(share, (KEEP - 1.0) * (after - z[i]) / move)
+    return share
+
+
+@jit
+def least_gap(order, z):  # type: ignore[no-untyped-def]
+    """Return the shortest way between two events in rad."""
+    n = order.wall.shape[0]
+    least = z[0] + order.turn - z[n - 1]
+    for i in range(n - 1):
+        least = min(least, z[i + 1] - z[i])
+    return least
+
+
+@jit_room
+def newton(structure, point, order, z, scale, residual, jacobian):  # type: ignore[no-untyped-def]
+    """Move the unknowns ``z`` (m,) to a solution; return status, steps, largest residual. ``residual`` and ``jacobian`` are left as at ``z``."""
+    room, size = new_room(structure, order), z.shape[0]
+    work, step = np.zeros((size, size + 1)), np.zeros(size)
+    error, last = np.inf, np.inf
+    for k in range(MOST_STEPS):
+        conditions(structure, point, order, z, scale, room, residual, jacobian, False)
+        error = np.max(np.abs(residual))
+        if not np.isfinite(error):
+            return NOT_CONVERGED, k, error
+        if error < CLOSE or (error < SETTLED and error > 0.3 * last):
+            break
+        last = error
+        work[:, :size] = jacobian[:, :size]
+        work[:, size] = residual
+        if not solve_in_place(work, size, step):
+            return SINGULAR, k, error
+        step *= -1.0
+        share = share_kept(order, z, step)
+        z += share * step
+        if least_gap(order, z) < SLIVER:
+            return ORDER_LOST, k, error
+    else:
+        return NOT_CONVERGED, MOST_STEPS, error
+    conditions(structure, point, order, z, scale, room, residual, jacobian, True)
+    return CONVERGED, k, error

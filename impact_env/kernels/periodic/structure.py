@@ -1,0 +1,90 @@
+"""What the kernels of periodic orbits are given: a structure as exponentials, a point of the parameters, an order of events.
+
+A mode answers a unit impulse by h(t) = sum of Re(weight exp(s t)) over its exponentials: one complex one, or two real ones where it is overdamped.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.jit import jit, jit_inline
+
+
+class Structure(NamedTuple):
+    """A modal model and an absorber.
+
+    ``s``, ``weight`` (J,): the modes' exponentials; ``powers`` (4, J): tip_shape^2 weight / s, and that times s, s^2, s^3.
+    ``mode`` (J,): whose exponential it is. ``omega``, ``rate`` = 2 D omega, ``push`` = force shape, ``tip`` = tip shape (N_m,). ``mass`` (kg) of the
+    absorber, ``compliance`` G = 1/mass + sum tip^2 (1/kg), ``static`` = sum tip^2/omega^2 (m/N).
+    """
+
+    s: NDArray[np.complex128]
+    weight: NDArray[np.complex128]
+    powers: NDArray[np.complex128]
+    mode: NDArray[np.int64]
+    omega: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    push: NDArray[np.float64]
+    tip: NDArray[np.float64]
+    mass: float
+    compliance: float
+    static: float
+
+
+class Point(NamedTuple):
+    """Circular frequency (rad/s), force (N), half-clearance (m), restitution, friction limit (N)."""
+
+    omega: float
+    force: float
+    gap: float
+    restitution: float
+    limit: float
+
+
+class Order(NamedTuple):
+    """The events of one span, which repeats: ``wall`` (n,) -1, 1 or 0 for a reversal, ``sign`` (n,) of the relative velocity after each event.
+
+    ``turn`` is the span in rad of the force; ``mirror`` -1: the next span is the mirrored one, 1: the same again.
+    """
+
+    wall: NDArray[np.int64]
+    sign: NDArray[np.int64]
+    turn: float
+    mirror: float
+
+
+class Scale(NamedTuple):
+    """Units of the unknowns and residuals: length (m), velocity (m/s), impulse (N s)."""
+
+    length: float
+    velocity: float
+    impulse: float
+
+
+@jit_inline
+def at_frequency(point, omega):  # type: ignore[no-untyped-def]
+    """Return the point at another circular frequency (rad/s)."""
+    return Point(omega, point.force, point.gap, point.restitution, point.limit)
+
+
+@jit_inline
+def over(a, b):  # type: ignore[no-untyped-def]
+    """Return a/b, complex; infinite or nan where b is 0 (an undamped mode at resonance), for which numba's own division raises an error."""
+    size = b.real * b.real + b.imag * b.imag
+    value = a * complex(b.real, -b.imag)
+    return complex(value.real / size, value.imag / size)
+
+
+@jit
+def receptance(structure, omega):  # type: ignore[no-untyped-def]
+    """Return H (m/N) and dH/domega: displacement of the tip under a force exp(i omega t) at the place of the force."""
+    value, slope = 0j, 0j
+    for i in range(structure.omega.shape[0]):
+        below = structure.omega[i] ** 2 - omega * omega + 1j * structure.rate[i] * omega
+        share = over(complex(structure.tip[i] * structure.push[i], 0.0), below)
+        value += share
+        slope -= over(share * complex(-2.0 * omega, structure.rate[i]), below)
+    return value, slope

@@ -1,0 +1,1 @@
+"""Periodic responses: exact orbits, harmonic balance, and the continuation of both."""

@@ -1,0 +1,136 @@
+"""One point of the parameters that periodic orbits are looked for at: structure, absorber, force and frequency."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from impact_env.drive import Drive, FrequencySchedule
+from impact_env.kernels.periodic.structure import Point, Scale, Structure
+from impact_env.modes import ModalModel
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    CompliantWalls,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SlidingAbsorber,
+    finite,
+    impact_absorber,
+    non_negative,
+    positive,
+    require,
+)
+from impact_env.scene import Scene
+
+CRITICAL = 1e-11  # a damping ratio this close to 1 is moved so far away: the two exponentials must differ
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A modal model with an impact absorber under ``force`` cos(omega t): N, rad/s; ``gap`` in m, ``friction_limit`` in N (0: none).
+
+    Raises ParameterError for values out of range.
+    """
+
+    model: ModalModel
+    omega: float
+    force: float
+    gap: float = RigidWalls.gap
+    restitution: float = RigidWalls.restitution
+    friction_limit: float = 0.0
+    mass_ratio: float = DEFAULT_MASS_RATIO
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "omega", positive("frequency", self.omega))
+        object.__setattr__(self, "force", finite("force amplitude", self.force))
+        object.__setattr__(self, "gap", positive("gap", self.gap))
+        object.__setattr__(self, "restitution", RigidWalls(self.gap, self.restitution).restitution)
+        object.__setattr__(self, "friction_limit", non_negative("friction limit", self.friction_limit))
+        object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that the exact method runs."""
+        return scene_of(self.model, self.gap, self.restitution, self.friction_limit, self.mass_ratio)
+
+    @property
+    def structure(self) -> Structure:
+        """Structure and absorber as exponentials, for the kernels."""
+        return structure_of(self.model, self.mass_ratio)
+
+    @property
+    def point(self) -> Point:
+        """The parameters that an orbit is continued in, for the kernels."""
+        return Point(self.omega, self.force, self.gap, self.restitution, self.friction_limit)
+
+    @property
+    def scale(self) -> Scale:
+        """Units of unknowns and residuals: the gap, the gap in a radian of the first mode, and the impulse that moves the absorber so."""
+        velocity = self.gap * float(self.model.omega[0])
+        return Scale(self.gap, velocity, velocity * self.mass_ratio * self.model.beam_mass)
+
+    @property
+    def omega_ratio(self) -> float:
+        """Frequency over the first resonance's."""
+        return self.omega / float(self.model.omega[0])
+
+    @property
+    def period(self) -> float:
+        """Period of the force in s."""
+        return 2 * math.pi / self.omega
+
+    def changed(self, **values: float) -> Case:
+        """Return the case with other parameters."""
+        return replace(self, **values)  # type: ignore[arg-type]
+
+    def drive(self, duration: float, phase: float) -> Drive:
+        """Return the force from a ``phase`` (rad) on for ``duration`` s."""
+        return Drive(self.force, FrequencySchedule(np.array([0.0, duration]), np.full(2, self.omega), float(self.model.omega[0])), phase)
+
+
+def case_of(scene: Scene, force: float, omega: float) -> Case:
+    """Return the case of a scene with one impact absorber, rigid walls and rigid friction or none; ParameterError for any other scene."""
+    absorber = scene.absorber
+    allowed = "one impact absorber with rigid walls at a finite distance, and rigid friction or none"
+    ok = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)
+    require(ok and not isinstance(absorber.friction, ElasticCoulombFriction), "absorber", absorber, allowed)  # type: ignore[union-attr]
+    assert isinstance(absorber, SlidingAbsorber)
+    walls = absorber.walls
+    assert walls is not None
+    assert not isinstance(walls, CompliantWalls)
+    limit = 0.0 if absorber.friction is None else absorber.friction.limit
+    return Case(scene.model, omega, force, walls.gap, walls.restitution, limit, absorber.mass_ratio)
+
+
+@lru_cache(maxsize=64)
+def scene_of(model: ModalModel, gap: float, restitution: float, limit: float, mass_ratio: float) -> Scene:
+    """Return a scene; the same one for the same arguments, since the exact method keeps its tables by scene."""
+    return Scene(model, impact_absorber(gap, restitution, limit, mass_ratio))
+
+
+@lru_cache(maxsize=64)
+def structure_of(model: ModalModel, mass_ratio: float) -> Structure:
+    """Return the exponentials of a model's modes, and the absorber's share: one complex exponential a mode, two real ones above critical damping."""
+    omega, damping, tip = np.array(model.omega), np.array(model.damping_ratio), np.array(model.tip_shape)
+    moved = np.where(np.abs(damping - 1) < CRITICAL, 1 + CRITICAL, damping)
+    s: list[complex] = []
+    weight: list[complex] = []
+    mode: list[int] = []
+    for i, (w, d) in enumerate(zip(omega, moved, strict=True)):
+        root = np.sqrt(complex(1 - d * d))
+        if d < 1:
+            s, weight, mode = [*s, w * (-d + 1j * root.real)], [*weight, 1 / (1j * w * root.real)], [*mode, i]
+        else:
+            fast = -w * (d + root.imag)
+            slow = w * w / fast
+            s, weight, mode = [*s, slow, fast], [*weight, 1 / (slow - fast), -1 / (slow - fast)], [*mode, i, i]
+    values, weights, modes = np.array(s, complex), np.array(weight, complex), np.array(mode, np.int64)
+    share = weights * tip[modes] ** 2
+    powers = np.array([share / values, share, share * values, share * values**2])
+    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
+    static = float(np.sum((tip / omega) ** 2))
+    rates, push = 2 * damping * omega, np.array(model.force_shape)
+    return Structure(values, weights, powers, modes, omega, rates, push, tip, mass, 1 / mass + float(np.sum(tip**2)), static)

@@ -1,0 +1,155 @@
+"""Contact laws in the frequency domain: the force on the absorber from the relative displacement, both as trigonometric polynomials.
+
+Rigid laws by the dynamic Lagrangian method (Nacivet, Pierre, Thouverez and Jezequel, Journal of Sound and Vibration 265, 2003): the force that the
+motion asks for is corrected by ``weight`` times the violation of the law, and the corrected one is projected onto what is allowed. The intervals of
+contact and of stick are exact roots, the coefficients are in closed form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from impact_env.parameters import non_negative, positive, require
+from impact_env.periodic.hysteresis import elastic_coulomb
+from impact_env.periodic.trigonometric import Real, derivative, harmonics_of, negative, roots, share, window
+
+
+class Contact(NamedTuple):
+    """Force on the absorber (n,) in N and its derivatives by relative displacement and by dynamic force (n, n), frequency and the parameter (n,)."""
+
+    force: Real
+    by_motion: Real
+    by_dynamic: Real
+    by_omega: Real
+    by_parameter: Real
+
+
+class Law(Protocol):
+    """What harmonic balance asks of a contact law."""
+
+    def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:
+        """Return the force for relative displacement (n,) in m, dynamic force (n,) in N and the fundamental frequency in rad/s.
+
+        ``parameter`` names the field to derive by; another name is none of the law's and has the derivative zero.
+        """
+
+
+@dataclass(frozen=True)
+class RigidContact:
+    """Signorini's and Coulomb's laws (paper, Eqs. signorini and coulomb); absent parts are None.
+
+    ``gap`` in m, ``friction_limit`` in N; ``weight`` in N/m and ``friction_weight`` in N s/m are the method's own: they change the result as long as
+    the harmonics are too few. Impacts have no restitution here: what is approached is conservative contact.
+    """
+
+    gap: float | None
+    friction_limit: float | None
+    weight: float
+    friction_weight: float
+
+    def __post_init__(self) -> None:
+        positive("weight", self.weight)
+        positive("friction_weight", self.friction_weight)
+        if self.gap is not None:
+            positive("gap", self.gap)
+        if self.friction_limit is not None:
+            non_negative("friction_limit", self.friction_limit)
+
+    def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:
+        """See `Law`."""
+        walls = _walls(dynamic - self.weight * motion, self.weight, self.gap, parameter)
+        held, slope = walls.matrix, walls.by_gap if parameter == "gap" else np.zeros_like(motion)
+        if parameter == "weight":
+            slope = walls.by_gap * (0.0 if self.gap is None else self.gap / self.weight) - held @ motion
+        force = walls.force
+        if self.friction_limit is None:
+            return Contact(force, -self.weight * held, held, np.zeros_like(motion), slope)
+        return self._with_friction(motion, dynamic, omega, parameter, Contact(force, -self.weight * held, held, np.zeros_like(motion), slope))
+
+    def _with_friction(self, motion: Real, dynamic: Real, omega: float, parameter: str, wall: Contact) -> Contact:
+        """Add friction: what the walls leave of the dynamic force, less the weighted velocity, clipped to the limit."""
+        h, limit, weight = harmonics_of(motion), float(self.friction_limit or 0.0), self.friction_weight
+        rate = derivative(motion)
+        wanted = dynamic - wall.force - weight * omega * rate
+        above, below = -wanted, wanted.copy()
+        above[0], below[0] = above[0] + limit, below[0] + limit
+        at = roots(np.array([above, below]))
+        up, down = negative(above, at[0]), negative(below, at[1])
+        stick = np.eye(len(motion)) - window(np.concatenate([up, down]), h)
+        slid = share(up, h) - share(down, h)
+        turning = weight * omega * derivative(np.eye(len(motion))).T
+        by_parameter = wall.by_parameter - stick @ wall.by_parameter
+        if parameter == "friction_limit":
+            by_parameter = by_parameter + slid
+        if parameter == "friction_weight":
+            by_parameter = by_parameter - omega * (stick @ rate)
+        return Contact(
+            wall.force + stick @ wanted + limit * slid,
+            wall.by_motion - stick @ (wall.by_motion + turning),
+            wall.by_dynamic + stick @ (np.eye(len(motion)) - wall.by_dynamic),
+            -weight * (stick @ rate),
+            by_parameter,
+        )
+
+
+@dataclass(frozen=True)
+class CompliantContact:
+    """Unilateral springs and elastic Coulomb friction (paper, Eqs. elSignorini and elCoulomb); absent parts are None.
+
+    ``gap`` in m with ``stiffness`` in N/m, ``friction_limit`` in N with ``friction_stiffness`` in N/m. There is no weight: these laws give a force by
+    themselves.
+    """
+
+    gap: float | None
+    stiffness: float | None
+    friction_limit: float | None
+    friction_stiffness: float | None
+
+    def __post_init__(self) -> None:
+        for pair in (("gap", "stiffness"), ("friction_limit", "friction_stiffness")):
+            both = [getattr(self, name) for name in pair]
+            require((both[0] is None) == (both[1] is None), pair[0], both[0], f"given together with {pair[1]}")
+        for name in ("stiffness", "friction_limit", "friction_stiffness"):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name))
+        if self.gap is not None:
+            non_negative("gap", self.gap)
+
+    def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> Contact:  # noqa: ARG002 - no law of the dynamics
+        """See `Law`."""
+        zero = np.zeros_like(motion)
+        stiffness = 0.0 if self.stiffness is None else self.stiffness
+        walls = _walls(-stiffness * motion, stiffness, self.gap, parameter)
+        slope = walls.by_gap if parameter == "gap" else zero
+        if parameter == "stiffness" and self.gap is not None:
+            slope = walls.force / stiffness
+        force, by_motion = walls.force, -stiffness * walls.matrix
+        if self.friction_limit is not None and self.friction_stiffness is not None:
+            friction = elastic_coulomb(motion, self.friction_limit, self.friction_stiffness)
+            force, by_motion = force + friction.force, by_motion + friction.by_motion
+            slope = friction.by_limit if parameter == "friction_limit" else friction.by_stiffness if parameter == "friction_stiffness" else slope
+        return Contact(force, by_motion, np.zeros((len(motion), len(motion))), zero, slope)
+
+
+class _Walls(NamedTuple):
+    force: Real
+    matrix: Real
+    by_gap: Real
+
+
+def _walls(free: Real, weight: float, gap: float | None, parameter: str) -> _Walls:
+    """Return min(0, free + weight gap) + max(0, free - weight gap), the window of both contacts, and the derivative by the gap."""
+    n, h = len(free), harmonics_of(free)
+    if gap is None:
+        require(parameter != "gap", "parameter", parameter, "a part that is there: this absorber has no walls")
+        return _Walls(np.zeros(n), np.zeros((n, n)), np.zeros(n))
+    lower, upper = free.copy(), -free
+    lower[0], upper[0] = lower[0] + weight * gap, upper[0] + weight * gap
+    at = roots(np.array([lower, upper]))
+    first, second = negative(lower, at[0]), negative(upper, at[1])
+    matrix = window(np.concatenate([first, second]), h)
+    pushed = weight * (share(first, h) - share(second, h))
+    return _Walls(matrix @ free + gap * pushed, matrix, pushed)

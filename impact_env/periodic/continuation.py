@@ -1,0 +1,298 @@
+"""Pseudo-arclength continuation: one code for exact orbits and harmonic balance, and for any parameter.
+
+Tangent predictor, Newton corrector across the tangent, a step that follows Newton's effort and the branch's bend (Allgower and Georg, Numerical
+Continuation Methods, 1990; Seydel, Practical Bifurcation and Stability Analysis, 2010). Located on the way: folds (the tangent's share of the
+parameter changes sign), branch points (the bordered determinant does), and the zeros of the caller's monitors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from impact_env.parameters import count, finite, positive, require
+from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, Branch, Located
+from impact_env.periodic.corrector import Corrected, NoConvergenceError, Real, Residual, System, corrected, kernel, tangent
+from impact_env.periodic.locating import KINK, Gate, Monitor, Place, determinant, located
+
+Progress = Callable[[int, float], None]  # number of points, parameter
+
+
+@dataclass(frozen=True)
+class Steps:
+    """How a branch is followed: steps of arclength (first, least, most), largest ``turn`` of the tangent in a step (rad), Newton's limits."""
+
+    first: float = 0.01
+    least: float = 1e-7
+    most: float = 0.1
+    points: int = 2000
+    turn: float = 0.3
+    tolerance: float = 1e-11
+    iterations: int = 9
+
+    def __post_init__(self) -> None:
+        for name in ("first", "least", "most", "turn", "tolerance"):
+            positive(name, getattr(self, name))
+        require(self.least <= self.first <= self.most, "first", self.first, f"from least = {self.least} to most = {self.most}")
+        count("points", self.points, 2)
+        count("iterations", self.iterations, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """The same branch in other unknowns, as after a change of the event order: ``tangent`` (n + 1,) says which way it goes, in plain units.
+
+    ``monitors`` are those of the new unknowns.
+    """
+
+    residual: Residual
+    point: Real
+    tangent: Real
+    scale: Real | float = 1.0
+    monitors: tuple[Monitor, ...] = ()
+
+
+Recentre = Callable[[Real, float, Real], Chart | None]  # (z, parameter, tangent in plain units) -> other unknowns, or None to keep these
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is continued. ``scale`` (n,) or one number: the size of the unknowns; ``parameter_scale``: the parameter's change that counts as much.
+
+    ``limits`` of the parameter; ``monitors`` whose zeros are located; ``recentre`` is asked after every point whether the unknowns change.
+    """
+
+    residual: Residual
+    parameter: str = "parameter"
+    scale: Real | float = 1.0
+    parameter_scale: float = 1.0
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    monitors: tuple[Monitor, ...] = ()
+    recentre: Recentre | None = None
+
+    def __post_init__(self) -> None:
+        low, high = self.limits
+        require(low < high, "limits", self.limits, "two numbers, the lower one first")
+        positive("parameter_scale", self.parameter_scale)
+        require(bool(np.all(np.asarray(self.scale) > 0)), "scale", self.scale, "numbers above 0")
+
+    def system(self, n: int, steps: Steps) -> System:
+        """Return the residual in scaled unknowns."""
+        scale = np.append(np.broadcast_to(np.asarray(self.scale, dtype=np.float64), (n,)), self.parameter_scale)
+        return System(self.residual, scale, steps.tolerance, steps.iterations)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What a step of the walk adds: a place on the branch and what was located before it. ``ended`` is None as long as it goes on."""
+
+    system: System
+    place: Place
+    events: tuple[Located, ...] = ()
+    ended: str | None = None
+    message: str = ""
+
+
+def start(problem: Problem, z: Real, parameter: float, direction: float | Real = 1.0, steps: Steps | None = None) -> tuple[System, Place]:
+    """Return the branch's point at a parameter, next to ``z``, and the tangent in a direction: the sign of the parameter's change, or (n + 1,).
+
+    A direction (n + 1,) in plain units also is the normal of the plane in which the point is sought. Raises NoConvergenceError.
+    """
+    steps = Steps() if steps is None else steps
+    z = np.asarray(z, dtype=np.float64)
+    require(z.ndim == 1 and z.size > 0 and bool(np.all(np.isfinite(z))), "start", z, "a row of finite unknowns")
+    finite("parameter", parameter)
+    low, high = problem.limits
+    require(low <= parameter <= high, problem.parameter, parameter, f"a start within the limits {low} to {high}")
+    system = problem.system(len(z), steps)
+    if np.ndim(direction) == 0:
+        along = np.append(np.zeros(len(z)), np.sign(float(np.asarray(direction))))
+        require(along[-1] != 0, "direction", direction, "above or below 0")
+    else:
+        along = np.asarray(direction, dtype=np.float64) / system.scale
+        along = along / np.linalg.norm(along)
+    at = corrected(system, system.scaled(z, parameter), along)
+    return system, _placed(at, along)
+
+
+def _placed(at: Corrected, along: Real) -> Place:
+    t = tangent(at.jacobian, along)
+    return Place(at.x, t, at.jacobian, determinant(at.jacobian, t))
+
+
+def walk(problem: Problem, z: Real, parameter: float, direction: float | Real = 1.0, steps: Steps | None = None) -> Iterator[Step]:
+    """Yield the branch step by step, the start first; the last step says why it ended. Closing the generator breaks it off.
+
+    Raises NoConvergenceError only at the start: whatever happens later ends the branch with a message.
+    """
+    steps = Steps() if steps is None else steps
+    system, here = start(problem, z, parameter, direction, steps)
+    index, size = 0, steps.first
+    gates = [Gate(0, system, here)]
+    yield Step(system, here)
+    while True:
+        try:
+            there, size, kink = _next(system, here, size, steps)
+        except NoConvergenceError as error:
+            p = system.plain(here.x)[1]
+            yield Step(system, here, (), MINIMUM_STEP, f"no step from {problem.parameter} = {p:.10g} down to {steps.least:.1e}: {error}")
+            return
+        ended, message = None, ""
+        gate = next((gate for gate in gates if index - gate.index >= 2 and gate.returned(here, there)), None)
+        if gate is not None:
+            there, ended, message = gate.place, CLOSED, "back at its first point" if gate.index == 0 else f"back at its point {gate.index + 1}"
+        bounded = _bounded(problem, system, here, there)
+        if bounded is not None:
+            there, ended = bounded, LIMIT
+            message = f"{problem.parameter} = {system.plain(there.x)[1]:.10g} is its limit"
+        events = located(problem.monitors, system, here, there, index)
+        if kink:
+            events = (*events, Located(KINK, index, *system.plain(here.x), here.tangent))
+        enders = {monitor.kind for monitor in problem.monitors if monitor.ends}
+        last = next((k for k, event in enumerate(events) if event.kind in enders), None)
+        if last is not None:
+            there = _at(system, events[last], there)
+            events, ended = events[: last + 1], events[last].kind
+            message = f"{events[last].kind} at {problem.parameter} = {events[last].parameter:.10g}"
+        index += 1
+        if ended is None and index + 1 >= steps.points:
+            ended, message = COUNT, f"{steps.points} points"
+        yield Step(system, there, events, ended, message)
+        if ended is not None:
+            return
+        try:
+            before = system
+            problem, system, here = _recentred(problem, system, there, steps)
+            if system is not before:
+                gates.append(Gate(index, system, here))
+        except NoConvergenceError as error:
+            p = system.plain(there.x)[1]
+            yield Step(system, there, (), MINIMUM_STEP, f"lost at {problem.parameter} = {p:.10g}, where the unknowns change: {error}")
+            return
+
+
+def _next(system: System, here: Place, size: float, steps: Steps) -> tuple[Place, float, bool]:
+    """Return the next place, the size of the step after it, and whether the tangent jumps between; raises NoConvergenceError below the least step."""
+    while True:
+        why = ""
+        try:
+            at = corrected(system, here.x + size * here.tangent, here.tangent)
+            there = _placed(at, here.tangent)
+            drift = float(np.linalg.norm(at.x - here.x)) / size
+            angle = float(np.arccos(np.clip(there.tangent @ here.tangent, -1, 1)))
+            smooth = angle <= steps.turn and drift < 1.2
+            if smooth or (size <= 4 * steps.least and drift < 2):
+                wanted = 4 / max(at.iterations, 1) * (1.5 if angle < steps.turn / 3 else 1.0)
+                factor = np.clip(wanted, 0.5, 2.0) if angle <= 0.7 * steps.turn else 0.7
+                return there, float(np.clip(size * factor, steps.least, steps.most)), not smooth
+            why = f"the tangent turns by {angle:.2f} rad, and the point lies {drift:.2f} steps away"
+        except NoConvergenceError as error:
+            why = str(error)
+        if size <= steps.least:
+            raise NoConvergenceError(why)
+        size = max(size / 2.5, steps.least)
+
+
+def _bounded(problem: Problem, system: System, here: Place, there: Place) -> Place | None:
+    """Return the place at the parameter's limit if the step goes over it."""
+    before, after = system.plain(here.x)[1], system.plain(there.x)[1]
+    limit = problem.limits[1] if after > problem.limits[1] else problem.limits[0] if after < problem.limits[0] else None
+    if limit is None or before == after:
+        return None
+    normal = np.append(np.zeros(len(here.x) - 1), 1.0)
+    guess = here.x + (limit - before) / (after - before) * (there.x - here.x)
+    try:
+        return _placed(corrected(system, guess, normal, limit / float(system.scale[-1])), there.x - here.x)
+    except NoConvergenceError:
+        return there  # a fold at the limit itself: the last point lies just outside
+
+
+def _at(system: System, event: Located, otherwise: Place) -> Place:
+    """Return the place of something located."""
+    x = system.scaled(event.point, event.parameter)
+    try:
+        jacobian = system(x)[1]
+    except NoConvergenceError:
+        return otherwise
+    return Place(x, event.tangent, jacobian, determinant(jacobian, event.tangent))
+
+
+def _recentred(problem: Problem, system: System, place: Place, steps: Steps) -> tuple[Problem, System, Place]:
+    """Return what to go on with, in other unknowns if the problem wants them."""
+    if problem.recentre is None:
+        return problem, system, place
+    z, parameter = system.plain(place.x)
+    chart = problem.recentre(z, parameter, place.tangent * system.scale)
+    if chart is None:
+        return problem, system, place
+    problem = replace(problem, residual=chart.residual, scale=chart.scale, monitors=chart.monitors)
+    return problem, *start(problem, chart.point, parameter, chart.tangent, steps)
+
+
+def continuation(
+    problem: Problem,
+    z: Real,
+    parameter: float,
+    direction: float | Real = 1.0,
+    steps: Steps | None = None,
+    progress: Progress | None = None,
+) -> Branch:
+    """Return the branch through the point next to ``z`` (n,) at a parameter, one way: see `start`, `walk` and `Branch`.
+
+    Ctrl-C ends it with what is known so far. Raises NoConvergenceError if there is no point to start from, ParameterError for bad input.
+    """
+    points: list[Real] = []
+    parameters: list[float] = []
+    tangents: list[Real] = []
+    events: list[Located] = []
+    ended, message = STOPPED, "stopped"
+    try:
+        for step in walk(problem, z, parameter, direction, steps):
+            events += step.events
+            if step.ended != MINIMUM_STEP:
+                at, p = step.system.plain(step.place.x)
+                points.append(at)
+                parameters.append(p)
+                tangents.append(step.place.tangent)
+            if step.ended is not None:
+                ended, message = step.ended, step.message
+            if progress is not None:
+                progress(len(points), parameters[-1])
+    except KeyboardInterrupt:
+        message = f"stopped after {len(points)} points"
+    return Branch(problem.parameter, tuple(points), np.array(parameters), tuple(tangents), tuple(events), ended, message)
+
+
+def both_ways(problem: Problem, z: Real, parameter: float, steps: Steps | None = None, progress: Progress | None = None) -> Branch:
+    """Return the branch through a point to both sides, first towards larger parameters; a closed one once round."""
+    forward = continuation(problem, z, parameter, 1.0, steps, progress)
+    if forward.closed or forward.ended == STOPPED:
+        return forward
+    return forward.joined(continuation(problem, z, parameter, -1.0, steps, progress))
+
+
+def switched(problem: Problem, event: Located, size: float = 0.01, steps: Steps | None = None) -> tuple[tuple[Real, float, Real], ...]:
+    """Return starts (z, parameter, direction) of the other branch through a branch point, to both sides where it has two.
+
+    The kernel of the Jacobian is a plane there; the start is sought ``size`` of arclength away, across the known tangent. ``direction`` is what
+    `continuation` takes. Raises NoConvergenceError if neither side has a point.
+    """
+    steps = Steps() if steps is None else steps
+    system = problem.system(len(event.point), steps)
+    x = system.scaled(event.point, event.parameter)
+    plane = kernel(system(x)[1], 2)
+    across = plane - np.outer(plane @ event.tangent, event.tangent)
+    other = across[int(np.argmax(np.linalg.norm(across, axis=1)))]
+    other /= np.linalg.norm(other)
+    found, why = [], ""
+    for sign in (1.0, -1.0):
+        try:
+            at = corrected(system, x + sign * size * other, other)
+            found.append((*system.plain(at.x), tangent(at.jacobian, sign * other) * system.scale))
+        except NoConvergenceError as error:
+            why = str(error)
+    if not found:
+        raise NoConvergenceError(f"no other branch within {size:g} of the branch point at {problem.parameter} = {event.parameter:.10g}: {why}")
+    return tuple(found)

@@ -1,0 +1,158 @@
+"""Folds of orbits with given events, located by Newton's method on the fold's own conditions; births and mergers where their force is level.
+
+A fold is where the Jacobian F_z of the conditions has a null vector v (Moore and Spence): F = 0, F_z v = 0, |v| = 1. With the left null vector w the
+fold moves by df/domega = -(w F_omega)/(w F_f), so a valley or ridge of the fold force over the frequency is a zero of w F_omega.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from impact_env.periodic.case import Case
+from impact_env.periodic.green import PARAMETERS, Conditions, NoOrbit, Solution, linear_states, residual_and_jacobian, solution_of, unknowns_of
+from impact_env.periodic.motion import Motion, motion_of
+from impact_env.periodic.orbit import consistent, mended, reordered
+from impact_env.periodic.schedule import EventSchedule
+
+Array = NDArray[np.float64]
+MOST_STEPS, DIFFERENCE, CLOSE = 25, 1e-5, 1e-12
+APART = (1.001, 1.004, 1.02)  # of the fold's force: where two orbits are far enough apart for Newton's method to find one
+MOST_MENDINGS = 6
+LEVEL = 1e-11  # rad/s of the frequency, relative
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """A fold in one parameter: the motion there, and ``slope`` = df/domega of the force at which it lies (N s)."""
+
+    motion: Motion
+    slope: float
+
+    @property
+    def case(self) -> Case:
+        """Where it is."""
+        return self.motion.solution.case
+
+
+def _null_vectors(jacobian: Array) -> tuple[Array, Array]:
+    """Return the left and the right vector (m,) of the smallest singular value of a square matrix."""
+    left, _, right = np.linalg.svd(jacobian)
+    return left[:, -1], right[-1]
+
+
+def fold_near(solution: Solution, parameter: str = "omega") -> Fold | NoOrbit:
+    """Return the fold next to a solution with the same events, in a parameter of `PARAMETERS`, or why none was found."""
+    case, schedule = solution.case, solution.schedule
+    conditions, z, value = Conditions(case, schedule, parameter), unknowns_of(solution), getattr(case, parameter)
+    unit = abs(value) if value != 0 else 1.0
+    m = len(z)
+    v = _null_vectors(conditions(z, value)[1][:, :m])[1]
+    normal, error = v, np.inf
+    for _ in range(MOST_STEPS):
+        residual, jacobian = conditions(z, value)
+        bend = (conditions(z + DIFFERENCE * v, value)[1] - conditions(z - DIFFERENCE * v, value)[1]) / (2 * DIFFERENCE)
+        rest = np.concatenate([residual, jacobian[:, :m] @ v, [normal @ v - 1]])
+        whole = np.zeros((2 * m + 1, 2 * m + 1))
+        whole[:m, :m], whole[:m, -1] = jacobian[:, :m], jacobian[:, m] * unit
+        whole[m:-1, :m], whole[m:-1, m:-1], whole[m:-1, -1] = bend[:, :m], jacobian[:, :m], bend[:, m] * unit
+        whole[-1, m:-1] = normal
+        try:
+            step = np.linalg.solve(whole, -rest)
+        except np.linalg.LinAlgError:
+            return NoOrbit(case, schedule, "the conditions of a fold are singular", z[: len(schedule.events)])
+        z, v, value = z + step[:m], v + step[m:-1], value + unit * step[-1]
+        error = float(np.max(np.abs(step)))
+        if not np.isfinite(error) or error > 1e3 or value <= 0:
+            break
+        if error < CLOSE:
+            break
+    if not error < 1e-8:
+        return NoOrbit(case, schedule, f"no fold in {parameter} near here (last step {error:.1e})", z[: len(schedule.events)])
+    return _fold_of(solution_of(case.changed(**{parameter: value}), schedule, z, float(np.max(np.abs(residual)))))
+
+
+def _fold_of(solution: Solution) -> Fold | NoOrbit:
+    z = unknowns_of(solution)
+    if np.any(np.diff(solution.phases) <= 0) or solution.phases[-1] >= solution.phases[0] + solution.schedule.turn:
+        return NoOrbit(solution.case, solution.schedule, "two events change places", solution.phases)
+    jacobian = residual_and_jacobian(solution.case, solution.schedule, z)[1]
+    left = _null_vectors(jacobian[:, : len(z)])[0]
+    by = left @ jacobian[:, len(z) :]
+    return Fold(motion_of(solution), float(-by[PARAMETERS["omega"]] / by[PARAMETERS["force"]]))
+
+
+def beside(case: Case, schedule: EventSchedule, z: Array, share: float) -> Array:
+    """Return the unknowns (m,) of about one of the two orbits that leave a fold at ``z`` (m,), at ``share`` times its force.
+
+    To second order z moves along the null vector v by s with (w D_v F_z v) s^2/2 + w F_f df = 0.
+    """
+    conditions, m = Conditions(case, schedule, "force"), len(z)
+    jacobian = conditions(z, case.force)[1]
+    w, v = _null_vectors(jacobian[:, :m])
+    bend = (conditions(z + DIFFERENCE * v, case.force)[1] - conditions(z - DIFFERENCE * v, case.force)[1])[:, :m] / (2 * DIFFERENCE)
+    square = -2 * (w @ jacobian[:, m]) * case.force * (share - 1) / (w @ bend @ v)
+    return np.asarray(z + np.sqrt(abs(square)) * v)
+
+
+def mended_fold(case: Case, schedule: EventSchedule, start: Array, parameter: str = "omega") -> Fold | NoOrbit:
+    """Return the fold near ``case`` and ``start`` (unknowns) whose schedule has the reversals that its motion shows, or why there is none.
+
+    Newton's method for orbits fails at a fold, so the order of events is first sought at a slightly larger force.
+    """
+    motion = _mended_beside(case, schedule, start)
+    for _ in range(MOST_MENDINGS):
+        if isinstance(motion, NoOrbit):
+            return motion
+        solution = motion.solution
+        fold = fold_near(solution_of(case, solution.schedule, unknowns_of(solution), solution.error), parameter)
+        if isinstance(fold, NoOrbit) or case.friction_limit == 0 or consistent(fold.motion):
+            return fold
+        case, (order, phases) = fold.case, reordered(fold.motion)
+        motion = _mended_beside(case, order, linear_states(case, order, phases))
+    return NoOrbit(case, schedule, "the order of its reversals does not settle", start[: len(schedule.events)])
+
+
+def _mended_beside(case: Case, schedule: EventSchedule, start: Array) -> Motion | NoOrbit:
+    found: Motion | NoOrbit = NoOrbit(case, schedule, "no orbit beside the fold", start[: len(schedule.events)])
+    for share in APART:
+        found = mended(case.changed(force=case.force * share), schedule, beside(case, schedule, start, share))
+        if not isinstance(found, NoOrbit):
+            break
+    return found
+
+
+def level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
+    """Return the fold within ``reach`` (rad/s) of ``fold`` whose force is level over the frequency: a birth or a merger."""
+    last: list[Fold] = [fold]
+
+    def slope(omega: float) -> float:
+        solution = last[-1].motion.solution
+        beside = mended_fold(solution.case.changed(omega=omega), solution.schedule, unknowns_of(solution), "force")
+        if isinstance(beside, NoOrbit):
+            raise _LostFoldError(beside)
+        last.append(beside)
+        return beside.slope
+
+    omega = fold.case.omega
+    try:
+        scipy.optimize.newton(slope, omega, x1=omega + 0.01 * reach, tol=LEVEL * omega, maxiter=30)
+    except _LostFoldError as error:
+        return error.reason
+    except RuntimeError as error:
+        return NoOrbit(fold.case, fold.motion.solution.schedule, f"no level fold near here: {error}", fold.motion.solution.phases)
+    found = last[-1]
+    if abs(found.case.omega - omega) > reach:
+        return NoOrbit(found.case, found.motion.solution.schedule, "its level fold lies elsewhere", found.motion.solution.phases)
+    return found
+
+
+class _LostFoldError(Exception):
+    """No fold at a frequency on the way; ``reason`` says why."""
+
+    def __init__(self, reason: NoOrbit) -> None:
+        super().__init__(reason.reason)
+        self.reason = reason

@@ -1,0 +1,127 @@
+"""Free and sliding orbits by the periodic Green's function: the state is linear in the impulses, and only the events' phases need Newton's method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_env.kernels.periodic.green import FORCE, GAP, LIMIT, OMEGA, RESTITUTION, conditions, new_room
+from impact_env.kernels.periodic.newton import CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR, newton
+from impact_env.kernels.periodic.structure import Point
+from impact_env.parameters import require
+from impact_env.periodic.case import Case
+from impact_env.periodic.schedule import EventSchedule
+
+Array = NDArray[np.float64]
+REASONS = {
+    NOT_CONVERGED: "Newton's method did not converge",
+    ORDER_LOST: "two events change places",
+    SINGULAR: "the conditions are singular: a fold, or two events at once",
+}
+PARAMETERS = {"omega": OMEGA, "force": FORCE, "gap": GAP, "restitution": RESTITUTION, "friction_limit": LIMIT}
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Events of an orbit that fulfil the conditions: ``phases`` (n,) in rad of the force, ``impulses`` (n,) on the absorber in N s (0 at reversals).
+
+    ``error``: largest scaled residual of the conditions, ``steps`` of Newton's method.
+    """
+
+    case: Case
+    schedule: EventSchedule
+    phases: Array
+    impulses: Array
+    offset: float
+    error: float
+    steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class NoOrbit:
+    """Why there is no orbit here, and how far the search came: ``phases`` (n,) in rad where it ended."""
+
+    case: Case
+    schedule: EventSchedule
+    reason: str
+    phases: Array
+
+
+def unknowns_of(solution: Solution) -> Array:
+    """Return a solution's unknowns (m,): phases in rad, scaled impulses and, of a whole period, the scaled mean distance."""
+    case, schedule = solution.case, solution.schedule
+    parts = [solution.phases, solution.impulses[schedule.order.wall != 0] / case.scale.impulse]
+    return np.concatenate(parts if schedule.symmetric else [*parts, [solution.offset / case.scale.length]])
+
+
+def solution_of(case: Case, schedule: EventSchedule, unknowns: Array, error: float, steps: int = 0) -> Solution:
+    """Return the solution with these unknowns (m,), its first phase within the first turn of the force."""
+    n, wall = len(schedule.events), schedule.order.wall
+    impulses = np.zeros(n)
+    impulses[wall != 0] = unknowns[n : n + schedule.impacts] * case.scale.impulse
+    offset = 0.0 if schedule.symmetric else float(unknowns[-1]) * case.scale.length
+    whole = 2 * np.pi * schedule.period_multiple
+    phases = unknowns[:n] - whole * np.floor(unknowns[0] / whole)
+    return Solution(case, schedule, phases, impulses, offset, float(error), int(steps))
+
+
+def residual_and_jacobian(case: Case, schedule: EventSchedule, unknowns: Array) -> tuple[Array, Array]:
+    """Return the scaled conditions (m,) and their derivatives (m, m + 5): by the unknowns, then by `PARAMETERS` in SI units."""
+    order, structure = schedule.order, case.structure
+    m = len(unknowns)
+    require(m == schedule.unknowns, "unknowns", m, f"{schedule.unknowns} numbers for this schedule")
+    residual, jacobian = np.zeros(m), np.zeros((m, m + len(PARAMETERS)))
+    room = new_room(structure, order)
+    conditions(structure, case.point, order, np.asarray(unknowns, dtype=float), case.scale, room, residual, jacobian, True)
+    return residual, jacobian
+
+
+def linear_states(case: Case, schedule: EventSchedule, phases: ArrayLike) -> Array:
+    """Return all unknowns (m,) for given phases (n,): impulses and mean distance fulfil the conditions, linear in them, in the least squares."""
+    start = np.zeros(schedule.unknowns)
+    n = len(schedule.events)
+    start[:n] = phases
+    residual, jacobian = residual_and_jacobian(case, schedule, start)
+    start[n:] = np.linalg.lstsq(jacobian[:, n : len(start)], -residual, rcond=None)[0]
+    return start
+
+
+def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | NoOrbit:
+    """Return the orbit near ``start``: unknowns (m,), or only phases (n,) in rad, from which the others follow.
+
+    Newton's method with an analytic Jacobian. What comes back fulfils the conditions at the events; whether nothing happens between them is for
+    `impact_env.periodic.orbit` to say. Raises ParameterError for a schedule with joined segments.
+    """
+    given = np.array(start, dtype=float)
+    z = linear_states(case, schedule, given) if len(given) == len(schedule.events) else given
+    require(len(z) == schedule.unknowns, "start", len(z), f"{len(schedule.events)} phases or {schedule.unknowns} unknowns")
+    m = len(z)
+    residual, jacobian = np.zeros(m), np.zeros((m, m + len(PARAMETERS)))
+    status, steps, error = newton(case.structure, case.point, schedule.order, z, case.scale, residual, jacobian)
+    if status != CONVERGED:
+        return NoOrbit(case, schedule, f"{REASONS[status]} (residual {error:.1e} after {steps} steps)", z[: len(schedule.events)])
+    return solution_of(case, schedule, z, error, steps)
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """The conditions at the events as a residual(z, parameter) for continuation in one of `PARAMETERS`, in SI units."""
+
+    case: Case
+    schedule: EventSchedule
+    parameter: str = "omega"
+
+    def __post_init__(self) -> None:
+        require(self.parameter in PARAMETERS, "parameter", self.parameter, f"one of {', '.join(PARAMETERS)}")
+
+    def __call__(self, z: Array, value: float) -> tuple[Array, Array]:
+        """Return the conditions (m,) at unknowns (m,), and their derivatives (m, m + 1) by the unknowns and by the parameter."""
+        order, structure = self.schedule.order, self.case.structure
+        field = Point._fields[PARAMETERS[self.parameter]]
+        point = self.case.point._replace(**{field: value})  # the units stay those of the case's own gap
+        residual, jacobian = np.zeros(len(z)), np.zeros((len(z), len(z) + len(PARAMETERS)))
+        z = np.ascontiguousarray(z, dtype=float)
+        conditions(structure, point, order, z, self.case.scale, new_room(structure, order), residual, jacobian, True)
+        return residual, np.column_stack([jacobian[:, : len(z)], jacobian[:, len(z) + PARAMETERS[self.parameter]]])

@@ -1,0 +1,234 @@
+"""Harmonic balance of a mass that rubs and impacts in a cavity (paper, section 2.5), condensed to the relative displacement.
+
+The unknowns are the harmonics of r = absorber less tip: 2H + 1 of them, or those of odd order for orbits that repeat themselves with the other sign
+after half a period. The residual is the force that the motion asks for less the contact law's, harmonic by harmonic; its Jacobian is analytic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from impact_env.modes import ModalModel
+from impact_env.parameters import (
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SlidingAbsorber,
+    finite,
+    positive,
+    require,
+)
+from impact_env.periodic.condensed import JointOfMass, Linear, complexes, real_row
+from impact_env.periodic.contact import CompliantContact, Law, RigidContact
+from impact_env.periodic.continuation import Problem, start
+from impact_env.periodic.corrector import Residual
+from impact_env.periodic.trigonometric import Real, largest
+from impact_env.scene import Scene
+
+OMEGA, FORCE = "omega", "force"
+PAPER_DAMPER = 0.001  # N s/m between absorber and ground (paper, section 2.5)
+WEIGHT, FRICTION_WEIGHT = 100.0, 10.0  # in absorber mass times omega_1^2, and times omega_1
+CENTRING = 1e-9  # of the weight: a spring that chooses the mean of r where no wall does
+
+
+@dataclass(frozen=True)
+class HarmonicResponse:
+    """A solution: harmonics (H + 1,) of relative displacement, tip displacement (m) and force on the absorber (N), x = Re sum X_k exp(i k angle)."""
+
+    relative: NDArray[np.complex128]
+    tip: NDArray[np.complex128]
+    contact: NDArray[np.complex128]
+
+    @property
+    def tip_amplitude(self) -> float:
+        """Half of peak to peak of the tip's displacement in m: the paper's response level of a periodic response."""
+        low, high = largest(real_row(self.tip))
+        return (high - low) / 2
+
+    @property
+    def tip_max(self) -> float:
+        """Largest displacement of the tip in m."""
+        return max(abs(value) for value in largest(real_row(self.tip)))
+
+    @property
+    def tip_rms(self) -> float:
+        """Root mean square of the tip's displacement in m."""
+        return float(np.sqrt(abs(self.tip[0]) ** 2 + np.sum(np.abs(self.tip[1:]) ** 2) / 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """A structure, a contact law, the drive's frequency (rad/s) and force (N): everything but the unknowns.
+
+    ``symmetric`` keeps odd harmonics only. ``centring`` (N/m) is a spring on the mean of r, which has no influence on a symmetric orbit.
+    """
+
+    linear: Linear
+    law: Law
+    omega: float
+    force: float
+    symmetric: bool = True
+    centring: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive(OMEGA, self.omega)
+        finite(FORCE, self.force)
+
+    @property
+    def kept(self) -> NDArray[np.intp]:
+        """Places of the unknowns z in a polynomial (2H + 1,)."""
+        h = self.linear.harmonics
+        odd = np.arange(1, h + 1, 2)
+        return np.concatenate([odd, odd + h]) if self.symmetric else np.arange(2 * h + 1)
+
+    def polynomial(self, z: Real) -> Real:
+        """Return the relative displacement (2H + 1,) in m of unknowns z."""
+        row = np.zeros(2 * self.linear.harmonics + 1)
+        row[self.kept] = z
+        return row
+
+    def at(self, parameter: str, value: float) -> Balance:
+        """Return the same with one parameter changed: "omega", "force", or a field of the contact law such as "gap"."""
+        if parameter in (OMEGA, FORCE):
+            return replace(self, **{parameter: value})  # type: ignore[arg-type]
+        law: Any = self.law
+        known = [field.name for field in fields(law) if getattr(law, field.name) is not None]
+        require(parameter in known, "parameter", parameter, f"one of {', '.join([OMEGA, FORCE, *known])}")
+        return replace(self, law=replace(law, **{parameter: value}))
+
+    def evaluated(self, z: Real, parameter: str) -> tuple[Real, Real]:
+        """Return the residual (n,) in N and its Jacobian (n, n + 1) by z and the parameter."""
+        motion, d = self.polynomial(z), self.linear.dynamics(self.omega)
+        dynamic = _applied(d.stiffness, motion) + self.force * real_row(d.drive)
+        stiffness = _matrix(d.stiffness)
+        contact = self.law.contact(motion, dynamic, self.omega / self.linear.multiple, parameter)
+        if parameter == OMEGA:
+            moved = _applied(d.stiffness_slope, motion) + self.force * real_row(d.drive_slope)
+            last = moved - contact.by_dynamic @ moved - contact.by_omega / self.linear.multiple
+        elif parameter == FORCE:
+            last = real_row(d.drive) - contact.by_dynamic @ real_row(d.drive)
+        else:
+            last = -contact.by_parameter
+        jacobian = stiffness - contact.by_motion - contact.by_dynamic @ stiffness
+        residual = dynamic - contact.force
+        residual[0] += self.centring * motion[0]
+        jacobian[0, 0] += self.centring
+        kept = self.kept
+        return residual[kept], np.column_stack([jacobian[np.ix_(kept, kept)], last[kept]])
+
+    def residual(self, parameter: str) -> Residual:
+        """Return the function of z and the parameter that `continuation` takes."""
+
+        def at(z: Real, value: float) -> tuple[Real, Real]:
+            return self.at(parameter, value).evaluated(z, parameter)
+
+        return at
+
+    def response(self, z: Real) -> HarmonicResponse:
+        """Return what a solution z means."""
+        motion, d = self.polynomial(z), self.linear.dynamics(self.omega)
+        dynamic = _applied(d.stiffness, motion) + self.force * real_row(d.drive)
+        return HarmonicResponse(complexes(motion), self.linear.tip(complexes(dynamic), self.force, self.omega), complexes(dynamic))
+
+    def free(self) -> Real:
+        """Return z of the absorber that does not feel the beam: where the force on it is zero, and a start where nothing is touched."""
+        d = self.linear.dynamics(self.omega)
+        relative = np.zeros_like(d.stiffness)
+        relative[1:] = -self.force * d.drive[1:] / d.stiffness[1:]
+        return real_row(relative)[self.kept]
+
+    def solved(self, z: Real) -> Real:
+        """Return the solution next to z at this frequency and force; raises NoConvergenceError.
+
+        Levenberg and Marquardt's method first, since Newton's own needs a start that an exact orbit's harmonics are not; then Newton's.
+        """
+        scale = max(float(np.linalg.norm(z)), np.finfo(float).tiny)
+
+        def values(x: Real) -> tuple[Real, Real]:
+            residual, jacobian = self.evaluated(scale * x, FORCE)
+            return residual, scale * jacobian[:, :-1]
+
+        with np.errstate(over="ignore"):  # in the covariance that nobody asks for
+            found = scipy.optimize.root(values, z / scale, jac=True, method="lm", options={"maxiter": 400})
+        problem = Problem(self.residual(FORCE), FORCE, scale=scale, parameter_scale=max(abs(self.force), 1.0))
+        return np.asarray(start(problem, scale * found.x, self.force)[1].x[:-1] * scale)
+
+    def at_impacts(self, angles: Real, impulses: Real, friction: Callable[[Real], NDArray[np.complex128]] | None = None) -> Real:
+        """Return z of an orbit with impulses on the absorber (N s) at angles of the fundamental (rad): a start from an exact orbit.
+
+        ``friction`` maps the orders k (H,) to the harmonics of the friction force in N, complex (H,); None: there is none.
+        """
+        d = self.linear.dynamics(self.omega)
+        order = np.arange(1.0, len(d.stiffness))
+        rate = self.omega / self.linear.multiple / np.pi  # harmonics of an impulse once a period: 2/T
+        pushed = np.asarray(rate * np.exp(-1j * np.outer(order, angles)) @ impulses, dtype=np.complex128)
+        if friction is not None:
+            pushed += friction(order)
+        relative = (pushed - self.force * d.drive[1:]) / d.stiffness[1:]
+        return real_row(np.append(0.0, relative))[self.kept]
+
+
+def _applied(values: NDArray[np.complex128], row: Real) -> Real:
+    """Return the polynomial whose harmonics are multiplied by complex values (H + 1,)."""
+    return real_row(values * complexes(row))
+
+
+def _matrix(values: NDArray[np.complex128]) -> Real:
+    """Return the matrix (2H + 1, 2H + 1) of `_applied`."""
+    h = len(values) - 1
+    matrix = np.zeros((2 * h + 1, 2 * h + 1))
+    k = np.arange(1, h + 1)
+    matrix[0, 0] = values[0].real
+    matrix[k, k] = matrix[k + h, k + h] = values[1:].real
+    matrix[k, k + h], matrix[k + h, k] = values[1:].imag, -values[1:].imag
+    return matrix
+
+
+def _law(model: ModalModel, absorber: SlidingAbsorber, mass: float, weight: float, friction_weight: float) -> Law:
+    walls, friction = absorber.walls, absorber.friction
+    gap = None if walls is None else walls.gap
+    limit = None if friction is None else friction.limit
+    if isinstance(walls, CompliantWalls) or isinstance(friction, ElasticCoulombFriction):
+        stiffness = walls.stiffness if isinstance(walls, CompliantWalls) else None
+        return CompliantContact(gap, stiffness, limit, friction.stiffness if isinstance(friction, ElasticCoulombFriction) else None)
+    if isinstance(walls, RigidWalls):
+        allowed = "1, for the dynamic Lagrangian method knows no impact law, only conservative contact (exact orbits take any restitution)"
+        require(walls.restitution == 1, "restitution", walls.restitution, allowed)
+    assert friction is None or isinstance(friction, CoulombFriction)
+    first = float(np.min(model.omega))
+    return RigidContact(gap, limit, weight * mass * first**2, friction_weight * mass * first)
+
+
+def harmonic_balance(
+    scene: Scene,
+    omega: float,
+    force: float,
+    harmonics: int = 20,
+    weight: float = WEIGHT,
+    friction_weight: float = FRICTION_WEIGHT,
+    grounded_damper: float = 0.0,
+    symmetric: bool = True,
+    multiple: int = 1,
+) -> Balance:
+    """Return the harmonic balance of a scene with one sliding absorber, at a frequency in rad/s and a force in N.
+
+    ``weight`` of the rigid contact in m_a omega_1^2, ``friction_weight`` in m_a omega_1; ``grounded_damper`` in N s/m (`PAPER_DAMPER`); the period is
+    ``multiple`` times the force's. Raises ParameterError for another absorber, restitution below 1, an even multiple of a symmetric orbit.
+    """
+    absorber = scene.absorber
+    require(isinstance(absorber, SlidingAbsorber), "absorber", absorber, "one absorber with walls, friction or both")
+    assert isinstance(absorber, SlidingAbsorber)
+    positive("weight", weight)
+    positive("friction_weight", friction_weight)
+    require(not symmetric or multiple % 2 == 1, "multiple", multiple, "odd for orbits that repeat with the other sign after half a period")
+    mass = absorber.mass_ratio * scene.model.beam_mass
+    linear = JointOfMass(scene.model, mass, harmonics, grounded_damper, multiple)
+    law = _law(scene.model, absorber, mass, weight, friction_weight)
+    return Balance(linear, law, omega, force, symmetric, CENTRING * weight * mass * float(np.min(scene.model.omega)) ** 2)

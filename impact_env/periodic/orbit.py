@@ -1,0 +1,198 @@
+"""An orbit that stood its trial, and the way to it: solve, look between the events, mend the order, propagate, judge stability."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_env.periodic.case import Case
+from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
+from impact_env.periodic.motion import Motion, motion_of
+from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
+from impact_env.periodic.stability import Stability, derivative_of, stability_of
+from impact_env.periodic.validation import trial_of
+
+Array = NDArray[np.float64]
+MOST_MENDINGS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Impact:
+    """One impact: ``phase`` of the force in rad, ``impulse`` on the absorber in N s, ``wall`` -1 or 1."""
+
+    phase: float
+    impulse: float
+    wall: int
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A periodic orbit that the exact method confirmed: ``residual`` is that of its propagation (see `validation.Trial`)."""
+
+    motion: Motion
+    stability: Stability
+    residual: float
+
+    @property
+    def solution(self) -> Solution:
+        """Its events."""
+        return self.motion.solution
+
+    @property
+    def case(self) -> Case:
+        """Where it is."""
+        return self.motion.solution.case
+
+    @property
+    def schedule(self) -> EventSchedule:
+        """The order of its events."""
+        return self.motion.solution.schedule
+
+    @property
+    def impacts(self) -> tuple[Impact, ...]:
+        """All impacts of a whole period, the mirrored half of a symmetric orbit too, by rising phase from 0 on."""
+        schedule, solution, whole = self.schedule, self.solution, 2 * np.pi * self.schedule.period_multiple
+        found = [
+            Impact(float(p % whole), float(i), int(w)) for p, i, w in zip(solution.phases, solution.impulses, schedule.order.wall, strict=True) if w
+        ]
+        if schedule.symmetric:
+            found += [Impact((impact.phase + schedule.turn) % whole, -impact.impulse, -impact.wall) for impact in found]
+        return tuple(sorted(found, key=lambda impact: impact.phase))
+
+
+def confirmed(motion: Motion) -> Orbit | NoOrbit:
+    """Return the orbit of a motion if the exact method confirms it, or why it is none."""
+    matrix, turning = derivative_of(motion)
+    reason = objection(motion, turning)
+    if reason is None:
+        trial = trial_of(motion)
+        if trial.reason is None:
+            return Orbit(motion, stability_of(motion, matrix), trial.residual)
+        reason = trial.reason
+    solution = motion.solution
+    return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
+
+
+def mirrored(orbit: Orbit) -> Orbit | NoOrbit:
+    """Return the mirror image of an orbit: every sign turned, half a period of the force later. A symmetric orbit is its own."""
+    solution, old = orbit.solution, orbit.schedule
+    schedule = EventSchedule(tuple(event.mirrored for event in old.events), old.symmetric, old.period_multiple)
+    z = unknowns_of(solution)
+    z[: len(old.events)] += np.pi
+    z[len(old.events) :] *= -1
+    return orbit_at(solution.case, schedule, z)
+
+
+def objection(motion: Motion, turning: Array) -> str | None:
+    """Return what speaks against a motion without propagating it, or None: an impulse that pulls, a wall passed, friction in the wrong sense.
+
+    ``turning`` as `stability.derivative_of` returns it.
+    """
+    solution, schedule = motion.solution, motion.solution.schedule
+    if np.any(solution.impulses * schedule.order.wall > 0):
+        return "a wall would have to pull"
+    if motion.penetration > 0:
+        return f"the absorber passes a wall by {motion.penetration:.3g} m"
+    if solution.case.friction_limit > 0 and not consistent(motion):
+        return f"the relative velocity turns {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
+    return "friction would hold the absorber at a reversal" if np.max(turning) > -1 else None
+
+
+def orbit_at(case: Case, schedule: EventSchedule, start: ArrayLike, mend: bool = True) -> Orbit | NoOrbit:
+    """Return the confirmed orbit near ``start`` (unknowns, or phases in rad), or why there is none.
+
+    ``mend``: with friction the reversals of the schedule may be wrong at the start; they are then those that the motion shows, until both agree.
+    """
+    found = mended(case, schedule, start) if mend else settled(case, schedule, start)
+    return found if isinstance(found, NoOrbit) else confirmed(found)
+
+
+def settled(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
+    """Return the motion of the solution near ``start``, whatever it does between its events."""
+    solution = solve(case, schedule, start)
+    return solution if isinstance(solution, NoOrbit) else motion_of(solution)
+
+
+def mended(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
+    """Return the motion near ``start`` whose schedule has the reversals that it shows.
+
+    Two reversals that change places are left out. Where friction holds the absorber for a moment no order of reversals is right: then what comes
+    back is a motion without those that it would hold at, or none; `confirmed` says so.
+    """
+    start = np.asarray(start, dtype=float)
+    motion = settled(case, schedule, start)
+    for _ in range(MOST_MENDINGS):
+        if isinstance(motion, NoOrbit):
+            if schedule.reversals < 2 or case.friction_limit == 0:
+                return motion
+            schedule, start = without_closest(schedule, start[: len(schedule.events)])
+            motion = settled(case, schedule, start)
+            continue
+        if case.friction_limit == 0 or not motion.fits:
+            return motion
+        last, held = motion, is_held(motion)
+        if consistent(motion):
+            if not held:
+                return motion
+            motion = settled(case, *without_held(last))
+            return last if isinstance(motion, NoOrbit) else motion
+        schedule, start = reordered(motion)
+        motion = settled(case, schedule, start)
+        if not isinstance(motion, NoOrbit) and is_held(motion) and not held:
+            return last
+    return motion
+
+
+def is_held(motion: Motion) -> bool:
+    """Return whether friction would hold the absorber at one of its reversals."""
+    return bool(np.max(derivative_of(motion)[1]) > -1)
+
+
+def consistent(motion: Motion) -> bool:
+    """Return whether the turns seen lie between the same impacts as the schedule's reversals."""
+    solution = motion.solution
+    if not motion.fits or len(motion.turns) != solution.schedule.reversals:
+        return False
+    hits = solution.schedule.order.wall != 0
+    impacts = solution.phases[hits]
+    return bool(np.all(np.searchsorted(impacts, motion.turns) == np.searchsorted(impacts, solution.phases[~hits])))
+
+
+def reordered(motion: Motion) -> tuple[EventSchedule, Array]:
+    """Return the schedule with the turns that a motion shows as its reversals, and the phases (n,) of its events in rad."""
+    solution, old = motion.solution, motion.solution.schedule
+    hits = old.order.wall != 0
+    phases = np.concatenate([solution.phases[hits], motion.turns])
+    walls = np.concatenate([old.order.wall[hits], np.zeros(len(motion.turns), np.int64)])
+    return _sorted(old, walls, phases)
+
+
+def without_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedule, Array]:
+    """Return the schedule and phases (n,) without the two neighbouring reversals that are closest to each other, or unchanged if there are none."""
+    wall = schedule.order.wall
+    pairs = [(phases[k + 1] - phases[k], k) for k in range(len(phases) - 1) if wall[k] == 0 and wall[k + 1] == 0]
+    if not pairs:
+        return schedule, phases
+    k = min(pairs)[1]
+    return _sorted(schedule, np.delete(wall, [k, k + 1]), np.delete(phases, [k, k + 1]))
+
+
+def without_held(motion: Motion) -> tuple[EventSchedule, Array]:
+    """Return the schedule and phases (n,) of a motion without the reversals at which friction would hold, and their partners."""
+    solution, old = motion.solution, motion.solution.schedule
+    turning, wall = derivative_of(motion)[1], old.order.wall
+    leave: set[int] = set()
+    for k in np.flatnonzero(turning > -1):
+        partners = [j for j in (k - 1, k + 1) if 0 <= j < len(wall) and wall[j] == 0 and j not in leave]
+        if k not in leave and partners:
+            leave |= {int(k), int(min(partners, key=lambda j: abs(float(solution.phases[j] - solution.phases[k]))))}
+    keep = np.array([k not in leave for k in range(len(wall))])
+    return _sorted(old, wall[keep], solution.phases[keep])
+
+
+def _sorted(old: EventSchedule, walls: NDArray[np.int64], phases: Array) -> tuple[EventSchedule, Array]:
+    rank = np.argsort(phases, kind="stable")
+    friction = any(event.regime is Regime.SLIDING for event in old.events)
+    return flying_schedule(walls[rank].tolist(), friction, old.symmetric, old.period_multiple), phases[rank]

@@ -1,0 +1,137 @@
+"""A branch as a frequency response: what is reported and drawn of it, whichever method it is from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.parameters import require
+from impact_env.periodic.branch import Branch
+from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.harmonic_balance import OMEGA, Balance
+from impact_env.periodic.locating import FOLD
+from impact_env.periodic.orbit import confirmed
+from impact_env.periodic.tracing import OrbitBranch
+
+Real = NDArray[np.float64]
+EXACT, HARMONIC_BALANCE = "exact orbits", "harmonic balance"
+COLUMNS = ("curve", "method", "omega_ratio", "tip_max_m", "tip_rms_m", "stable", "slowly_stable")
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """Something located on a curve: ``kind`` is "fold" and the like."""
+
+    kind: str
+    omega_ratio: float
+    tip_max: float
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return a dict; keys with their units."""
+        return {"kind": self.kind, "omega_ratio": self.omega_ratio, "tip_max_m": self.tip_max}
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseCurve:
+    """Tip displacement along a branch, m points: ``omega_ratio`` (m,), ``tip_max`` and ``tip_rms`` (m,) in m, NaN where there is no orbit.
+
+    ``stable`` and ``slowly_stable`` (m,) of booleans, None where the method does not tell: the second leaves the fast multipliers out. ``refused``:
+    what was said of the points without an orbit, and how often.
+    """
+
+    method: str
+    omega_ratio: Real
+    tip_max: Real
+    tip_rms: Real
+    located: tuple[CurvePoint, ...]
+    closed: bool
+    message: str
+    stable: NDArray[np.bool_] | None = None
+    slowly_stable: NDArray[np.bool_] | None = None
+    refused: tuple[tuple[str, int], ...] = ()
+
+    def __post_init__(self) -> None:
+        rows = [row for row in (self.omega_ratio, self.tip_max, self.tip_rms, self.stable, self.slowly_stable) if row is not None]
+        require(len({len(row) for row in rows}) == 1, "curve", [len(row) for row in rows], "rows of one length")
+
+    @property
+    def folds(self) -> tuple[CurvePoint, ...]:
+        """Turning points in the frequency."""
+        return tuple(point for point in self.located if point.kind == FOLD)
+
+    @property
+    def peak(self) -> CurvePoint | None:
+        """The point with the largest displacement, None if no point is an orbit."""
+        if not np.any(np.isfinite(self.tip_max)):
+            return None
+        k = int(np.nanargmax(self.tip_max))
+        return CurvePoint("peak", float(self.omega_ratio[k]), float(self.tip_max[k]))
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return lists, numbers and strings, None for NaN; keys with their units."""
+        rows = {"omega_ratio": self.omega_ratio, "tip_max_m": self.tip_max, "tip_rms_m": self.tip_rms}
+        plain: dict[str, Any] = {"method": self.method, "closed": self.closed, "ended": self.message}
+        plain["peak"] = None if self.peak is None else self.peak.to_plain()
+        plain["located"] = [point.to_plain() for point in self.located]
+        plain["refused"] = [{"reason": reason, "points": number} for reason, number in self.refused]
+        plain |= {name: [float(x) if np.isfinite(x) else None for x in row] for name, row in rows.items()}
+        for name, truths in (("stable", self.stable), ("slowly_stable", self.slowly_stable)):
+            plain[name] = None if truths is None else truths.tolist()
+        return plain
+
+    def rows(self, number: int) -> Iterator[tuple[object, ...]]:
+        """Yield a row of `COLUMNS` for each point that is a solution."""
+        for k in np.flatnonzero(np.isfinite(self.tip_max)):
+            truths = ["" if row is None else int(row[k]) for row in (self.stable, self.slowly_stable)]
+            yield (number, self.method, self.omega_ratio[k], self.tip_max[k], self.tip_rms[k], *truths)
+
+
+def balance_curve(balance: Balance, branch: Branch, reference: float) -> ResponseCurve:
+    """Return the frequency response of a branch of harmonic balance; frequencies over ``reference`` in rad/s."""
+    responses = [balance.at(OMEGA, p).response(z) for z, p in zip(branch.points, branch.parameters, strict=True)]
+    marks = tuple(CurvePoint(e.kind, e.parameter / reference, balance.at(OMEGA, e.parameter).response(e.point).tip_max) for e in branch.located)
+    largest, rms = (np.array([getattr(r, name) for r in responses]) for name in ("tip_max", "tip_rms"))
+    return ResponseCurve(HARMONIC_BALANCE, branch.parameters / reference, largest, rms, marks, branch.closed, branch.message)
+
+
+def orbit_curve(orbits: OrbitBranch, reference: float) -> ResponseCurve:
+    """Return the frequency response of a branch of exact orbits; each point is propagated by the exact method, and left out if that refuses it."""
+    found = list(orbits.orbits())
+    values = np.array([(np.nan, np.nan, 0, 0) if isinstance(o, NoOrbit) else _values(o) for o in found])
+    refused: dict[str, int] = {}
+    for orbit in found:
+        if isinstance(orbit, NoOrbit):
+            refused[orbit.reason] = refused.get(orbit.reason, 0) + 1
+    marks = [CurvePoint(kind, motion.solution.case.omega / reference, motion.tip_max) for kind, motion in _marks(orbits)]
+    truths = values[:, 2:].astype(np.bool_)
+    branch = orbits.branch
+    return ResponseCurve(
+        EXACT,
+        branch.parameters / reference,
+        values[:, 0],
+        values[:, 1],
+        tuple(marks),
+        branch.closed,
+        branch.message,
+        truths[:, 0],
+        truths[:, 1],
+        tuple(refused.items()),
+    )
+
+
+def _values(orbit: Any) -> tuple[float, float, bool, bool]:
+    return orbit.motion.tip_max, orbit.motion.tip_rms, orbit.stability.stable, orbit.stability.slowly_stable
+
+
+def _marks(orbits: OrbitBranch) -> Iterator[tuple[str, Any]]:
+    """Yield kind and motion of what was located and is an orbit; folds as Newton's method finishes them."""
+    for fold in orbits.folds():
+        if not isinstance(fold, NoOrbit) and not isinstance(confirmed(fold.motion), NoOrbit):
+            yield FOLD, fold.motion
+    for kind in sorted({event.kind for event in orbits.branch.located} - {FOLD, "kink"}):
+        for motion in orbits.of(kind):
+            yield kind, motion

@@ -1,0 +1,135 @@
+"""The order of an orbit's events, as one value: what happens, not when."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+
+import numpy as np
+
+from impact_env.kernels.periodic.structure import Order
+from impact_env.parameters import ParameterError, count, require
+
+
+class Regime(Enum):
+    """What a segment between two events is: absorber and beam apart, without or with friction between them, or joined by friction or a wall."""
+
+    FREE = "free"
+    SLIDING = "sliding"
+    JOINED = "joined"
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event, and the segment that follows it: its ``regime``, the ``wall`` touched (-1, 0, 1), the ``sign`` of the relative velocity (0: joined).
+
+    An impact touches a wall and leaves it: sign = -wall. A reversal touches none. Into a joined segment the wall is the one that holds the
+    absorber, 0 where friction does.
+    """
+
+    regime: Regime
+    wall: int
+    sign: int
+
+    def __post_init__(self) -> None:
+        require(isinstance(self.regime, Regime), "regime", self.regime, "one of the class Regime")
+        require(self.wall in (-1, 0, 1), "wall", self.wall, "-1, 0 or 1")
+        joined = self.regime is Regime.JOINED
+        require(self.sign in ((0,) if joined else (-1, 1)), "sign", self.sign, "0 in a joined segment, else -1 or 1")
+        require(joined or self.wall == 0 or self.sign == -self.wall, "sign", self.sign, f"{-self.wall} after an impact on wall {self.wall}")
+
+    @property
+    def mirrored(self) -> Event:
+        """The event of the mirrored motion."""
+        return Event(self.regime, -self.wall, -self.sign)
+
+    @property
+    def is_impact(self) -> bool:
+        """Whether the absorber hits a wall and leaves it."""
+        return self.wall != 0 and self.sign != 0
+
+
+@dataclass(frozen=True)
+class EventSchedule:
+    """The events of one period of an orbit, or of its first half if the second mirrors it (``symmetric``); ``period_multiple`` of the force's period.
+
+    Raises ParameterError if the order cannot come again.
+    """
+
+    events: tuple[Event, ...]
+    symmetric: bool = False
+    period_multiple: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "events", tuple(self.events))
+        count("period_multiple", self.period_multiple, 1)
+        require(len(self.events) > 0, "events", self.events, "one or more")
+        odd = self.period_multiple % 2 == 1
+        require(
+            odd or not self.symmetric,
+            "period_multiple",
+            self.period_multiple,
+            "odd for a symmetric orbit: the force must turn its sign in half of it",
+        )
+        require(self.symmetric or len(self.events) > 1, "events", self.events, "two or more where no half mirrors the other")
+        last = self.events[-1].mirrored if self.symmetric else self.events[-1]
+        for before, after in zip((last, *self.events[:-1]), self.events, strict=True):
+            turns = after.regime is Regime.SLIDING and after.wall == 0 and before.regime is not Regime.JOINED
+            require(not turns or after.sign == -before.sign, "events", self.events, "a reversal between two senses of sliding")
+
+    @property
+    def turn(self) -> float:
+        """Phase of the force over the events listed, in rad."""
+        return self.period_multiple * math.pi * (1 if self.symmetric else 2)
+
+    @property
+    def impacts(self) -> int:
+        """Number of impacts among the events listed."""
+        return sum(event.is_impact for event in self.events)
+
+    @property
+    def reversals(self) -> int:
+        """Number of friction reversals among the events listed."""
+        return sum(event.regime is Regime.SLIDING and event.wall == 0 for event in self.events)
+
+    @property
+    def flies(self) -> bool:
+        """Whether absorber and beam are never joined."""
+        return all(event.regime is not Regime.JOINED for event in self.events)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns of a flying orbit: phases, impulses, and the mean distance unless the orbit is symmetric."""
+        return len(self.events) + self.impacts + (0 if self.symmetric else 1)
+
+    @property
+    def order(self) -> Order:
+        """The events as arrays, for the kernels; ParameterError if there is a joined segment or no impact."""
+        return _order(self)
+
+    def __str__(self) -> str:
+        words = f"{self.impacts} impact{'s' * (self.impacts != 1)} and {self.reversals} reversal{'s' * (self.reversals != 1)} in "
+        whole = "period" if self.period_multiple == 1 else f"{self.period_multiple} periods"
+        return words + (f"half of {'a' if self.period_multiple == 1 else ''} {whole}".replace("  ", " ") if self.symmetric else whole)
+
+
+@lru_cache(maxsize=256)
+def _order(schedule: EventSchedule) -> Order:
+    if not schedule.flies:
+        raise ParameterError("schedule with joined segments is not allowed here: Green's function is that of a free or sliding absorber")
+    require(schedule.events[0].is_impact, "schedule", str(schedule), "one that begins with an impact")
+    wall, sign = (np.array([getattr(event, name) for event in schedule.events], dtype=np.int64) for name in ("wall", "sign"))
+    return Order(wall, sign, schedule.turn, -1.0 if schedule.symmetric else 1.0)
+
+
+def flying_schedule(walls: Sequence[int], friction: bool, symmetric: bool = False, period_multiple: int = 1) -> EventSchedule:
+    """Return the schedule of impacts on ``walls`` in this order, 0 standing for a reversal; the first is an impact."""
+    require(len(walls) > 0 and walls[0] != 0, "walls", list(walls), "a row of -1, 0 and 1 that begins with an impact")
+    regime, sign, events = Regime.SLIDING if friction else Regime.FREE, 0, []
+    for wall in walls:
+        sign = -wall if wall != 0 else -sign
+        events.append(Event(regime, int(wall), int(sign)))
+    return EventSchedule(tuple(events), symmetric, period_multiple)

@@ -1,0 +1,294 @@
+"""What an absorber sits on, as plain data: a beam, modal data, a Universal File or matrices. `impact_env.plain` has scenes; docs/scenes.md the form.
+
+Each kind of structure is a table of a file. Keys with a unit end in it. Names of other files are relative to the folder of the file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form
+from impact_env.modes import ModalModel
+from impact_env.parameters import Beam, Section, count, non_negative, require
+from impact_env.structures.files import read_matrix
+from impact_env.structures.matrices import checked, lowest_modes, proportional_damping
+from impact_env.structures.universal import DIRECTIONS, at, read_modes
+
+MODES = 10  # kept of matrices, unless told otherwise
+UNITS = {"kg, m, s": 1.0, "t, mm, s": 1e3}  # of matrices -> kg of the unit of mass; lengths cancel in mass-normalised shapes
+
+
+def _ratios(path: str, plain: Any) -> dict[int, float]:
+    require(isinstance(plain, Mapping), path, plain, 'a table from mode numbers, 2 or more, to frequency ratios, as {"2" = 6.3}')
+    for mode in plain:
+        require(isinstance(mode, str) and mode.isascii() and mode.isdigit() and mode[0] != "0", f"{path}'s mode", mode, "a mode number, 2 or more")
+    return {int(mode): NUMBER.read(f"{path}[{mode}]", ratio) for mode, ratio in plain.items()}
+
+
+# one number for all modes, or one each
+DAMPING_RATIO = Sort(
+    lambda path, plain: tuple(ROW.read(path, plain)) if isinstance(plain, list | tuple) else NUMBER.read(path, plain),
+    lambda value: list(map(float, value)) if isinstance(value, tuple) else float(value),
+)
+RATIOS = Sort(_ratios, lambda ratios: {str(mode): float(ratio) for mode, ratio in ratios.items()})
+SECTION_KEYS: Keys = {
+    "elements": ("elements", WHOLE),
+    "bending_stiffness_n_m2": ("bending_stiffness", NUMBER),
+    "mass_per_length_kg_m": ("mass_per_length", NUMBER),
+}
+SECTION = form(Section, SECTION_KEYS)
+
+
+def _sections(path: str, plain: Any) -> tuple[Section, ...]:
+    require(isinstance(plain, list | tuple), path, plain, f"a list of tables with the keys {', '.join(SECTION_KEYS)}")
+    return tuple(SECTION.read(f"{path}[{i}]", part) for i, part in enumerate(plain))
+
+
+def _text(path: str, plain: Any) -> str:
+    require(isinstance(plain, str) and plain != "", path, plain, "a text")
+    return str(plain)
+
+
+TEXT = Sort(_text, str)
+SECTIONS = Sort(_sections, lambda sections: [SECTION.write(section) for section in sections])
+BEAM = form(
+    Beam,
+    {
+        "length_m": ("length", NUMBER),
+        "bending_stiffness_n_m2": ("bending_stiffness", NUMBER),
+        "mass_per_length_kg_m": ("mass_per_length", NUMBER),
+        "elements": ("elements", WHOLE),
+        "modes": ("modes", WHOLE),
+        "damping_ratio": ("damping_ratio", DAMPING_RATIO),
+        "force_position": ("force_position", NUMBER),
+        "absorber_position": ("absorber_position", NUMBER),
+        "response_position": ("response_position", NUMBER),
+        "modal_frequency_ratio": ("modal_frequency_ratio", RATIOS),
+        "ends": ("ends", TEXT),
+        "tip_mass_kg": ("tip_mass", NUMBER),
+        "sections": ("sections", SECTIONS),
+        "suspension_frequency_hz": ("suspension_frequency", NUMBER),
+    },
+)
+SHAPES: Keys = {
+    "damping_ratio": ("damping_ratio", ROW),
+    "force_shape_per_sqrt_kg": ("force_shape", ROW),
+    "tip_shape_per_sqrt_kg": ("tip_shape", ROW),
+    "beam_mass_kg": ("beam_mass", NUMBER),
+    "absorber_shapes_per_sqrt_kg": ("absorber_shapes", ROWS),
+    "response_shape_per_sqrt_kg": ("response_shape", ROW),
+}
+
+
+HELD = "above 0: a motion that bends nothing has the frequency of its suspension, and cannot be left out, since it carries the absorber too"
+
+
+def _model(
+    damping_ratio: list[float],
+    force_shape: list[float],
+    tip_shape: list[float],
+    beam_mass: float,
+    omega: list[float] | None = None,
+    frequencies: list[float] | None = None,
+    absorber_shapes: list[list[float]] | None = None,
+    response_shape: list[float] | None = None,
+) -> ModalModel:
+    if omega is None:
+        require(frequencies is not None, "omega", omega, "given, in rad/s, or frequencies_hz in its place")
+        assert frequencies is not None
+        require(min(frequencies) > 0, "frequencies", frequencies, HELD)
+        omega = [2 * math.pi * f for f in frequencies]
+    else:
+        require(frequencies is None, "frequencies", frequencies, "left out beside omega_rad_s")
+        require(min(omega) > 0, "omega", omega, HELD)
+    w, damping, force, tip = (np.array(row) for row in (omega, damping_ratio, force_shape, tip_shape))
+    absorbers, response = (None if row is None else np.array(row) for row in (absorber_shapes, response_shape))
+    return ModalModel(w, damping, force, tip, beam_mass, absorbers, response)
+
+
+# a model is written with omega, which is exact, and read with either
+MODEL = Sort(
+    form(_model, {"omega_rad_s": ("omega", ROW), "frequencies_hz": ("frequencies", ROW), **SHAPES}).read,
+    form(ModalModel, {"omega_rad_s": ("omega", ROW), **SHAPES}).write,
+)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A node of a Universal File and one of its directions."""
+
+    node: int
+    direction: str
+
+    def __post_init__(self) -> None:
+        count("node", self.node, 0)
+        allowed = f"one of {', '.join(DIRECTIONS)}, with - before it for the other sense"
+        require(self.direction.lstrip("+-") in DIRECTIONS and len(self.direction) <= 2, "direction", self.direction, allowed)
+
+
+PLACE = form(_Place, {"node": ("node", WHOLE), "direction": ("direction", TEXT)})
+
+
+def _one_or_list(sort: Sort) -> Sort:
+    """Return the sort of a list of things, or of one of them, which is a list of one."""
+
+    def read(path: str, plain: Any) -> list[Any]:
+        if not isinstance(plain, list | tuple):
+            return [sort.read(path, plain)]
+        require(len(plain) > 0, path, plain, "one place, or a list of them")
+        return [sort.read(f"{path}[{i}]", part) for i, part in enumerate(plain)]
+
+    return Sort(read, list)
+
+
+def _signed(model: ModalModel) -> ModalModel:
+    """Return a model whose absorber moves up in every mode, as a beam's tip does."""
+    sign = np.where(model.tip_shape < 0, -1.0, 1.0)
+    rows = {name: getattr(model, name) * sign for name in ("force_shape", "tip_shape")}
+    more = {name: getattr(model, name) * sign for name in ("absorber_shapes", "response_shape") if getattr(model, name) is not None}
+    return replace(model, **rows, **more)
+
+
+def _placed(omega: Any, damping: Any, force: Any, absorbers: list[Any], response: Any, mass: float) -> ModalModel:
+    """Return the model of shapes (N_m,) at the places; several absorbers have a row each, and their level is read at the response's place."""
+    if len(absorbers) == 1:
+        return _signed(ModalModel(omega, damping, force, absorbers[0], mass, None, response))
+    return _signed(ModalModel(omega, damping, force, absorbers[0] if response is None else response, mass, np.array(absorbers)))
+
+
+def _ratios_of(given: Any, found: Any, modes: int) -> Any:
+    """Return the damping ratio of each mode: what is given, one number or one a mode, else what was found."""
+    ratios = np.broadcast_to(np.asarray(given, dtype=float), (modes,)) if np.ndim(given) == 0 and given is not None else given
+    if given is None:
+        require(found is not None, "damping_ratio", given, "given, as one number or a list with one for each mode: the file has no damping")
+        return found
+    require(len(ratios) == modes, "damping_ratio", given, f"one number, or one for each of the {modes} modes")
+    return np.array([non_negative("damping_ratio", float(x)) for x in ratios])
+
+
+def _universal(
+    folder: Path, file: str, force: _Place, absorber: list[_Place], mass: float, response: _Place | None, modes: int | None, damping_ratio: Any
+) -> ModalModel:
+    path = folder / file
+    found = read_modes(path)
+    kept = found if modes is None else found[: count("modes", modes, 1, len(found))]
+    measured = [mode.damping_ratio for mode in kept]
+    ratios = _ratios_of(damping_ratio, None if None in measured else measured, len(kept))
+
+    def shape(name: str, place: _Place) -> Any:
+        return at(kept, path, name, (place.node, place.direction))
+
+    places = [shape("absorber", place) for place in absorber]
+    return _placed([m.omega for m in kept], ratios, shape("force", force), places, None if response is None else shape("response", response), mass)
+
+
+UNIVERSAL_KEYS: Keys = {
+    "file": ("file", TEXT),
+    "force": ("force", PLACE),
+    "absorber": ("absorber", _one_or_list(PLACE)),
+    "response": ("response", PLACE),
+    "mass_kg": ("mass", NUMBER),
+    "modes": ("modes", WHOLE),
+    "damping_ratio": ("damping_ratio", DAMPING_RATIO),
+}
+
+
+def _universal_form(folder: Path) -> Sort:
+    def make(
+        file: str,
+        force: _Place,
+        absorber: list[_Place],
+        mass: float,
+        response: _Place | None = None,
+        modes: int | None = None,
+        damping_ratio: Any = None,
+    ) -> ModalModel:
+        return _universal(folder, file, force, absorber, mass, response, modes, damping_ratio)
+
+    return form(make, UNIVERSAL_KEYS)
+
+
+@dataclass(frozen=True)
+class _Matrices:
+    """What a table of matrices says."""
+
+    mass: str
+    stiffness: str
+    units: str
+    force: int
+    absorber: list[int]
+    structure_mass: float
+    damping: str | None = None
+    response: int | None = None
+    modes: int = MODES
+    damping_ratio: Any = None
+    suspension_frequency: float | None = None
+
+
+MATRIX_KEYS: Keys = {
+    "mass": ("mass", TEXT),
+    "stiffness": ("stiffness", TEXT),
+    "damping": ("damping", TEXT),
+    "units": ("units", TEXT),
+    "force": ("force", WHOLE),
+    "absorber": ("absorber", _one_or_list(WHOLE)),
+    "response": ("response", WHOLE),
+    "mass_kg": ("structure_mass", NUMBER),
+    "modes": ("modes", WHOLE),
+    "damping_ratio": ("damping_ratio", DAMPING_RATIO),
+    "suspension_frequency_hz": ("suspension_frequency", NUMBER),
+}
+
+
+def _of_matrices(folder: Path, given: _Matrices) -> ModalModel:
+    require(given.units in UNITS, "units", given.units, f"one of {', '.join(repr(units) for units in UNITS)}, those of the matrices")
+    mass = checked("mass", read_matrix(folder / given.mass, "mass", "M"))
+    size = mass.shape[0]
+    stiffness = checked("stiffness", read_matrix(folder / given.stiffness, "stiffness", "K"), size)
+    force = count("force", given.force, 0, size - 1)
+    absorbers = [count("absorber", k, 0, size - 1) for k in given.absorber]
+    response = None if given.response is None else count("response", given.response, 0, size - 1)
+    modes = lowest_modes(mass, stiffness, min(count("modes", given.modes, 1), size), given.suspension_frequency)
+    found = None
+    if given.damping is not None:
+        require(given.damping_ratio is None, "damping_ratio", given.damping_ratio, "left out beside a damping matrix")
+        found = proportional_damping(checked("damping", read_matrix(folder / given.damping, "damping", "C"), size), modes)
+    ratios = _ratios_of(given.damping_ratio, found, len(modes.omega))
+    shapes = modes.shapes / np.sqrt(UNITS[given.units])
+    places = [shapes[k] for k in absorbers]
+    return _placed(modes.omega, ratios, shapes[force], places, None if response is None else shapes[response], given.structure_mass)
+
+
+def _matrices_form(folder: Path) -> Sort:
+    def make(
+        mass: str,
+        stiffness: str,
+        units: str,
+        force: int,
+        absorber: list[int],
+        structure_mass: float,
+        damping: str | None = None,
+        response: int | None = None,
+        modes: int = MODES,
+        damping_ratio: Any = None,
+        suspension_frequency: float | None = None,
+    ) -> ModalModel:
+        parts = (mass, stiffness, units, force, absorber, structure_mass, damping, response, modes, damping_ratio, suspension_frequency)
+        return _of_matrices(folder, _Matrices(*parts))
+
+    return form(make, MATRIX_KEYS)
+
+
+# kinds of structure -> the form of their table, for the folder in which the files lie that it names
+STRUCTURES: dict[str, Callable[[Path], Sort]] = {
+    "beam": lambda _: BEAM,
+    "model": lambda _: MODEL,
+    "universal": _universal_form,
+    "matrices": _matrices_form,
+}

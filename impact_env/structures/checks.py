@@ -1,0 +1,76 @@
+"""What looks wrong in a modal model: warnings, not errors, since it may be meant so."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from impact_env.modes import ModalModel
+from impact_env.parameters import Beam
+
+LOW_HZ, HIGH_HZ = 0.05, 2e4  # of the first mode
+MUCH_DAMPING = 0.2
+LIGHTEST, HEAVIEST = 0.05, 60.0  # |shape| sqrt(mass) of the liveliest place of a mode, mass-normalised
+SPEED = 5000.0  # m/s: of sound along a bar of steel or aluminium
+THICK, THIN = 0.3, 1e-4  # of a beam, over its length
+CLOSE = 1.0  # distance of two modes, over the sum of their half-widths
+
+
+def warnings_of(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> list[str]:
+    """Return a sentence for everything that looks wrong in a model; ``rigid`` of its modes are motions on a suspension."""
+    found = [*_units(model, rigid), *_scaling(model, rigid), *_doubles(model, rigid), *_still(model, rigid)]
+    return [*found, *(_beam(beam) if beam is not None else [])]
+
+
+def _units(model: ModalModel, rigid: int) -> list[str]:
+    found = []
+    first, damping = float(model.omega[rigid]) / (2 * np.pi), float(np.max(model.damping_ratio))
+    if not LOW_HZ < first < HIGH_HZ:
+        found.append(f"the first frequency is {first:.3g} Hz: are the units right (SI: kg, m, N, rad/s)?")
+    if damping > MUCH_DAMPING:
+        found.append(f"a damping ratio of {damping:.3g} is {100 * damping:.3g} %: was it given in percent?")
+    return found
+
+
+def _scaling(model: ModalModel, rigid: int) -> list[str]:
+    """Mass-normalised shapes have a mean square of 1 over the mass, so at lively places shape times root of mass is about 1 to 3."""
+    rows = [model.force_shape, model.tip_shape, model.level_shape, *(() if model.absorber_shapes is None else model.absorber_shapes)]
+    every = np.abs(np.array(rows))[:, rigid:] * np.sqrt(model.beam_mass)
+    found, most = [], np.max(every, axis=0)
+    if np.median(most) > HEAVIEST or np.median(most) < LIGHTEST:
+        share = 1 / float(np.median(most)) ** 2
+        text = f"the modes move masses of {share:.2g} of the structure's at the places given, as a median of the modes"
+        found.append(f"{text}: are the shapes mass-normalised, in 1/sqrt(kg), and is the mass right?")
+    plain = np.max(np.abs(np.array(rows)), axis=0)[rigid:]
+    if len(plain) > 1 and np.all(np.abs(plain - plain[0]) < 1e-6 * plain[0]) and abs(plain[0] - 1) < 1e-6:
+        found.append("the largest shape is 1 in every mode: that looks scaled to 1 and not mass-normalised; divide by the root of the modal mass")
+    return found
+
+
+def _doubles(model: ModalModel, rigid: int) -> list[str]:
+    found, order = [], rigid + np.argsort(model.omega[rigid:])
+    for i, j in pairwise(order):
+        distance, width = model.omega[j] - model.omega[i], model.omega[i] * (model.damping_ratio[i] + model.damping_ratio[j])
+        if distance < CLOSE * width or distance < 1e-6 * model.omega[i]:
+            hertz = float(model.omega[i]) / (2 * np.pi)
+            text = f"modes {i + 1} and {j + 1} are one peak at {hertz:.5g} Hz: simulation and limit have both"
+            found.append(f"{text}, while design rule, tunings and friction rule start from a single mode")
+    return found
+
+
+def _still(model: ModalModel, rigid: int) -> list[str]:
+    found = []
+    for name, row in (("force", model.force_shape), ("absorber", model.tip_shape), ("response", model.level_shape)):
+        if not np.any(row[rigid:]):
+            found.append(f"no mode moves the place of the {name}: is it held there?")
+    return found
+
+
+def _beam(beam: Beam) -> list[str]:
+    gyration = float(np.sqrt(beam.bending_stiffness / beam.mass_per_length)) / SPEED
+    height = float(np.sqrt(12)) * gyration / beam.length
+    if THIN < height < THICK:
+        return []
+    text = f"a metal bar with this bending stiffness and mass would be {height * beam.length:.2g} m high and is {beam.length:g} m long"
+    return [f"{text}: are the units right (N m^2, kg/m, m)?"]

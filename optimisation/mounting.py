@@ -1,0 +1,65 @@
+"""A structure and where things are on it: the absorber's place, the place where the level is read; and a structure with other frequencies.
+
+A design study asks how quiet a place of the structure is. On a beam that names no response position this is the free end, also where an absorber
+sits elsewhere, or the absorber's own place if the beam has no free end. A modal model has its places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from impact_env.modes import ModalModel, Structure, modal_model
+from impact_env.parameters import Absorber, Beam, SeveralAbsorbers, require
+from impact_env.scene import Scene, beam_scene
+
+
+def watched(structure: Structure) -> Structure:
+    """Return the structure with the place where the level is read."""
+    if isinstance(structure, ModalModel) or structure.response_position is not None:
+        return structure
+    return replace(structure, response_position=1.0 if structure.ends.endswith("free") else structure.absorber_position)
+
+
+def usual_position(structure: Structure) -> float | None:
+    """Return the structure's own absorber position, a share of the length; None for a modal model, which has no length."""
+    return None if isinstance(structure, ModalModel) else structure.absorber_position
+
+
+def mounted(structure: Structure, position: float | None = None) -> ModalModel:
+    """Return the modal model with an absorber at a share of the length (None: at the structure's own place) and the level's place.
+
+    A modal model has one place: ``position`` is not looked at.
+    """
+    found = watched(structure)
+    if isinstance(found, Beam) and position is not None:
+        found = replace(found, absorber_position=position)
+    return modal_model(found)
+
+
+def scene_on(structure: Structure, absorber: Absorber | None, position: float | None = None) -> Scene:
+    """Return the scene of an absorber on a structure, or of several, which have positions of their own."""
+    if not isinstance(absorber, SeveralAbsorbers):
+        return Scene(mounted(structure, position), absorber)
+    require(isinstance(structure, Beam), "several absorbers", "a modal model", "a beam: their places are shares of its length")
+    return beam_scene(watched(structure), absorber)
+
+
+def detuned(structure: Structure, share: float) -> Structure:
+    """Return a structure whose frequencies are shifted by a share, a beam by its stiffness."""
+    if isinstance(structure, ModalModel):
+        return structure.detuned(share) if share else structure
+    stiffer = (1 + share) ** 2
+    sections = tuple(replace(section, bending_stiffness=section.bending_stiffness * stiffer) for section in structure.sections)
+    soft = None if structure.suspension_frequency is None else structure.suspension_frequency * (1 + share)
+    return replace(structure, bending_stiffness=structure.bending_stiffness * stiffer, sections=sections, suspension_frequency=soft)
+
+
+def described(structure: Structure) -> dict[str, object]:
+    """Return what identifies a structure, as JSON values. What a beam has by default and the paper's lacks is left out."""
+    if isinstance(structure, ModalModel):
+        return {name: x.tolist() if hasattr(x, "tolist") else x for name, x in vars(structure).items() if x is not None}
+    plain = {name: list(x) if isinstance(x, tuple) else dict(x) if isinstance(x, Mapping) else x for name, x in vars(structure).items()}
+    plain["sections"] = [vars(section) for section in structure.sections]
+    usual = {"ends": Beam.ends, "tip_mass": 0.0, "sections": [], "response_position": None, "suspension_frequency": None}
+    return {name: x for name, x in plain.items() if name not in usual or x != usual[name]}

@@ -1,0 +1,96 @@
+"""The figure of a frequency response: exact branches by their stability, harmonic balance, linear curves, sweeps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from impact_env.parameters import CompliantWalls, RigidWalls, SlidingAbsorber
+from impact_env.periodic.overview import Overview
+from impact_env.periodic.response_curve import EXACT, ResponseCurve
+
+MM = 1e3
+DPI = 160
+STABLE, FAST, SLOW, BALANCE, UP, DOWN = "#0072B2", "#56B4E9", "#D55E00", "#555555", "#009E73", "#CC79A7"
+LOOKS = {  # exact orbits: colour, dashes, width, label
+    "stable": (STABLE, "-", 2.4, "exact orbit, stable"),
+    "fast": (FAST, (0, (6, 1.5)), 2.0, "unstable by fast multipliers only"),
+    "slow": (SLOW, (0, (2, 1.5)), 1.6, "unstable by the slow pair too"),
+}
+
+
+def save_figure(path: Path, overview: Overview) -> None:
+    """Draw the largest displacement of the tip over the frequency; the ending of ``path`` chooses the format."""
+    figure = Figure(figsize=(10, 6), layout="constrained")
+    axes = figure.subplots()
+    _sweeps(axes, overview)
+    _linear(axes, overview)
+    for curve in overview.curves:
+        if curve.method == EXACT:
+            _exact(axes, curve)
+        else:
+            axes.plot(curve.omega_ratio, MM * curve.tip_max, color=BALANCE, lw=1.0, zorder=3)
+    _legend(axes, overview)
+    low, high = overview.linear.omega_ratio[[0, -1]]
+    tops = [curve.peak.tip_max for curve in overview.curves if curve.peak is not None]
+    tops += [float(np.max(sweep.tip_max)) for sweep in overview.sweeps]
+    axes.set(xlim=(low, high), ylim=(0, 1.15 * MM * max([*tops, _gap(overview)], default=float(np.max(overview.linear.alone)))))
+    axes.set_xlabel(f"frequency of the force over {overview.reference / (2 * np.pi):.2f} Hz")
+    axes.set_ylabel("largest displacement of the tip in mm")
+    axes.set_title(f"{overview.scene}, {overview.force:g} N", fontsize=10)
+    axes.grid(True, color="0.9", lw=0.6)
+    axes.set_axisbelow(True)
+    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+
+
+def _gap(overview: Overview) -> float:
+    absorber = overview.scene.absorber
+    walls = absorber.walls if isinstance(absorber, SlidingAbsorber) else None
+    return walls.gap if isinstance(walls, RigidWalls | CompliantWalls) else 0.0
+
+
+def _sweeps(axes: Axes, overview: Overview) -> None:
+    for sweep in overview.sweeps:
+        up = sweep.omega_ratio[-1] > sweep.omega_ratio[0]
+        label = f"sweep {'up' if up else 'down'}, maximum of each period"
+        axes.plot(sweep.omega_ratio, MM * sweep.tip_max, color=UP if up else DOWN, lw=0.7, alpha=0.8, zorder=1, label=label)
+
+
+def _linear(axes: Axes, overview: Overview) -> None:
+    linear = overview.linear
+    axes.plot(linear.omega_ratio, MM * linear.alone, color="black", lw=0.9, ls=":", zorder=2, label="no absorber")
+    axes.plot(linear.omega_ratio, MM * linear.stuck, color="black", lw=0.9, ls="-.", zorder=2, label="absorber stuck")
+
+
+def _kinds(curve: ResponseCurve) -> NDArray[np.str_]:
+    assert curve.stable is not None
+    assert curve.slowly_stable is not None
+    return np.where(curve.stable, "stable", np.where(curve.slowly_stable, "fast", "slow"))
+
+
+def _exact(axes: Axes, curve: ResponseCurve) -> None:
+    """Draw each stretch of one stability with its look; neighbours share the point between, so that no gap is seen."""
+    kinds = _kinds(curve)
+    ends = np.flatnonzero(kinds[1:] != kinds[:-1]) + 1
+    for begin, end in zip([0, *ends], [*ends, len(kinds)], strict=True):
+        colour, dashes, width, _ = LOOKS[str(kinds[begin])]
+        part = slice(begin, min(end + 1, len(kinds)))
+        axes.plot(curve.omega_ratio[part], MM * curve.tip_max[part], color=colour, ls=dashes, lw=width, zorder=4)
+    for fold in curve.folds:
+        axes.plot(fold.omega_ratio, MM * fold.tip_max, "o", ms=4.5, mfc="white", mec="black", mew=0.9, zorder=5)
+
+
+def _legend(axes: Axes, overview: Overview) -> None:
+    shown = {str(kind) for curve in overview.curves if curve.method == EXACT for kind in np.unique(_kinds(curve))}
+    for kind, (colour, dashes, width, label) in LOOKS.items():
+        if kind in shown:
+            axes.plot([], [], color=colour, ls=dashes, lw=width, label=label)
+    if any(curve.method != EXACT for curve in overview.curves):
+        axes.plot([], [], color=BALANCE, lw=1.0, label="harmonic balance")
+    if any(curve.method == EXACT and curve.folds for curve in overview.curves):
+        axes.plot([], [], "o", ms=4.5, mfc="white", mec="black", mew=0.9, ls="", label="fold")
+    axes.legend(loc="upper right", fontsize=8.5, framealpha=0.95)

@@ -1,0 +1,152 @@
+"""What a rule does, as an offline data set: episodes in the format of Minari (https://minari.farama.org), which other libraries read as well.
+
+A data set is a folder with Minari's HDF5 file: for each episode ``observations`` (T + 1, features) float32, ``actions`` (T, A) float32, ``rewards``
+(T,) float64, ``terminations`` and ``truncations`` (T,) bool, and the seed; scores are the sums of the rewards.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import impact_env  # noqa: F401 - registers the environments
+from impact_env.extras import optional
+from impact_env.parameters import ParameterError, require
+from optimisation.rl.policies import Informed, Policy
+
+with optional():
+    import gymnasium
+
+PLACE = "MINARI_DATASETS_PATH"  # where Minari looks for data sets
+HDF5 = Path("data") / "main_data.hdf5"
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstrations:
+    """Episodes: ``observations`` (T + 1, features), ``actions`` (T, A), ``rewards`` (T,) of each, and whether it terminated (or else was cut off)."""
+
+    env_id: str
+    seeds: tuple[int, ...]
+    observations: Sequence[NDArray[np.float32]]
+    actions: Sequence[NDArray[np.float32]]
+    rewards: Sequence[NDArray[np.float64]]
+    terminated: Sequence[bool]
+
+
+def record(policy: Policy, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None) -> Demonstrations:
+    """Play one episode a seed and return what was seen, done and earned.
+
+    Raises ParameterError for a policy that is told more than the observation: nobody could imitate it.
+    """
+    require(not isinstance(policy, Informed), "policy", policy.name, "one that sees what an agent sees, so that it can be imitated")
+    lanes = len(seeds)
+    env: Any = gymnasium.make_vec(env_id, num_envs=lanes, vectorization_mode="vector_entry_point", **(arguments or {}))
+    rows: list[tuple[list[Any], list[Any], list[float]]] = [([], [], []) for _ in seeds]
+    going, ended = np.ones(lanes, dtype=np.bool_), np.zeros(lanes, dtype=np.bool_)
+    try:
+        policy.start(lanes)
+        seen, _ = env.reset(seed=list(seeds))
+        for lane, row in enumerate(seen):
+            rows[lane][0].append(row.copy())
+        while going.any():
+            actions = policy.act(seen)
+            seen, rewards, terminated, truncated, info = env.step(actions)
+            for lane in np.flatnonzero(going).tolist():
+                over = terminated[lane] or truncated[lane]
+                rows[lane][0].append((info["final_obs"][lane] if over else seen[lane]).copy())
+                rows[lane][1].append(actions[lane].copy())
+                rows[lane][2].append(float(rewards[lane]))
+            ended |= going & terminated
+            going &= ~(terminated | truncated)
+            env.unwrapped.task.runs.idle = ~going
+    finally:
+        env.close()
+    observations, done, earned = ([np.array(row[part]) for row in rows] for part in range(3))
+    return Demonstrations(env_id, tuple(int(seed) for seed in seeds), observations, done, earned, ended.tolist())
+
+
+@contextmanager
+def _minari(root: Path) -> Iterator[Any]:
+    """Give Minari with data sets under a folder."""
+    with optional():
+        import h5py  # noqa: F401 - the format's own package
+        import minari
+    before = os.environ.get(PLACE)
+    os.environ[PLACE] = str(root)
+    try:
+        yield minari
+    finally:
+        if before is None:
+            del os.environ[PLACE]
+        else:
+            os.environ[PLACE] = before
+
+
+def write_demonstrations(folder: Path, shown: Demonstrations, author: str, arguments: Mapping[str, Any] | None = None) -> None:
+    """Write a data set; the folder appears as a whole or not at all, and replaces one of the same name. Raises ParameterError for another folder."""
+    ours = not folder.exists() or (folder / HDF5).is_file()
+    require(ours, "folder", str(folder), "a new one, or a data set that is to be replaced")
+    require("/" not in folder.name and folder.name.endswith("-v0"), "folder", str(folder), "a data set's name, which ends in -v0")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent) as place, _minari(Path(place)) as minari:
+        from minari.data_collector import EpisodeBuffer
+
+        env = gymnasium.make(shown.env_id, **(arguments or {}))
+        episodes = [_episode(EpisodeBuffer, shown, k) for k in range(len(shown.seeds))]
+        words = f"{author} on {shown.env_id}, one episode for each of the seeds {shown.seeds[0]} to {shown.seeds[-1]}"
+        with warnings.catch_warnings():  # it asks for an address and a link, which a reader's own data set has none of
+            warnings.simplefilter("ignore", UserWarning)
+            minari.create_dataset_from_buffers(folder.name, episodes, env=env, algorithm_name=author, author="scripted", description=words)
+        env.close()
+        if folder.exists():
+            shutil.rmtree(folder)
+        (Path(place) / folder.name).rename(folder)
+
+
+def _episode(kind: Any, shown: Demonstrations, k: int) -> Any:
+    steps = len(shown.actions[k])
+    last = np.arange(steps) == steps - 1
+    return kind(
+        id=k,
+        seed=shown.seeds[k],
+        observations=shown.observations[k],
+        actions=shown.actions[k],
+        rewards=shown.rewards[k],
+        terminations=last & shown.terminated[k],
+        truncations=last & (not shown.terminated[k]),
+    )
+
+
+def read_demonstrations(folder: Path, env_id: str) -> Demonstrations:
+    """Return the episodes of a data set. Raises ParameterError if there is none, or if it is of another environment."""
+    require((folder / HDF5).is_file(), "demonstrations", str(folder), "a folder that record_demonstrations has written")
+    try:
+        with _minari(folder.parent) as minari:
+            data = minari.load_dataset(folder.name)
+            found = data.spec.env_spec.id
+            episodes = list(data.iterate_episodes())
+            seeds = tuple(int(row["seed"]) for row in data.storage.get_episode_metadata(range(len(episodes))))
+    except (OSError, ValueError, KeyError, AttributeError) as error:
+        raise ParameterError(f"demonstrations = {str(folder)!r} is not allowed: a whole data set ({error})") from error
+    require(found == env_id, "demonstrations", str(folder), f"a data set of {env_id}, not of {found}")
+    observations, actions, rewards = ([np.asarray(getattr(e, name)) for e in episodes] for name in ("observations", "actions", "rewards"))
+    return Demonstrations(env_id, seeds, observations, actions, rewards, [bool(episode.terminations[-1]) for episode in episodes])
+
+
+def fingerprint(shown: Demonstrations) -> str:
+    """Return what tells one data set from another: the SHA-256 of what was seen and done."""
+    digest = hashlib.sha256(repr((shown.env_id, shown.seeds)).encode())
+    for values in (*shown.observations, *shown.actions):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()

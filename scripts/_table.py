@@ -1,3 +1,0 @@
-"""Tables: where the scripts that import them from here find them."""
-
-from optimisation.report.markdown import markdown as markdown

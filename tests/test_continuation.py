@@ -1,0 +1,234 @@
+"""Continuation on curves whose folds, branch points and lengths are known in closed form."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impact_env.parameters import ParameterError
+from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, Branch
+from impact_env.periodic.continuation import Chart, Problem, Steps, both_ways, continuation, switched, walk
+from impact_env.periodic.corrector import NoConvergenceError
+from impact_env.periodic.locating import Monitor
+
+Array = np.ndarray
+
+
+def circle(z: Array, p: float) -> tuple[Array, Array]:
+    return np.array([z[0] ** 2 + p**2 - 1]), np.array([[2 * z[0], 2 * p]])
+
+
+def cubic(z: Array, p: float) -> tuple[Array, Array]:
+    """p = x - x^3/3 with folds at x = 1, p = 2/3 and x = -1, p = -2/3."""
+    x = z[0]
+    return np.array([x - x**3 / 3 - p]), np.array([[1 - x**2, -1.0]])
+
+
+def pitchfork(z: Array, p: float) -> tuple[Array, Array]:
+    """X (p - x^2 - y) = 0, y = p^2: the branch point is at p = 0 and, far from it, p = 1."""
+    x, y = z
+    values = np.array([x * (p - x**2 - y), y - p**2])
+    return values, np.array([[p - 3 * x**2 - y, -x, x], [0.0, 1.0, -2 * p]])
+
+
+def test_a_circle_is_closed_and_its_folds_are_where_they_should_be() -> None:
+    branch = continuation(Problem(circle), np.array([1.0]), 0.0)
+    assert branch.ended == CLOSED
+    assert branch.points[-1] == branch.points[0]
+    folds = branch.of("fold")
+    assert sorted(f.parameter for f in folds) == pytest.approx([-1, 1], abs=1e-10)
+    assert [f.point[0] for f in folds] == pytest.approx([0, 0], abs=1e-6)
+    length = sum(
+        np.hypot(a[0] - b[0], p - q) for a, b, p, q in zip(branch.points, branch.points[1:], branch.parameters, branch.parameters[1:], strict=False)
+    )
+    assert length == pytest.approx(2 * np.pi, rel=5e-3)
+    assert max(abs(z[0] ** 2 + p**2 - 1) for z, p in zip(branch.points, branch.parameters, strict=True)) < 1e-10
+
+
+@pytest.mark.parametrize(("size", "unit"), [(1e-6, 300.0), (1e4, 1e-3)])
+def test_scales_make_the_branch_independent_of_units(size: float, unit: float) -> None:
+    def residual(z: Array, p: float) -> tuple[Array, Array]:
+        values, jacobian = circle(z / size, p / unit)
+        return 1e5 * values, 1e5 * jacobian / np.array([size, unit])
+
+    plain = continuation(Problem(circle), np.array([1.0]), 0.0)
+    other = continuation(Problem(residual, scale=size, parameter_scale=unit), np.array([size]), 0.0)
+    assert other.parameters / unit == pytest.approx(plain.parameters, abs=1e-10)
+    assert other.ended == CLOSED
+
+
+def test_folds_of_an_s_shaped_curve_to_both_sides() -> None:
+    branch = both_ways(Problem(cubic, limits=(-3.0, 3.0)), np.array([0.1]), 0.1)
+    assert branch.ended == LIMIT
+    assert branch.parameters[[0, -1]] == pytest.approx([3, -3], abs=1e-12)  # the middle part runs backwards: p rises to the left
+    assert [f.parameter for f in branch.of("fold")] == pytest.approx([-2 / 3, 2 / 3], abs=1e-11)
+    x = np.array([z[0] for z in branch.points])
+    assert np.all(np.diff(x) > 0)
+    for fold in branch.of("fold"):
+        assert x[fold.after] <= fold.point[0] <= x[fold.after + 1]
+
+
+def test_an_isola_of_the_duffing_kind_is_gone_round_once() -> None:
+    """(a^2 - 1)^2 + 4 (p - 2)^2 = 0.25 has folds at p = 2 +- 0.25 on a = 1; the walk goes on from a point on it, not at a fold."""
+
+    def residual(z: Array, p: float) -> tuple[Array, Array]:
+        a = z[0]
+        return np.array([(a**2 - 1) ** 2 + 4 * (p - 2) ** 2 - 0.25]), np.array([[4 * a * (a**2 - 1), 8 * (p - 2)]])
+
+    branch = both_ways(Problem(residual, limits=(0.0, 4.0)), np.array([1.22]), 2.0)
+    assert branch.closed
+    assert sorted(f.parameter for f in branch.of("fold")) == pytest.approx([1.75, 2.25], abs=1e-11)
+
+
+def test_two_branches_of_a_pitchfork_are_found_from_one() -> None:
+    problem = Problem(pitchfork, limits=(-0.5, 0.5))
+    trivial = both_ways(problem, np.array([0.0, 0.25]), -0.5 + 1e-3)
+    (event,) = trivial.of("branch point")
+    assert event.parameter == pytest.approx(0, abs=1e-8)
+    assert trivial.ended == LIMIT
+    starts = switched(problem, event)
+    assert len(starts) == 2
+    ends = []
+    for z, p, direction in starts:
+        branch = continuation(problem, z, p, direction)
+        assert branch.ended == LIMIT
+        ends.append(branch.points[-1][0])
+        for point, q in zip(branch.points, branch.parameters, strict=True):
+            assert point[0] ** 2 == pytest.approx(q - q**2, abs=1e-9)
+    assert sorted(ends) == pytest.approx([-0.5, 0.5], abs=1e-9)
+
+
+def test_monitors_are_located_and_may_end_a_branch() -> None:
+    seen = Monitor("x is a half", lambda z, _: z[0] - 0.5)
+    last = Monitor("x is -0.3", lambda z, _: z[0] + 0.3, ends=True)
+    branch = continuation(Problem(circle, monitors=(seen, last)), np.array([1.0]), 0.0)
+    assert branch.ended == "x is -0.3"
+    assert branch.points[-1][0] == pytest.approx(-0.3, abs=1e-11)
+    (event,) = branch.of("x is a half")
+    assert (event.point[0], event.parameter) == (pytest.approx(0.5, abs=1e-11), pytest.approx(np.sqrt(0.75), abs=1e-11))
+    kinds = [e.kind for e in branch.located]
+    assert kinds == ["x is a half", "fold", "x is -0.3"]
+
+
+def roof(slope: float) -> Problem:
+    """p = 1 - slope |x| has a corner at x = 0."""
+
+    def residual(z: Array, p: float) -> tuple[Array, Array]:
+        return np.array([p - 1 + slope * abs(z[0])]), np.array([[slope * np.sign(z[0]), 1.0]])
+
+    return Problem(residual, limits=(-1.0, 2.0))
+
+
+def test_a_blunt_kink_is_passed_and_a_sharp_one_reported() -> None:
+    blunt = continuation(roof(0.3), np.array([-1.0]), 0.701)
+    assert blunt.ended == LIMIT
+    (kink,) = blunt.of("kink")
+    assert kink.parameter == pytest.approx(1, abs=1e-6)
+    assert blunt.points[-1][0] == pytest.approx(2 / 0.3, abs=1e-9)
+    sharp = continuation(roof(2.0), np.array([-1.0]), -0.999)
+    assert sharp.ended == MINIMUM_STEP
+    assert sharp.parameters[-1] == pytest.approx(1, abs=1e-6)
+    assert "no step from parameter = 0.99999" in sharp.message
+
+
+def test_a_branch_that_ends_in_nothing_says_so() -> None:
+    """Sqrt(1 - p) = x ends at p = 1: beyond, the residual is not a number."""
+
+    def residual(z: Array, p: float) -> tuple[Array, Array]:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.array([z[0] - np.sqrt(1 - p) - 1]), np.array([[1.0, 0.5 / np.sqrt(1 - p)]])
+
+    branch = continuation(Problem(residual, "force"), np.array([2.0]), 0.0)
+    assert branch.ended == MINIMUM_STEP
+    assert "force = 0.99" in branch.message or "force = 1" in branch.message
+    assert "not finite" in branch.message or "Newton" in branch.message
+    assert len(branch) > 5
+    assert 0.9 < branch.parameters[-1] <= 1
+
+
+def test_unknowns_may_change_on_the_way() -> None:
+    def polar(z: Array, p: float) -> tuple[Array, Array]:  # angle and radius instead of x
+        angle, radius = z
+        values = np.array([radius * np.sin(angle) - p, radius - 1])
+        return values, np.array([[radius * np.cos(angle), np.sin(angle), -1.0], [0.0, 1.0, 0.0]])
+
+    def recentre(z: Array, p: float, tangent: Array) -> Chart | None:
+        if len(z) == 2 or p < 0.5:
+            return None
+        angle = np.arctan2(p, z[0])
+        rate = (z[0] * tangent[-1] - p * tangent[0]) / (z[0] ** 2 + p**2)
+        return Chart(polar, np.array([angle, 1.0]), np.array([rate, 0.0, tangent[-1]]))
+
+    branch = continuation(Problem(circle, recentre=recentre), np.array([1.0]), 0.0, steps=Steps(points=100))
+    assert {len(z) for z in branch.points} == {1, 2}
+    assert branch.ended == COUNT
+    assert [f.parameter for f in branch.of("fold")][:2] == pytest.approx([1, -1], abs=1e-10)
+
+
+def test_a_branch_is_closed_in_other_unknowns_than_it_began_with() -> None:
+    """From y > 0.5 on x is written down twice, and never again once only: the start's unknowns do not come back."""
+
+    def twice(z: Array, p: float) -> tuple[Array, Array]:
+        values, jacobian = circle(z[:1], p)
+        return np.array([values[0], z[1] - 2 * z[0]]), np.array([[jacobian[0, 0], 0.0, jacobian[0, 1]], [-2.0, 1.0, 0.0]])
+
+    def recentre(z: Array, p: float, tangent: Array) -> Chart | None:
+        if len(z) == 2 or p < 0.5:
+            return None
+        return Chart(twice, np.array([z[0], 2 * z[0]]), np.array([tangent[0], 2 * tangent[0], tangent[-1]]))
+
+    branch = continuation(Problem(circle, recentre=recentre), np.array([1.0]), 0.0)
+    assert branch.closed
+    assert "back at its point" in branch.message
+    again = [k for k, p in enumerate(branch.parameters) if p == branch.parameters[-1]]
+    assert len(again) == 2
+    assert branch.points[again[0]][0] == pytest.approx(branch.points[-1][0])
+
+
+def test_saved_and_loaded_branches_are_the_same(tmp_path: Path) -> None:
+    branch = both_ways(Problem(cubic, "force", limits=(-1.0, 1.0)), np.array([0.1]), 0.1)
+    for name in ("branch.json", "branch.npz"):
+        branch.save(tmp_path / name)
+        other = Branch.load(tmp_path / name)
+        assert other.to_plain() == branch.to_plain()
+    with pytest.raises(ParameterError, match="branch file"):
+        branch.save(tmp_path / "branch.txt")
+    (tmp_path / "broken.npz").write_bytes(b"PK")
+    (tmp_path / "other.json").write_text('{"parameter": "force"}')
+    for name in ("broken.npz", "missing.json", "other.json"):
+        with pytest.raises(ParameterError, match="branch"):
+            Branch.load(tmp_path / name)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["branch.json", "branch.npz", "broken.npz", "other.json"]
+
+
+def test_a_walk_can_be_stopped_and_keeps_what_it_has() -> None:
+    taken = list(itertools.islice(walk(Problem(circle), np.array([1.0]), 0.0), 5))
+    assert len(taken) == 5
+    assert taken[-1].ended is None
+
+    def interrupt(points: int, _: float) -> None:
+        if points == 7:
+            raise KeyboardInterrupt
+
+    branch = continuation(Problem(circle), np.array([1.0]), 0.0, progress=interrupt)
+    assert (branch.ended, len(branch)) == (STOPPED, 7)
+
+
+def test_bad_input_names_what_is_wrong() -> None:
+    with pytest.raises(ParameterError, match="first = 1"):
+        Steps(first=1.0, most=0.1)
+    with pytest.raises(ParameterError, match="limits"):
+        Problem(circle, limits=(1.0, 0.0))
+    with pytest.raises(ParameterError, match="force = 2"):
+        continuation(Problem(circle, "force", limits=(-1.0, 1.0)), np.array([1.0]), 2.0)
+    with pytest.raises(ParameterError, match="start"):
+        continuation(Problem(circle), np.array([np.nan]), 0.0)
+    with pytest.raises(ParameterError, match="direction"):
+        continuation(Problem(circle), np.array([1.0]), 0.0, 0.0)
+    with pytest.raises(ParameterError, match="residual"):
+        continuation(Problem(lambda z, _: (z, np.eye(1))), np.array([1.0]), 0.0)
+    with pytest.raises(NoConvergenceError):
+        continuation(Problem(circle), np.array([1.0]), 3.0)

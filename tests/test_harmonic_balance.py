@@ -1,0 +1,212 @@
+"""Harmonic balance against time integration, closed forms, linear limits and exact orbits."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from oscillators import Cubic, Oscillator, elastic_friction_settled, settled, symmetric_orbit
+
+from impact_env.frequency import tip_response
+from impact_env.modes import ModalModel, modal_model
+from impact_env.parameters import (
+    Beam,
+    CompliantWalls,
+    ElasticCoulombFriction,
+    ParameterError,
+    SlidingAbsorber,
+    StuckAbsorber,
+    friction_damper,
+    impact_absorber,
+)
+from impact_env.periodic.contact import CompliantContact, RigidContact
+from impact_env.periodic.continuation import Problem, Steps, both_ways, continuation
+from impact_env.periodic.harmonic_balance import FORCE, OMEGA, PAPER_DAMPER, Balance, harmonic_balance
+from impact_env.scene import Scene, beam_scene
+
+Array = np.ndarray
+BEAM = modal_model(Beam(modes=3))
+OTHER = ModalModel(np.array([40.0, 95.0]), np.array([0.02, 0.005]), np.array([0.5, -0.2]), np.array([0.9, 0.7]), 3.0)
+COMPLIANT = SlidingAbsorber(0.02, CompliantWalls(5e4), ElasticCoulombFriction(0.3, 1e4))
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+@pytest.mark.parametrize("absorber", [impact_absorber(), impact_absorber(friction_limit=0.05), friction_damper(0.5), COMPLIANT])
+def test_the_jacobian_is_the_derivative(absorber: SlidingAbsorber, symmetric: bool) -> None:
+    omega = 0.95 * BEAM.omega[0]
+    balance = harmonic_balance(Scene(BEAM, absorber), omega, 1.5, 9, symmetric=symmetric, grounded_damper=PAPER_DAMPER)
+    z = np.random.default_rng(1).normal(size=len(balance.kept)) * 1e-3 / (1 + np.arange(len(balance.kept)) % 9)
+    law = [name for name, value in vars(balance.law).items() if value is not None]
+    for name in (OMEGA, FORCE, *law):
+        at = getattr(balance.law if name in law else balance, name)
+        residual = balance.residual(name)
+        jacobian = residual(z, at)[1]
+        steps = 1e-9 * np.eye(len(z))
+        by_z = np.array([(residual(z + step, at)[0] - residual(z - step, at)[0]) / 2e-9 for step in steps]).T
+        by_parameter = (residual(z, at * (1 + 1e-6))[0] - residual(z, at * (1 - 1e-6))[0]) / (2e-6 * at)
+        assert jacobian[:, :-1] == pytest.approx(by_z, abs=1e-7 * np.max(np.abs(by_z)))
+        assert jacobian[:, -1] == pytest.approx(by_parameter, abs=1e-4 * np.max(np.abs(by_parameter)) + 1e-12)
+
+
+def _duffing(omega: float) -> Balance:
+    return Balance(Oscillator(15), Cubic(0.5), omega, 0.4)
+
+
+def test_duffing_oscillator_on_both_branches_is_what_integration_gives() -> None:
+    first = _duffing(0.5)
+    problem = Problem(first.residual(OMEGA), OMEGA, limits=(0.3, 3.0))
+    branch = continuation(problem, first.solved(first.free()), 0.5, 1.0, Steps(most=0.05))
+    assert branch.ended == "limit"
+    upper, lower = (fold.parameter for fold in branch.of("fold"))
+    assert lower < 1.6 < upper
+
+    def rate(t: float, y: Array, omega: float = 1.6) -> list[float]:
+        return [y[1], 0.4 * np.cos(omega * t) - 0.1 * y[1] - y[0] - 0.5 * y[0] ** 3]
+
+    at = _duffing(1.6)
+    crossings = [z for z, (p, q) in zip(branch.points, pairwise(branch.parameters), strict=False) if (p - 1.6) * (q - 1.6) < 0]
+    assert len(crossings) == 3
+    for z in (crossings[0], crossings[2]):  # the middle one is unstable: integration leaves it
+        solution = at.solved(z)
+        row = at.polynomial(solution)
+        rate_row = 1.6 * np.arange(1, 16) @ row[16:]
+        level, rms, _ = settled(rate, [float(np.sum(row[:16])), float(rate_row)], 1.6, 60)
+        assert at.response(solution).tip_amplitude == pytest.approx(level, rel=1e-6)
+        assert at.response(solution).tip_rms == pytest.approx(rms, rel=1e-6)
+
+
+def test_piecewise_linear_oscillator_is_what_integration_gives() -> None:
+    omega, force, gap, stiffness = 1.3, 0.5, 0.6, 4.0
+
+    def rate(t: float, y: Array) -> list[float]:
+        wall = -stiffness * max(0.0, y[0] - gap) + stiffness * max(0.0, -gap - y[0])
+        return [y[1], force * np.cos(omega * t) - 0.1 * y[1] - y[0] + wall]
+
+    level, rms, state = settled(rate, [0.5, 0.0], omega, 150)
+    errors = []
+    for h in (9, 19, 39):
+        balance = Balance(Oscillator(h), CompliantContact(gap, stiffness, None, None), omega, force)
+        z = np.zeros(len(balance.kept))
+        z[0], z[len(z) // 2] = state[0], state[1] / omega
+        found = balance.response(balance.solved(z))
+        errors.append(max(abs(found.tip_amplitude / level - 1), abs(found.tip_rms / rms - 1)))
+    assert errors[-1] < 3e-6
+    assert errors[0] > errors[1] > errors[2]
+
+
+@pytest.mark.parametrize("omega", [0.6, 0.9])
+def test_elastic_friction_oscillator_is_what_integration_gives(omega: float) -> None:
+    force, limit, stiffness = 0.5, 0.2, 0.8
+    level, rms = elastic_friction_settled(omega, force, 0.05, limit, stiffness, 60)
+    balance = Balance(Oscillator(41), CompliantContact(None, None, limit, stiffness), omega, force)
+    found = balance.response(balance.solved(balance.free()))
+    assert found.tip_amplitude == pytest.approx(level, rel=1e-5)
+    assert found.tip_rms == pytest.approx(rms, rel=1e-5)
+
+
+def test_rigid_friction_oscillator_is_den_hartogs_closed_form() -> None:
+    """Coulomb friction to ground, no other damping, continuous sliding: Den Hartog, Transactions of ASME 53 (1931).
+
+    Amplitude / (F/k) = sqrt(V^2 - (limit/F U)^2), V = 1/(1 - w^2), U = sin(pi/w)/(w (1 + cos(pi/w))).
+    """
+    omega, force, limit = 0.7, 1.0, 0.3
+    v, u = 1 / (1 - omega**2), np.sin(np.pi / omega) / (omega * (1 + np.cos(np.pi / omega)))
+    exact = np.sqrt(v**2 - (limit / force * u) ** 2)
+    errors = []
+    for h in (11, 41, 161):
+        balance = Balance(Oscillator(h, 0.0), RigidContact(None, limit, 1.0, float(h)), omega, force)
+        errors.append(abs(balance.response(balance.solved(balance.free())).tip_amplitude / exact - 1))
+    assert errors[2] < errors[1] / 3 < errors[0] / 9  # as 1/H: the truncated velocity turns too early or too late
+    assert errors[2] < 5e-4
+
+
+@pytest.mark.parametrize("model", [BEAM, OTHER])
+def test_linear_limits(model: ModalModel) -> None:
+    """Walls out of reach: the beam alone. Friction that nothing overcomes: a stuck mass."""
+    for ratio in (0.8, 1.0, 1.3):
+        omega = ratio * model.omega[0]
+        far = harmonic_balance(Scene(model, impact_absorber(gap=10.0)), omega, 1.0, 7)
+        assert far.response(far.solved(far.free())).tip_amplitude == pytest.approx(abs(tip_response(model, None, omega)), rel=1e-11)
+        stuck = harmonic_balance(Scene(model, friction_damper(50.0)), omega, 1.0, 7)
+        found = stuck.response(stuck.solved(0 * stuck.free()))
+        assert found.tip_amplitude == pytest.approx(abs(tip_response(model, StuckAbsorber(), omega)), rel=1e-9)
+
+
+def _isola_start(model: ModalModel, ratio: float, force: float, limit: float, balance: Balance, gap: float = 1e-3) -> tuple[Array, float]:
+    omega, mass = ratio * model.omega[0], 0.02 * model.beam_mass
+    impulse, phase, level = symmetric_orbit(model, mass, omega, force, gap, limit)
+
+    def friction(k: Array) -> Array:
+        return np.where(k % 2 == 1, 4j * limit / (np.pi * k), 0) * np.exp(-1j * k * phase)
+
+    return balance.at_impacts(np.array([phase, phase + np.pi]), np.array([impulse, -impulse]), friction), level
+
+
+@pytest.mark.parametrize(("weight", "left"), [(50.0, 0.913), (100.0, 0.926), (200.0, 0.929)])
+def test_the_papers_isola_is_closed_and_depends_on_the_weight(weight: float, left: float) -> None:
+    """3 modes, 0.01 N, 1.5 N, H = 20; the exact orbit's folds are at 0.93361 and 0.95528, its peak is 1.4743 mm."""
+    first, omega = BEAM.omega[0], 0.945 * BEAM.omega[0]
+    balance = harmonic_balance(Scene(BEAM, impact_absorber(friction_limit=0.01)), omega, 1.5, weight=weight)
+    z, _ = _isola_start(BEAM, 0.945, 1.5, 0.01, balance)
+    problem = Problem(balance.residual(OMEGA), OMEGA, 1e-3, 0.05 * first, (0.8 * first, 1.2 * first))
+    branch = both_ways(problem, balance.solved(z), omega, Steps(first=0.02, most=0.2))
+    assert branch.closed
+    folds = sorted(fold.parameter / first for fold in branch.of("fold"))
+    assert folds == [pytest.approx(left, abs=6e-4), pytest.approx(0.954, abs=2e-4)]
+    peak = max(balance.at(OMEGA, p).response(z).tip_amplitude for z, p in zip(branch.points, branch.parameters, strict=True))
+    assert 1.07 < peak / 1.4743e-3 < 1.125
+
+
+@pytest.mark.parametrize(("model", "ratio", "force", "gap"), [(BEAM, 0.95, 1.5, 1e-3), (OTHER, 0.94, 0.6, 2e-3)])
+def test_it_converges_to_the_exact_orbit_if_the_weight_grows_with_the_square_of_the_harmonics(
+    model: ModalModel, ratio: float, force: float, gap: float
+) -> None:
+    errors = []
+    for h in (10, 20, 40, 60):
+        balance = harmonic_balance(Scene(model, impact_absorber(gap)), ratio * model.omega[0], force, h, weight=100 * (h / 20) ** 2)
+        z, level = _isola_start(model, ratio, force, 0.0, balance, gap)
+        errors.append(abs(balance.response(balance.solved(z)).tip_amplitude / level - 1))
+    assert errors[0] > errors[1] > errors[2] > errors[3]
+    assert errors[3] < 0.4 * errors[1]
+
+
+def test_all_harmonics_and_a_longer_period_give_the_symmetric_orbit_again() -> None:
+    scene, omega = Scene(BEAM, impact_absorber(friction_limit=0.01)), 0.95 * BEAM.omega[0]
+    odd = harmonic_balance(scene, omega, 1.5, 15)
+    solution = odd.polynomial(odd.solved(_isola_start(BEAM, 0.95, 1.5, 0.01, odd)[0]))
+    every = harmonic_balance(scene, omega, 1.5, 15, symmetric=False)
+    assert every.polynomial(every.solved(solution)) == pytest.approx(solution, abs=1e-12)
+    longer = harmonic_balance(scene, omega, 1.5, 45, multiple=3)
+    row = np.zeros(91)
+    row[3:46:3], row[48::3] = solution[1:16], solution[16:]
+    assert np.max(np.abs(longer.evaluated(row[longer.kept], OMEGA)[0])) < 1e-10 * 1.5
+
+
+def test_scaling_law() -> None:
+    """Gap, friction limit and force times 3: displacements times 3."""
+    results = []
+    for alpha in (1.0, 3.0):
+        balance = harmonic_balance(Scene(BEAM, impact_absorber(1e-3 * alpha, friction_limit=0.02 * alpha)), 0.95 * BEAM.omega[0], 1.5 * alpha)
+        z, _ = _isola_start(BEAM, 0.95, 1.5 * alpha, 0.02 * alpha, balance, 1e-3 * alpha)
+        results.append(balance.response(balance.solved(z)).tip_amplitude / alpha)
+    assert results[0] == pytest.approx(results[1], rel=1e-9)
+
+
+def test_bad_input_is_refused_in_one_line() -> None:
+    scene, omega = beam_scene(Beam(modes=2), impact_absorber()), 250.0
+    with pytest.raises(ParameterError, match=r"restitution = 0.75 .*exact orbits"):
+        harmonic_balance(beam_scene(absorber=impact_absorber(restitution=0.75)), omega, 1.0)
+    with pytest.raises(ParameterError, match="absorber"):
+        harmonic_balance(beam_scene(absorber=StuckAbsorber()), omega, 1.0)
+    with pytest.raises(ParameterError, match="multiple = 2"):
+        harmonic_balance(scene, omega, 1.0, multiple=2)
+    for name, value in (("harmonics", 0), ("weight", -1.0), ("grounded_damper", -1.0), ("friction_weight", 0.0), ("multiple", 30)):
+        with pytest.raises(ParameterError, match=name):
+            harmonic_balance(scene, omega, 1.0, **{name: value, "symmetric": False})  # type: ignore[arg-type]
+    with pytest.raises(ParameterError, match="omega"):
+        harmonic_balance(scene, 0.0, 1.0)
+    with pytest.raises(ParameterError, match=r"parameter = 'restitution' .* omega, force, gap"):
+        harmonic_balance(scene, omega, 1.0).at("restitution", 0.5)
+    with pytest.raises(ParameterError, match="gap"):
+        CompliantContact(1e-3, None, None, None)
