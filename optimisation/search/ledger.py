@@ -30,33 +30,30 @@ _HEAD, _RUNS, _MEASURES = "ledger", "runs", "measures"
 
 @dataclass(eq=False)
 class Ledger:
-    """An executor that makes only the runs that ``known`` lacks, and keeps them; ``path`` None keeps nothing.
+    """An executor that makes only the runs that ``known`` lacks, and keeps them, also in the file ``path`` unless it is None.
 
-    ``runs`` counts the lanes that were made, ``found`` those that were known.
+    ``runs`` counts the lanes that were made.
     """
 
     executor: Executor
     path: Path | None = None
     known: dict[str, Array] = field(default_factory=dict)
     runs: int = 0
-    found: int = 0
 
     def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
         """See `optimisation.evaluation.Executor`; raises OSError if the file cannot take more, which it then holds as it was."""
-        keys = [key_of(chunk) for chunk in chunks] if self.path is not None else [""] * len(chunks)
-        new = []
-        for k, key in enumerate(keys):
-            if key in self.known:
-                self.found += len(chunks[k].lanes)
-                yield k, self.known[key]
-            else:
-                new.append(k)
-        for i, values in self.executor.run([chunks[k] for k in new]) if new else ():
+        same: dict[str, list[int]] = {}
+        for k, chunk in enumerate(chunks):
+            same.setdefault(key_of(chunk), []).append(k)
+        new = [key for key in same if key not in self.known]
+        for i, values in self.executor.run([chunks[same[key][0]] for key in new]) if new else ():
             self.runs += len(values)
+            self.known[new[i]] = values
             if self.path is not None:
-                self.known[keys[new[i]]] = values
-                append(self.path, line_of({_RUNS: keys[new[i]], _MEASURES: listed(values)}))
-            yield new[i], values
+                append(self.path, line_of({_RUNS: new[i], _MEASURES: listed(values)}))
+            yield from ((k, values) for k in same.pop(new[i]))
+        for key, numbers in same.items():  # those that were known
+            yield from ((k, self.known[key]) for k in numbers)
 
 
 def listed(measured: Array) -> object:
@@ -92,7 +89,7 @@ def _fold(value: object, known: hashlib._Hash) -> None:
 
 @contextmanager
 def remembering(executor: Executor, identity: dict[str, object], journal: Path | None) -> Iterator[Ledger]:
-    """Give an executor that goes on with the runs that a file holds; None keeps them nowhere.
+    """Give an executor that goes on with the runs that a file holds; None keeps them in memory.
 
     The file belongs to this process until the end; a last line that a killed process left half-written is taken out of it. Raises
     StudyError if the file cannot be used, is damaged, or is of another identity.
