@@ -146,3 +146,19 @@ def test_certificate_that_is_not_optimal_leaves_its_cell_empty(monkeypatch: pyte
     assert [cell == "" for cell in cells] == [k == 1 for k in range(len(rows))], (cells, proved)
     lines = (tmp_path / "tunings.csv").read_text().splitlines()
     assert sum(line.endswith(",") for line in lines) == 1
+
+
+@pytest.mark.parametrize("name", ["compare_absorbers", "findings", "optimise_design"])
+def test_cluster_is_an_option_of_commands_with_many_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("optimisation.search.cluster.Workers.__init__.__defaults__", (1.0,))
+    monkeypatch.setattr(Threads, "run", lambda *_: pytest.fail("computed"))
+    script = load(name, monkeypatch)
+    for arguments, names in (
+        (["--threads", 2], "--threads = 2 is not allowed: with --cluster"),
+        ([], "--cluster = 127.0.0.1:1 is not allowed: an address"),
+    ):
+        result = call(script, "--cluster", "127.0.0.1:1", *arguments, "--out", tmp_path)
+        assert result.exit_code == 2, result.output
+        assert result.stdout == ""
+        assert names in result.stderr
