@@ -11,10 +11,12 @@ import click
 from _structure_options import POSITION_HELP, model_of, refuse_beside, structure_option
 
 from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.drive import PAPER_LIMITS
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, positive
 from optimisation.bounds import LARGE_REACH, SMALL_REACH, design_gap, expected_gap, require_reach
 from optimisation.command_line import end_early, name_files, plain_errors
+from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_check import RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber, sweep_limits
@@ -161,12 +163,13 @@ def main(
     with plain_errors():
         refuse_beside(structure, "modes", "damping")
         model = model_of(structure, Beam(modes=modes, absorber_position=position, damping_ratio=damping))
+        usable_force("--force", force)
         absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution, 1 if structure is None else resonance)
         if friction_limit is not None:
             absorber = replace(absorber, friction=friction_law(non_negative("friction_limit", friction_limit)))
         gap_factors(gaps)
         require_writable("--out", out)
-        rate = default_rate(model, (resonance,)) if rate is None else positive("--rate", rate)
+        rate = default_rate(model, (resonance,)) if rate is None else usable_rate("--rate", rate, [PAPER_LIMITS])
         click.echo("\n".join(answer(model, mass_ratio, force, resonance, rate)))
         check = simulated(model, force, resonance, absorber, gaps, members, seed, rate, threads)
         files = write(out, check)
