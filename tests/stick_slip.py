@@ -56,15 +56,19 @@ class Damper:
                     return self.limit - abs(self.mass * self.tip * motion(s)[2])
                 return (u + pull / self.mass * (s - t) - self.tip * motion(s)[1]) * -np.sign(pull)  # friction acts against the sliding
 
-            grid = t + turn / 400 * np.arange(1, 900)
+            grid = t + turn / 100 * np.arange(1, 226)
             values = np.array([guard(s) for s in grid])
             out = np.flatnonzero(values < 0)
+            if len(out) == 0:  # stuck for more than two periods, as at first
+                t, (q, v, _) = float(grid[-1]), motion(grid[-1])
+                u = self.tip * v
+                continue
             k = int(out[0])
             low = t + 1e-9 * turn if k == 0 else grid[k - 1]
             end = scipy.optimize.brentq(guard, low, grid[k], xtol=1e-18, rtol=1e-15)
             last = (periods - 1) * turn
-            for s in np.linspace(max(t, last), min(end, periods * turn), 200) if end > last else []:
-                tips.append(abs(self.tip * motion(s)[0]))
+            if end > last:
+                tips += [abs(self.tip * motion(s)[0]) for s in np.linspace(max(t, last), min(end, periods * turn), 200)]
             if t <= last < end:
                 q1, v1, _ = motion(last)
                 begin = np.array([q1, v1, self.tip * v1 if stuck else u + pull / self.mass * (last - t)])
@@ -79,4 +83,4 @@ class Damper:
                 stuck = abs(needed) <= self.limit
                 pull = float(np.sign(needed)) * self.limit
                 events.append(("stick" if stuck else "turn", t))
-        return [event for event in events if event[1] >= (periods - 1) * turn], begin, float(np.max(tips))
+        return [event for event in events if (periods - 1) * turn <= event[1] < periods * turn], begin, float(np.max(tips))

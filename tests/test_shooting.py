@@ -54,7 +54,7 @@ def settled(case_name: str) -> Orbit:
 
 def damper_case() -> Case:
     """One mode; the walls are out of reach."""
-    return Case(model_of(1), 1.02 * float(model_of(1).omega[0]), 1.0, 5e-3, 0.7, 0.5)
+    return Case(model_of(1), 1.02 * float(model_of(1).omega[0]), 2.0, 5e-3, 0.7, 0.3)
 
 
 HELD = ["chatter", "chatter with friction", "without rebound", "another structure"]
@@ -92,10 +92,10 @@ def test_stick_and_slip_of_a_friction_damper() -> None:
     orbit, case = settled("friction damper"), damper_case()
     model = case.model
     truth = Damper(
-        float(model.omega[0]), float(model.damping_ratio[0]), float(model.force_shape[0]), float(model.tip_shape[0]), case.structure.mass, 1.0,
+        float(model.omega[0]), float(model.damping_ratio[0]), float(model.force_shape[0]), float(model.tip_shape[0]), case.structure.mass, case.force,
         case.omega, case.friction_limit,
     )  # fmt: skip
-    events, begin, tip = truth.settled(700)
+    events, begin, tip = truth.settled(400)
     assert orbit.impacts == ()
     assert orbit.schedule.symmetric
     found = sorted((float(p % np.pi), e.regime is Regime.JOINED) for p, e in zip(orbit.solution.phases, orbit.schedule.events, strict=True))
@@ -176,12 +176,14 @@ def test_an_orbit_with_a_held_phase_attracts_as_its_multipliers_say() -> None:
 
 def test_ten_modes_in_a_window_with_a_stuck_phase() -> None:
     """The recommended absorber, between two numbers of reversals: friction holds it for some microseconds, and shooting says so."""
-    found = orbit_of_simulation(paper_case(10, 0.9715, 3.5, 0.7, 0.1), settle=1500)
+    found = orbit_of_simulation(paper_case(10, 0.9726, 3.5, 0.7, 0.1), settle=1000)
     assert isinstance(found, Orbit), found.reason
     assert isinstance(found.motion, ShotMotion)
     assert [event.wall for event in found.schedule.events if event.regime is Regime.JOINED] == [0]
     assert found.residual < BAR
-    assert len(found.impacts) == 2
+    assert found.schedule.period_multiple == 3
+    assert found.stability.stable
+    assert len(found.impacts) == 6
     assert np.sum(np.abs(found.stability.multipliers) < 1e-6) >= 1  # a disturbance of when it is let go dies at once
 
 

@@ -1,8 +1,9 @@
-"""Where a piece of motion ends: an impact, a turn of the relative velocity, a joint force that leaves its bounds. Found among samples, then by Newton."""
+"""Where a piece of motion ends: an impact, a turn of the relative velocity, a joint force out of its bounds. By samples, then Newton's method."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -86,7 +87,7 @@ def _at_once(piece: Piece) -> Crossing | None:
     """Return the end of a flight that lasts less than a sample, by its change of distance with all digits: a chatter's bounces."""
     gap, friction = piece.flow.case.gap, piece.flow.case.friction_limit > 0
     d, v, a, _ = piece.relative(0.0)
-    step = piece.flow.step
+    step = 0.5 * piece.flow.step
     turn = -v / a if friction and a * piece.sign < 0 < v * piece.sign else np.inf
     best, kind = (turn, REVERSAL) if turn < step else (step, 2)
     for wall in (-1, 1):
@@ -98,10 +99,17 @@ def _at_once(piece: Piece) -> Crossing | None:
             best, kind = dt, wall
     if kind == 2:
         return None
-    if kind == REVERSAL:
-        return Crossing(_polished(lambda dt: (piece.relative(dt)[1], piece.relative(dt)[2]), best), REVERSAL)
     height = gap - kind * d if abs(gap - kind * d) >= 1e-15 * piece.size else 0.0
-    return Crossing(_polished(lambda dt: (piece.moved(dt) - kind * height, piece.relative(dt)[1]), best), kind)
+
+    def turning(dt: float) -> tuple[float, float]:
+        values = piece.relative(dt)
+        return float(values[1]), float(values[2])
+
+    def falling(dt: float) -> tuple[float, float]:
+        return piece.moved(dt) - kind * height, float(piece.relative(dt)[1])
+
+    end = _polished(turning if kind == REVERSAL else falling, best)
+    return None if end is None else Crossing(end, kind)
 
 
 def _fall(height: float, rate: float, bend: float) -> float:
@@ -115,18 +123,18 @@ def _fall(height: float, rate: float, bend: float) -> float:
     return 2 * height / below if below > 0 else np.inf
 
 
-def _polished(f: Callable[[float], tuple[float, float]], x: float) -> float:
-    for _ in range(12):
+def _polished(f: Callable[[float], tuple[float, float]], x: float) -> float | None:
+    """Return the root near ``x`` by Newton's method, or None if it leads away: then samples decide."""
+    first = x
+    for _ in range(ITERATIONS):
         value, slope = f(x)
-        if slope == 0.0:
-            break
-        new = x - value / slope
-        if not 0 < new < 2 * x:
-            break
-        if abs(new - x) <= 1e-15 * x:
+        new = x - value / slope if slope != 0.0 else -1.0
+        if not 0.5 * first < new < 2 * first:
+            return None
+        if abs(new - x) <= 1e-13 * x:
             return new
         x = new
-    return x
+    return x if abs(value) <= abs(slope) * 1e-6 * x else None  # a root whose digits are at their end
 
 
 def _suspects(piece: Piece, values: Array) -> NDArray[np.int64]:
@@ -147,7 +155,7 @@ def _within(piece: Piece, low: float, high: float, before: Array, after: Array) 
         places.append(root(lambda dt: (piece.relative(dt)[2], piece.relative(dt)[3]), low, high))
     places.append(high)
     # between these the relative velocity is monotonous
-    for one, other in zip(places[:-1], places[1:], strict=True):
+    for one, other in pairwise(places):
         v0 = piece.relative(one)[1] if one > 0 or piece.sign * before[1] > 0 else 0.0
         v1 = float(piece.relative(other)[1])
         marks = [one]
@@ -157,7 +165,7 @@ def _within(piece: Piece, low: float, high: float, before: Array, after: Array) 
             return Crossing(one, REVERSAL)
         marks.append(other)
         for k in range(1, len(marks)):  # the relative displacement is monotonous here
-            d, v = piece.relative(marks[k])[:2]
+            d = float(piece.relative(marks[k])[0])
             side = 1 if d > 0 else -1
             middle = float(piece.relative(0.5 * (marks[k - 1] + marks[k]))[1])
             if abs(d) > gap and middle * side > 0:

@@ -112,7 +112,7 @@ def _chatter(motion: ShotMotion, trial: Trial) -> tuple[Impact, ...] | None:
 
 
 def shot_orbit(case: Case, phase: float, state: ArrayLike, symmetric: bool = False, period_multiple: int = 1) -> Orbit | NoOrbit:
-    """Return the confirmed orbit found by shooting from a ``state`` (2 N_m + 2,) at a ``phase`` (rad) where the absorber flies, or why there is none."""
+    """Return the confirmed orbit by shooting from a ``state`` (2 N_m + 2,) at a ``phase`` (rad) where the absorber flies, or why there is none."""
     found = shoot(case, phase, np.asarray(state, dtype=float), symmetric, period_multiple)
     return found if isinstance(found, NoOrbit) else confirmed(found)
 

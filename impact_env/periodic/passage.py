@@ -1,7 +1,7 @@
 """A motion from a section of the force's phase on, event by event, with its derivative: free, sliding, stuck, and held against a wall.
 
-Regimes are propagated in closed form and events found among samples of their guards. Nothing of the exact method's event search is used, which so can be
-the judge of what comes out.
+Regimes are propagated in closed form and events found among samples of their guards. Nothing of the exact method's event search is used, so it can
+be the judge of what comes out.
 """
 
 from __future__ import annotations

@@ -93,8 +93,8 @@ class Piece:
     """The motion from ``time`` (s after the section) on, ``phase`` (rad) of the force there, with a constant ``force`` (N) on a sliding absorber.
 
     ``free`` (J,): slots without forced and constant part. ``place``, ``velocity`` of a free absorber (m, m/s); of a joined one, its place against the
-    tip. ``sign`` of the relative velocity, ``wall`` that holds a joined absorber (0: friction does). ``rested``: a flight that begins without relative
-    velocity, whatever rounding says.
+    tip. ``sign`` of the relative velocity, ``wall`` that holds a joined absorber (0: friction does). ``rested``: a flight that begins without
+    relative velocity, whatever rounding says.
     """
 
     flow: Flow
@@ -179,7 +179,7 @@ class Piece:
         Of a joined piece the joint force takes the place of all three.
         """
         flow, turn = self.flow, 1j * self.flow.case.omega
-        dts = start + flow.step * np.arange(CHUNK + 1)
+        dts: Array = np.asarray(start + flow.step * np.arange(CHUNK + 1), dtype=np.float64)
         wave = flow.watched * np.exp(1j * (self.phase + flow.case.omega * dts))
         loaded = self._loaded[:3] * np.exp(flow.modes.values * start)
         if flow.joined:

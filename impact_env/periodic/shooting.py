@@ -1,7 +1,7 @@
 """Shooting: the state at a section is the unknown, and Newton's method asks it to come back after a period, or mirrored after half of one.
 
-It goes where Green's function does not: through phases in which friction or a wall holds the absorber, and through complete chatter. Which events there
-are, and in which order, comes out anew in each of Newton's steps.
+It goes where Green's function does not: through phases in which friction or a wall holds the absorber, and through complete chatter. Which events
+there are, and in which order, comes out anew in each of Newton's steps.
 """
 
 from __future__ import annotations
@@ -53,23 +53,24 @@ def shoot(case: Case, phase: float, state: Array, symmetric: bool = False, perio
     blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
     try:
         found = passage(case, finite_phase, y, turn / case.omega)
-        miss = _miss(found, y, sign, unit)
-        for k in range(STEPS):
+        miss, steps = _miss(found, y, sign, unit), 0
+        for _ in range(STEPS):
             size_of_miss = float(np.max(np.abs(miss)))
             if size_of_miss <= CLOSE:
                 break
             matrix = np.eye(size) - sign * found.derivative * unit / unit[:, None]
-            step = np.linalg.lstsq(matrix, miss, rcond=NEUTRAL)[0]
+            step: Array = np.asarray(np.linalg.lstsq(matrix, miss, rcond=NEUTRAL)[0], dtype=np.float64)
             better = _damped(case, found, y, step, unit, sign, size_of_miss)
             if better is None:
                 break
             found, y, miss = better
+            steps += 1
         miss_left = float(np.max(np.abs(miss)))
     except (PassageError, np.linalg.LinAlgError) as error:
         return NoOrbit(case, blank, str(error), np.array([finite_phase]))
     if not miss_left <= ENOUGH:
-        return NoOrbit(case, blank, f"shooting did not converge (residual {miss_left:.1e} after {k + 1} steps)", np.array([finite_phase]))
-    return shot(case, found, symmetric, period_multiple, miss_left, k)
+        return NoOrbit(case, blank, f"shooting did not converge (residual {miss_left:.1e} after {steps} steps)", np.array([finite_phase]))
+    return shot(case, found, symmetric, period_multiple, miss_left, steps)
 
 
 def _miss(found: Passage, y: Array, sign: float, unit: Array) -> Array:

@@ -156,8 +156,8 @@ def _one_way(
 def shot_branch(orbit: Orbit, parameter: str, limits: tuple[float, float], steps: Steps = STEPS, progress: Progress | None = None) -> ShotBranch:
     """Return the branch through an orbit, to both sides, in a parameter of `PARAMETERS` (SI units) within ``limits``, by shooting.
 
-    Joined phases, reversals and impacts come and go along it. It ends at its limits, where it is back at its start, or where no smaller step leads on,
-    as where the absorber grazes a wall; Ctrl-C ends it with what is known so far. Raises ParameterError for another parameter.
+    Joined phases, reversals and impacts come and go along it. It ends at its limits, where it is back at its start, or where no smaller step leads
+    on, as where the absorber grazes a wall; Ctrl-C ends it with what is known so far. Raises ParameterError for another parameter.
     """
     require(parameter in PARAMETERS, "parameter", parameter, f"one of {', '.join(PARAMETERS)}")
     multiple, symmetric = orbit.schedule.period_multiple, orbit.schedule.symmetric
