@@ -11,6 +11,7 @@ from stick_slip import Damper
 
 from impact_env import Beam, ModalModel, ParameterError, Record, modal_model
 from impact_env.periodic.case import Case
+from impact_env.periodic.continuation import Steps
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, shot_orbit
 from impact_env.periodic.passage import passage
@@ -19,7 +20,8 @@ from impact_env.periodic.shooting import shoot
 from impact_env.periodic.shot_branches import shot_branch
 from impact_env.periodic.shot_motion import ShotMotion
 from impact_env.periodic.starts import initial_of, orbit_of_simulation, read_schedule, recorded
-from impact_env.periodic.survey import closed_form_orbits, same
+from impact_env.periodic.survey import closed_form_orbits, crossings, same
+from impact_env.periodic.tracing import orbit_branch
 from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over, propagated
 
 
@@ -219,6 +221,21 @@ def test_a_branch_of_orbits_with_held_phases() -> None:
     last = found[-1]
     assert isinstance(last, Orbit)
     assert last.motion.tip_max == pytest.approx(settled_there.motion.tip_max, rel=1e-8)
+
+
+def test_a_branch_has_orbits_in_the_window_of_a_stuck_phase() -> None:
+    """Between 24 and 26 reversals in half a period friction holds the absorber: there the branch's own solutions are no orbits, shooting's are."""
+    start = orbit_of_simulation(paper_case(10, 0.97, 3.5, 0.7, 0.1))
+    assert isinstance(start, Orbit)
+    first = float(start.case.model.omega[0])
+    branch = orbit_branch(start.solution, "omega", (0.968 * first, 0.9712 * first), Steps(first=0.002, least=1e-8, most=0.01))
+    found = list(branch.orbits())
+    assert all(isinstance(point, Orbit) for point in found), [point.reason for point in found if isinstance(point, NoOrbit)]
+    held = [point for point in found if isinstance(point, Orbit) and not point.schedule.flies]
+    assert held
+    assert all(point.residual < BAR and 0.97 < point.case.omega_ratio < 0.9712 for point in held)
+    (crossing,) = (point for point in crossings(branch, held[0].case.omega) if isinstance(point, Orbit))
+    assert same(crossing, held[0])
 
 
 # --- what is refused -------------------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
 from impact_env.periodic.motion import Motion, motion_of
 from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
-from impact_env.periodic.shooting import section_of, shoot
+from impact_env.periodic.shooting import section_of, shoot, units_of
 from impact_env.periodic.shot_motion import ShotMotion
 from impact_env.periodic.stability import Stability, derivative_of, shot_stability, stability_of
 from impact_env.periodic.validation import JOINS, Trial, chatters, trial_of
@@ -20,7 +20,9 @@ from impact_env.periodic.validation import JOINS, Trial, chatters, trial_of
 Array = NDArray[np.float64]
 MOST_MENDINGS = 12
 WOULD_HOLD = "friction would hold the absorber at a reversal"
-HELD = (WOULD_HOLD, JOINS)  # what shooting may mend
+TURNS = "the relative velocity turns"
+HELD = (WOULD_HOLD, JOINS, TURNS)  # what shooting may mend
+NEIGHBOUR = 0.05  # of gap and gap times omega: how far from the motion that it starts with the orbit may lie then
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,12 +124,15 @@ def held_orbit(motion: Motion) -> Orbit | NoOrbit:
 
     Between two numbers of reversals lie orbits with a short joined phase: shooting finds them from the motion that leaves it out.
     """
-    found = confirmed(motion)
-    if isinstance(found, Orbit) or not (motion.solution.case.friction_limit > 0 and found.reason in HELD):
+    found, case = confirmed(motion), motion.solution.case
+    if isinstance(found, Orbit) or case.friction_limit == 0 or not any(reason in found.reason for reason in HELD):
         return found
-    schedule = motion.solution.schedule
-    held = shot_orbit(motion.solution.case, *motion.mid_flight(), schedule.symmetric, schedule.period_multiple)
-    return held if isinstance(held, Orbit) else NoOrbit(found.case, found.schedule, f"{found.reason}; {held.reason}", found.phases)
+    schedule, (phase, state) = motion.solution.schedule, motion.mid_flight()
+    held = shot_orbit(case, phase, state, schedule.symmetric, schedule.period_multiple)
+    reason = held.reason if isinstance(held, NoOrbit) else "shooting leads elsewhere"
+    if isinstance(held, Orbit) and np.max(np.abs(held.motion.state_at(phase) - state) / units_of(case)) < NEIGHBOUR:
+        return held
+    return NoOrbit(case, found.schedule, f"{found.reason}; {reason}", found.phases)
 
 
 def mirrored(orbit: Orbit) -> Orbit | NoOrbit:
@@ -154,7 +159,7 @@ def objection(motion: Motion, turning: Array) -> str | None:
     if motion.penetration > 0:
         return f"the absorber passes a wall by {motion.penetration:.3g} m"
     if solution.case.friction_limit > 0 and not consistent(motion):
-        return f"the relative velocity turns {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
+        return f"{TURNS} {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
     return WOULD_HOLD if np.max(turning) > -1 else None
 
 
