@@ -82,8 +82,8 @@ def _flow(case: Case, joined: bool) -> Flow:
     with np.errstate(divide="ignore", invalid="ignore"):
         up, down = (0.5 * case.force * modes.drive / (side * turn - modes.values) for side in (1, -1))
     weights = modes.tip if joined else -modes.tip
-    step = min(step, GRID / case.omega)
-    if step * case.omega == GRID:
+    if step * case.omega > GRID:  # the force is faster than all modes
+        step = GRID / case.omega
         grid = np.exp(np.outer(np.arange(CHUNK + 1) * step, modes.values))
     return Flow(case, joined, modes, up, down, np.asarray(weights, complex), step, grid)
 
