@@ -122,7 +122,10 @@ def orbit_of_simulation(
         found = found if shorter == multiple else orbit_at(case, *read_schedule(case, response, here, shorter, symmetric))
     except ParameterError:  # reversals between two samples: what was read is no order of events
         return _shot_from(case, response, here, symmetric, multiple)
-    return found if isinstance(found, Orbit) or case.friction_limit == 0 else _shot_from(case, response, here, symmetric, multiple)
+    if isinstance(found, Orbit):
+        return found
+    shot = _shot_from(case, response, here, symmetric, multiple)
+    return shot if isinstance(shot, Orbit) else found
 
 
 def _shot_from(case: Case, response: Response, here: float, symmetric: bool, multiple: int) -> Orbit | NoOrbit:
