@@ -10,7 +10,7 @@ import click
 from _sweep_scene import make_scene, refuse_parts
 
 from impact_env.parameters import positive, require
-from impact_env.periodic.passage import Range
+from impact_env.periodic.jump import Range
 from optimisation.command_line import BadInput, plain_errors
 from optimisation.studies.regimes.cases import Case, Settings, cases, grid
 from optimisation.studies.regimes.study import JUMP, KINDS, OUT, QUICK_OUT, STUDY, place

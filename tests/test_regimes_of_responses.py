@@ -12,7 +12,7 @@ from impact_env.periodic.approach import Approach, hold, passage
 from impact_env.periodic.case import case_of
 from impact_env.periodic.classify import Criteria, Kind, Window, classify, longest_pause, modulation_depth
 from impact_env.periodic.envelope import envelope, shares, stationary_members
-from impact_env.periodic.passage import Range, hazard, jumps
+from impact_env.periodic.jump import Range, hazard, jumps
 from impact_env.periodic.residence import ExitRate, Stays, exit_rate, first_silence, stay_of, stays, survival
 from impact_env.periodic.survey import closed_form_orbits
 from optimisation.studies.regimes.cases import strip_scene

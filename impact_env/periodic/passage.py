@@ -1,149 +1,176 @@
-"""The jump of a sweep: the chance of being in the regime of impacts still when the sweep has passed the range in which runs leave it.
+"""A motion from a section of the force's phase on, event by event, with its derivative: free, sliding, stuck, and held against a wall.
 
-Nothing is fitted: rates of leaving are measured at constant frequencies (`residence`), and P = exp(-integral of the rate over the sweep's time).
+Regimes are propagated in closed form and events found among samples of their guards. Nothing of the exact method's event search is used, so it can
+be the judge of what comes out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
 
-from impact_env.ensemble import Lane, Progress, each_lane
-from impact_env.parameters import count, positive, require
-from impact_env.periodic.approach import Approach, passage
-from impact_env.periodic.residence import LEVEL, SILENCE, ExitRate, finished, first_silence
-from impact_env.response import Record
-from impact_env.scene import Scene
-from impact_env.sweep import simulate
+from impact_env.periodic.case import Case
+from impact_env.periodic.crossing import REVERSAL, end_of_flight, end_of_hold
+from impact_env.periodic.pieces import Flow, Piece, flows_of, piece_of
+from impact_env.periodic.saltation import Mechanics
+from impact_env.periodic.schedule import Event, Regime
 
 Array = NDArray[np.float64]
-DRAWS = 4000
+MOST_EVENTS = 20000  # in a passage
+ROUNDING = 1e-14  # of a distance's terms: bounces whose heights sum up to less end a chatter
+LEAST_LOSS = 0.1  # 1 - e counts as at least this there
 
 
-@dataclass(frozen=True)
-class Hazard:
-    """Integral of the rate of leaving over the frequency, in exits per (pseudo period / percent): the probability of a jump at N is exp(-N value).
+class PassageError(RuntimeError):
+    """A motion that cannot be followed; the message says why."""
 
-    ``low`` and ``high``: its interval from the counting of exits alone. ``first`` and ``last``: the ratios between which it is taken.
+
+class Happening(NamedTuple):
+    """One event: ``time`` in s after the section, what it was and led to, and the ``impulse`` on the absorber in N s (0 if none)."""
+
+    time: float
+    event: Event
+    impulse: float
+
+
+@dataclass(eq=False)
+class Passage:
+    """A motion over ``span`` (s): its pieces, events, the ``end`` state (2 N_m + 2,) and the ``derivative`` of it by the state at the start.
+
+    The derivative (2 N_m + 2,)^2 loses rank by one where friction takes hold of the absorber, and by two where a chatter ends on a wall.
     """
 
-    value: float
-    low: float
-    high: float
-    first: float
-    last: float
-
-    def probability(self, periods_per_percent: float) -> tuple[float, float, float]:
-        """Return the probability of a jump at a slowness, and its interval."""
-        n = positive("periods_per_percent", periods_per_percent)
-        return float(np.exp(-n * self.value)), float(np.exp(-n * self.high)), float(np.exp(-n * self.low))
+    case: Case
+    phase: float
+    span: float
+    pieces: list[Piece] = field(default_factory=list)
+    happenings: list[Happening] = field(default_factory=list)
+    end: Array = field(default_factory=lambda: np.zeros(0))
+    derivative: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def hazard(ratios: Sequence[float], rates: Sequence[ExitRate], *, level: float = LEVEL, seed: int = 0) -> Hazard:
-    """Return the trapezoidal integral of rates (per pseudo period) measured at frequency ``ratios``, rising or falling.
+def passage(case: Case, phase: float, state: Array, span: float) -> Passage:
+    """Return the motion from a free ``state`` (2 N_m + 2,) at a ``phase`` (rad) of the force over a ``span`` (s); raises PassageError.
 
-    The interval is that of the sum of the counts, each drawn from the gamma distribution with its exits plus a half and its exposure. Raises
-    ParameterError unless there are two ratios or more, in order, with as many rates and some time at risk each.
+    A state that rounding or Newton's method put beyond a wall goes on from there.
     """
-    x = np.asarray(ratios, dtype=np.float64)
-    turns = np.diff(x)
-    ordered = len(x) >= 2 and bool(np.all(turns > 0) or np.all(turns < 0))
-    require(ordered, "ratios", ratios, "two frequency ratios or more, rising or falling")
-    require(len(rates) == len(x), "rates", len(rates), f"one for each of the {len(x)} ratios")
-    empty = [float(ratio) for ratio, rate in zip(x, rates, strict=True) if rate.exposure == 0]
-    require(not empty, "rates", empty, "at each ratio at least one run that is in the regime when its stay begins")
-    weights = np.zeros(len(x))
-    weights[:-1] += np.abs(turns) / 2
-    weights[1:] += np.abs(turns) / 2
-    weights *= 100  # percent
-    drawn = np.random.default_rng(count("seed", seed, 0))
-    shapes, exposures = np.array([rate.exits + 0.5 for rate in rates]), np.array([rate.exposure for rate in rates])
-    sums = (drawn.gamma(shapes, size=(DRAWS, len(x))) / exposures) @ weights
-    tail = (1 - level) / 2
-    low, high = np.quantile(sums, [tail, 1 - tail])
-    value = float(weights @ [rate.rate for rate in rates])
-    return Hazard(value, min(float(low), value), max(float(high), value), float(x[0]), float(x[-1]))
+    walk = _Walk(case, Passage(case, phase, span))
+    walk.start(np.asarray(state, dtype=float))
+    while walk.step():
+        if len(walk.found.happenings) > MOST_EVENTS:
+            raise PassageError(f"more than {MOST_EVENTS} events in a period")
+    return walk.found
 
 
-@dataclass(frozen=True)
-class Jumps:
-    """What became of sweeps: ``present`` in the regime of impacts at the range's first ratio, ``jumped`` out of these, and all ``runs``.
+class _Walk:
+    """The piece in use, and the derivative up to its start."""
 
-    ``high``: runs whose response level in m lies above a limit, None unless one was asked for.
-    """
-
-    jumped: int
-    present: int
-    runs: int
-    high: int | None = None
+    def __init__(self, case: Case, found: Passage) -> None:
+        self.case, self.found, self.mechanics = case, found, Mechanics(case)
+        self.free, self.joined = flows_of(case)
+        self.matrix = np.eye(2 * case.model.modes + 2)
+        if not (np.all(np.isfinite(self.free.up)) and np.all(np.isfinite(self.joined.up))):
+            raise PassageError("a mode without damping is driven at its resonance")
 
     @property
-    def share(self) -> float:
-        """Share of those present that jumped, NaN if none was present."""
-        return self.jumped / self.present if self.present else float("nan")
+    def sliding(self) -> Regime:
+        return Regime.SLIDING if self.case.friction_limit > 0 else Regime.FREE
 
-    def interval(self, level: float = LEVEL) -> tuple[float, float]:
-        """Return Wilson's interval of the share."""
-        if not self.present:
-            return 0.0, 1.0
-        found = scipy.stats.binomtest(self.jumped, self.present).proportion_ci(level, method="wilson")
-        return float(found.low), float(found.high)
+    def start(self, state: Array) -> None:
+        if not np.all(np.isfinite(state)):
+            raise PassageError("the state is not finite")
+        self._go_on(self.free, 0.0, state, 1 if float(self.mechanics.speed @ state) > 0 else -1, 0)
 
+    def step(self) -> bool:
+        """Advance to the next event and let it happen; return False at the end of the span."""
+        piece = self.found.pieces[-1]
+        left = self.found.span - piece.time
+        crossing = end_of_hold(piece, left) if piece.flow.joined else end_of_flight(piece, left)
+        dt = left if crossing is None else crossing.dt
+        self.matrix = piece.flow.derivative(dt) @ self.matrix
+        state = piece.state(dt)
+        if not np.all(np.isfinite(state)):
+            raise PassageError("the motion is not finite")
+        if crossing is None:
+            if not np.all(np.isfinite(self.matrix)):
+                raise PassageError("the derivative is not finite")
+            self.found.end, self.found.derivative = state, self.matrix
+            return False
+        time = piece.time + dt
+        if piece.flow.joined:
+            self._release(time, state, crossing.kind)
+        elif crossing.kind == REVERSAL:
+            self._turn(piece, time, state)
+        else:
+            self._hit(piece, time, state, crossing.kind)
+        return True
 
-@dataclass(frozen=True)
-class Range:
-    """Frequencies of a sweep over the reference: it runs from ``start`` to ``stop``; runs leave the regime between ``first`` and ``last``."""
+    def _phase(self, time: float) -> float:
+        return self.found.phase + self.case.omega * time
 
-    start: float
-    first: float
-    last: float
-    stop: float
+    def _go_on(self, flow: Flow, time: float, state: Array, sign: int, wall: int, rested: bool = False) -> None:
+        self.found.pieces.append(piece_of(flow, time, self._phase(time), state, sign, wall, rested))
 
-    def __post_init__(self) -> None:
-        row = np.array([self.start, self.first, self.last, self.stop])
-        ok = bool(np.all(np.diff(row) < 0) or np.all(np.diff(row) > 0))
-        require(ok, "range", tuple(row.tolist()), "four ratios, start, first, last and stop, rising or falling")
+    def _note(self, time: float, event: Event, impulse: float = 0.0) -> None:
+        self.found.happenings.append(Happening(time, event, impulse))
 
+    def _release(self, time: float, state: Array, kind: int) -> None:
+        """The joint force leaves its bounds without a jump: neither the state nor its rate has one."""
+        sign = -kind
+        self._note(time, Event(self.sliding, 0, sign))
+        self._go_on(self.free, time, state, sign, 0, True)
 
-def jumps(
-    scene: Scene,
-    force: float,
-    approach: Approach,
-    over: Range,
-    periods_per_percent: float,
-    phases: Sequence[float],
-    silence: float = SILENCE,
-    high_level: float | None = None,
-    *,
-    threads: int | None = None,
-    progress: Progress | None = None,
-) -> Jumps:
-    """Sweep lanes, one for each initial phase (rad), and return how many jumped; interruption and errors as in `residence.stays`.
+    def _turn(self, piece: Piece, time: float, state: Array) -> None:
+        """The relative velocity is zero: friction holds, or acts the other way from now on."""
+        mechanics, limit, phase = self.mechanics, self.case.friction_limit, self._phase(time)
+        state = state - mechanics.push * float(mechanics.speed @ state) / self.case.structure.compliance  # of the order of rounding
+        before = mechanics.field(state, phase, piece.force)
+        needed = mechanics.holding(mechanics.field(state, phase, 0.0))
+        if abs(needed) <= limit:
+            self._leap(before, mechanics.field(state, phase, None), mechanics.speed)
+            self._note(time, Event(Regime.JOINED, 0, 0))
+            self._go_on(self.joined, time, state, 0, 0)
+            return
+        sign = -1 if needed > 0 else 1
+        if sign == piece.sign:
+            raise PassageError("the relative velocity only touches zero at a reversal")
+        self._leap(before, mechanics.field(state, phase, -sign * limit), mechanics.speed)
+        self._note(time, Event(self.sliding, 0, sign))
+        self._go_on(self.free, time, state, sign, 0)
 
-    A run has jumped if no ``silence`` (pseudo periods without impact, at least) begins before the range's last ratio. It is present if none had begun
-    before the first. ``high_level`` in m: response levels above it are counted too. Raises ParameterError if the sweep is too fast for a silence
-    to show after the last ratio.
-    """
-    tail = abs(over.stop - over.last) * 100 * positive("periods_per_percent", periods_per_percent)
-    require(tail >= silence, "periods_per_percent", periods_per_percent, f"{silence * periods_per_percent / tail:.4g} or more: a silence must show")
-    period = 2 * np.pi / approach.reference
-    begin = approach.lead + approach.ramp
-    first, last = (begin + abs(ratio - over.start) * 100 * periods_per_percent for ratio in (over.first, over.last))
+    def _hit(self, piece: Piece, time: float, state: Array, wall: int) -> None:
+        """An impact; where all bounces to come are below the rounding of the distance, it takes the rest of the relative velocity too."""
+        mechanics, case, phase = self.mechanics, self.case, self._phase(time)
+        state = state.copy()
+        state[case.model.modes] += wall * case.gap - float(mechanics.distance @ state)
+        before = mechanics.field(state, phase, piece.force)
+        rests = self._rests(piece, state, phase, wall)
+        restitution = 0.0 if rests else case.restitution
+        after, impulse = mechanics.bounced(state, restitution)
+        holds = rests and wall * mechanics.holding(mechanics.field(after, phase, 0.0)) <= case.friction_limit
+        field_after = mechanics.field(after, phase, None if holds else wall * case.friction_limit)
+        self._leap(before, field_after, mechanics.distance, restitution)
+        self._note(time, Event(self.sliding, wall, -wall), impulse)
+        if holds:
+            self._note(time, Event(Regime.JOINED, wall, 0))
+            self._go_on(self.joined, time, after, 0, wall)
+        else:
+            self._go_on(self.free, time, after, -wall, 0, restitution == 0.0)
 
-    def measure(lane: Lane) -> tuple[bool, bool, float]:
-        response = simulate(lane.scene, lane.drive, record=Record(events=True))
-        assert response.impacts is not None
-        assert response.level is not None
-        times = response.impacts.time / period
-        present = first_silence(times, first - silence, last + silence, silence).began
-        there = present is None or present > first
-        return there, there and (present is None or present > last), response.level.value
+    def _rests(self, piece: Piece, state: Array, phase: float, wall: int) -> bool:
+        """Return whether the heights of all bounces to come add up to less than rounding, as the exact method asks it."""
+        case, mechanics = self.case, self.mechanics
+        if case.restitution == 0.0:
+            return True
+        after = case.restitution * float(mechanics.speed @ state)
+        pressed = wall * float(mechanics.speed @ mechanics.field(state, phase, -wall * case.friction_limit))
+        return pressed >= 0 and after * after <= 2 * pressed * ROUNDING * piece.size * max(1 - case.restitution, LEAST_LOSS)
 
-    lanes = [Lane(scene, passage(approach, force, over.start, over.stop, periods_per_percent, phase)) for phase in phases]
-    found = finished(each_lane(lanes, measure, threads=threads, progress=progress))
-    high = None if high_level is None else sum(level > high_level for _, _, level in found)
-    return Jumps(sum(jumped for _, jumped, _ in found), sum(there for there, _, _ in found), len(found), high)
+    def _leap(self, before: Array, after: Array, guard: Array, restitution: float | None = None) -> None:
+        """Take the saltation matrix of an event to the derivative."""
+        if guard @ before == 0.0:
+            raise PassageError("an event is only touched: no derivative")
+        self.matrix = self.mechanics.saltation(before, after, guard, restitution) @ self.matrix

@@ -11,7 +11,7 @@ import numpy as np
 from impact_env.ensemble import draw_members
 from impact_env.periodic.classify import Kind
 from impact_env.periodic.envelope import QUANTILES, envelope, stationary_members
-from impact_env.periodic.passage import jumps
+from impact_env.periodic.jump import jumps
 from impact_env.periodic.residence import exit_rate, stays
 from optimisation.studies.regimes.cases import Case, Settings
 

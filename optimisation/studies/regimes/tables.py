@@ -7,7 +7,7 @@ from itertools import groupby
 import numpy as np
 
 from impact_env.periodic.classify import Kind
-from impact_env.periodic.passage import Hazard, hazard
+from impact_env.periodic.jump import Hazard, hazard
 from impact_env.periodic.residence import ExitRate
 from optimisation.report.markdown import markdown
 from optimisation.studies.regimes.measured import SWEEP, Row
