@@ -22,6 +22,7 @@ RESONANCES_HELP = "Two resonances to look at, counted from 1; twice the same: on
 
 
 def structure_option(command: Command) -> Command:
+    """Add --structure to a command."""
     text = "Structure from a .toml or .json file in place of the paper's beam (docs/your_structure.md)."
     return click.option("--structure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=text)(command)
 
