@@ -1,5 +1,7 @@
 """Frequency response of periodic motions: exact branches with their stability, harmonic balance, linear curves, and sweeps over them."""
 
+# needs: files
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -11,7 +13,8 @@ from impact_env.drive import PAPER_RATE
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
 from optimisation.command_line import check_target, end_early, name_files, plain_errors
-from optimisation.commands.frequency_curves import BALANCE, BOTH, EXACT, FIGURES, computed, written
+from optimisation.commands.frequency_curves import BALANCE, BOTH, EXACT, FIGURES, FORCE, computed, written
+from optimisation.commands.structure_option import structure_option
 from optimisation.commands.sweep_scene import refuse_parts
 from optimisation.report.response_table import text
 
@@ -19,6 +22,7 @@ from optimisation.report.response_table import text
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 130})
 @click.option("--absorber", type=click.Choice(["impact", "friction"]), help="Impact absorber or friction damper.  [default: impact]")
 @click.option("--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Beam and absorber from a .toml or .json file.")
+@structure_option
 @click.option("--modes", type=int, help=f"Number of modes kept.  [default: {Beam.modes}]")
 @click.option("--damping", type=float, help=f"Modal damping ratio, the same for all modes.  [default: {Beam.damping_ratio}]")
 @click.option("--mass-ratio", type=float, help=f"Absorber mass over beam mass.  [default: {DEFAULT_MASS_RATIO}]")
@@ -27,7 +31,7 @@ from optimisation.report.response_table import text
 @click.option("--friction-limit", type=float, help="Friction limit in N; 0: no friction.")
 @click.option("--contact-stiffness", type=float, help="Makes the walls springs of this stiffness in N/m: harmonic balance only.")
 @click.option("--friction-stiffness", type=float, help="Makes friction elastic with this stiffness in N/m.")
-@click.option("--force", type=float, default=1.5, show_default=True, help="Amplitude of the harmonic force in N.")
+@click.option("--force", type=float, help=f"Amplitude of the harmonic force in N.  [default: {FORCE}, with --structure by the design rule]")
 @click.option("--resonance", type=int, default=1, show_default=True, help="Resonance, counted from 1, that frequencies refer to.")
 @click.option("--from", "start", type=float, default=0.88, show_default=True, help="Lowest frequency over the resonance frequency.")
 @click.option("--to", "stop", type=float, default=1.06, show_default=True, help="Highest frequency over the resonance frequency.")
@@ -52,6 +56,7 @@ def main(**given: Any) -> None:
             check_target(f"--{option}", given[option], suffixes)
         given |= {"stiffness": None, "absorber_damping": None}
         refuse_parts(given)
+        given["force"] = FORCE if given["force"] is None and given["structure"] is None else given["force"]
         result = computed(given)
         files = written(result, given)
     click.echo(text(result))

@@ -1,5 +1,7 @@
 """Isolas of periodic responses: the forces at which they are born and merge, over frequency, restitution and number of modes."""
 
+# needs: files
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -10,12 +12,14 @@ import click
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from optimisation.command_line import check_target, end_early, name_files, plain_errors
 from optimisation.commands.isola_forces import computed, written
+from optimisation.commands.structure_option import structure_option
 from optimisation.commands.sweep_scene import refuse_parts
 from optimisation.report.isola_table import table
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 130})
 @click.option("--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Beam and absorber from a .toml or .json file.")
+@structure_option
 @click.option("--modes", type=int, help=f"Number of modes kept.  [default: {Beam.modes}]")
 @click.option("--damping", type=float, help=f"Modal damping ratio, the same for all modes.  [default: {Beam.damping_ratio}]")
 @click.option("--mass-ratio", type=float, help=f"Absorber mass over beam mass.  [default: {DEFAULT_MASS_RATIO}]")
@@ -38,7 +42,8 @@ def main(**given: Any) -> None:
     with plain_errors():
         for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("figure", (".png", ".pdf", ".svg"))):
             check_target(f"--{option}", given[option], suffixes)
-        given |= dict.fromkeys(("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping"))
+        given |= dict.fromkeys(("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping", "force"))
+        given["resonance"] = 1  # the one that is looked at
         refuse_parts(given)
         found = computed(given)
         files = written(found, given)

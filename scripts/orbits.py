@@ -1,5 +1,7 @@
 """Exact periodic orbits of the impact absorber: two impacts a period and what a run settles to, folds, births and mergers of isolas."""
 
+# needs: files
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -9,18 +11,20 @@ import click
 
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from optimisation.command_line import end_early, plain_errors
-from optimisation.commands.orbit_list import FORCE, FROM, POINTS, TO, run
+from optimisation.commands.orbit_list import FORCE_HELP, FROM, POINTS, TO, run
+from optimisation.commands.structure_option import structure_option
 from optimisation.files import write_json
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})
+@structure_option
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
 @click.option("--gap", type=float, default=RigidWalls.gap, show_default=True, help="Clearance to either wall in m.")
 @click.option("--restitution", type=float, default=RigidWalls.restitution, show_default=True, help="Coefficient of restitution, 0 to 1.")
 @click.option("--friction-limit", type=float, default=0.0, show_default=True, help="Friction limit in N; 0: no friction.")
-@click.option("--force", type=float, default=FORCE, show_default=True, help="Amplitude of the harmonic force in N; not used for thresholds.")
+@click.option("--force", type=float, help=FORCE_HELP)
 @click.option("--from", "start", type=float, default=FROM, show_default=True, help="First frequency over that of the first resonance.")
 @click.option("--to", "stop", type=float, default=TO, show_default=True, help="Last frequency over that of the first resonance.")
 @click.option("--at", type=float, help="One frequency only; also what runs settle to there, of any period up to eight of the force's.")
@@ -29,7 +33,9 @@ from optimisation.files import write_json
 @click.option("--thresholds", is_flag=True, help="The forces at which isolas are born and merge instead of orbits.")
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the list, in SI units.")
 def main(**given: Any) -> None:
-    """List exact periodic orbits of the impact absorber at the tip of the paper's beam under a harmonic force, each confirmed by the exact method.
+    """List exact periodic orbits of the impact absorber under a harmonic force, each confirmed by the exact method.
+
+    It is on the paper's beam, or on another structure.
 
     Symmetric orbits with one impact a wall are found in closed form, with all reversals of friction, and along their branches. Multipliers of
     symmetric orbits are those of half a period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair that lives as

@@ -16,6 +16,7 @@ from impact_env.periodic.response_curve import COLUMNS
 from optimisation.commands.sweep_scene import make_scene
 from optimisation.files import replacing, write_csv, write_json
 
+FORCE = 1.5  # N, the paper's moderate level of excitation
 FIGURES = (".png", ".pdf", ".svg")
 EXACT, BALANCE, BOTH = "exact", "balance", "both"
 

@@ -8,18 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.modes import modal_model
-from impact_env.parameters import Beam, count
+from impact_env.parameters import Beam, count, positive
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import folds, thresholds
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.survey import Found, attractors, different, orbits_over
+from optimisation.bounds import design_force
 from optimisation.command_line import BadInput, check_target
+from optimisation.commands.structure_option import model_of, refuse_beside
 from optimisation.progress import counting_bar
 from optimisation.report.orbit_tables import fold_text, orbit_table, plain_fold, plain_orbit, plain_threshold, refusals, threshold_text
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
+FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure by the design rule]"
 FROM, TO = 0.9, 1.06  # of the first resonance, the paper's range
 POINTS, AROUND, RANGE = 81, 21, 0.02  # frequencies listed, and those from which branches lead to a single one, with its neighbourhood
 Told = Callable[[int, int], None]
@@ -68,12 +70,20 @@ def check(given: dict[str, Any]) -> None:
     check_target("--json", given["json"], (".json",))
 
 
+def case_of(given: dict[str, Any]) -> Case:
+    """Return structure and absorber at the first resonance; on a structure from a file the force follows from the gap by the design rule."""
+    refuse_beside(given["structure"], "modes", "damping")
+    model = model_of(given["structure"], Beam(modes=given["modes"], damping_ratio=given["damping"]))
+    force, gap, ratio = given["force"], positive("gap", given["gap"]), positive("mass_ratio", given["mass_ratio"])
+    if force is None:
+        force = FORCE if given["structure"] is None else design_force(model, ratio * model.beam_mass, gap, 1)
+    return Case(model, float(model.omega[0]), force, gap, given["restitution"], given["friction_limit"], ratio)
+
+
 def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
     """Return the text, the contents of the JSON file, and whether the work came to its end."""
     check(given)
-    model = modal_model(Beam(modes=given["modes"], damping_ratio=given["damping"]))
-    first, limit = float(model.omega[0]), given["friction_limit"]
-    case = Case(model, first, given["force"], given["gap"], given["restitution"], limit, given["mass_ratio"])
+    case = case_of(given)
     low, high = given["start"], given["stop"]
     if given["thresholds"]:
         levels = thresholds(case, low, high)
