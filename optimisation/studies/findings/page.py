@@ -96,7 +96,8 @@ def _judged(judged: Json) -> str:
 
 
 def _gain(found: Json, digits: int = 3) -> str:
-    gain = ratio_of_quantiles(*(np.array(found[name], dtype=float) for name in ("members_winner", "members_paper")))
+    winner, paper = (np.array(found[name], dtype=float) for name in ("members_winner", "members_paper"))
+    gain = ratio_of_quantiles(winner, paper)
     return f"{gain.ratio:.{digits}f} ({_band((gain.low, gain.high), 1.0, f'.{digits}f')})"
 
 
