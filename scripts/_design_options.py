@@ -13,7 +13,6 @@ import click
 import numba
 import numpy as np
 import scipy
-from _structure_options import RESONANCES_HELP, is_given, read_structure, refuse_beside, structure_option
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_LIMITS
@@ -22,6 +21,7 @@ from impact_env.extras import optional
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
+from optimisation.commands.structure_option import RESONANCES_HELP, is_given, read_structure, refuse_beside, structure_option
 from optimisation.comparison import RESONANCES, WIDE_LIMITS
 from optimisation.designs import MASS_RATIO, TUNED, VARIABLES, DesignSpace, design_space
 from optimisation.evaluation import Executor

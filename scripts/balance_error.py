@@ -6,63 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import click
-from tqdm import tqdm
 
-from impact_env.modes import modal_model
-from impact_env.parameters import Beam, ParameterError, RigidWalls, count, positive, require
-from impact_env.periodic.balance_error import COLUMNS, BalanceRow, Exact, balance_rows, exact_orbit, settings_of
-from impact_env.periodic.case import Case
+from impact_env.parameters import RigidWalls
+from impact_env.periodic.balance_error import COLUMNS
 from optimisation.command_line import check_target, end_early, name_files, plain_errors
+from optimisation.commands.balance_rows import computed
 from optimisation.files import write_csv, write_json
-from optimisation.progress import BAR
-from optimisation.report.markdown import markdown
-
-
-def numbers(option: str, text: str) -> list[float]:
-    """Return comma-separated numbers above 0; raises ParameterError that names the option."""
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise ParameterError(f"{option} = {text!r} is not allowed: numbers with commas between") from error
-    return [positive(option, value) for value in values]
-
-
-def shown(value: Any, scale: float, digits: int) -> str:
-    return "" if value is None else f"{scale * value:.{digits}f}"
-
-
-def text(exact: Exact, rows: list[BalanceRow]) -> str:
-    header = ("harmonics", "weight", "error, %", "first fold", "last fold", "peak error, %", "CPU s, 250 points", "ended")
-    lines = []
-    for row in rows:
-        located = [shown(row.first_fold_ratio, 1, 6), shown(row.last_fold_ratio, 1, 6)]
-        last = [shown(row.peak_error, 100, 2), shown(row.cpu_seconds_per_250_points, 1, 2), "closed" if row.closed else row.reason]
-        lines.append([str(row.harmonics), f"{row.weight:g}", shown(row.tip_max_error, 100, 2), *located, *last])
-    case, peak = exact.case, exact.curve.peak
-    folds = sorted(fold.omega_ratio for fold in exact.curve.folds)
-    notes = [f"{case.scene}, {case.force:g} N. The exact orbit at {case.omega_ratio:g}: {1e3 * exact.motion.tip_max:.4f} mm."]
-    if peak is not None and folds:
-        notes.append(f"Its branch: folds at {folds[0]:.6f} and {folds[-1]:.6f}, peak {1e3 * peak.tip_max:.4f} mm at {peak.omega_ratio:.4f}.")
-    return "\n".join([*notes, "", markdown(header, lines)])
-
-
-def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
-    """Do what the options ask for; False: ended by Ctrl-C."""
-    harmonics = [count("--harmonics", round(h), 1, 1000) for h in numbers("--harmonics", given["harmonics"])]
-    weights, low, high = numbers("--weights", given["weights"]), positive("--from", given["start"]), positive("--to", given["stop"])
-    require(low < given["at"] < high, "--at", given["at"], f"between --from = {low} and --to = {high}")
-    model = modal_model(Beam(modes=given["modes"]))
-    case = Case(model, given["at"] * float(model.omega[0]), given["force"], given["gap"], 1.0, given["friction_limit"])
-    exact, rows, complete = exact_orbit(case, low, high), [], True
-    settings = settings_of(harmonics, weights, given["growing"])
-    try:
-        with tqdm(total=len(settings), desc="harmonic balance", bar_format=BAR, disable=None, leave=False) as bar:
-            for row in balance_rows(exact, low, high, settings, given["branches"]):
-                rows.append(row)
-                bar.update()
-    except KeyboardInterrupt:
-        complete = False
-    return exact, rows, complete
+from optimisation.report.balance_table import text
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 130})

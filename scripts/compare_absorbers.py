@@ -12,13 +12,13 @@ import click
 import numba
 import numpy
 import scipy
-from _structure_options import RESONANCES_HELP, read_structure, structure_option
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls
 from optimisation.command_line import end_early, name_files, plain_errors
+from optimisation.commands.structure_option import RESONANCES_HELP, read_structure, structure_option
 from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from _sweep_scene import make_scene, refuse_parts
 
 from impact_env.parameters import positive, require
 from impact_env.periodic.jump import Range
 from optimisation.command_line import BadInput, plain_errors
+from optimisation.commands.sweep_scene import make_scene, refuse_parts
 from optimisation.studies.regimes.cases import Case, Settings, cases, grid
 from optimisation.studies.regimes.study import JUMP, KINDS, OUT, QUICK_OUT, STUDY, place
 from optimisation.studies.runner import run

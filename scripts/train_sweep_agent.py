@@ -4,148 +4,24 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
-from tqdm import tqdm
 
 from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
-from optimisation.command_line import BadInput
-from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.report.markdown import markdown
+from optimisation.command_line import INTERRUPTED, BadInput
+from optimisation.commands.agent_training import BOTH, OUT, POLICIES, QUICK_SHARE, SEEDS, environment_arguments, train_task
+from optimisation.files import require_writable
 from optimisation.rl.baselines import (
-    BEST_CONSTANT,
-    BEST_GAP,
-    BEST_SCHEDULE,
     GROUPS,
     GROUPS_HELP,
-    RANDOM,
     TASKS,
-    TUNED_ESTIMATE,
-    TUNED_TRUE,
-    ZERO_AND_ONE,
-    families,
-    load,
-    policy,
 )
-from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for
-from optimisation.rl.policies import Constant, Random
-from optimisation.rl.runs import Evaluation, collect, find_runs, run_folder
-from optimisation.rl.suite import SUITE
-from optimisation.studies.page import ROOT, published
-
-POLICIES = published(Path("docs/policies"), ROOT / "docs" / "policies")
-SHOWN = {
-    "sweep": (RANDOM, BEST_CONSTANT, BEST_SCHEDULE),
-    "gap": (RANDOM, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE),
-    **{task: (RANDOM, *ZERO_AND_ONE[task], BEST_SCHEDULE) for task in SUITE},
-}
-BOTH, INTERRUPTED = "both", 130
-SEEDS, CONSTANTS = 10, 17
-QUICK_SHARE, QUICK_LEGS, QUICK_CONSTANTS = 0.25, 10, 5
-OUT = Path("results/train_sweep_agent")
-
-
-def plan(task: str, given: dict[str, Any]) -> list[Any]:
-    """Return the runs of a task; raise ParameterError before anything is trained if one cannot be made or gone on with."""
-    from _training_runs import Planned
-
-    from optimisation.rl.training import Job, check_folder  # torch is slow to import
-
-    algorithms = recipes(TASKS[task]) if given["algorithm"] == BOTH else [given["algorithm"]]
-    runs = []
-    for seed in range(given["seeds"]):
-        for algorithm in algorithms:
-            chosen = settings_for(TASKS[task], algorithm, given["hyperparameters"])
-            steps = given["steps"] or (round(QUICK_SHARE * chosen.steps) if given["quick"] else chosen.steps)
-            legs = max(1, min(QUICK_LEGS if given["quick"] else chosen.legs, steps // chosen.round))
-            chosen = settings_for(TASKS[task], algorithm, given["hyperparameters"], steps=steps, legs=legs)
-            job = Job(TASKS[task], algorithm, seed, chosen, given["arguments"], demonstrations=given["demonstrations"])
-            folder = run_folder(given["out"], task, algorithm, seed)
-            check_folder(job, folder)
-            runs.append(Planned(job, folder))
-    return runs
-
-
-def beside(task: str, job: Any, count: int, folder: Path) -> dict[str, float]:
-    """Return mean scores on the evaluation seeds: of chance, and of the tuned policies in a folder or else of the best constant action."""
-    from optimisation.rl.training import evaluate
-
-    file = folder / f"{task}_baselines.json"
-    if file.exists():
-        stored, arguments = load(file, task)
-        if arguments == job.arguments:
-            kinds = families(task, arguments)
-            chosen = [policy(baseline, kinds) for baseline in stored if baseline.name in SHOWN[task]]
-            return {p.name: evaluate(p, job, 0, 0).score for p in tqdm(chosen, desc="baselines", leave=False, disable=None)}
-    scores, numbers = {}, job.numbers
-    constants = (Constant([float(a)] * numbers) for a in np.linspace(-1, 1, count))
-    for simple in tqdm([Random(numbers=numbers), *constants], desc="constant actions", leave=False, disable=None):
-        scores[simple.name if isinstance(simple, Random) else f"{simple.actions[0]:g}"] = evaluate(simple, job, 0, 0).score
-    chance = scores.pop("random")
-    best = max(scores, key=scores.__getitem__)
-    return {"random": chance, f"best constant action ({float(best):+.2f})": scores[best]}
-
-
-def told(baselines: dict[str, float]) -> Any:
-    """Return what says how an agent does, beside the policies that need no training."""
-    beside = ", ".join(f"{name} {score:.4f}" for name, score in baselines.items())
-
-    def line(planned: Any, evaluation: Evaluation) -> str:
-        return f"{planned.label}: score {evaluation.score:.4f} after {evaluation.steps:,} steps   ({beside})"
-
-    return line
-
-
-def write(out: Path, task: str, baselines: dict[str, float]) -> None:
-    """Write figure and tables of a task from its runs' files, and print the table."""
-    from optimisation.report.learning_report import COLUMNS, HEADER, learning_rows, save_learning_curve, table_rows  # matplotlib is slow to import
-
-    runs = find_runs(out / task)
-    write_csv(out / f"learning_{task}.csv", COLUMNS, learning_rows(runs))
-    write_json(out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})})
-    with replacing(out / f"learning_{task}.png") as temporary:
-        save_learning_curve(temporary, TASKS[task].split("/")[1], runs, baselines)
-    unfinished = sum(not run.finished for run in runs)
-    click.echo(markdown(HEADER, table_rows(runs, baselines)))
-    click.echo(
-        f"\n{TASKS[task]}; mean scores on the evaluation seeds" + (f"; {unfinished} of {len(runs)} runs are not finished" if unfinished else "")
-    )
-    click.echo(f"written: {out / f'learning_{task}.png'}, .csv, .json, and the runs in {out / task}\n")
-
-
-def environment_arguments(pairs: tuple[tuple[str, str], ...]) -> dict[str, Any]:
-    """Return keyword arguments of the environment from names and JSON values; what is no JSON is text."""
-    arguments: dict[str, Any] = {}
-    for name, text in pairs:
-        try:
-            arguments[name] = json.loads(text)
-        except ValueError:
-            arguments[name] = text
-    return arguments
-
-
-def train_task(task: str, given: dict[str, Any]) -> bool:
-    """Train all runs of a task and report; return False if Ctrl-C ended it early."""
-    from _training_runs import report_failures, train_all
-
-    runs, finished, failures = plan(task, given), True, []
-    count = QUICK_CONSTANTS if given["quick"] else CONSTANTS
-    baselines = beside(task, runs[0].job, count, given["baselines"])
-    for name, score in baselines.items():
-        click.echo(f"{task}, {name}: score {score:.4f}")
-    try:
-        failures = train_all(runs, given["workers"], told(baselines) if given["quick"] else None)
-    except KeyboardInterrupt:
-        finished = False
-    write(given["out"], task, baselines)
-    report_failures(failures)
-    return finished
+from optimisation.rl.hyperparameters import ALGORITHMS
+from optimisation.rl.runs import collect, find_runs
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

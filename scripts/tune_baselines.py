@@ -5,37 +5,16 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 from tqdm import tqdm
 
 from impact_env.parameters import ParameterError
-from optimisation.command_line import BadInput
+from optimisation.command_line import INTERRUPTED, BadInput
 from optimisation.files import require_writable
-from optimisation.report.markdown import markdown
-from optimisation.rl.baselines import GROUPS, GROUPS_HELP, QUICK, TASKS, Baseline, Effort, candidates_of, store, tune
-
-INTERRUPTED = 130
-
-
-def scaled(effort: Effort, share: float, seeds: int | None) -> Effort:
-    """Return an effort with a share of the generations, at least one, and another number of seeds if one is given."""
-    searches: dict[str, Any] = {
-        name: replace(search, generations=max(1, round(share * search.generations)))
-        for name, search in (("rule", effort.rule), ("schedule", effort.schedule), ("fit", effort.fit), ("suite", effort.suite))
-    }
-    return replace(effort, **searches, seeds=seeds or effort.seeds)
-
-
-def table(baselines: list[Baseline]) -> str:
-    rows = [
-        (b.name, "-" if b.training is None else f"{b.training.score:.4f}", "-" if b.training is None else str(b.training.candidates))
-        for b in baselines
-    ]
-    return markdown(("policy", "mean score, training seeds", "candidates"), rows)
+from optimisation.report.policy_tables import baseline_table
+from optimisation.rl.baselines import GROUPS, GROUPS_HELP, QUICK, TASKS, Effort, candidates_of, store, tune
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
@@ -49,14 +28,14 @@ def main(task: str, quick: bool, effort: float, seeds: int | None, out: Path) ->
 
     docs/policies holds the ones that evaluate_policies uses; they are made by --out docs/policies.
     """
-    spent = scaled(QUICK if quick else Effort(), effort, seeds)
+    spent = (QUICK if quick else Effort()).scaled(effort, seeds)
     try:
         require_writable("--out", out)
         for name in GROUPS.get(task, (task,)):
             with tqdm(total=candidates_of(name, spent), desc=f"{name}: searching", unit="candidate", leave=False, disable=None) as bar:
                 found = tune(name, {}, spent, bar.update)
             store(out / f"{name}_baselines.json", name, {}, spent, found)
-            click.echo(f"{name}:\n{table(found)}\n")
+            click.echo(f"{name}:\n{baseline_table(found)}\n")
     except ParameterError as error:
         raise BadInput(str(error)) from error
     except KeyboardInterrupt:

@@ -1,4 +1,5 @@
 """Tune the linear absorber: closed forms, numerical optima and the paper's values, with a proof of each peak."""
+
 # needs: optimise, files
 
 from __future__ import annotations
@@ -6,66 +7,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from _structure_options import POSITION_HELP, model_of, refuse_beside, structure_option
-from tqdm import tqdm
 
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
 from optimisation.command_line import check_target, name_files, plain_errors
-from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.progress import BAR
-from optimisation.report.markdown import markdown
+from optimisation.commands.structure_option import POSITION_HELP, model_of, refuse_beside, structure_option
+from optimisation.commands.tuning_answer import MARKER, certificates, write
+from optimisation.files import require_writable
+from optimisation.report.tuning_table import text
 from optimisation.studies.machine import conditions, sources
 from optimisation.studies.page import fill, require_markers
 from optimisation.tuned import HIGH, LOW
-from optimisation.tuned.table import MINIMAX, PAPER_VALUES, TuningTable, tuning_table
-
-MARKER = "tunings"
-HEADER = ("tuning", "k, N/m", "c, N s/m", "omega_a/omega_r", "damping ratio", "peak, %", "at", "H2 norm, %", "proved, %")
-
-
-def certificates(table: TuningTable) -> dict[str, float]:
-    from optimisation.convex import NotOptimalError  # needs cvxpy, which is slow to import
-    from optimisation.tuned.certificate import certify
-
-    bounds = {}
-    for tuning in tqdm(table.tunings, desc="proving", bar_format=BAR, disable=None, leave=False):
-        try:
-            bounds[tuning.key] = certify(table.model, tuning.absorber, table.resonance, table.low, table.high).bound
-        except NotOptimalError as error:  # its cell stays empty: the others are none the worse for it
-            click.echo(f"Not proved, {tuning.label}: {error}", err=True)
-    return bounds
-
-
-def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]:
-    from optimisation.report.tuning_report import COLUMNS, rows, save_figure, summary  # matplotlib is slow to import
-
-    files = [out / name for name in ("tunings.csv", "summary.json", "tunings.png")]
-    write_csv(files[0], COLUMNS, rows(table, bounds))
-    write_json(files[1], summary(table, bounds))
-    with replacing(files[2]) as temporary:
-        save_figure(temporary, table)
-    return files
-
-
-def text(table: TuningTable, bounds: dict[str, float]) -> str:
-    without, lines = table.tunings[0].peak, []
-    for tuning in table.tunings:
-        values = ["", "", "", ""]
-        if tuning.absorber is not None:
-            frequency, damping = table.ratios(tuning.absorber)
-            values = [f"{tuning.absorber.stiffness:.6g}", f"{tuning.absorber.damping:.4g}", f"{frequency:.4f}", f"{damping:.4f}"]
-        scores = [f"{100 * table.relative_peak(tuning):.2f}", f"{tuning.peak_ratio:.4f}", f"{100 * table.relative_h2(tuning):.2f}"]
-        proved = f"{100 * bounds[tuning.key] / without:.3f}" if tuning.key in bounds else ""
-        lines.append([tuning.label, *values, *scores, proved])
-    by_key = {tuning.key: tuning for tuning in table.tunings}
-    paper, best = by_key[PAPER_VALUES], by_key[MINIMAX]
-    notes = [
-        f"Scored over {table.low:g} to {table.high:g} times omega_{table.resonance} = {table.omega:.6g} rad/s, relative to no absorber.",
-        f"Mistuning: {paper.label} leave{'s' if paper.label.endswith('rule') else ''} a peak {paper.peak / best.peak:.2f} times the smallest one.",
-    ]
-    if bounds:
-        notes.append("Proved: no amplitude in the range is larger, flanks of other resonances and all between the grid's points included.")
-    return "\n".join([markdown(HEADER, lines), "", *notes])
+from optimisation.tuned.table import tuning_table
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

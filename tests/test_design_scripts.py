@@ -17,6 +17,7 @@ from click.testing import CliRunner, Result
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError, friction_damper
 from optimisation.bounds import design_gap
+from optimisation.commands import gap_answer
 from optimisation.gap_check import GapCheck, check_gap, gap_factors, sweep_limits
 from optimisation.tuned import den_hartog, undamped_h2
 
@@ -165,7 +166,7 @@ def test_interrupt_leaves_what_is_finished(gap: ModuleType, tmp_path: Path, monk
         if done == 1:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(gap, "check_gap", lambda *arguments, **options: check_gap(*arguments, **options | {"progress": stop, "threads": 1}))
+    monkeypatch.setattr(gap_answer, "check_gap", lambda *arguments, **options: check_gap(*arguments, **options | {"progress": stop, "threads": 1}))
     result = call(gap, "--force", 3.5, "--modes", 2, "--gaps", 9, "--members", 6, "--rate", 40, "--out", tmp_path)
     assert result.exit_code == 130
     assert "Stopped early" in result.output
@@ -194,7 +195,7 @@ def test_interrupt_leaves_what_is_finished(gap: ModuleType, tmp_path: Path, monk
 def test_bad_input_of_the_gap_is_named(
     gap: ModuleType, arguments: list[object], names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gap, "check_gap", lambda *_arguments, **_options: pytest.fail("computed"))
+    monkeypatch.setattr(gap_answer, "check_gap", lambda *_arguments, **_options: pytest.fail("computed"))
     result = call(gap, "--out", tmp_path, *arguments)
     assert result.exit_code == 2
     assert result.stdout == ""

@@ -42,6 +42,8 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_the_index_has_every_page_and_names_real_commands() -> None:
     text = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
     assert {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"} == {link for link in LINK.findall(text) if "/" not in link}
+    listed = re.findall(r"^\| \[[^\]]*\]\(([^)]*)\)", text, re.MULTILINE)
+    assert len(listed) == len(set(listed))
     scripts = {script.stem for script in (ROOT / "scripts").glob("[!_]*.py")}
     named = {name for row in re.findall(r"^\| .* \|$", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", row.rsplit(" | ", 1)[1])}
     assert named <= scripts

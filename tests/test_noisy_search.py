@@ -22,7 +22,7 @@ from optimisation.designs import design_space
 from optimisation.objectives import Condition
 from optimisation.search.find import Plan, find
 from optimisation.search.noisy import NOISY, best_width, fitted, kernel_quantile, noisy_search
-from optimisation.studies import search_methods
+from optimisation.studies import search_methods, search_methods_study
 from optimisation.studies.search_methods import Trial, standings, winner
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -146,7 +146,7 @@ def command(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 def test_comparison_runs_goes_on_and_writes_its_page(command: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     beam, conditions = search_methods.QUESTIONS["steel, first"]
     monkeypatch.setitem(search_methods.QUESTIONS, "steel, first", (replace(beam, modes=2), conditions))
-    monkeypatch.setattr(command, "QUICK", {"designs": 10, "members": 2, "seeds": 1, "speed": 100.0})
+    monkeypatch.setattr(search_methods_study, "QUICK", {"designs": 10, "members": 2, "seeds": 1, "speed": 100.0})
     arguments = ["--quick", "--question", "steel, first", "--out", str(tmp_path)]
     result = CliRunner().invoke(command.main, arguments)
     assert result.exit_code == 0, result.output
@@ -154,5 +154,5 @@ def test_comparison_runs_goes_on_and_writes_its_page(command: ModuleType, tmp_pa
     assert [t["method"] for t in content["trials"]] == list(search_methods.METHODS)
     assert all(0 < t["level"] < 1.1 and len(t["members"]) == 2 for t in content["trials"])
     assert "Least mean rank" in (tmp_path / "search_methods.md").read_text()
-    monkeypatch.setattr(command, "trial", lambda *_: pytest.fail("searched again"))
+    monkeypatch.setattr(search_methods, "trial", lambda *_: pytest.fail("searched again"))
     assert CliRunner().invoke(command.main, arguments).exit_code == 0

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from optimisation.commands import orbit_list
+
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
@@ -119,14 +121,14 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, monkeypatch: p
 
 
 def test_an_interrupt_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = orbits.orbits_over
+    whole = orbit_list.orbits_over
 
     def broken_off(case: Any, ratios: Any, told: Any) -> Any:
         groups = whole(case, ratios, told)
         yield next(groups)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(orbits, "orbits_over", broken_off)
+    monkeypatch.setattr(orbit_list, "orbits_over", broken_off)
     target = tmp_path / "orbits.json"
     result = call(*ONE_MODE, "--from", "0.92", "--to", "0.94", "--points", "3", "--json", str(target))
     assert result.exit_code == 130

@@ -22,6 +22,7 @@ from optimisation.rl.judging import Judged, agents_for, contenders, judge, read_
 from optimisation.rl.play import GAP, SWEEP, play  # noqa: E402
 from optimisation.rl.traces import gap_curves, passage_curves  # noqa: E402
 from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores  # noqa: E402
+from optimisation.studies import tradeoff  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
@@ -241,16 +242,18 @@ def test_curves_show_the_rates_that_were_driven_and_the_force_that_acted() -> No
 
 
 def test_tradeoff_study_and_tuning_write_what_they_measure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sweep_tradeoff, "QUICK_RATES", np.array([4.0, 8.0]))
-    monkeypatch.setattr(sweep_tradeoff, "QUICK_SEEDS", 2)
-    monkeypatch.setattr(sweep_tradeoff, "SLOW", (2.0,))
+    monkeypatch.setattr(tradeoff, "QUICK_RATES", np.array([4.0, 8.0]))
+    monkeypatch.setattr(tradeoff, "QUICK_SEEDS", 2)
+    monkeypatch.setattr(tradeoff, "SLOW", (2.0,))
     result = call(sweep_tradeoff.main, "--quick", "--out", tmp_path)
     assert result.exit_code == 0, result.output
     told = json.loads((tmp_path / "sweep_tradeoff.json").read_text())
     down = told["cases"][0]["directions"]["down"]
     np.testing.assert_allclose(down["time"], [250.0, 125.0])
-    assert call(sweep_tradeoff.main, "--redraw", "--quick", "--out", tmp_path).output == result.output
-    scaled = tune_baselines.scaled(Effort(), 0.5, 10)
+    again = call(sweep_tradeoff.main, "--redraw", "--quick", "--out", tmp_path)
+    assert again.output.split("\n\nwritten")[0] == result.output.split("\n\nwritten")[0]
+    assert (tmp_path / "sweep_tradeoff.png").exists()
+    scaled = Effort().scaled(0.5, 10)
     assert (scaled.seeds, scaled.rule.generations, scaled.schedule.generations) == (10, 6, 20)
     assert call(tune_baselines.main, "--effort", 0).exit_code == 2
 

@@ -13,13 +13,17 @@ import pytest
 from click.testing import CliRunner, Result
 
 from impact_env import Beam, load_structure, modal_model
-from optimisation.bounds import design_gap
+from impact_env.periodic.case import Case
+from impact_env.periodic.survey import closed_form_orbits
+from optimisation.bounds import design_force, design_gap
+from optimisation.commands.page_of_commands import BLOCK, PAGE
 from optimisation.friction_rule import best_friction
 from optimisation.tuned import den_hartog, undamped_h2
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "docs" / "examples"
 STEEL, FRAME, MEASURED = (str(EXAMPLES / f"{name}.toml") for name in ("steel_beam_tip", "frame", "measured"))
+WITHOUT_FOLDER = ("sweep", "orbits", "isola", "frequency_response")
 
 
 @pytest.fixture(autouse=True)
@@ -88,6 +92,25 @@ def test_a_sweep_has_the_rule_gap_and_writes_its_scene(monkeypatch: pytest.Monke
     assert json.loads(target.read_text())["response_level_m"] == found["response_level_m"]
 
 
+def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    target = tmp_path / "periodic.json"
+    for structure in (STEEL, FRAME):
+        model = modal_model(load_structure(structure))
+        mass, first = 0.01 * model.beam_mass, float(model.omega[0])
+        force = design_force(model, mass, 1e-3, 1)
+        line = f"--structure {structure} --mass-ratio 0.01 --from 0.97 --to 0.99 --json {target}"
+        result = call("frequency_response", monkeypatch, f"{line} --method balance --harmonics 3 --no-sweeps")
+        assert result.exit_code == 0, result.output
+        found = json.loads(target.read_text())
+        assert found["force_N"] == pytest.approx(force)
+        result = call("orbits", monkeypatch, f"{line} --points 2")
+        assert result.exit_code == 0, result.output
+        for orbit in json.loads(target.read_text()):
+            case = Case(model, orbit["omega_ratio"] * first, force, 1e-3, mass_ratio=0.01)
+            known = [o.motion.tip_max for o in closed_form_orbits(case).orbits]
+            assert min(abs(orbit["tip_max_m"] / tip - 1) for tip in known) < 1e-6
+
+
 def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     short = "--rate 40 --members 1 --designs 4 --no-screening --no-figures --audit 0 --threads 1"
@@ -111,6 +134,9 @@ def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyP
         ("design_gap", "--structure {steel} --force 1 --modes 3", "--modes does not go with --structure"),
         ("design_gap", "--structure {frame} --force 1 --position 0.5", "--position does not go with"),
         ("tune_ltva", "--structure {steel} --damping 0.1", "--damping does not go with --structure"),
+        ("orbits", "--structure {steel} --modes 3", "--modes does not go with --structure"),
+        ("isola", "--structure {steel} --damping 0.1", "--damping does not go with --structure"),
+        ("frequency_response", "--structure {steel} --scene x.toml", "--scene does not go with --structure"),
         ("sweep", "--structure {steel} --scene x.toml", "--scene does not go with --structure"),
         ("sweep", "--structure none.toml", "file = 'none.toml' is not allowed: TOML that can be read"),
         ("compare_absorbers", "--structure {steel} --gap 1e-3 --force 1", "gap = 0.001 is not allowed: left out beside a force"),
@@ -120,7 +146,7 @@ def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyP
     ],
 )
 def test_bad_input_is_one_line(name: str, line: str, message: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    out = "" if name == "sweep" else f" --out {tmp_path}"
+    out = "" if name in WITHOUT_FOLDER else f" --out {tmp_path}"
     result = call(name, monkeypatch, line.format(steel=STEEL, frame=FRAME) + out)
     assert result.exit_code == 2, result.output
     assert message in result.output
@@ -149,10 +175,9 @@ def test_an_environment_takes_a_structure() -> None:
             Settings(**bad)  # type: ignore[arg-type]
 
 
-def test_the_page_has_what_its_commands_print(monkeypatch: pytest.MonkeyPatch) -> None:
-    script = load("your_structure", monkeypatch)
-    page = script.PAGE.read_text(encoding="utf-8")
-    blocks = list(script.BLOCK.finditer(page))
+def test_the_page_has_what_its_commands_print() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    blocks = list(BLOCK.finditer(page))
     assert len(blocks) == page.count("scripts/run ") - page.count("`scripts/run ")
     for block in blocks:
         _, name, *arguments = shlex.split(block["command"])

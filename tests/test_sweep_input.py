@@ -6,9 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from sweep_command import ROOT, SHORT, call, sweep  # first: it makes the next one importable
+from sweep_command import ROOT, SHORT, call
 
-import _sweep_plot  # isort: skip
+from optimisation.commands import sweep_run
+from optimisation.report import sweep_figure
 
 BAD = {
     "--gap -1e-3": "gap = -0.001 is not allowed",
@@ -116,8 +117,8 @@ def test_failure_while_writing_leaves_what_was_there(tmp_path: Path, monkeypatch
         path.write_text("half a figure")
         raise OSError("disk full")
 
-    monkeypatch.setattr(sweep, "integration_time", lambda *_: 1.0)
-    monkeypatch.setattr(_sweep_plot, "save_figure", fail)
+    monkeypatch.setattr(sweep_run, "integration_time", lambda *_: 1.0)
+    monkeypatch.setattr(sweep_figure, "save_figure", fail)
     old, figure = tmp_path / "sweep.json", tmp_path / "sweep.png"
     old.write_text("older results")
     result = call(*SHORT, "--absorber", "none", "--json", str(old), "--plot", str(figure))

@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sweep_command import SHORT, call, sweep  # first: it makes the next one importable
-
-import _sweep_scene  # isort: skip
+from sweep_command import SHORT, call, sweep
 
 from impact_env.drive import PAPER_LIMITS
 from impact_env.methods import Exact, Moreau, RungeKutta
@@ -26,6 +24,7 @@ from impact_env.parameters import (
 )
 from impact_env.plain import from_scene
 from impact_env.scene import beam_scene
+from optimisation.commands import sweep_run, sweep_scene
 
 STRONG = [*SHORT, "--force", "20"]
 CONSTANT = ["--modes", "2", "--from", "1", "--to", "1"]
@@ -55,7 +54,7 @@ def results(folder: Path, *arguments: str) -> dict[str, Any]:
 @pytest.fixture
 def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the timing, whose kernels would have to be compiled for each scene."""
-    monkeypatch.setattr(sweep, "integration_time", lambda *_: 1.0)
+    monkeypatch.setattr(sweep_run, "integration_time", lambda *_: 1.0)
 
 
 def options(*arguments: str) -> dict[str, Any]:
@@ -232,21 +231,21 @@ def test_options_become_the_librarys_parameters() -> None:
         ("--absorber", "none"): None,
     }
     for arguments, absorber in cases.items():
-        assert _sweep_scene.make_absorber(options(*arguments)) == absorber
-    both = _sweep_scene.make_absorber(options("--friction-limit", "0.2"))
+        assert sweep_scene.make_absorber(options(*arguments)) == absorber
+    both = sweep_scene.make_absorber(options("--friction-limit", "0.2"))
     assert isinstance(both, SlidingAbsorber)
     assert both == SlidingAbsorber(walls=RigidWalls(), friction=CoulombFriction(0.2))
 
 
 def test_defaults_are_the_papers() -> None:
     given = options()
-    scene, beam = _sweep_scene.make_scene(given)
+    scene, beam = sweep_scene.make_scene(given)
     assert beam == Beam()
-    schedule = _sweep_scene.make_schedule(given, scene)
+    schedule = sweep_scene.make_schedule(given, scene)
     assert scene.model.modes == Beam.modes
     assert set(scene.model.damping_ratio) == {Beam.damping_ratio}
     assert tuple(schedule.omegas / schedule.reference) == pytest.approx(PAPER_LIMITS)
     assert schedule.periods == pytest.approx(1600)
-    assert _sweep_scene.make_method(given) == Exact()
-    assert _sweep_scene.make_method(options("--method", "moreau")) == Moreau()
-    assert _sweep_scene.make_method(options("--method", "runge-kutta", "--steps-per-period", "50")) == RungeKutta(50)
+    assert sweep_scene.make_method(given) == Exact()
+    assert sweep_scene.make_method(options("--method", "moreau")) == Moreau()
+    assert sweep_scene.make_method(options("--method", "runge-kutta", "--steps-per-period", "50")) == RungeKutta(50)

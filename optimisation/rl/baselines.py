@@ -74,6 +74,14 @@ class Effort:
     fit: Search = FITS
     suite: Search = SUITE_SEARCH
 
+    def scaled(self, share: float, seeds: int | None = None) -> Effort:
+        """Return an effort with a share of the generations, at least one, and another number of seeds if one is given."""
+        searches: dict[str, Any] = {
+            name: replace(search, generations=max(1, round(share * search.generations)))
+            for name, search in (("rule", self.rule), ("schedule", self.schedule), ("fit", self.fit), ("suite", self.suite))
+        }
+        return replace(self, **searches, seeds=seeds or self.seeds)
+
 
 FEW = Search(generations=2, population=6, finalists=2)
 QUICK = Effort(seeds=9, windows=False, grid=5, rule=FEW, schedule=FEW, fit=FEW, suite=replace(FEW, sigma=0.1, relative=True))

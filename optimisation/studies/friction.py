@@ -6,8 +6,10 @@ rule's is too narrow (docs/design_rule.md). Levels are those of fresh members, r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,15 +17,21 @@ from impact_env.curve import BAND
 from impact_env.parameters import Beam
 from optimisation.branches import Branches, branches
 from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT, Design, design_space
-from optimisation.evaluation import Executor, Progress
+from optimisation.evaluation import Executor, Progress, Threads
 from optimisation.insight import SHOWN
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
+from optimisation.progress import runs_bar
+from optimisation.report.markdown import markdown
 from optimisation.search.judge import judged
+from optimisation.studies.machine import sources
+from optimisation.studies.study import Json, Measured, Part, Steps, Study, rows_by_case
 
 LIMITS = (0.0, 0.002, 0.0125, 0.06, 0.1)  # N
 CASES = ((0.01, 1.0), (0.005, 1.0), (0.005, 1.4), (0.002, 1.4))  # damping ratio, and gap over the rule's
 FORCE = 3.5
+NAME = "friction_branches"
+MEMBERS = 32
 
 
 @dataclass(frozen=True)
@@ -51,3 +59,71 @@ def rows(
     for limit, found in zip(LIMITS, judged(swept, designs, swept.fresh_ensemble(members, SHOWN), executor, progress), strict=True):
         low, median, high = (float(x) for x in np.quantile(found.members[0], (BAND[0], 0.5, BAND[1])))
         yield Row(damping, factor, limit, median, low, high, branches(found.members[0]))
+
+
+class Settings(NamedTuple):
+    """Runs for each point, cases of `CASES`, and threads (None: all cores)."""
+
+    members: int
+    cases: tuple[tuple[float, float], ...]
+    threads: int | None
+
+
+def _case(damping: float, gap: float, given: Settings) -> list[Json]:
+    with runs_bar(f"damping {100 * damping:g} %") as show:
+        found = list(rows(damping, gap, given.members, Threads(given.threads), progress=show))
+    return [
+        {
+            "damping_ratio": row.damping,
+            "gap_over_rule": row.gap,
+            "friction_limit_n": row.limit,
+            "relative_median": row.median,
+            "relative_5_to_95_percent": [row.low, row.high],
+            "branches": "one" if row.branches is None else row.branches.text(100, " %"),
+        }
+        for row in found
+    ]
+
+
+def _measure(given: Settings, known: Json) -> Steps:
+    cases: dict[tuple[float, float], Callable[[], list[Json]]] = {case: partial(_case, *case, given) for case in given.cases}
+    for values in rows_by_case(cases, lambda row: (row["damping_ratio"], row["gap_over_rule"]), known):
+        yield {"members": given.members, **values}
+
+
+def table(found: Sequence[Json]) -> str:
+    """Return a line for each friction limit of each case."""
+    header = ("damping, %", "gap over rule's", "muN, N", "level, %", "5 to 95 %", "branches")
+    lines = [
+        (
+            f"{100 * row['damping_ratio']:g}",
+            f"{row['gap_over_rule']:g}",
+            f"{row['friction_limit_n']:g}",
+            f"{100 * row['relative_median']:.1f}",
+            "{:.1f} to {:.1f}".format(*(100 * x for x in row["relative_5_to_95_percent"])),
+            row["branches"],
+        )
+        for row in found
+    ]
+    return markdown(header, lines)
+
+
+def _sections(measured: Measured) -> dict[str, str]:
+    runs = f"{measured.values['members']} members each."
+    return {NAME: f"{table(measured.values['rows'])}\n\n{runs} {sources(measured.conditions)}"}
+
+
+STUDY: Study[Settings] = Study(
+    (
+        Part(
+            NAME,
+            "friction and branches",
+            measure=_measure,
+            markers=(NAME,),
+            sections=_sections,
+            said=lambda measured: table(measured.values["rows"]),
+            whole=lambda given, values: {(row["damping_ratio"], row["gap_over_rule"]) for row in values["rows"]} == set(given.cases),
+        ),
+    ),
+    kept="what was finished is shown.",
+)

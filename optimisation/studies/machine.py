@@ -55,8 +55,8 @@ def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
 
 
 def machine(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a benchmark's file says of the machine: what `conditions` returned, with numba's version by its name."""
-    return {"processor": values["processor"], "numba": values["versions"]["numba"], **values}
+    """Return what a benchmark's file says of the machine: what `conditions` returned, with the versions of numba and Python by their names."""
+    return {"processor": values["processor"], **{name: values["versions"][name] for name in ("numba", "python")}, **values}
 
 
 def sources(values: Mapping[str, Any]) -> str:

@@ -6,8 +6,7 @@ price, the level at the rule's gap over the smallest. `optimisation.bounds.reach
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -20,7 +19,6 @@ from optimisation.bounds import LARGE_REACH, LEAST_REACH, SMALL_REACH, expected_
 from optimisation.gap_check import GapCheck, check_gap, scaled_absorber
 
 Array = NDArray[np.float64]
-Bar = Callable[[str], AbstractContextManager[Progress]]
 
 STRUCTURES = {
     "paper": Beam(),
@@ -109,18 +107,6 @@ def row_of(case: Case, check: GapCheck) -> Row:
     price = float(check.level[check.at_rule] / check.level[best])
     multiples = tuple(float(x) for x in check.gaps / check.rule)
     return Row(*own, check.reach, check.rate, check.sweep_ratio, multiples, tuple(float(x) for x in check.relative), multiples[best], price)
-
-
-def run_cases(wanted: Sequence[Case], known: dict[str, Row], members: int, steps: int, threads: int | None, bar: Bar) -> Iterator[Row]:
-    """Yield a row for each case that is not ``known``, as it is finished; ends at a KeyboardInterrupt."""
-    for case in wanted:
-        if case.key in known:
-            continue
-        with bar(case.key) as show:
-            check = run_case(case, members, steps, threads, show)
-        if not check.complete:
-            return
-        yield row_of(case, check)
 
 
 def as_json(row: Row) -> dict[str, object]:

@@ -92,7 +92,8 @@ def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place
     if (resume or keep) and path is not None and path.exists():
         earlier = load(study, part, place, "--resume" if resume else "--out")
         if keep:
-            earlier = replace(earlier, values=keep(earlier.values))
+            kept = keep(earlier.values)
+            earlier = replace(earlier, values=kept) if kept else None
         elif earlier.complete:
             return earlier
         else:

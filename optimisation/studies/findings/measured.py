@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from _design_search import Plan, find
 from _front_search import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 from tqdm import tqdm
 
@@ -19,7 +18,9 @@ from optimisation.designs import IMPACT
 from optimisation.evaluation import Executor, Threads, evaluate
 from optimisation.memory import peak_memory
 from optimisation.report.front_tables import front_summary
+from optimisation.search.bars import BARS
 from optimisation.search.cluster import Workers
+from optimisation.search.find import Plan, find
 from optimisation.search.judge import Audit
 from optimisation.search.settings import default_settings
 from optimisation.studies.findings.parts import AT, Json, Settings
@@ -69,7 +70,8 @@ def _speedup(times: dict[tuple[str, int], list[float]], kind: str) -> float:
 def full_study(study: Settings) -> Json:
     """A robust two-resonance study of full size with the defaults of scripts/optimise_design.py: time, share of it outside the runs, memory."""
     problem, began = study.problem(IMPACT, AT), time.perf_counter()
-    found = find(problem, Plan(FULL if study.designs >= 100 else study.designs, seed=study.seed), study.folder / "full.journal", study.executor)
+    plan = Plan(FULL if study.designs >= 100 else study.designs, seed=study.seed)
+    found = find(problem, plan, study.folder / "full.journal", study.executor, BARS)
     if not found.finished or found.verdict is None:
         raise KeyboardInterrupt
     wall = time.perf_counter() - began

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from optimisation.report.markdown import markdown
+from optimisation.statistics import ratio_of_quantiles
 
 Json = dict[str, Any]
 Data = tuple[str, Sequence[str], Sequence[Sequence[object]]]
@@ -95,8 +96,9 @@ def _judged(judged: Json) -> str:
 
 
 def _gain(found: Json, digits: int = 3) -> str:
-    gain = found["winner_over_paper"]
-    return f"{gain['ratio']:.{digits}f} ({_band(gain['95_percent'], 1.0, f'.{digits}f')})"
+    winner, paper = (np.array(found[name], dtype=float) for name in ("members_winner", "members_paper"))
+    gain = ratio_of_quantiles(winner, paper)
+    return f"{gain.ratio:.{digits}f} ({_band((gain.low, gain.high), 1.0, f'.{digits}f')})"
 
 
 def _concepts(result: Json) -> str:
@@ -107,14 +109,14 @@ def _concepts(result: Json) -> str:
         shares = " and ".join(_percent(x["share_of_possible_reduction"], 0) for x in (first, second))
         levels = (_percent(first["relative"]), _percent(second["relative"]))
         rows.append((concept, _design(found), _judged(found["winner"]), _judged(found["paper"]), _gain(found), *levels, shares))
-    best = np.array(result["impact"]["members_winner"])
+    best = np.array(result["impact"]["members_winner"], dtype=float)
     others = []
     for concept, found in result.items():
         if concept != "impact":
-            ratio = np.quantile(np.array(found["members_winner"], dtype=float) / best, (0.5, 0.05, 0.95))
-            others.append(f"{ratio[0]:.2f} ({_band(ratio[1:], 1.0, '.2f')}) times for the concept {concept}")
+            gain = ratio_of_quantiles(np.array(found["members_winner"], dtype=float), best)
+            others.append(f"{gain.ratio:.2f} ({_band((gain.low, gain.high), 1.0, '.2f')}) times for the concept {concept}")
     lines = [f"{found['designs']} designs, {found['problem']['members']} members" for found in result.values()]
-    text = f"The worse level over that of the impact absorber found, member by member: {'; '.join(others)}."
+    text = f"The worse level over that of the impact absorber found, ratio of the medians with its 95 % interval: {'; '.join(others)}."
     return markdown(header, rows) + f"\n\n{text} Searches: {', '.join(f'{c} {x}' for c, x in zip(result, lines, strict=True))}."
 
 

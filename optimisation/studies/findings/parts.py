@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from _design_options import make_conditions
-from _design_search import Plan, find
 
 from impact_env.drive import PAPER_RATE
 from impact_env.parameters import ParameterError, RigidWalls
@@ -23,6 +22,8 @@ from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.report.design_tables import limit, number, summary
+from optimisation.search.bars import BARS
+from optimisation.search.find import Plan, find
 from optimisation.search.result import Findings
 from optimisation.tuned import minimax
 
@@ -67,7 +68,7 @@ class Settings:
     def find(self, name: str, problem: Problem, designs: int | None = None) -> Findings:
         """Search from scratch and judge; raises KeyboardInterrupt if that is broken off (the journal keeps what is finished)."""
         journal = self.folder / f"{name}.journal"
-        found = find(problem, Plan(designs or self.designs, seed=self.seed, from_scratch=True), journal, self.executor)
+        found = find(problem, Plan(designs or self.designs, seed=self.seed, from_scratch=True), journal, self.executor, BARS)
         if not found.finished or found.verdict is None:
             raise KeyboardInterrupt
         return found
@@ -131,7 +132,7 @@ def _friction_optimum(study: Settings, resonance: int, force: float) -> Json:
     limits = [variable.value_at(share) for share in np.linspace(0, 1, 4 * study.points)]
     with runs_bar("friction damper: levels over the friction limit") as show:
         part = levels(problem, [problem.space.design({FRICTION_LIMIT: x}) for x in limits], problem.conditions, study.few, study.executor, show)
-    argued, level = best_friction(problem.model, problem.space.default.values[MASS_RATIO] * problem.model.beam_mass, force, resonance)
+    argued, level = best_friction(problem.model, problem.space.paper.values[MASS_RATIO] * problem.model.beam_mass, force, resonance)
     curve = {"friction_limit_n": limits, "relative": part.relative[:, 0].tolist()}
     return _found(found) | {"resonance": resonance, "force_n": force, "argued_n": argued, "argued_level_m": level, "curve": curve}
 
@@ -139,13 +140,11 @@ def _friction_optimum(study: Settings, resonance: int, force: float) -> Json:
 def _impact_optimum(study: Settings, resonance: int, force: float) -> Json:
     """The best force for the paper's absorber, member by member, and the best absorber for the force."""
     problem = study.problem(IMPACT, [(resonance, force)])
-    mass = problem.space.default.values[MASS_RATIO] * problem.model.beam_mass
+    mass = problem.space.paper.values[MASS_RATIO] * problem.model.beam_mass
     rule = design_force(problem.model, mass, RigidWalls.gap, resonance)
     forces = rule * np.geomspace(0.5, 1.8, 2 * study.points)
     with runs_bar(f"resonance {resonance}: levels over the force") as show:
-        worse, without = member_levels(
-            problem, [problem.space.default], over_force(problem.conditions[0], forces), study.members, study.executor, show
-        )
+        worse, without = member_levels(problem, [problem.space.paper], over_force(problem.conditions[0], forces), study.members, study.executor, show)
     relative = worse[0] / without
     low, median, high = np.quantile(relative, (0.05, 0.5, 0.95), axis=0)
     curve = {"force_n": forces.tolist(), "low": low.tolist(), "median": median.tolist(), "high": high.tolist()}
@@ -168,7 +167,7 @@ def place(study: Settings) -> Json:
     problem = study.problem(IMPACT, AT, (GAP, POSITION), members=least)
     positions = np.round(np.linspace(0.4, 1.0, 2 * study.points // 3 + 1), 4)
     gaps = np.geomspace(2e-4, 1.6e-3, study.points)
-    designs = [Design(IMPACT, {**design.values, POSITION: float(x)}) for x in positions for design in with_gaps(problem.space.default, gaps)]
+    designs = [Design(IMPACT, {**design.values, POSITION: float(x)}) for x in positions for design in with_gaps(problem.space.paper, gaps)]
     with runs_bar("levels over position and gap") as show:
         part = levels(problem, designs, problem.conditions, least, study.executor, show)
     relative = part.relative.reshape(len(positions), len(gaps), len(AT))
@@ -182,7 +181,7 @@ def place(study: Settings) -> Json:
         "relative": relative.tolist(),
         "limit": bounds.reshape(relative.shape).tolist(),
         "shapes": shapes,
-        "mass_kg": problem.space.default.values[MASS_RATIO] * problem.model.beam_mass,
+        "mass_kg": problem.space.paper.values[MASS_RATIO] * problem.model.beam_mass,
         "free": _found(found),
     }
 
@@ -200,10 +199,10 @@ def robustness(study: Settings) -> Json:
     known, rows = found_concepts(study.data / "concepts.json"), list[Json]()
     for concept in VARIABLES:
         problem = study.problem(concept, AT[:1], members=study.few)
-        named = {"winner": Design(concept, known[concept]["winner"]["values"]), "paper": problem.space.default}
+        named = {"winner": Design(concept, known[concept]["winner"]["values"]), "paper": problem.space.paper}
         if concept == TUNED:
             tuned = minimax(problem.model)
-            values = {**problem.space.default.values, "stiffness": tuned.stiffness, "damping": tuned.damping}
+            values = {**problem.space.paper.values, "stiffness": tuned.stiffness, "damping": tuned.damping}
             named["tuned to the first resonance"] = Design(TUNED, values)
         with runs_bar(f"{concept}: detuned beams") as show:
             conditions = detuned(problem.conditions[0], np.linspace(-0.1, 0.1, 2 * (study.points // 2) + 1))

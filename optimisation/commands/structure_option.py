@@ -22,6 +22,7 @@ RESONANCES_HELP = "Two resonances to look at, counted from 1; twice the same: on
 
 
 def structure_option(command: Command) -> Command:
+    """Add --structure to a command."""
     text = "Structure from a .toml or .json file in place of the paper's beam (docs/your_structure.md)."
     return click.option("--structure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=text)(command)
 
@@ -52,8 +53,8 @@ def model_of(path: Path | None, beam: Beam) -> ModalModel:
 
 
 def is_given(name: str) -> bool:
-    """Return whether an option of the command that runs was given, and has not its default."""
-    return click.get_current_context().get_parameter_source(name) is not ParameterSource.DEFAULT
+    """Return whether an option of the command that runs was given, and has not its default; a command without it was not given it."""
+    return click.get_current_context().get_parameter_source(name) not in (None, ParameterSource.DEFAULT)
 
 
 def refuse_beside(structure: Path | None, *names: str) -> None:

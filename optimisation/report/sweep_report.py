@@ -23,11 +23,13 @@ class Result:
 
     @property
     def levels(self) -> list[float]:
+        """Response levels of all members in m."""
         assert self.response.level is not None
         return [self.response.level.value, *([] if self.others is None else self.others.level.tolist())]
 
     @property
     def ratios(self) -> list[float]:
+        """Frequencies of the levels over that of the resonance."""
         assert self.response.level is not None
         return [self.response.level.frequency_ratio, *([] if self.others is None else self.others.frequency_ratio.tolist())]
 
@@ -56,6 +58,7 @@ def contract(result: Result, beam: Beam | None) -> dict[str, object]:
 
 
 def describe_run(response: Response, resonance: int) -> str:
+    """Say in a line how the run was driven and with which method."""
     schedule, modes = response.drive.schedule, response.scene.model.modes
     ratios = schedule.omegas / schedule.reference
     frequency = f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"

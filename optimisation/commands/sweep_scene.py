@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from _structure_options import read_structure
-
 from impact_env.drive import FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.modes import ModalModel, modal_model
@@ -27,6 +25,7 @@ from impact_env.plain_files import read_plain
 from impact_env.scene import Scene, beam_scene
 from optimisation.bounds import design_force, design_gap
 from optimisation.command_line import BadInput
+from optimisation.commands.structure_option import read_structure
 from optimisation.friction_rule import best_friction
 from optimisation.tuned import minimax
 
@@ -44,10 +43,12 @@ SCENE_OPTIONS = ("absorber", "modes", "damping", *sorted(set().union(*PARTS.valu
 
 
 def option_name(name: str) -> str:
+    """Return an option as it is typed."""
     return "--" + name.replace("_", "-")
 
 
 def kind_of(given: Options) -> str:
+    """Return the absorber's kind, one of `PARTS`."""
     return DEFAULT_ABSORBER if given["absorber"] is None else str(given["absorber"])
 
 
@@ -160,12 +161,14 @@ def make_scene(given: Options) -> tuple[Scene, Beam | None]:
 
 
 def make_method(given: Options) -> Method:
+    """Return the method that the options ask for."""
     if given["method"] == "exact":
         return Exact()
     return {"moreau": Moreau, "runge-kutta": RungeKutta}[given["method"]](**chosen(given, steps_per_period="steps_per_period"))
 
 
 def make_schedule(given: Options, scene: Scene) -> FrequencySchedule:
+    """Return the sweep, or the constant frequency, that the options ask for."""
     omega, start, stop = scene.model.resonance_omega(given["resonance"]), given["start"], given["stop"]
     if start == stop:
         return constant_frequency(omega, start, given["periods"])

@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from optimisation.report.markdown import markdown
-from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_PAIR, BEST_SCHEDULE, RIVAL, TUNED_ESTIMATE, TUNED_TRUE, ZERO_AND_ONE
+from optimisation.rl.baselines import (
+    BEST_CONSTANT,
+    BEST_GAP,
+    BEST_PAIR,
+    BEST_SCHEDULE,
+    RIVAL,
+    TUNED_ESTIMATE,
+    TUNED_TRUE,
+    ZERO_AND_ONE,
+    Baseline,
+)
 from optimisation.rl.judging import NO_LEARNING, Estimate, Line
 from optimisation.rl.suite import FEEDBACK, ORACLE
 
@@ -21,6 +31,7 @@ SHORT = (BEST_CONSTANT, BEST_SCHEDULE, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE, BES
 
 
 def cell(estimate: Estimate | None, digits: int = 3) -> str:
+    """Return an estimate with its interval; a dash for None."""
     if estimate is None:
         return "-"
     value, low, high = (f"{round(x, digits) + 0.0:.{digits}f}" for x in (estimate.value, estimate.low, estimate.high))  # no -0.00
@@ -57,3 +68,12 @@ def short_table(tasks: Mapping[str, Sequence[Line]]) -> str:
         if line.name in SHORT or line.kind != NO_LEARNING
     ]
     return markdown(("task", "policy", "mean score", "normalised"), rows)
+
+
+def baseline_table(baselines: list[Baseline]) -> str:
+    """Return the table of what was tuned: scores on the training seeds, and how many candidates were tried."""
+    rows = [
+        (b.name, "-" if b.training is None else f"{b.training.score:.4f}", "-" if b.training is None else str(b.training.candidates))
+        for b in baselines
+    ]
+    return markdown(("policy", "mean score, training seeds", "candidates"), rows)

@@ -31,12 +31,15 @@ class Planned:
 
     @property
     def label(self) -> str:
+        """Task, algorithm and seed."""
         return f"{self.job.env_id.split('/')[1]}, {self.job.algorithm.upper()}, seed {self.job.seed}"
 
     def share(self, steps: int) -> int:
+        """Return so many steps, at most those that the job wants."""
         return min(steps, self.job.hyperparameters.steps)
 
     def reached(self) -> int:
+        """Return the steps at the last evaluation."""
         evaluations = read_evaluations(self.folder)
         return self.share(evaluations[-1].steps) if evaluations else 0
 
@@ -50,6 +53,7 @@ class Shown:
         self.seen: dict[Path, int] = {}
 
     def __call__(self, planned: Planned, steps: int, evaluations: Sequence[Evaluation]) -> None:
+        """Show the steps that a run has made, and its last evaluation if that is new."""
         if evaluations and len(evaluations) != self.seen.get(planned.folder):
             self.seen[planned.folder] = len(evaluations)
             self.bar.set_postfix_str(f"{planned.label}: {evaluations[-1].score:.4f}", refresh=False)
@@ -103,5 +107,6 @@ def _watching(runs: Sequence[Planned], show: Shown) -> Iterator[None]:
 
 
 def report_failures(failures: Sequence[str]) -> None:
+    """Raise ClickException with a line for each run that failed, if there are any."""
     if failures:
         raise click.ClickException("\n".join(failures))

@@ -1,0 +1,101 @@
+"""Lists of exact periodic orbits, of folds and of thresholds: what scripts/run orbits computes, prints and writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from impact_env.parameters import Beam, count, positive
+from impact_env.periodic.case import Case
+from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.isolas import folds, thresholds
+from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.survey import Found, attractors, different, orbits_over
+from optimisation.bounds import design_force
+from optimisation.command_line import BadInput, check_target
+from optimisation.commands.structure_option import model_of, refuse_beside
+from optimisation.progress import counting_bar
+from optimisation.report.orbit_tables import fold_text, orbit_table, plain_fold, plain_orbit, plain_threshold, refusals, threshold_text
+
+FORCE = 1.5  # N, the paper's moderate level of excitation
+FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure by the design rule]"
+FROM, TO = 0.9, 1.06  # of the first resonance, the paper's range
+POINTS, AROUND, RANGE = 81, 21, 0.02  # frequencies listed, and those from which branches lead to a single one, with its neighbourhood
+Told = Callable[[int, int], None]
+
+
+@contextmanager
+def kept(complete: list[bool]) -> Iterator[None]:
+    """Let Ctrl-C end what is under way, and keep what is finished."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        complete[0] = False
+
+
+def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) -> list[Found]:
+    """Orbits at the frequencies asked for. At a single one branches come from its neighbourhood, and a run adds what it settles to."""
+    found: list[Found] = []
+    at = given["at"]
+    with kept(complete):
+        if at is None:
+            found += orbits_over(case, np.linspace(given["start"], given["stop"], given["points"]), told)
+            return found
+        low, high = max(given["start"], at - RANGE), min(given["stop"], at + RANGE)
+        ratios = np.union1d(np.linspace(low, high, AROUND), [at])
+        here = next(group for group in orbits_over(case, ratios, told) if abs(group.case.omega_ratio - at) < 1e-12)
+        found.append(here)
+        for settled in attractors(here.case, here.orbits):
+            if isinstance(settled, NoOrbit):
+                found[0] = Found(here.case, found[0].orbits, (*found[0].refused, settled))
+            else:
+                found[0] = Found(here.case, tuple(different([*found[0].orbits, settled])), found[0].refused)
+    return found
+
+
+def check(given: dict[str, Any]) -> None:
+    """Raise BadInput or ParameterError, before any work is done, if options do not go together or a file cannot be written."""
+    if given["folds"] and given["thresholds"]:
+        raise BadInput("--folds does not go with --thresholds: the JSON file has one list")
+    if given["at"] is not None and (given["folds"] or given["thresholds"]):
+        raise BadInput("--at does not go with --folds or --thresholds: they are sought from --from to --to")
+    if not 0 < given["start"] < given["stop"]:
+        raise BadInput(f"--from = {given['start']} is not allowed: a ratio above 0 and below --to = {given['stop']}")
+    if given["at"] is not None and not given["start"] <= given["at"] <= given["stop"]:
+        raise BadInput(f"--at = {given['at']} is not allowed: a ratio from --from = {given['start']} to --to = {given['stop']}")
+    count("points", given["points"], 2)
+    check_target("--json", given["json"], (".json",))
+
+
+def case_of(given: dict[str, Any]) -> Case:
+    """Return structure and absorber at the first resonance; on a structure from a file the force follows from the gap by the design rule."""
+    refuse_beside(given["structure"], "modes", "damping")
+    model = model_of(given["structure"], Beam(modes=given["modes"], damping_ratio=given["damping"]))
+    force, gap, ratio = given["force"], positive("gap", given["gap"]), positive("mass_ratio", given["mass_ratio"])
+    if force is None:
+        force = FORCE if given["structure"] is None else design_force(model, ratio * model.beam_mass, gap, 1)
+    return Case(model, float(model.omega[0]), force, gap, given["restitution"], given["friction_limit"], ratio)
+
+
+def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
+    """Return the text, the contents of the JSON file, and whether the work came to its end."""
+    check(given)
+    case = case_of(given)
+    low, high = given["start"], given["stop"]
+    if given["thresholds"]:
+        levels = thresholds(case, low, high)
+        return threshold_text(levels), [plain_threshold(t) for t in levels if isinstance(t.orbit, Orbit)], True
+    if given["folds"]:
+        located = folds(case, low, high)
+        return fold_text(located), [plain_fold(fold) for fold in located if isinstance(fold.orbit, Orbit)], True
+    complete = [True]
+    with counting_bar("orbits", "frequencies", leave=False) as told:
+        found = listed(case, given, told, complete)
+    orbits = [orbit for group in found for orbit in group.orbits]
+    notes = refusals([orbit for group in found for orbit in group.refused], "solutions or runs are")
+    stable = sum(orbit.stability.stable for orbit in orbits)
+    text = "\n".join([orbit_table(orbits), "", f"{len(orbits)} orbits, {stable} of them stable.", *notes])
+    return text, [plain_orbit(orbit) for orbit in orbits], complete[0]

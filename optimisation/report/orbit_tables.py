@@ -1,0 +1,90 @@
+"""Periodic orbits, folds and thresholds of isolas: tables to print, and the plain values of the JSON file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.isolas import LocatedFold, Threshold
+from impact_env.periodic.orbit import Orbit
+from optimisation.report.markdown import markdown
+
+
+def pairs(values: np.ndarray) -> list[list[float]]:
+    """Return complex numbers as pairs of real and imaginary part."""
+    return [[float(value.real), float(value.imag)] for value in values]
+
+
+def plain_orbit(orbit: Orbit) -> dict[str, Any]:
+    """The contract of the JSON file: these names do not change."""
+    schedule, motion = orbit.schedule, orbit.motion
+    return {
+        "omega_ratio": orbit.case.omega_ratio,
+        "period_multiple": schedule.period_multiple,
+        "symmetric": schedule.symmetric,
+        "impacts": [{"phase_rad": impact.phase, "impulse_Ns": impact.impulse, "wall": impact.wall} for impact in orbit.impacts],
+        "tip_max_m": motion.tip_max,
+        "tip_rms_m": motion.tip_rms,
+        "half_multipliers" if schedule.symmetric else "multipliers": pairs(orbit.stability.multipliers),
+        "stable": orbit.stability.stable,
+        "residual": orbit.residual,
+    }
+
+
+def plain_fold(fold: LocatedFold) -> dict[str, Any]:
+    """Return a fold whose orbit was found as the JSON file holds it."""
+    assert isinstance(fold.orbit, Orbit)
+    return {"omega_ratio": fold.omega_ratio, "force_N": fold.force, "tip_max_m": fold.orbit.motion.tip_max}
+
+
+def plain_threshold(threshold: Threshold) -> dict[str, Any]:
+    """Return a birth or a merger as the JSON file holds it."""
+    return {"kind": threshold.kind, "force_N": threshold.force, "omega_ratio": threshold.omega_ratio}
+
+
+def orbit_table(orbits: list[Orbit]) -> str:
+    """Return a line for each orbit."""
+    rows = []
+    for orbit in orbits:
+        slow, fast = (float(np.max(np.abs(values))) for values in (orbit.stability.slow_multipliers, orbit.stability.fast_multipliers))
+        schedule = orbit.schedule
+        kind = ("symmetric" if schedule.symmetric else "one-sided") + (
+            "" if schedule.period_multiple == 1 else f", period {schedule.period_multiple}"
+        )
+        kind += "" if schedule.flies else ", held"
+        sides = 2 if schedule.symmetric else 1
+        rows.append(
+            [
+                f"{orbit.case.omega_ratio:.6f}", kind, str(len(orbit.impacts)), str(sides * schedule.reversals), f"{1e3 * orbit.motion.tip_max:.6f}",
+                f"{1e3 * orbit.motion.tip_rms:.6f}", f"{slow:.4f}", f"{fast:.4f}", "yes" if orbit.stability.stable else "no", f"{orbit.residual:.0e}",
+            ]
+        )  # fmt: skip
+    header = ("omega/omega_1", "kind", "impacts", "reversals", "tip max, mm", "tip RMS, mm", "slow", "fast", "stable", "residual")
+    return markdown(header, rows)
+
+
+def refusals(refused: list[NoOrbit], what: str) -> list[str]:
+    """Say how many are no orbit, and why, the commonest reasons first; nothing if there are none."""
+    if not refused:
+        return []
+    lines = [f"{len(refused)} {what} no orbit:"]
+    seen = sorted({orbit.reason for orbit in refused}, key=lambda reason: -sum(reason == orbit.reason for orbit in refused))
+    return lines + [f"  {sum(reason == orbit.reason for orbit in refused)} x {reason}" for reason in seen[:8]] + (["  ..."] if len(seen) > 8 else [])
+
+
+def fold_text(located: tuple[LocatedFold, ...]) -> str:
+    """Return the table of folds, and why others are none."""
+    good = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
+    rows = [[f"{f.omega_ratio:.10f}", f"{f.force:g}", f"{1e3 * o.motion.tip_max:.6f}", str(2 * o.schedule.reversals)] for f, o in good]
+    text = markdown(("omega/omega_1", "force, N", "tip max, mm", "reversals"), rows)
+    return "\n".join([text, *refusals([f.orbit for f in located if isinstance(f.orbit, NoOrbit)], "folds of the closed form lead to")])
+
+
+def threshold_text(found: tuple[Threshold, ...]) -> str:
+    """Return the table of births and mergers, and why others are none."""
+    good = [(threshold, threshold.orbit) for threshold in found if isinstance(threshold.orbit, Orbit)]
+    rows = [[t.kind, f"{t.force:.8f}", f"{t.omega_ratio:.8f}", str(2 * orbit.schedule.reversals)] for t, orbit in good]
+    text = markdown(("kind", "force, N", "omega/omega_1", "reversals"), rows)
+    return "\n".join([text, *refusals([t.orbit for t in found if isinstance(t.orbit, NoOrbit)], "level places of the closed form lead to")])
