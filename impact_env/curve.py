@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, FrequencySchedule, linear_sweep
-from impact_env.ensemble import Lane, LaneLevels, Members, Progress, draw_members, run_lanes
+from impact_env.ensemble import Executor, Lane, LaneLevels, Members, Progress, draw_members, run_lanes
 from impact_env.kinds import is_linear
 from impact_env.methods import Method
 from impact_env.parameters import require
@@ -151,8 +151,9 @@ def performance_curves(
     samples_per_period: int = DEFAULT_SAMPLES,
     progress: Progress | None = None,
     most_events: int | None = None,
+    executor: Executor | None = None,
 ) -> list[PerformanceCurve]:
-    """Compute several curves in one pool of threads. Arguments after ``seed`` and errors are those of `run_lanes`.
+    """Compute several curves in one pool of threads, or by an executor. Arguments after ``seed`` and errors are those of `run_lanes`.
 
     The member is the outermost loop, so an interrupted computation leaves all curves with fewer members.
     """
@@ -166,7 +167,15 @@ def performance_curves(
         for amplitude in amplitudes
         for drive in member.drives(float(amplitude), schedule)
     ]
-    levels = run_lanes(lanes, method, threads=threads, samples_per_period=samples_per_period, progress=progress, most_events=most_events)
+    levels = run_lanes(
+        lanes,
+        method,
+        threads=threads,
+        samples_per_period=samples_per_period,
+        progress=progress,
+        most_events=most_events,
+        executor=executor,
+    )
     ends = np.cumsum([0] + [2 * len(amplitudes) for _, _, amplitudes in sweeps])
     return [
         PerformanceCurve(case.forces, drawn, _of_case(case, levels, members, start, stop))

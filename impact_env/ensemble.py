@@ -6,10 +6,11 @@ The kernels release Python's lock, so plain threads share one copy of everything
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, Protocol, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,19 @@ Array = NDArray[np.float64]
 PERTURBATION = 1e-6  # of the force: far above rounding and far below what a force is known to
 MemberKind = Literal["both", "phase", "rounding"]
 Progress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
+LANES_A_BATCH = 4  # that an executor gets at once: few enough to spread, and more work than it takes to send them
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Executor(Protocol):
+    """Something that does work elsewhere than in threads of this process, as a cluster's workers do."""
+
+    def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
+        """Yield (number of the item, ``function(item)``) in the order in which they are finished; closing it drops what has not begun.
+
+        Function and items can be pickled. Items of one of the ``kinds`` need the same kernels.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,37 +134,115 @@ def run_lanes(
     samples_per_period: int = DEFAULT_SAMPLES,
     progress: Progress | None = None,
     most_events: int | None = None,
+    executor: Executor | None = None,
 ) -> LaneLevels:
     """Run lanes with a method (default: Exact) on a number of threads (default: all cores); arrays of the result are (len(lanes),).
 
+    An ``executor`` runs them elsewhere, with the same result; it has threads of its own, so that ``threads`` must be None.
+
     Each lane is bit for bit what `simulate` gives. Lanes start in the order given. A KeyboardInterrupt ends the run early: lanes under way
-    are finished, the others stay NaN, ``complete`` is False; a second one is passed on. Raises ParameterError and IntegrationError,
-    with the lane named, as `simulate` does. ``most_events`` is the budget of each lane.
+    are finished (an executor drops them), the others stay NaN, ``complete`` is False; a second one is passed on. Raises ParameterError and
+    IntegrationError, with the lane named, as `simulate` does. ``most_events`` is the budget of each lane.
     """
     method = Exact() if method is None else method
-    workers = available_cores() if threads is None else count("threads", threads, 1)
-    record, budget = Record(samples_per_period=samples_per_period), checked_budget(most_events)
-    first = first_of_each([kernel_key(lane.scene, method) for lane in lanes])
+    require(threads is None or executor is None, "threads", threads, "None with an executor, which has its own")
+    method = Exact() if method is None else method
+    measure = _Level(method, Record(samples_per_period=samples_per_period), checked_budget(most_events))
     values = np.full((6, len(lanes)), np.nan)
-
-    def run(k: int) -> None:
-        values[:, k] = _level_of(k, lanes[k], method, record, budget)
-
-    _run_all(run, first, len(lanes), workers, progress)
+    for k, found in enumerate(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)):
+        if found is not None:
+            values[:, k] = found
     level, time, ratio, tip, impacts, stuck = values
     return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=not np.isnan(level).any())
 
 
-def _level_of(k: int, lane: Lane, method: Method, record: Record, most_events: int | None) -> tuple[float, ...]:
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """What `run_lanes` measures of a lane: plain data, which another process turns into the same numbers."""
+
+    method: Method
+    record: Record
+    most_events: int | None
+
+    def __call__(self, lane: Lane) -> tuple[float, ...]:
+        response = simulate(lane.scene, lane.drive, self.method, record=self.record, most_events=self.most_events)
+        level = response.level
+        assert level is not None
+        return level.value, level.time, level.frequency_ratio, level.max_tip, float(response.impact_count), response.stuck_time
+
+
+def each_lane(
+    lanes: Sequence[Lane],
+    measure: Callable[[Lane], R],
+    method: Method | None = None,
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+) -> list[R | None]:
+    """Return what ``measure`` finds of each lane, None where an interrupt came first; threads, executor, interruption and errors as in `run_lanes`.
+
+    ``measure`` may run its lane with any record and from any start, but with ``method``, whose kernels are compiled in one thread. An ``executor``
+    needs one that can be pickled.
+    """
+    method = Exact() if method is None else method
+    workers = available_cores() if threads is None else count("threads", threads, 1)
+    keys = [kernel_key(lane.scene, method) for lane in lanes]
+    found: list[R | None] = [None] * len(lanes)
+    if executor is not None:
+        _run_elsewhere(lanes, keys, measure, executor, found, progress)
+        return found
+
+    def run(k: int) -> None:
+        found[k] = _measured(k, lanes[k], measure)
+
+    _run_all(run, first_of_each(keys), len(lanes), workers, progress)
+    return found
+
+
+def _measured(k: int, lane: Lane, measure: Callable[[Lane], R]) -> R:
     try:
-        response = simulate(lane.scene, lane.drive, method, record=record, most_events=most_events)
+        return measure(lane)
     except IntegrationError as error:
         raise IntegrationError(f"lane {k} ({lane}): {error}", error.time, error.response) from error
     except ParameterError as error:
         raise ParameterError(f"lane {k} ({lane}): {error}") from error
-    level = response.level
-    assert level is not None
-    return level.value, level.time, level.frequency_ratio, level.max_tip, float(response.impact_count), response.stuck_time
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """Lanes from number ``start`` on, and what is measured of them."""
+
+    start: int
+    lanes: tuple[Lane, ...]
+    measure: Callable[[Lane], Any]
+
+
+def _measured_batch(batch: _Batch) -> list[Any]:
+    return [_measured(k, lane, batch.measure) for k, lane in enumerate(batch.lanes, batch.start)]
+
+
+def _run_elsewhere(
+    lanes: Sequence[Lane],
+    keys: Sequence[Hashable],
+    measure: Callable[[Lane], R],
+    executor: Executor,
+    found: list[R | None],
+    progress: Progress | None,
+) -> None:
+    """Fill ``found`` batch by batch."""
+    starts, done = range(0, len(lanes), LANES_A_BATCH), 0
+    batches = [_Batch(k, tuple(lanes[k : k + LANES_A_BATCH]), measure) for k in starts]
+    with closing(executor.each(_measured_batch, batches, [frozenset(keys[k : k + LANES_A_BATCH]) for k in starts])) as results:
+        try:
+            for number, values in results:
+                start = batches[number].start
+                found[start : start + len(values)] = values
+                done += len(values)
+                if progress is not None:
+                    progress(done, len(lanes))
+        except KeyboardInterrupt:
+            pass  # what is finished is in its slots
 
 
 def first_of_each(keys: Iterable[Hashable]) -> list[int]:

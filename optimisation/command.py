@@ -16,6 +16,7 @@ from pathlib import Path
 import click
 
 from impact_env.extras import DISTRIBUTION, EXTRAS
+from optimisation.command_line import INTERRUPTED
 
 NEEDS = re.compile(r"^# needs: *(.*)$", re.MULTILINE)
 HEAD_LINES = 40  # a script says near its top what it needs
@@ -65,7 +66,11 @@ class Studies(click.Group):
         require_extras(folder / f"{cmd_name}.py")
         if str(folder) not in sys.path:
             sys.path.insert(0, str(folder))  # the scripts import one another
-        command: click.Command = importlib.import_module(cmd_name).main
+        try:
+            command: click.Command = importlib.import_module(cmd_name).main
+        except KeyboardInterrupt:  # click would call it an error of its own
+            click.echo("Broken off.", err=True)
+            sys.exit(INTERRUPTED)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -37,13 +37,17 @@ def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = (
 
 @contextmanager
 def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
-    """Turn a bad value, a run that breaks down, and Ctrl-C into one line and an exit code."""
+    """Turn a bad value, a run that breaks down, a file that cannot be written, and Ctrl-C into one line and an exit code."""
     try:
         yield
     except ParameterError as error:
         raise BadInput(str(error)) from error
     except IntegrationError as error:
         raise click.ClickException(str(error)) from error
+    except BrokenPipeError:  # who reads the output has gone, which click knows how to end
+        raise
+    except OSError as error:
+        raise click.ClickException(f"{error.filename or 'a file'}: {error.strerror or error}") from error
     except KeyboardInterrupt:  # where a script does not keep what is finished, or keeps it already
         click.echo(broken_off, err=True)
         sys.exit(INTERRUPTED)
@@ -52,6 +56,13 @@ def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
 def name_files(files: Iterable[Path]) -> None:
     """Say what has been written."""
     click.echo("\nwritten: " + ", ".join(str(file) for file in files))
+
+
+def end_without(winner: bool) -> None:
+    """Exit with 1 if a search came to its end and found nothing that keeps all constraints."""
+    if not winner:
+        click.echo("No winner: no design kept all constraints; loosen them, or search longer.", err=True)
+        sys.exit(1)
 
 
 def end_early(complete: bool, kept: str = "the files hold what was finished.") -> None:

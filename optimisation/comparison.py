@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
 from impact_env.drive import PAPER_LIMITS
-from impact_env.ensemble import Progress
+from impact_env.ensemble import Executor, Progress
 from impact_env.methods import Method
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
@@ -34,6 +34,7 @@ from impact_env.parameters import (
 )
 from impact_env.scene import Scene
 from optimisation.bounds import design_force, design_gap, reach, resonance_limit
+from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
 from optimisation.friction_rule import best_friction, scaled_friction
 from optimisation.mounting import mounted
 from optimisation.sweep_rate import default_rate, stationary_level
@@ -188,6 +189,7 @@ def compare(
     method: Method | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> Comparison:
     """Compute all curves near the ``resonances``; other arguments and interruption as in `performance_curves`, a rate of None is `default_rate`.
 
@@ -199,9 +201,13 @@ def compare(
     every = tuple(dict.fromkeys(resonances))
     require(len(every) > 0, "resonances", resonances, "one or more, counted from 1")
     rate = default_rate(model, every) if percent_per_100_periods is None else percent_per_100_periods
-    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
+    mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
     require(force is None or gap is None, "gap", gap, "left out beside a force, for which the design rule gives it")
-    clearance = design_gap(model, mass, force, every[0]) if force is not None else positive("gap", RigidWalls.gap if gap is None else gap)
+    clearance = (
+        design_gap(model, mass, usable_force("force", force), every[0])
+        if force is not None
+        else positive("gap", RigidWalls.gap if gap is None else gap)
+    )
     design = [design_force(model, mass, clearance, resonance) for resonance in every]
     paper = beam is None or is_paper(beam)
     usual = paper and force is None and gap is None and mass_ratio == DEFAULT_MASS_RATIO
@@ -210,8 +216,9 @@ def compare(
     # a sweep that is wide enough for the peaks of a tuned absorber tells nothing of a resonance that it is not tuned to
     kept = [(r, c) for r in every for c in compared if usual or c.limits != WIDE_LIMITS or r == every[0]]
     grid_of = dict(zip(every, grids, strict=True))
+    rate = usable_rate("rate", rate, [concept.limits for _, concept in kept])
     cases = [CurveCase(Scene(model, concept.absorber), grid_of[resonance], resonance, concept.limits, rate) for resonance, concept in kept]
-    found = performance_curves(cases, members, seed, method, threads=threads, progress=progress)
+    found = performance_curves(cases, members, seed, method, threads=threads, progress=progress, executor=executor)
     curves: dict[int, dict[str, PerformanceCurve]] = {resonance: {} for resonance in every}
     for (resonance, concept), curve in zip(kept, found, strict=True):
         curves[resonance][concept.key] = curve

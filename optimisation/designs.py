@@ -24,6 +24,7 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.scene import Scene
+from optimisation.extremes import usable_mass_ratio
 from optimisation.mounting import scene_on
 from optimisation.units import Units, paper_units, parts_of
 from optimisation.variables import (
@@ -130,6 +131,7 @@ class DesignSpace:
         for share in (0.0, 1.0):  # bounds and fixed values that the simulator refuses are named now, not in the middle of a search
             design = self.at([share] * len(self.free))
             design.absorber()
+            usable_mass_ratio(MASS_RATIO, design.values[MASS_RATIO])
             Beam(absorber_position=design.values.get(POSITION, 1.0) or 1.0)  # 0 is the left end, which a structure may hold or not
 
     @property

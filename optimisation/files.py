@@ -14,6 +14,18 @@ from impact_env.parameters import ParameterError, require
 from impact_env.plain_files import replacing as replacing
 
 
+def append(path: Path, content: bytes) -> None:
+    """Add to the end of a file, or leave it as it was: a system may write a part only, and a disk may be full. Raises OSError then."""
+    with path.open("ab", buffering=0) as file:
+        begin, left = file.seek(0, os.SEEK_END), memoryview(content)
+        try:
+            while left:
+                left = left[file.write(left) :]
+        except BaseException:
+            file.truncate(begin)
+            raise
+
+
 @contextmanager
 def held(path: Path, refusal: ParameterError) -> Iterator[None]:
     """Hold a file for this process; the system lets go of it however the process ends. Raises ``refusal`` if another holds it.

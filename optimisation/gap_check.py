@@ -13,9 +13,10 @@ from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, perfo
 from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import Progress
 from impact_env.modes import ModalModel
-from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SlidingAbsorber, impact_absorber, positive, require
+from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SlidingAbsorber, impact_absorber, require
 from impact_env.scene import Scene
 from optimisation.bounds import design_gap, gap_unit, near_range, reach, require_reach, resonance_limit, share_reached
+from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
 from optimisation.friction_rule import scaled_friction
 from optimisation.sweep_rate import LEAST_RATIO, default_rate, stationary_level
 
@@ -125,7 +126,7 @@ def scaled_absorber(
 
     ``lowest``: the resonance that the friction is scaled with.
     """
-    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
+    mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
     friction = scaled_friction(model, mass, gap_unit(model, mass, force, resonance), lowest)
     return impact_absorber(design_gap(model, mass, force, resonance), restitution, friction, mass_ratio)
 
@@ -151,7 +152,7 @@ def check_gap(
     Raises ParameterError for numbers out of range, for an absorber without rigid walls, and where the rule says nothing (`require_reach`), unless it
     is ``everywhere`` that is asked for.
     """
-    force = positive("force", force)
+    force = usable_force("force", force)
     rate = default_rate(model, (resonance,)) if percent_per_100_periods is None else percent_per_100_periods
     absorber = scaled_absorber(model, force, resonance) if absorber is None else absorber
     walls = absorber.walls
@@ -164,6 +165,7 @@ def check_gap(
     multiples = np.sort(np.asarray(gap_factors(11) if factors is None else factors, dtype=np.float64))
     require(bool(np.all(multiples > 0)) and 1.0 in multiples, "factors", factors, "numbers above 0, one of them 1")
     scenes = [Scene(model, replace(absorber, walls=replace(walls, gap=float(rule * factor)))) for factor in multiples]
+    rate = usable_rate("rate", rate, [limits])
     cases = [CurveCase(scene, np.array([force]), resonance, limits, rate) for scene in [Scene(model), *scenes]]
     without, *curves = performance_curves(cases, members, seed, threads=threads, progress=progress)
     return GapCheck(model, resonance, force, absorber, rule, rule * multiples, limits, tuple(curves), without, found, rate)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from impact_env.drive import PAPER_LIMITS
 from impact_env.parameters import count, finite, fraction, positive, require
 from optimisation.designs import MASS_RATIO, Design
+from optimisation.extremes import usable_force
 from optimisation.measures import DAMAGE, FRICTION_HEAT, IMPACT_POWER, IMPACT_SPEED, LEVEL, STROKE
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ class Condition:
 
     def __post_init__(self) -> None:
         count("resonance", self.resonance, 1)
-        object.__setattr__(self, "force", positive("force", self.force))
+        object.__setattr__(self, "force", usable_force("force", self.force))
         low, high = positive("lower end of the sweep", self.limits[0]), finite("upper end of the sweep", self.limits[1])
         require(low < high, "limits of the sweep", self.limits, "(low, high) with low below high")
         object.__setattr__(self, "limits", (low, high))

@@ -18,6 +18,7 @@ from impact_env.parameters import Beam, count, positive, require
 from impact_env.scene import Scene
 from optimisation.designs import MASS_RATIO, POSITION, SEVERAL, TUNED, Design, DesignSpace
 from optimisation.evaluation import Evaluation, Executor, Progress, evaluate_arrays
+from optimisation.extremes import usable_rate
 from optimisation.measures import DAMAGE, LEVEL, MEASURES, Chunk, clamp_moment, measure
 from optimisation.mounting import described, detuned, mounted, usual_position
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score
@@ -60,7 +61,7 @@ class Problem:
         for condition in self.conditions:
             self.model.resonance_omega(condition.resonance)
         object.__setattr__(self, "space", self.space.bound_to(self.units))
-        object.__setattr__(self, "rate", self.usual_rate if self.rate is None else positive("rate", self.rate))
+        object.__setattr__(self, "rate", self.usual_rate if self.rate is None else self._usable_rate())
         for objective in self.objectives:
             objective.chosen(self.conditions)
         names = [constraint.name for constraint in self.constraints]
@@ -69,6 +70,9 @@ class Problem:
             self._require_both_peaks()
         if DAMAGE in self.measures:
             require(self._beams[self.conditions[0].detuning][1] is not None, "objective", "damage", "for a beam that is clamped at its left end")
+
+    def _usable_rate(self) -> float:
+        return usable_rate("rate", self.rate, [condition.limits for condition in self.conditions])
 
     def _place(self) -> None:
         """Put the absorber where the structure says, if the space leaves its place open."""

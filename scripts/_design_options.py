@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,15 @@ import scipy
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import available_cores
-from impact_env.extras import how_to_install, optional
+from impact_env.extras import optional
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
 from optimisation.commands.structure_option import RESONANCES_HELP, is_given, read_structure, refuse_beside, structure_option
 from optimisation.comparison import RESONANCES, WIDE_LIMITS
 from optimisation.designs import MASS_RATIO, TUNED, VARIABLES, DesignSpace, design_space
-from optimisation.evaluation import Executor, Threads
+from optimisation.evaluation import Executor
+from optimisation.executors import cluster_option, executor
 from optimisation.memory import peak_memory
 from optimisation.mounting import mounted
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
@@ -70,7 +71,12 @@ SHARED = (
     click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=f"Upper limit of {', '.join(LIMITABLE)}, in SI units."),
     click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
     click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]"),
-    click.option("--cluster", metavar="ADDRESS", help="Send the runs to the workers of the Dask scheduler at this address instead."),
+    cluster_option,
+)
+
+
+study_option = click.option(
+    "--study", type=click.Path(path_type=Path, dir_okay=False), help="Study file.  [default: study.journal in the folder, quick.journal with --quick]"
 )
 
 
@@ -146,22 +152,9 @@ def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tu
     return replace(problem, rate=QUICK_SPEED * problem.rate) if given["quick"] else problem
 
 
-@contextmanager
-def executor_of(given: dict[str, Any]) -> Iterator[Executor]:
+def executor_of(given: dict[str, Any]) -> AbstractContextManager[Executor]:
     """Give the executor that the options ask for."""
-    if given["cluster"] is None:
-        yield Threads(given["threads"])
-        return
-    if given["threads"] is not None:
-        raise ParameterError(f"--threads = {given['threads']} is not allowed: with --cluster, whose workers have their own")
-    try:
-        from optimisation.search.cluster import Workers
-    except ImportError as error:
-        raise ParameterError(
-            f"--cluster = {given['cluster']} is not allowed: where the package distributed is installed; {how_to_install('distributed')}"
-        ) from error
-    with Workers(given["cluster"]) as workers:
-        yield workers
+    return executor(given["threads"], given["cluster"])
 
 
 def conditions_of(given: dict[str, Any]) -> dict[str, object]:
@@ -171,5 +164,7 @@ def conditions_of(given: dict[str, Any]) -> dict[str, object]:
     return {"versions": versions, **where, "memory_bytes": peak_memory()}
 
 
-def journal_of(study: Path | None, folder: Path) -> Path:
-    return folder / "study.journal" if study is None else study
+def journal_of(given: dict[str, Any], folder: Path) -> Path:
+    """Return the file named by --study, or the folder's own: a quick look has one for itself, as it is another study."""
+    study: Path | None = given["study"]
+    return study or folder / ("quick.journal" if given["quick"] else "study.journal")

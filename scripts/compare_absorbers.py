@@ -20,6 +20,7 @@ from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls
 from optimisation.command_line import end_early, name_files, plain_errors
 from optimisation.commands.structure_option import RESONANCES_HELP, read_structure, structure_option
 from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
+from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.memory import peak_memory
 from optimisation.progress import sweeps_bar
@@ -40,17 +41,17 @@ def write(out: Path, comparison: Comparison, conditions: dict[str, object]) -> l
     return files
 
 
-def run(structure: Structure | None, given: dict[str, Any]) -> Comparison:
+def run(structure: Structure | None, cluster: str | None, given: dict[str, Any]) -> Comparison:
     own: dict[str, Any] = {} if structure is None else {"beam": structure}
-    with sweeps_bar("comparing") as show:
-        return compare(**own, progress=show, **given)
+    with workers(given["threads"], cluster) as executor, sweeps_bar("comparing") as show:
+        return compare(**own, progress=show, executor=executor, **given)
 
 
-def conditions(started: float, threads: int | None) -> dict[str, object]:
+def conditions(started: float, threads: int | None, cluster: str | None) -> dict[str, object]:
     versions = {"python": platform.python_version(), "numpy": numpy.__version__, "scipy": scipy.__version__, "numba": numba.__version__}
     return {
         "versions": versions,
-        "threads": threads or available_cores(),
+        **({"cluster": cluster} if cluster else {"threads": threads or available_cores()}),
         "wall_s": round(time.perf_counter() - started, 2),
         "memory_bytes": peak_memory(),
     }
@@ -68,10 +69,11 @@ def conditions(started: float, threads: int | None) -> dict[str, object]:
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
 @click.option("--forces", type=click.IntRange(min=2), help=f"Number of forces for each resonance.  [default: {DEFAULT_FORCES}]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@cluster_option
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("results/compare_absorbers"), show_default=True, help="Folder for figure and tables."
 )
-def main(structure: Path | None, quick: bool, out: Path, **given: Any) -> None:
+def main(structure: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
     """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
 
     On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
@@ -84,8 +86,8 @@ def main(structure: Path | None, quick: bool, out: Path, **given: Any) -> None:
     given["percent_per_100_periods"] = given.pop("rate")
     with plain_errors():
         require_writable("--out", out)
-        comparison = run(None if structure is None else read_structure(structure), given)
-        files = write(out, comparison, conditions(started, given["threads"]))
+        comparison = run(None if structure is None else read_structure(structure), cluster, given)
+        files = write(out, comparison, conditions(started, given["threads"], cluster))
     click.echo(text_table(comparison))
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

@@ -10,10 +10,12 @@ from pathlib import Path
 import click
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, friction_law, non_negative, positive
+from impact_env.drive import PAPER_LIMITS
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, friction_law, non_negative
 from optimisation.command_line import end_early, name_files, plain_errors
 from optimisation.commands.gap_answer import DEFAULT_GAPS, QUICK_GAPS, QUICK_MEMBERS, answer, simulated, write
 from optimisation.commands.structure_option import POSITION_HELP, model_of, refuse_beside, structure_option
+from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import require_writable
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_check import RESTITUTION, gap_factors, scaled_absorber
@@ -75,12 +77,13 @@ def main(
     with plain_errors():
         refuse_beside(structure, "modes", "damping")
         model = model_of(structure, Beam(modes=modes, absorber_position=position, damping_ratio=damping))
+        usable_force("--force", force)
         absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution, 1 if structure is None else resonance)
         if friction_limit is not None:
             absorber = replace(absorber, friction=friction_law(non_negative("friction_limit", friction_limit)))
         gap_factors(gaps)
         require_writable("--out", out)
-        rate = default_rate(model, (resonance,)) if rate is None else positive("--rate", rate)
+        rate = default_rate(model, (resonance,)) if rate is None else usable_rate("--rate", rate, [PAPER_LIMITS])
         click.echo("\n".join(answer(model, mass_ratio, force, resonance, rate)))
         check = simulated(model, force, resonance, absorber, gaps, members, seed, rate, threads)
         files = write(out, check)

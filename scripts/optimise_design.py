@@ -24,12 +24,13 @@ from _design_options import (
     make_conditions,
     make_problem,
     shared_options,
+    study_option,
     variables_help,
 )
 from _design_search import SCIPY, Plan, find
 
 from impact_env.parameters import ParameterError
-from optimisation.command_line import end_early, name_files, plain_errors
+from optimisation.command_line import end_early, end_without, name_files, plain_errors
 from optimisation.designs import GAP, IMPACT, VARIABLES
 from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json
@@ -124,14 +125,14 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
     return files
 
 
-def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> bool:
-    """Return whether the concept's study came to its end."""
+def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
+    """Return what was found of a concept, and written."""
     conditions = make_conditions(concept, forces_at(given, USUAL), given["objective"] == "range")
     objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])
     problem = make_problem(concept, conditions, (objective,), given)
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
     plan = Plan(designs, given["sampler"], given["batch"], given["seed"], not given["no_screening"], given["from_scratch"], given["audit"])
-    findings = find(problem, plan, journal_of(given["study"], out), executor)
+    findings = find(problem, plan, journal_of(given, out), executor)
     try:
         findings = explain(findings, given, executor)
     except KeyboardInterrupt:
@@ -140,7 +141,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
     click.echo(text(findings))
     name_files(files)
     click.echo()
-    return findings.finished
+    return findings
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
@@ -158,7 +159,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 @click.option("--no-screening", is_flag=True, help="Run every design in full instead of leaving hopeless ones behind.")
 @click.option("--audit", type=click.IntRange(min=0), default=AUDITED, show_default=True, help="Designs left behind to run in full all the same.")
 @click.option("--no-figures", is_flag=True, help="Search and judge only.")
-@click.option("--study", type=click.Path(path_type=Path, dir_okay=False), help="Study file.  [default: study.journal in the folder]")
+@study_option
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("results/optimise_design"), show_default=True, help="Folder; a concept has one in it."
 )
@@ -172,7 +173,7 @@ def main(**given: Any) -> None:
     """
     concepts = list(VARIABLES) if given["concept"] == ALL else [given["concept"]]
     given["every"] = len(concepts) > 1
-    finished = True
+    found: list[Findings] = []
     with plain_errors(KEPT):
         if given["every"] and given["study"] is not None:
             raise ParameterError(f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own")
@@ -180,8 +181,11 @@ def main(**given: Any) -> None:
             for concept in concepts:
                 out = given["out"] / concept
                 require_writable("--out", out)
-                finished = finished and run_concept(concept, given, executor, out)
-    end_early(finished, GOES_ON)
+                found.append(run_concept(concept, given, executor, out))
+                if not found[-1].finished:
+                    break
+    end_early(all(findings.finished for findings in found), GOES_ON)
+    end_without(all(findings.verdict is not None for findings in found))
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ def main(**given: Any) -> None:
 
     Symmetric orbits with one impact a wall are found in closed form, with all reversals of friction, and along their branches. Multipliers of
     symmetric orbits are those of half a period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair that lives as
-    long as the beam's vibration, and of all others.
+    long as the beam's vibration, and of all others. Held: friction or a wall holds the absorber for a while.
     """
     with plain_errors():
         text, content, complete = run(given)

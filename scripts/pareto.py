@@ -23,12 +23,13 @@ from _design_options import (
     make_conditions,
     make_problem,
     shared_options,
+    study_option,
     variables_help,
 )
 from _front_search import CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 
 from impact_env.parameters import ParameterError
-from optimisation.command_line import end_early, name_files, plain_errors
+from optimisation.command_line import end_early, end_without, name_files, plain_errors
 from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT
 from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json
@@ -94,7 +95,7 @@ def write(out: Path, front: Front, given: dict[str, Any]) -> list[Path]:
 @click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")
 @click.option("--sampler", type=click.Choice([name for name in SAMPLERS if name != CMA]), help="Method.  [default: nsga2]")
 @click.option("--random-seeds", type=click.IntRange(min=0), default=0, show_default=True, help="Compare with random search, with this many seeds.")
-@click.option("--study", type=click.Path(path_type=Path, dir_okay=False), help="Study file.  [default: study.journal in the folder]")
+@study_option
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -114,11 +115,12 @@ def main(**given: Any) -> None:
         require_writable("--out", out)
         problem = make(given["against"], given)
         with executor_of(given) as executor:
-            front = study(problem, given, journal_of(given["study"], out), executor)
+            front = study(problem, given, journal_of(given, out), executor)
         files = write(out, front, given)
     click.echo(front_text(front))
     name_files(files)
     end_early(front.finished, GOES_ON)
+    end_without(bool(front.index))
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from impact_env import Beam
 from impact_env.ensemble import Lane
+from impact_env.parameters import SlidingAbsorber
 from optimisation.designs import design_space
 from optimisation.measures import Chunk
 from optimisation.objectives import Condition, Objective
@@ -68,3 +69,26 @@ def _level(lane: Lane) -> float:
     best = 6e-4 if lane.drive.amplitude < 10 else 9e-4  # another one for the second resonance
     bowl = np.log(walls.gap / best) ** 2 + (walls.restitution - 0.5) ** 2
     return float(1e-4 * (1 + bowl) * (1 + 0.01 * np.sin(7 * lane.drive.phase + 1e4 * walls.gap)))
+
+
+@dataclass
+class Bowl:
+    """An executor for concepts without walls: a bowl in the logarithms of what identifies the absorber. Fields as in `Model`."""
+
+    stop: int | None = None
+    seen: list[tuple[object, ...]] = field(default_factory=list)
+
+    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
+        for k, chunk in enumerate(chunks):
+            if self.stop is not None and len(self.seen) == self.stop:
+                raise KeyboardInterrupt
+            absorber = chunk.lanes[0].scene.absorber
+            numbers = (absorber.friction.limit,) if isinstance(absorber, SlidingAbsorber) else (absorber.stiffness, absorber.damping)  # type: ignore[union-attr]
+            self.seen.append((*numbers, chunk.lanes[0].drive.amplitude, chunk.lanes[0].drive.phase, len(chunk.lanes)))
+            yield k, np.array([[self.value(chunk, lane)] for lane in chunk.lanes])
+
+    def value(self, chunk: Chunk, lane: Lane) -> float:  # noqa: ARG002 - others need it
+        """Return the level of a lane in m."""
+        numbers = [float(x) for x in self.seen[-1][:-3]]  # type: ignore[arg-type]
+        bottom = [0.3] if len(numbers) == 1 else [600.0, 0.5]
+        return float(1e-4 * (1 + sum(np.log(x / best) ** 2 for x, best in zip(numbers, bottom, strict=True)) + 0.01 * np.sin(lane.drive.phase)))

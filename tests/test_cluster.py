@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -26,7 +27,9 @@ def test_workers_and_studies_give_what_threads_give_though_a_worker_is_killed() 
     command = [sys.executable, str(HERE / "cluster_check.py")]
     result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=580)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.splitlines() == ["killed True", "runs True", "studies True"], result.stdout + result.stderr
+    assert result.stdout.splitlines() == ["killed True", "runs True", "killed at once True True", "lanes True", "studies True"], (
+        result.stdout + result.stderr
+    )
 
 
 def test_no_scheduler_and_no_worker_are_clear_errors() -> None:
@@ -39,14 +42,28 @@ def test_no_scheduler_and_no_worker_are_clear_errors() -> None:
             list(workers.run(chunks))
 
 
-def test_worker_with_other_sources_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(tmp_path: Path) -> None:
+    """A worker whose copy of the project measures a tenth less: it must not have a part in the result, which would not show it."""
+    for package in ("impact_env", "optimisation"):
+        shutil.copytree(HERE.parent / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    measures = tmp_path / "optimisation" / "measures.py"
+    before = measures.read_text()
+    measures.write_text(before.replace("return response.level.value\n", "return 0.9 * response.level.value\n"))
+    assert measures.read_text() != before
     given = problem()
     chunks = given.chunks(given.space.default, given.ensemble, given.rate)
-    local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50)
-    with local, Workers(local.scheduler_address) as workers:
-        monkeypatch.setattr(workers._client, "run", lambda _function: {"tcp://worker": "theirs"})
-        with pytest.raises(ClusterError, match="same version of this package"):
-            list(workers.run(chunks))
+    assert len(chunks) > 1
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    with distributed.LocalCluster(n_workers=0, processes=False, protocol="tcp://", dashboard_address=":0", silence_logs=50) as local:
+        address = local.scheduler_address
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard"]
+        worker = subprocess.Popen(command, env=environment, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            with Workers(address, patience=120.0) as workers, pytest.raises(ClusterError, match=r"worker = tcp://.* same version .*sources\.code is"):
+                list(workers.run(chunks))
+        finally:
+            worker.kill()
+            worker.wait()
 
 
 class Closing(Workers):

@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import pickle
+from collections.abc import Callable, Generator, Hashable, Sequence
+from typing import TypeVar
+
 import numpy as np
 import pytest
 
@@ -21,6 +25,8 @@ from impact_env import (
 )
 from impact_env.ensemble import PERTURBATION, Lane, LaneLevels, Members, draw_members, run_lanes
 
+T = TypeVar("T")
+R = TypeVar("R")
 BEAM = Beam(modes=3)
 SCENES = [beam_scene(BEAM, absorber) for absorber in (None, TunedAbsorber(), impact_absorber(restitution=0.7, friction_limit=0.1))]
 FAST = 100.0  # percent per 100 pseudo periods
@@ -156,3 +162,50 @@ def test_no_lanes_are_done_at_once() -> None:
     levels = run_lanes([])
     assert levels.complete
     assert levels.level.shape == (0,)
+
+
+class Elsewhere:
+    """An executor that sends function and items through a pickle, as to another process, and answers in another order."""
+
+    def __init__(self, stop: int | None = None) -> None:
+        self.stop, self.kinds, self.closed = stop, 0, False
+
+    def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
+        self.kinds = len(set(kinds))
+        try:
+            for count, k in enumerate(reversed(range(len(items)))):
+                if count == self.stop:
+                    raise KeyboardInterrupt
+                there, item = pickle.loads(pickle.dumps((function, items[k])))
+                yield k, there(item)
+        finally:
+            self.closed = True
+
+
+def test_lanes_run_by_an_executor_are_those_of_threads() -> None:
+    lanes, seen = some_lanes()[:-1], []  # the last batch is a smaller one
+    elsewhere = Elsewhere()
+    levels = run_lanes(lanes, executor=elsewhere, progress=lambda done, total: seen.append((done, total)))
+    np.testing.assert_array_equal(rows(levels), rows(run_lanes(lanes)))
+    assert levels.complete
+    assert elsewhere.closed
+    assert elsewhere.kinds == 2  # linear scenes share their kernels
+    assert [done for done, _ in seen] == [3, 7, 11, 15, 19, 23]
+    assert {total for _, total in seen} == {23}
+
+
+def test_executor_that_is_interrupted_leaves_what_is_finished() -> None:
+    lanes, elsewhere = some_lanes(), Elsewhere(stop=2)
+    levels = run_lanes(lanes, executor=elsewhere)
+    assert not levels.complete
+    assert elsewhere.closed
+    assert np.isnan(levels.level[:-8]).all()
+    np.testing.assert_array_equal(rows(levels)[:, -8:], rows(run_lanes(lanes[-8:])))
+
+
+def test_executor_has_its_own_threads_and_names_lanes_that_fail() -> None:
+    lanes = some_lanes()
+    with pytest.raises(ParameterError, match="threads = 2 is not allowed: None with an executor"):
+        run_lanes(lanes, threads=2, executor=Elsewhere())
+    with pytest.raises(IntegrationError, match=r"lane 20 \(3 N, phase 0 rad"):
+        run_lanes(lanes, executor=Elsewhere(), most_events=1)

@@ -66,6 +66,20 @@ def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:
         assert np.exp(1j * there) == pytest.approx(-np.exp(1j * phase), abs=1e-8)
 
 
+def test_complete_chatter_and_held_phases_are_listed_too(tmp_path: Path) -> None:
+    arguments = ["--modes", "1", "--restitution", "0.3", "--friction-limit", "0.05", "--force", "20", "--from", "0.89", "--to", "0.91", "--at", "0.9"]
+    output, (orbit,) = listed(tmp_path, *arguments)
+    assert "symmetric, held" in output
+    assert set(orbit) == KEYS | {"half_multipliers"}
+    assert orbit["stable"] is True
+    assert orbit["residual"] < 3e-10
+    upper = [impact for impact in orbit["impacts"] if impact["wall"] == 1]
+    assert len(upper) == len(orbit["impacts"]) / 2 == 13
+    sizes = [abs(impact["impulse_Ns"]) for impact in upper]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[-1] < 1e-6 * sizes[0]
+
+
 def test_folds_and_thresholds(tmp_path: Path) -> None:
     _, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--folds")
     assert all(set(fold) == {"omega_ratio", "force_N", "tip_max_m"} for fold in found)

@@ -125,7 +125,9 @@ def test_order_of_the_absorbers_does_not_matter() -> None:
     np.testing.assert_allclose(runs[1].end_state[order], runs[0].end_state, rtol=1e-8, atol=1e-10)
 
 
-@pytest.mark.parametrize(("restitution", "friction"), [(0.0, None), (0.6, None), (0.6, 0.05), (1.0, None), (1.0, 0.05)])
+@pytest.mark.parametrize(
+    ("restitution", "friction"), [(0.0, None), (0.0, 0.05), (0.0, 0.15), (0.6, None), (0.6, 0.05), (0.6, 0.15), (1.0, None), (1.0, 0.05)]
+)
 def test_a_single_absorber_is_the_same_in_the_lane_of_several(friction: float | None, restitution: float) -> None:
     """Two lanes of their own, by different regimes and ways from one to another, and no truth that they share but the search."""
     scene, drive = beam_scene(BEAM, impact_absorber(3e-4, restitution, friction)), drive_of(3.0, 0.97, 1.02, periods=3)

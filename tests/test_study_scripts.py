@@ -72,8 +72,8 @@ def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path) -> N
     impact = {"map.csv", "map.png", "sensitivity.png", "study.journal"}
     for concept, own in (
         ("impact", impact),
-        ("friction", set()),
-        ("tuned", {"sensitivity.png"}),
+        ("friction", {"study.journal"}),
+        ("tuned", {"sensitivity.png", "study.journal"}),
         ("several", {"sensitivity.png", "study.journal"}),
     ):
         folder = tmp_path / concept
@@ -98,7 +98,8 @@ def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path) -> N
     assert "winner over paper" in result.stdout
 
 
-def test_study_goes_on_and_tells_the_same(optimise: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("concept", ["impact", "friction"])
+def test_study_goes_on_and_tells_the_same(optimise: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, concept: str) -> None:
     class Stopping(Threads):
         def run(self, chunks: Sequence[Chunk]) -> Iterator[Any]:
             for count, result in enumerate(super().run(chunks)):
@@ -106,17 +107,20 @@ def test_study_goes_on_and_tells_the_same(optimise: ModuleType, tmp_path: Path, 
                     raise KeyboardInterrupt
                 yield result
 
-    arguments = [*FAST, "--designs", 5, "--no-figures", "--audit", 0]
+    arguments = [*FAST, "--concept", concept, "--designs", 5, "--no-figures", "--audit", 0, "--study", tmp_path / "one.journal"]
     with monkeypatch.context() as patch:
-        patch.setattr("_design_options.Threads", Stopping)
+        patch.setattr("optimisation.executors.Threads", Stopping)
         result = call(optimise, *arguments, "--out", tmp_path / "a")
     assert result.exit_code == 130
     assert "goes on from here" in result.output
     assert "no design yet" in result.output
-    assert json.loads((tmp_path / "a" / "impact" / "summary.json").read_text())["finished"] is False
+    assert json.loads((tmp_path / "a" / concept / "summary.json").read_text())["finished"] is False
+    assert (tmp_path / "one.journal").stat().st_size > 500
     for name in "ab":
-        assert call(optimise, *arguments, "--out", tmp_path / name).exit_code == 0
-    a, b = ((tmp_path / name / "impact" / "designs.csv").read_text() for name in "ab")
+        study = tmp_path / ("one.journal" if name == "a" else "another.journal")
+        assert call(optimise, *arguments, "--study", study, "--out", tmp_path / name).exit_code == 0
+        assert not list((tmp_path / name).rglob("*.journal"))
+    a, b = ((tmp_path / name / concept / "designs.csv").read_text() for name in "ab")
     assert a == b
     again = call(optimise, *arguments, "--seed", 7, "--out", tmp_path / "a")
     assert again.exit_code == 2

@@ -31,6 +31,7 @@ from impact_env.kernels.rigid_contact import (
     joint_bounds,
     largest_kick,
     new_now,
+    stay_at_wall,
     tip_motion,
     touch,
 )
@@ -125,6 +126,7 @@ def try_join(scene, window, room, state):  # type: ignore[no-untyped-def]
     now.force = 0.0
     enter(joined, forced, window.omega, now, state, work.z)
     f, scale = joint_force(joined, forced, window.omega, now.tau, work)
+    stay_at_wall(scene.contact.walls, now, q_tip)
     low, high = joint_bounds(scene.contact.limit, now.side)
     slack = JOINT_SLACK * scale  # at its bound the joint force decides in the joined regime, by its rate
     now.v = v_tip

@@ -147,14 +147,20 @@ def tip_motion(contact, state):  # type: ignore[no-untyped-def]
     return q, v
 
 
+@jit_inline
+def stay_at_wall(walls, now, q_tip):  # type: ignore[no-untyped-def]
+    """Note the wall that an absorber touches within rounding, as after a plastic impact, whose flight is one of no length."""
+    if walls is not None:
+        if abs(now.q - q_tip) >= walls.gap - 4.0 * EPSILON * (walls.gap + abs(now.q) + abs(q_tip)):
+            now.side = 1.0 if now.q > q_tip else -1.0
+
+
 @jit
 def touch(contact, walls, now, state):  # type: ignore[no-untyped-def]
     """Find the wall that an absorber touches and the sign in which it slides; return its relative velocity."""
     q_tip, v_tip = tip_motion(contact, state)
     relative = now.v - v_tip
-    if walls is not None:
-        if abs(now.q - q_tip) >= walls.gap * (1.0 - 4.0 * EPSILON):
-            now.side = 1.0 if now.q > q_tip else -1.0
+    stay_at_wall(walls, now, q_tip)
     now.sign = 1.0 if relative > 0.0 else -1.0
     return relative
 

@@ -7,15 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.parameters import require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
 from impact_env.periodic.motion import Motion, motion_of
 from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
-from impact_env.periodic.stability import Stability, derivative_of, stability_of
-from impact_env.periodic.validation import trial_of
+from impact_env.periodic.shooting import section_of, shoot, units_of
+from impact_env.periodic.shot_motion import ShotMotion
+from impact_env.periodic.stability import Stability, derivative_of, shot_stability, stability_of
+from impact_env.periodic.validation import JOINS, Trial, chatters, trial_of
 
 Array = NDArray[np.float64]
 MOST_MENDINGS = 12
+WOULD_HOLD = "friction would hold the absorber at a reversal"
+TURNS = "the relative velocity turns"
+HELD = (WOULD_HOLD, JOINS, TURNS)  # what shooting may mend
+NEIGHBOUR = 0.05  # of gap and gap times omega: how far from the motion that it starts with the orbit may lie then
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +36,15 @@ class Impact:
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A periodic orbit that the exact method confirmed: ``residual`` is that of its propagation (see `validation.Trial`)."""
+    """A periodic orbit that the exact method confirmed: ``residual`` is that of its propagation (see `validation.Trial`).
 
-    motion: Motion
+    ``recorded``: the impacts of that propagation where a chatter comes to its end, so that there are as many as rounding lets there be; else None.
+    """
+
+    motion: Motion | ShotMotion
     stability: Stability
     residual: float
+    recorded: tuple[Impact, ...] | None = None
 
     @property
     def solution(self) -> Solution:
@@ -52,18 +63,28 @@ class Orbit:
 
     @property
     def impacts(self) -> tuple[Impact, ...]:
-        """All impacts of a whole period, the mirrored half of a symmetric orbit too, by rising phase from 0 on."""
+        """All impacts of a whole period, the mirrored half of a symmetric orbit too, by rising phase from 0 on.
+
+        A complete chatter has those of the exact method's run: it ends with the bounce behind which the heights of all others add up to less than the
+        rounding of the distance, and which takes the rest of the relative velocity with it.
+        """
         schedule, solution, whole = self.schedule, self.solution, 2 * np.pi * self.schedule.period_multiple
         found = [
-            Impact(float(p % whole), float(i), int(w)) for p, i, w in zip(solution.phases, solution.impulses, schedule.order.wall, strict=True) if w
+            Impact(float(p % whole), float(i), event.wall)
+            for p, i, event in zip(solution.phases, solution.impulses, schedule.events, strict=True)
+            if event.is_impact
         ]
+        if self.recorded is not None:
+            found = [Impact(impact.phase % whole, impact.impulse, impact.wall) for impact in self.recorded]
         if schedule.symmetric:
             found += [Impact((impact.phase + schedule.turn) % whole, -impact.impulse, -impact.wall) for impact in found]
         return tuple(sorted(found, key=lambda impact: impact.phase))
 
 
-def confirmed(motion: Motion) -> Orbit | NoOrbit:
+def confirmed(motion: Motion | ShotMotion) -> Orbit | NoOrbit:
     """Return the orbit of a motion if the exact method confirms it, or why it is none."""
+    if isinstance(motion, ShotMotion):
+        return _confirmed_shot(motion)
     matrix, turning = derivative_of(motion)
     reason = objection(motion, turning)
     if reason is None:
@@ -75,8 +96,50 @@ def confirmed(motion: Motion) -> Orbit | NoOrbit:
     return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
 
 
+def _confirmed_shot(motion: ShotMotion) -> Orbit | NoOrbit:
+    trial, solution = trial_of(motion), motion.solution
+    if trial.reason is not None:
+        return NoOrbit(solution.case, solution.schedule, trial.reason, solution.phases)
+    return Orbit(motion, shot_stability(motion), trial.residual, _chatter(motion, trial))
+
+
+def _chatter(motion: ShotMotion, trial: Trial) -> tuple[Impact, ...] | None:
+    """Return the impacts of a trial's run if a wall holds the absorber on it, else None."""
+    assert trial.response is not None
+    impacts = trial.response.impacts
+    if impacts is None or not chatters(motion.solution.case, trial.response):
+        return None
+    phases = trial.start + motion.solution.case.omega * impacts.time
+    return tuple(Impact(float(p), float(i), int(-np.sign(i))) for p, i in zip(phases, impacts.impulse, strict=True))
+
+
+def shot_orbit(case: Case, phase: float, state: ArrayLike, symmetric: bool = False, period_multiple: int = 1) -> Orbit | NoOrbit:
+    """Return the confirmed orbit by shooting from a ``state`` (2 N_m + 2,) at a ``phase`` (rad) where the absorber flies, or why there is none."""
+    found = shoot(case, phase, np.asarray(state, dtype=float), symmetric, period_multiple)
+    return found if isinstance(found, NoOrbit) else confirmed(found)
+
+
+def held_orbit(motion: Motion) -> Orbit | NoOrbit:
+    """Return the orbit next to a motion whose only fault is that friction would hold the absorber for a while; or why the motion is none.
+
+    Between two numbers of reversals lie orbits with a short joined phase: shooting finds them from the motion that leaves it out.
+    """
+    found, case = confirmed(motion), motion.solution.case
+    if isinstance(found, Orbit) or case.friction_limit == 0 or not any(reason in found.reason for reason in HELD):
+        return found
+    schedule, (phase, state) = motion.solution.schedule, motion.mid_flight()
+    held = shot_orbit(case, phase, state, schedule.symmetric, schedule.period_multiple)
+    reason = held.reason if isinstance(held, NoOrbit) else "shooting leads elsewhere"
+    if isinstance(held, Orbit) and np.max(np.abs(held.motion.state_at(phase) - state) / units_of(case)) < NEIGHBOUR:
+        return held
+    return NoOrbit(case, found.schedule, f"{found.reason}; {reason}", found.phases)
+
+
 def mirrored(orbit: Orbit) -> Orbit | NoOrbit:
     """Return the mirror image of an orbit: every sign turned, half a period of the force later. A symmetric orbit is its own."""
+    if isinstance(orbit.motion, ShotMotion):
+        phase, state = orbit.motion.mid_flight()
+        return shot_orbit(orbit.case, phase + np.pi, -state, orbit.schedule.symmetric, orbit.schedule.period_multiple)
     solution, old = orbit.solution, orbit.schedule
     schedule = EventSchedule(tuple(event.mirrored for event in old.events), old.symmetric, old.period_multiple)
     z = unknowns_of(solution)
@@ -96,17 +159,34 @@ def objection(motion: Motion, turning: Array) -> str | None:
     if motion.penetration > 0:
         return f"the absorber passes a wall by {motion.penetration:.3g} m"
     if solution.case.friction_limit > 0 and not consistent(motion):
-        return f"the relative velocity turns {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
-    return "friction would hold the absorber at a reversal" if np.max(turning) > -1 else None
+        return f"{TURNS} {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
+    return WOULD_HOLD if np.max(turning) > -1 else None
 
 
 def orbit_at(case: Case, schedule: EventSchedule, start: ArrayLike, mend: bool = True) -> Orbit | NoOrbit:
     """Return the confirmed orbit near ``start`` (unknowns, or phases in rad), or why there is none.
 
-    ``mend``: with friction the reversals of the schedule may be wrong at the start; they are then those that the motion shows, until both agree.
+    ``mend``: with friction the reversals of the schedule may be wrong at the start; they are then those that the motion shows, until both agree, and
+    where friction would hold the absorber shooting goes on from there. A schedule with joined segments takes phases; it is shooting's from the start.
     """
+    if not schedule.flies:
+        shot = settled_by_shooting(case, schedule, start)
+        return shot if isinstance(shot, NoOrbit) else confirmed(shot)
     found = mended(case, schedule, start) if mend else settled(case, schedule, start)
-    return found if isinstance(found, NoOrbit) else confirmed(found)
+    if isinstance(found, NoOrbit):
+        return found
+    return held_orbit(found) if mend else confirmed(found)
+
+
+def settled_by_shooting(case: Case, schedule: EventSchedule, start: ArrayLike) -> ShotMotion | NoOrbit:
+    """Return the motion with joined phases near the phases ``start`` (n,) in rad of a schedule's events; its events come out anew."""
+    phases, n = np.asarray(start, dtype=float), len(schedule.events)
+    require(
+        phases.shape == (n,) and bool(np.all(np.diff(phases) >= 0)), "start", start, f"{n} rising phases in rad for a schedule with joined segments"
+    )
+    phase, state = section_of(case, schedule, phases)
+    found = shoot(case, phase, state, schedule.symmetric, schedule.period_multiple)
+    return NoOrbit(case, schedule, found.reason, phases) if isinstance(found, NoOrbit) else found
 
 
 def settled(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:

@@ -92,8 +92,9 @@ class EventSchedule:
 
     @property
     def reversals(self) -> int:
-        """Number of friction reversals among the events listed."""
-        return sum(event.regime is Regime.SLIDING and event.wall == 0 for event in self.events)
+        """Number of friction reversals among the events listed; the end of a joined segment is none."""
+        pairs = zip((self.events[-1], *self.events[:-1]), self.events, strict=True)
+        return sum(event.regime is Regime.SLIDING and event.wall == 0 and before.regime is not Regime.JOINED for before, event in pairs)
 
     @property
     def flies(self) -> bool:

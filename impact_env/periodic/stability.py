@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.periodic.monodromy import monodromy
 from impact_env.periodic.motion import Motion
+from impact_env.periodic.shot_motion import ShotMotion
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -22,7 +23,7 @@ class Stability:
 
     Half-period multipliers of a symmetric orbit: +1 is a fold, -1 breaks the symmetry. ``slow``: the places (2,) of the pair whose disturbances
     lie most in the resonant mode and die out as slowly as that mode's own vibration; all others are fast. ``matrix``: the map's
-    derivative, from just after the first event on.
+    derivative, from just after the first event on, or from the section of an orbit found by shooting.
     """
 
     multipliers: Complex
@@ -72,7 +73,13 @@ def derivative_of(motion: Motion) -> tuple[Array, Array]:
     return matrix, turning
 
 
-def stability_of(motion: Motion, matrix: Array) -> Stability:
+def shot_stability(motion: ShotMotion) -> Stability:
+    """Return the stability of a motion found by shooting: its passage has carried the derivative along."""
+    mirror = -1.0 if motion.solution.schedule.symmetric else 1.0
+    return stability_of(motion, mirror * motion.passage.derivative)
+
+
+def stability_of(motion: Motion | ShotMotion, matrix: Array) -> Stability:
     """Return the stability of a motion from its map's derivative."""
     values, vectors = np.linalg.eig(matrix)
     rank = np.argsort(-np.abs(values), kind="stable")
@@ -80,7 +87,7 @@ def stability_of(motion: Motion, matrix: Array) -> Stability:
     return Stability(values, motion.solution.schedule.symmetric, _slow_pair(motion, values, vectors), matrix)
 
 
-def _slow_pair(motion: Motion, values: Complex, vectors: Complex) -> NDArray[np.int64]:
+def _slow_pair(motion: Motion | ShotMotion, values: Complex, vectors: Complex) -> NDArray[np.int64]:
     """Return the places of the pair that lives like the beam's vibration in the mode nearest to the force's frequency.
 
     Its disturbances lie in that mode (share of energy), and decay as the mode alone would over the span. A pair is a complex multiplier and its

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import count, positive, require
+from impact_env.parameters import ParameterError, count, positive, require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.orbit import Orbit, orbit_at
+from impact_env.periodic.orbit import Orbit, orbit_at, shot_orbit
 from impact_env.periodic.schedule import Event, EventSchedule, Regime, flying_schedule
 from impact_env.response import ContactPhases, History, Impacts, Record, Response
 from impact_env.scene import InitialState
@@ -111,19 +111,55 @@ def orbit_of_simulation(
     if multiple == 0:
         return NoOrbit(case, _blank(case), f"the run does not come again within {most_multiple} periods (miss {miss:.1e})", np.zeros(1))
     response = recorded(case, state, here, multiple)
-    if response.impact_count == 0:
+    if response.impact_count == 0 and case.friction_limit == 0:
         return NoOrbit(case, _blank(case), "the run has no impacts", np.zeros(1))
-    schedule, phases = read_schedule(case, response, here, multiple, symmetric)
-    if not schedule.flies:
-        return NoOrbit(case, schedule, "friction or a wall holds the absorber for a while", phases)
-    found = orbit_at(case, schedule, phases)
+    assert response.phases is not None
+    if response.impact_count == 0 or len(response.phases.start) > 0:
+        return _shot_from(case, response, here, symmetric, multiple)
+    try:
+        found = orbit_at(case, *read_schedule(case, response, here, multiple, symmetric))
+        shorter = multiple if isinstance(found, NoOrbit) else _least_multiple(found)
+        found = found if shorter == multiple else orbit_at(case, *read_schedule(case, response, here, shorter, symmetric))
+    except ParameterError:  # reversals between two samples: what was read is no order of events
+        return _shot_from(case, response, here, symmetric, multiple)
+    if isinstance(found, Orbit):
+        return found
+    shot = _shot_from(case, response, here, symmetric, multiple)
+    return shot if isinstance(shot, Orbit) else found
+
+
+def _shot_from(case: Case, response: Response, here: float, symmetric: bool, multiple: int) -> Orbit | NoOrbit:
+    """Return the orbit found by shooting from a sample of a recorded run that began at the phase ``here`` (rad), of the shortest period."""
+    section = flight_of(response)
+    if section is None:
+        return NoOrbit(case, _blank(case), "friction holds the absorber all the time", np.zeros(1))
+    phase, state = here + case.omega * section[0], section[1]
+    found = shot_orbit(case, phase, state, symmetric, multiple)
     shorter = multiple if isinstance(found, NoOrbit) else _least_multiple(found)
-    return found if shorter == multiple else orbit_at(case, *read_schedule(case, response, here, shorter, symmetric))
+    return found if shorter == multiple else shot_orbit(case, phase, state, symmetric, shorter)
+
+
+def flight_of(response: Response) -> tuple[float, Array] | None:
+    """Return time (s) and state (2 N_m + 2,) of the sample next to the middle of a run's longest flight without an event, None if it never flies."""
+    history, impacts, phases = response.history, response.impacts, response.phases
+    assert history is not None
+    assert impacts is not None
+    assert phases is not None
+    relative, time = history.absorber_velocity - history.tip_velocity, history.time
+    turns = time[1:][np.sign(relative[:-1]) != np.sign(relative[1:])]
+    marks = np.unique(np.concatenate([[0.0], impacts.time, phases.start, phases.end, turns, [time[-1]]]))
+    middles, lengths = 0.5 * (marks[1:] + marks[:-1]), np.diff(marks)
+    lengths[[bool(np.any((phases.start <= t) & (t <= phases.end))) for t in middles]] = 0.0
+    if len(lengths) == 0 or np.max(lengths) < 2 * time[1]:
+        return None
+    k = int(np.argmin(np.abs(time - middles[int(np.argmax(lengths))])))
+    displacement, velocity = history.modal_displacement[k], history.modal_velocity[k]
+    return float(time[k]), np.concatenate([displacement, [history.absorber_displacement[k]], velocity, [history.absorber_velocity[k]]])
 
 
 def _least_multiple(orbit: Orbit) -> int:
     """Return the multiple of the force's period after which an orbit really comes again: a slow approach may look like a long period."""
-    whole, start = orbit.schedule.period_multiple, float(orbit.solution.phases[0]) + 1e-3
+    whole, start = orbit.schedule.period_multiple, orbit.motion.mid_flight()[0]
     first = orbit.motion.state_at(start)
     for multiple in range(1, whole):
         miss = np.abs(orbit.motion.state_at(start + 2 * np.pi * multiple) - first)

@@ -20,6 +20,7 @@ from impact_env.scene import InitialState
 
 Array = NDArray[np.float64]
 SAME = 1e-7  # rad and units of impulse: two orbits closer than this are one
+FAINTEST = 1e-5  # units of impulse: bounces below are not compared
 NUDGE = 1e-3  # of gap times omega: a disturbance that a run starts with beside an orbit
 Progress = Callable[[int, int], None]
 
@@ -58,11 +59,16 @@ def different(orbits: Iterable[Orbit]) -> list[Orbit]:
 
 
 def same(one: Orbit, other: Orbit) -> bool:
-    """Return whether two orbits of one case are the same, whatever their schedules are counted from."""
-    a, b = one.impacts, other.impacts
+    """Return whether two orbits of one case are the same, whatever their schedules are counted from.
+
+    The faintest bounces of a chatter do not count. Orbits without impacts are told by their states.
+    """
     unit = one.case.scale.impulse
+    a, b = ([impact for impact in orbit.impacts if abs(impact.impulse) > FAINTEST * unit] for orbit in (one, other))
     if len(a) != len(b) or one.schedule.period_multiple != other.schedule.period_multiple:
         return False
+    if len(a) == 0:
+        return abs(one.motion.tip_max / other.motion.tip_max - 1) < SAME and abs(one.motion.tip_rms / other.motion.tip_rms - 1) < SAME
     whole = 2 * np.pi * one.schedule.period_multiple
     shifts = {2 * np.pi * k for k in range(one.schedule.period_multiple)}
     for shift in shifts:
@@ -77,8 +83,8 @@ def branches_from(found: Iterable[Found], low: float, high: float) -> Iterator[O
     known: list[OrbitBranch] = []
     for group in found:
         for orbit in group.orbits:
-            if any(lies_on(orbit, branch) for branch in known):
-                continue
+            if not orbit.schedule.flies or any(lies_on(orbit, branch) for branch in known):
+                continue  # one with a joined phase lies between two numbers of reversals, on a branch through its neighbours
             try:
                 known.append(orbit_branch(orbit.solution, "omega", (low, high)))
             except NoConvergenceError:

@@ -15,7 +15,7 @@ from impact_env.periodic.folds import Fold, fold_near
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, solution_of, unknowns_of
 from impact_env.periodic.locating import FOLD, Monitor
 from impact_env.periodic.motion import Motion, motion_of
-from impact_env.periodic.orbit import Orbit, confirmed, consistent, is_held, mended
+from impact_env.periodic.orbit import Orbit, consistent, held_orbit, is_held, mended
 from impact_env.periodic.schedule import EventSchedule
 from impact_env.periodic.stability import derivative_of
 
@@ -30,8 +30,8 @@ STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=1000)
 class OrbitBranch:
     """A branch with the schedule of each of its points: ``schedules`` has one for each, ``located_schedules`` one for each place located.
 
-    Points are solutions of the events' conditions; where friction would hold the absorber for a moment they only bridge the way between orbits, and
-    `orbits` says so.
+    Points are solutions of the events' conditions; where friction would hold the absorber for a moment they only bridge the way, and `orbits` has the
+    orbits with a joined phase that shooting finds next to them.
     """
 
     case: Case
@@ -46,7 +46,7 @@ class OrbitBranch:
     def orbits(self) -> Iterator[Orbit | NoOrbit]:
         """Yield each point's orbit, confirmed by the exact method, or why it is none."""
         for k in range(len(self.schedules)):
-            yield confirmed(motion_of(self.solution(k)))
+            yield held_orbit(motion_of(self.solution(k)))
 
     def folds(self) -> tuple[Fold | NoOrbit, ...]:
         """Return the folds located on the branch, finished by Newton's method."""

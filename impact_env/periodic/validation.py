@@ -7,14 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.periodic.case import Case
 from impact_env.periodic.motion import Motion
+from impact_env.periodic.schedule import Regime
+from impact_env.periodic.shot_motion import ShotMotion
 from impact_env.response import Record, Response
 from impact_env.scene import InitialState
 from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
 BAR = 1e-10  # residual of an orbit that counts
+CHATTER_BAR = 3e-10  # the same, of an orbit on which a chatter comes to its end
 EVENT_BAR = 1e-6  # rad: how far an event may lie from where the orbit has it; the residual says the rest
+PHASE_BAR = 1e-5  # rad: the same for a joined phase, whose ends lie as sharply as the root of a distance
+FAINT = 1e-5  # of the largest impulse: bounces below it are not compared one by one, a chatter has as many as rounding lets it have
+JOINS = "friction or a wall holds the absorber for a while"
 
 
 @dataclass(frozen=True)
@@ -23,32 +30,34 @@ class Trial:
 
     Impacts are compared one by one. A reversal that the schedule misses or invents shows in the residual: friction would push the wrong way. The
     residual is the largest difference of the state after a period (mirrored after half of one, for a symmetric orbit): displacements over the gap,
-    velocities over gap times omega.
+    velocities over gap times omega. ``response``: the run, None if it broke down; ``start``: the phase it began at, in rad.
     """
 
     residual: float
     reason: str | None
+    response: Response | None = None
+    start: float = 0.0
 
 
-def propagated(motion: Motion, record: Record) -> tuple[Response, float]:
+def propagated(motion: Motion | ShotMotion, record: Record) -> tuple[Response, float]:
     """Return the exact method's run over the span of the schedule and the phase (rad) it began at: in the middle of the longest flight."""
     start, state = motion.mid_flight()
     return _run(motion, start, state, record), start
 
 
-def map_over(motion: Motion, start: float, state: Array) -> Array:
+def map_over(motion: Motion | ShotMotion, start: float, state: Array) -> Array:
     """Return where the exact method takes a state (2 N_m + 2,) from a phase (rad) over the schedule's span, mirrored if that is half a period."""
     end = _run(motion, start, state, Record(level=False, events=True)).end_state
     return np.asarray(-end if motion.solution.schedule.symmetric else end)
 
 
-def _run(motion: Motion, start: float, state: Array, record: Record) -> Response:
+def _run(motion: Motion | ShotMotion, start: float, state: Array, record: Record) -> Response:
     case, n = motion.solution.case, motion.solution.case.model.modes
     initial = InitialState(state[:n], state[n + 1 : -1], float(state[n]), float(state[-1]))
     return simulate(case.scene, case.drive(motion.solution.schedule.turn / case.omega, start), initial=initial, record=record)
 
 
-def residual_of(motion: Motion, response: Response, start: float) -> float:
+def residual_of(motion: Motion | ShotMotion, response: Response, start: float) -> float:
     """Return the residual of a run that began at a phase ``start`` in rad."""
     case, n = motion.solution.case, motion.solution.case.model.modes
     mirror = -1.0 if motion.solution.schedule.symmetric else 1.0
@@ -63,7 +72,7 @@ def _unlike(motion: Motion, response: Response, start: float) -> str | None:
     assert response.impacts is not None
     assert response.phases is not None
     if len(response.phases.start) > 0:
-        return "friction or a wall holds the absorber for a while"
+        return JOINS
     found = start + case.omega * response.impacts.time
     hits = schedule.order.wall != 0
     if len(found) != schedule.impacts:
@@ -80,14 +89,73 @@ def _unlike(motion: Motion, response: Response, start: float) -> str | None:
     return None
 
 
-def trial_of(motion: Motion) -> Trial:
+def _unlike_shot(motion: ShotMotion, response: Response, start: float) -> str | None:
+    """Return how the events found differ from those of a motion found by shooting, or None."""
+    assert response.impacts is not None
+    assert response.phases is not None
+    case, schedule = motion.solution.case, motion.solution.schedule
+    hits = np.array([event.is_impact for event in schedule.events])
+    impacts = _mirrored(motion, start, motion.solution.phases[hits], motion.solution.impulses[hits])
+    found = np.array([case.omega * response.impacts.time, response.impacts.impulse])
+    faint = FAINT * max((float(np.max(np.abs(rows[1]))) for rows in (impacts, found) if rows.size), default=0.0)
+    for rows, others in ((impacts, found), (found, impacts)):
+        for phase, impulse in rows[:, np.abs(rows[1]) > faint].T:
+            near = np.abs(others[0] - phase) <= EVENT_BAR
+            if not np.any(near):
+                return "impacts at other times"
+            if np.all(np.sign(others[1][near]) != np.sign(impulse)):
+                return "impacts on other walls"
+    held, seen = _held(motion, start), merged(response.phases.start * case.omega, response.phases.end * case.omega)
+    if held.shape != seen.shape:
+        return f"{seen.shape[1]} joined phases instead of {held.shape[1]}"
+    return "joined phases at other times" if seen.size and np.max(np.abs(held - seen)) > PHASE_BAR else None
+
+
+def _held(motion: ShotMotion, start: float) -> Array:
+    """Return when the joined phases of a motion begin and end in the span from a phase ``start`` (rad) on, (2, K) in rad after it."""
+    schedule, phases = motion.solution.schedule, motion.solution.phases
+    joined = np.array([event.regime is Regime.JOINED for event in schedule.events])
+    begins, ends = phases[joined], np.append(phases[1:], phases[0] + schedule.turn)[joined]
+    rounds = np.floor((begins - start) / schedule.turn) * schedule.turn + start
+    return merged(begins - rounds, ends - rounds)
+
+
+def merged(begins: Array, ends: Array) -> Array:
+    """Return intervals (2, K) from their ends, (n,) each: what lies closer than `PHASE_BAR` is one, what is shorter none.
+
+    A wall that holds and friction that holds on the same spot follow each other so.
+    """
+    rows: list[list[float]] = []
+    for begin, end in sorted(zip(begins.tolist(), ends.tolist(), strict=True)):
+        if rows and begin <= rows[-1][1] + PHASE_BAR:
+            rows[-1][1] = max(end, rows[-1][1])
+        else:
+            rows.append([begin, end])
+    return np.array([row for row in rows if row[1] - row[0] > PHASE_BAR]).reshape(-1, 2).T
+
+
+def _mirrored(motion: ShotMotion, start: float, phases: Array, signed: Array) -> Array:
+    """Return phases (n,) in rad after ``start`` within one span, rising, and with them what turns its sign in a mirrored span: (2, n)."""
+    rounds = -np.floor((phases - start) / motion.solution.schedule.turn)
+    mirror = np.where(rounds % 2 == 1, -1.0, 1.0) if motion.solution.schedule.symmetric else 1.0
+    rows = np.array([phases + rounds * motion.solution.schedule.turn - start, signed * mirror])
+    return rows[:, np.argsort(rows[0], kind="stable")]
+
+
+def chatters(case: Case, response: Response) -> bool:
+    """Return whether a wall holds the absorber in a run: a chatter came to its end there."""
+    return response.phases is not None and case.restitution > 0 and bool(np.any(response.phases.kind != 0))
+
+
+def trial_of(motion: Motion | ShotMotion) -> Trial:
     """Return the trial of a motion by the exact method; a run that breaks down is a reason too."""
     try:
         response, start = propagated(motion, Record(level=False, events=True))
     except IntegrationError as error:
         return Trial(float("inf"), str(error))
     residual = residual_of(motion, response, start)
-    reason = _unlike(motion, response, start)
-    if reason is None and not residual <= BAR:
-        reason = f"the exact method comes back with a residual of {residual:.1e}, more than {BAR:g}"
-    return Trial(residual, reason)
+    reason = _unlike_shot(motion, response, start) if isinstance(motion, ShotMotion) else _unlike(motion, response, start)
+    bar = CHATTER_BAR if chatters(motion.solution.case, response) else BAR
+    if reason is None and not residual <= bar:
+        reason = f"the exact method comes back with a residual of {residual:.1e}, more than {bar:g}"
+    return Trial(residual, reason, response, start)

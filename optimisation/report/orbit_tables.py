@@ -53,6 +53,7 @@ def orbit_table(orbits: list[Orbit]) -> str:
         kind = ("symmetric" if schedule.symmetric else "one-sided") + (
             "" if schedule.period_multiple == 1 else f", period {schedule.period_multiple}"
         )
+        kind += "" if schedule.flies else ", held"
         sides = 2 if schedule.symmetric else 1
         rows.append(
             [

@@ -1,8 +1,9 @@
-"""Runs on other machines: chunks of lanes sent to the workers of a Dask scheduler (``distributed``).
+"""Runs on other machines: pieces of work sent to the workers of a Dask scheduler (``distributed``).
 
-A chunk is the same plain data that a thread of this machine would get, and a worker measures it with the same function, so the
-results are the same bit for bit on machines of one kind (docs/method.md says what another processor may change). A worker that dies
-costs time only: the scheduler gives its chunks to another.
+A piece is the same plain data that a thread of this machine would get, and a worker does it with the same function, so the
+results are the same bit for bit on machines of one kind (docs/method.md says what another processor may change). Each piece names the sources that
+it must be done by, and the worker that does it looks at its own: whether it was there from the beginning or came later, no result is of
+other sources. A worker that dies costs time only: the scheduler gives its pieces to another.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ from __future__ import annotations
 import queue
 import time
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
 from contextlib import suppress
 from types import TracebackType
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +22,12 @@ from numpy.typing import NDArray
 from impact_env.ensemble import first_of_each
 from impact_env.extras import optional
 from impact_env.families import kernel_key
-from impact_env.kernels.cache import digest
 from impact_env.methods import Exact
 from impact_env.parameters import ParameterError
+from impact_env.sweep import IntegrationError
+from optimisation.differences import difference
 from optimisation.measures import Chunk, measure
+from optimisation.sources import fingerprint
 
 with optional():
     import distributed
@@ -31,6 +35,10 @@ with optional():
 Array = NDArray[np.float64]
 PATIENCE = 30.0  # s to wait for a scheduler, or for a worker when there is none
 POLL = 2.0  # s between two looks for workers while nothing comes in
+SOURCES = fingerprint("optimisation.measures")  # of what this process has just loaded: its files may be others by the time of a run
+SAME = "the same version of this package and of what it computes with"
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 class ClusterError(ParameterError):
@@ -55,24 +63,31 @@ class Workers:
             self._client.close(timeout=self._patience)
 
     def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
-        """See `optimisation.evaluation.Executor`. The first chunk of each kind is run here, which compiles its kernel before workers need it."""
-        # kernels are compiled for each kind of scene and record: workers that share this machine's cache then find them there
-        first = first_of_each([(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks])
+        """See `optimisation.evaluation.Executor`."""
+        return self.each(measure, chunks, [(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks])
+
+    def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
+        """See `impact_env.ensemble.Executor`. The first item of each kind is done here, which compiles its kernels before workers need them.
+
+        Raises ClusterError if there are no workers, or one of other sources; ParameterError and IntegrationError as the function does.
+        """
+        first = first_of_each(kinds)  # workers that share this machine's cache then find the kernels there
         for k in first:
-            yield k, measure(chunks[k])
-        rest = [k for k in range(len(chunks)) if k not in set(first)]
+            yield k, function(items[k])
+        rest = [k for k in range(len(items)) if k not in set(first)]
         if not rest:
             return
-        self._require_same_sources()
+        self._require_workers()
         call = uuid.uuid4().hex
-        futures = {self._client.submit(measure, chunks[k], key=f"measure-{call}-{k}", priority=-k, pure=False, retries=0): k for k in rest}
+        keys = {k: f"{function.__name__}-{call}-{k}" for k in rest}
+        futures = {self._client.submit(do, SOURCES, function, items[k], key=keys[k], priority=-k, pure=False, retries=0): k for k in rest}
         try:
             yield from self._finished(futures)
         finally:
             with suppress(Exception):
                 self._client.cancel(list(futures), force=True)
 
-    def _finished(self, futures: dict[distributed.Future, int]) -> Iterator[tuple[int, Array]]:
+    def _finished(self, futures: dict[distributed.Future, int]) -> Iterator[tuple[int, Any]]:
         finished: queue.SimpleQueue[distributed.Future] = queue.SimpleQueue()
         for future in futures:
             future.add_done_callback(finished.put)
@@ -89,13 +104,17 @@ class Workers:
             alive_at, left = time.monotonic(), left - 1
             yield futures[future], self._result(future)
 
-    def _result(self, future: distributed.Future) -> Array:
+    def _result(self, future: distributed.Future) -> Any:
         try:
-            return np.asarray(future.result())
+            return future.result()
         except distributed.scheduler.KilledWorker as error:
-            raise ClusterError(self._lost("has lost worker after worker over one chunk")) from error
+            raise ClusterError(self._lost("has lost worker after worker over one piece of work")) from error
         except distributed.client.FutureCancelledError as error:
             raise ClusterError(self._lost("has dropped the runs")) from error
+        except (ParameterError, IntegrationError):
+            raise
+        except Exception as error:  # a worker that does not even know the function or the data
+            raise ClusterError(f"--cluster = {self._address} is not allowed: workers with {SAME}; one could not do its work ({error!r})") from error
 
     def _workers(self) -> dict[str, object]:
         with suppress(OSError, TimeoutError, ValueError):
@@ -105,16 +124,17 @@ class Workers:
     def _lost(self, what: str) -> str:
         return f"--cluster = {self._address}: the scheduler {what}; the study keeps what is finished: start workers and run it again"
 
-    def _require_same_sources(self) -> None:
+    def _require_workers(self) -> None:
         try:
             self._client.wait_for_workers(1, timeout=self._patience)
         except (TimeoutError, distributed.TimeoutError) as error:
             raise ClusterError(f"--cluster = {self._address} is not allowed: a scheduler with one or more workers") from error
-        for worker, theirs in self._client.run(sources).items():
-            if theirs != sources():
-                raise ClusterError(f"worker = {worker} is not allowed: one with the same version of this package ({sources()}), not {theirs}")
 
 
-def sources() -> str:
-    """Return the name that the kernels' sources have in their cache: the same where the kernels are the same."""
-    return digest()
+def do(sources: dict[str, str], function: Callable[[T], R], item: T) -> R:
+    """Return what a function makes of an item, on a worker; raises ClusterError if its sources are others than those wanted."""
+    if sources != SOURCES:
+        raise ClusterError(
+            f"worker = {distributed.get_worker().address} is not allowed: one with {SAME}; its {difference(SOURCES, sources, 'sources')}"
+        )
+    return function(item)

@@ -19,15 +19,17 @@ from optimisation.designs import WITH_IMPACTS
 from optimisation.evaluation import Clocked, Executor, Threads
 from optimisation.problem import Problem
 from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdict
+from optimisation.search.ledger import Ledger, remembering
 from optimisation.search.noisy import MEMBERS_A_DESIGN, NOISY, noisy_search
 from optimisation.search.result import Cost, Findings
 from optimisation.search.samplers import CMA
 from optimisation.search.settings import Settings, default_settings
 from optimisation.search.smooth import MEMBERS, smooth_search
 from optimisation.search.study import DesignStudy, Evaluated, Progress, opened
+from optimisation.sources import fingerprint
 
 SCIPY = "scipy"
-# the default where levels are noisy: of the methods of docs/search_methods.md one that keeps a journal; any of `SAMPLERS` and `NOISY` may stand here
+# the default where levels are noisy: one of the methods of docs/search_methods.md; any of `SAMPLERS` and `NOISY` may stand here
 FOR_NOISE = CMA
 Counting = Callable[[int, int], None]  # takes how many runs are done, and of how many
 
@@ -88,12 +90,11 @@ def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Ex
     StudyError for a journal that is another study's.
     """
     executor, concept = executor or Threads(), problem.space.concept
-    if plan.smooth(concept):
-        return _find_smoothly(problem, plan, executor, bars)
-    if plan.sampler is None and len(problem.objectives) == 1 and len(problem.space.free) > 1:
+    if plan.sampler is None and not plan.smooth(concept) and len(problem.objectives) == 1 and len(problem.space.free) > 1:
         plan = replace(plan, sampler=FOR_NOISE)
-    if plan.noisy:
-        return _find_noisily(problem, plan, executor, bars)
+    if plan.smooth(concept) or plan.noisy:
+        with remembering(executor, _identity(problem, plan), journal) as ledger:
+            return (_find_noisily if plan.noisy else _find_smoothly)(problem, plan, ledger, bars)
     settings = default_settings(problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch)
     with searched(f"{concept}: search", problem, settings, plan.designs, journal, executor, bars) as (study, finished, cost):
         findings = Findings(problem, study.told, finished, cost)
@@ -106,8 +107,14 @@ def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Ex
     return findings
 
 
-def _find_smoothly(problem: Problem, plan: Plan, executor: Executor, bars: Bars) -> Findings:
-    began, runs, clocked = time.perf_counter(), 2 * min(MEMBERS, problem.members) * len(problem.conditions), Clocked(executor)
+def _identity(problem: Problem, plan: Plan) -> dict[str, object]:
+    """Return what a search must be to go on with the runs of an earlier one: of the same question, by the same method and sources."""
+    search = {"sampler": plan.sampler if plan.noisy else SCIPY, "seed": plan.seed, "from_scratch": plan.from_scratch}
+    return {"problem": problem.describe(), "search": search, "sources": fingerprint(__name__)}
+
+
+def _find_smoothly(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:
+    began, runs, clocked = time.perf_counter(), 2 * min(MEMBERS, problem.members) * len(problem.conditions), Clocked(ledger)
     with bars.runs(f"{problem.space.concept}: search") as show:
 
         def count(done: int) -> None:
@@ -115,14 +122,14 @@ def _find_smoothly(problem: Problem, plan: Plan, executor: Executor, bars: Bars)
 
         told, finished = smooth_search(problem, plan.designs, clocked, plan.seed, plan.from_scratch, count)
     seconds = time.perf_counter() - began
-    findings = Findings(problem, told, finished, Cost(len(told), runs * len(told), seconds, 1 - clocked.seconds / seconds))
-    return _judged(findings, [e for e in told if e.score.feasible], plan, executor, bars) if finished else findings
+    findings = Findings(problem, told, finished, Cost(len(told), ledger.runs, seconds, 1 - clocked.seconds / seconds))
+    return _judged(findings, [e for e in told if e.score.feasible], plan, ledger, bars) if finished else findings
 
 
-def _find_noisily(problem: Problem, plan: Plan, executor: Executor, bars: Bars) -> Findings:
+def _find_noisily(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:
     """Search with a model of the noise: a design of the plan counts as one member or a little more, as many as one costs that is screened."""
     assert plan.sampler is not None
-    began, members, clocked = time.perf_counter(), max(2, round(MEMBERS_A_DESIGN * plan.designs)), Clocked(executor)
+    began, members, clocked = time.perf_counter(), max(2, round(MEMBERS_A_DESIGN * plan.designs)), Clocked(ledger)
     runs, done = 2 * len(problem.conditions), 0
     with bars.runs(f"{problem.space.concept}: search") as show:
 
@@ -133,8 +140,8 @@ def _find_noisily(problem: Problem, plan: Plan, executor: Executor, bars: Bars) 
 
         told, finished = noisy_search(problem, plan.sampler, members, clocked, plan.seed, plan.from_scratch, count)
     seconds = time.perf_counter() - began
-    findings = Findings(problem, told, finished, Cost(done, runs * done, seconds, 1 - clocked.seconds / seconds))
-    return _judged(findings, told, plan, executor, bars) if finished else findings
+    findings = Findings(problem, told, finished, Cost(done, ledger.runs, seconds, 1 - clocked.seconds / seconds))
+    return _judged(findings, told, plan, ledger, bars) if finished else findings
 
 
 def _judged(findings: Findings, candidates: Sequence[Evaluated], plan: Plan, executor: Executor, bars: Bars) -> Findings:

@@ -11,7 +11,7 @@ from typing import Any
 
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
-from optimisation.files import held
+from optimisation.files import append, held
 
 with optional():
     from optuna.storages.journal import JournalFileBackend
@@ -34,10 +34,8 @@ class Journal(JournalFileBackend):
         self._path = path
 
     def append_logs(self, logs: list[dict[str, Any]]) -> None:
-        """Write whole lines in one call."""
-        text = "".join(json.dumps(log, separators=(",", ":")) + "\n" for log in logs)
-        with self._path.open("ab", buffering=0) as file:
-            file.write(text.encode())
+        """Write all of these lines or, with OSError, none of them."""
+        append(self._path, b"".join(line_of(log) for log in logs))
 
     def sync(self) -> None:
         """Wait until the disk has everything."""
@@ -45,9 +43,18 @@ class Journal(JournalFileBackend):
             os.fsync(file.fileno())
 
 
+def line_of(entry: dict[str, Any]) -> bytes:
+    """Return an entry as a line of a journal."""
+    return json.dumps(entry, separators=(",", ":")).encode() + b"\n"
+
+
 @contextmanager
 def alone(journal: Path) -> Iterator[None]:
-    """Hold a journal for this process; raises StudyError if another holds it."""
+    """Hold a journal for this process; raises StudyError if another holds it, or if nothing can be written there."""
+    folder = journal.resolve().parent
+    usable = (journal.is_file() and os.access(journal, os.R_OK | os.W_OK)) if journal.exists() else True
+    if not (usable and folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
+        raise StudyError(f"study file = {journal} is not allowed: a file that can be written to, in a folder that exists")
     with held(journal, StudyError(f"study file = {journal} is in use by another process: wait for it, or choose another file")):
         yield
 

@@ -28,8 +28,10 @@ from optimisation.evaluation import Executor, evaluate
 from optimisation.objectives import Score
 from optimisation.problem import Problem
 from optimisation.search.journal import Journal, StudyError, alone, repair
+from optimisation.search.ledger import listed
 from optimisation.search.samplers import CMA, TrialSampler, distributions
 from optimisation.search.settings import Settings
+from optimisation.sources import SEARCHING, fingerprint
 
 with optional():
     import optuna
@@ -39,7 +41,7 @@ with optional():
 
 Array = NDArray[np.float64]
 Json = dict[str, object]
-STUDY_FORMAT = 1
+STUDY_FORMAT = 2
 NAME = "design"
 _IDENTITY, _SCORE = "identity", "score"
 
@@ -166,7 +168,7 @@ class DesignStudy:
 
         try:
             for k, measured in evaluate(problem, [design for _, design in missing], ensemble, rate, executor, count) if len(ensemble) else ():
-                self._study._storage.set_trial_user_attr(missing[k][0]._trial_id, key, _listed(measured))
+                self._study._storage.set_trial_user_attr(missing[k][0]._trial_id, key, listed(measured))
         finally:
             self.evaluating += time.perf_counter() - began
         stored = {trial.number: trial for trial in self._study.get_trials(deepcopy=False)}
@@ -206,13 +208,6 @@ class DesignStudy:
         return Evaluated(trial.number, self.problem.space.decoded({name: trial.params[name] for name in self._space}), score, int(told["rungs"]))
 
 
-def _listed(measured: Array) -> object:
-    """Return an array as nested lists, with None for NaN, which JSON lacks."""
-    values = measured.astype(object)
-    values[np.isnan(measured)] = None
-    return values.tolist()
-
-
 @contextmanager
 def opened(problem: Problem, settings: Settings, journal: Path | None = None) -> Iterator[DesignStudy]:
     """Give the study of a problem: a new one, or the one that ``journal`` holds; None keeps it in memory.
@@ -240,7 +235,8 @@ def opened(problem: Problem, settings: Settings, journal: Path | None = None) ->
 def _study(problem: Problem, settings: Settings, storage: optuna.storages.BaseStorage, journal: Path | None) -> optuna.Study:
     directions = ["maximize" if objective.maximise else "minimize" for objective in problem.objectives]
     names = [summary.study_name for summary in optuna.get_all_study_summaries(storage)]
-    identity = json.loads(json.dumps({"version": STUDY_FORMAT, "problem": problem.describe(), "search": settings.describe()}))
+    made = {"problem": problem.describe(), "search": settings.describe(), "sources": fingerprint(__name__, SEARCHING)}
+    identity = json.loads(json.dumps({"version": STUDY_FORMAT, **made}))
     if names and NAME not in names:
         raise StudyError(f"study file = {journal} is not allowed: it holds {', '.join(map(repr, names))}, and no study of this workbench")
     if not names:

@@ -21,11 +21,13 @@ from impact_env.periodic.isolas import FEWEST, closed_folds, level_places, map_f
 from impact_env.periodic.motion import motion_of
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
+from impact_env.periodic.shooting import shoot
 from impact_env.periodic.stability import derivative_of, stability_of
+from impact_env.periodic.starts import orbit_of_simulation
 from impact_env.periodic.survey import attractors, closed_form_orbits
 from impact_env.periodic.symmetric import closed_form_branches, symmetric_schedule
 from impact_env.periodic.tracing import orbit_branch
-from impact_env.periodic.validation import BAR, map_over
+from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
 from optimisation.report.markdown import markdown
 from optimisation.studies.one_table import table_study
 from optimisation.studies.study import Json, Study
@@ -40,16 +42,16 @@ DIFFERENCE = 2e-7  # of each coordinate's unit, by which a run is disturbed
 
 @dataclass(frozen=True)
 class Line:
-    """One line: what was measured, its bar and its median, both in ``unit``, and all repeats in the order in which they were made."""
+    """One line: what was measured, its bar (None: there is none) and its median, both in ``unit``, and all repeats in the order they were made in."""
 
     what: str
-    bar: float
+    bar: float | None
     median: float
     unit: str
     each: tuple[float, ...]
 
 
-def timed(what: str, bar: float, unit: str, repeats: int, work: Callable[[], object], parts: float = 1.0) -> Line:
+def timed(what: str, bar: float | None, unit: str, repeats: int, work: Callable[[], object], parts: float = 1.0) -> Line:
     """Time ``work``, which does ``parts`` of what is measured; the first call compiles and is not counted."""
     work()
     factor, each = {"s": 1.0, "ms": 1e3, "us": 1e6}[unit] / parts, []
@@ -151,7 +153,31 @@ def fold_line() -> Line:
     return Line(f"folds against the closed form, {len(each)} folds", 1e-9, max(each), "", tuple(each))
 
 
-def multiplier_line(orbits: dict[str, Orbit]) -> Line:
+def held_orbits() -> dict[str, Orbit]:
+    """What runs settle to with a wall that holds the absorber after a complete chatter, and with friction that holds it."""
+    cases = {"chatter": (case_at(3, 0.9, 20.0, 0.1), 300.0), "stuck": (case_at(10, 0.9726, 3.5, 0.7, 0.1), 1000.0)}
+    return {name: orbit for name, (case, settle) in cases.items() if isinstance(orbit := orbit_of_simulation(case, settle), Orbit)}
+
+
+def shooting_line(what: str, orbit: Orbit, repeats: int) -> Line:
+    """Shooting from beside an orbit: each of Newton's steps follows the whole motion event by event."""
+    phase, state = orbit.motion.mid_flight()
+    start, schedule = state * (1 + 1e-5 * np.cos(np.arange(len(state)))), orbit.schedule
+
+    def work() -> None:
+        if isinstance(shoot(orbit.case, phase, start, schedule.symmetric, schedule.period_multiple), NoOrbit):
+            raise click.ClickException(f"shooting failed on {schedule}")
+
+    return timed(what, None, "ms", repeats, work)
+
+
+def held_residual_line(orbits: dict[str, Orbit]) -> Line:
+    """The exact method's residual of the orbits on which something holds the absorber."""
+    each = [orbit.residual for orbit in orbits.values()]
+    return Line(f"largest residual by propagation, {len(each)} orbits by shooting", CHATTER_BAR, max(each), "", tuple(each))
+
+
+def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Line:
     """Multipliers against eigenvalues of the exact method's map, differentiated by runs that are disturbed in each coordinate."""
     each = []
     for orbit in orbits.values():
@@ -166,7 +192,13 @@ def multiplier_line(orbits: dict[str, Orbit]) -> Line:
         for value in values:
             k = int(np.argmin(np.abs(np.array(truth) - value)))
             each.append(float(abs(truth.pop(k) - value) / max(1.0, abs(values[0]))))
-    return Line(f"multipliers against disturbed runs, {len(each)} of {len(orbits)} orbits", 1e-6, max(each), "", tuple(each))
+    return Line(
+        f"multipliers against disturbed runs, {len(each)} of {len(orbits)} orbits{', complete chatter' * (bar > 1e-6)}",
+        bar,
+        max(each),
+        "",
+        tuple(each),
+    )
 
 
 def measure(repeats: int) -> list[Line]:
@@ -177,7 +209,7 @@ def measure(repeats: int) -> list[Line]:
     free = first_orbit(case_at(3, 0.9523, 1.5))
     orbits = {"isola": isola, "many": many, "sided": sided, "losses": losses, "free": free}
     twice = flying_schedule([int(wall) for wall in sided.schedule.order.wall] * 2, False, period_multiple=2)
-    slow = max(repeats // 4, 3)
+    slow, held = max(repeats // 4, 3), held_orbits()
     jobs: list[Callable[[], Line]] = [
         lambda: closed_form_line(3, 0.01, repeats),
         lambda: closed_form_line(10, 0.1, repeats),
@@ -190,9 +222,13 @@ def measure(repeats: int) -> list[Line]:
         lambda: branch_line(f"{BRANCH_POINTS}-point branch with friction, 3 modes", 0.5, isola, (0.9, 1.0), slow),
         lambda: timed("orbit with friction by Newton, 10 modes, 48 reversals", 2.0, "ms", repeats, newton(many.schedule, many)),
         lambda: branch_line(f"{BRANCH_POINTS}-point branch with friction, 10 modes", 5.0, many, (0.967, 0.9712), slow),
+        lambda: shooting_line("orbit with complete chatter by shooting, 3 modes, 26 impacts", held["chatter"], slow),
+        lambda: shooting_line("orbit with a stuck phase by shooting, 10 modes, period 3, 158 reversals", held["stuck"], slow),
         lambda: residual_line(orbits, (0.9, 1.0)),
+        lambda: held_residual_line(held),
         fold_line,
         lambda: multiplier_line(orbits),
+        lambda: multiplier_line({"chatter": held["chatter"]}, 1e-4),
     ]
     return [job() for job in tqdm(jobs, desc="measuring", disable=None, leave=False)]
 
@@ -202,12 +238,14 @@ def number(value: float, unit: str) -> str:
     return f"{value:.1e}" if unit == "" else f"{value:.3g} {unit}"
 
 
+def judged(line: Json) -> tuple[str, str]:
+    """Return a line's bar and whether its median keeps it."""
+    return ("none", "") if line["bar"] is None else (number(line["bar"], line["unit"]), "yes" if line["median"] <= line["bar"] else "no")
+
+
 def table(lines: Sequence[Json]) -> str:
     """Return a line for each median, with its bar."""
-    rows = [
-        [line["what"], number(line["median"], line["unit"]), number(line["bar"], line["unit"]), "yes" if line["median"] <= line["bar"] else "no"]
-        for line in lines
-    ]
+    rows = [[line["what"], number(line["median"], line["unit"]), *judged(line)] for line in lines]
     return markdown(("what", "median", "bar", "reached"), rows)
 
 

@@ -10,7 +10,7 @@ from _design_options import QUICK_MEMBERS, QUICK_SPEED
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_RATE
-from optimisation.evaluation import Threads
+from optimisation.evaluation import Executor
 from optimisation.memory import peak_memory
 from optimisation.studies.findings import parts
 from optimisation.studies.findings.page import PARTS, data_rows, sections
@@ -31,9 +31,9 @@ def place(out: Path) -> Place:
     return beside(out, NAME, out / NAME)
 
 
-def settings(quick: bool, threads: int | None, seed: int, out: Path) -> Settings:
+def settings(quick: bool, executor: Executor, seed: int, out: Path) -> Settings:
     """Return how much to search, with journals by which the same command goes on where it was stopped."""
-    executor, journals, data = Threads(threads), JOURNALS / ("quick" if quick else "full") / str(seed), out / NAME
+    journals, data = JOURNALS / ("quick" if quick else "full") / str(seed), out / NAME
     if quick:
         return Settings(
             executor, journals, QUICK_DESIGNS, QUICK_MEMBERS, QUICK_MEMBERS, QUICK_POINTS, data, QUICK_SPEED * PAPER_RATE, seed, quick=True

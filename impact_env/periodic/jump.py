@@ -1,0 +1,149 @@
+"""The jump of a sweep: the chance of being in the regime of impacts still when the sweep has passed the range in which runs leave it.
+
+Nothing is fitted: rates of leaving are measured at constant frequencies (`residence`), and P = exp(-integral of the rate over the sweep's time).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from impact_env.ensemble import Lane, Progress, each_lane
+from impact_env.parameters import count, positive, require
+from impact_env.periodic.approach import Approach, passage
+from impact_env.periodic.residence import LEVEL, SILENCE, ExitRate, finished, first_silence
+from impact_env.response import Record
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
+
+Array = NDArray[np.float64]
+DRAWS = 4000
+
+
+@dataclass(frozen=True)
+class Hazard:
+    """Integral of the rate of leaving over the frequency, in exits per (pseudo period / percent): the probability of a jump at N is exp(-N value).
+
+    ``low`` and ``high``: its interval from the counting of exits alone. ``first`` and ``last``: the ratios between which it is taken.
+    """
+
+    value: float
+    low: float
+    high: float
+    first: float
+    last: float
+
+    def probability(self, periods_per_percent: float) -> tuple[float, float, float]:
+        """Return the probability of a jump at a slowness, and its interval."""
+        n = positive("periods_per_percent", periods_per_percent)
+        return float(np.exp(-n * self.value)), float(np.exp(-n * self.high)), float(np.exp(-n * self.low))
+
+
+def hazard(ratios: Sequence[float], rates: Sequence[ExitRate], *, level: float = LEVEL, seed: int = 0) -> Hazard:
+    """Return the trapezoidal integral of rates (per pseudo period) measured at frequency ``ratios``, rising or falling.
+
+    The interval is that of the sum of the counts, each drawn from the gamma distribution with its exits plus a half and its exposure. Raises
+    ParameterError unless there are two ratios or more, in order, with as many rates and some time at risk each.
+    """
+    x = np.asarray(ratios, dtype=np.float64)
+    turns = np.diff(x)
+    ordered = len(x) >= 2 and bool(np.all(turns > 0) or np.all(turns < 0))
+    require(ordered, "ratios", ratios, "two frequency ratios or more, rising or falling")
+    require(len(rates) == len(x), "rates", len(rates), f"one for each of the {len(x)} ratios")
+    empty = [float(ratio) for ratio, rate in zip(x, rates, strict=True) if rate.exposure == 0]
+    require(not empty, "rates", empty, "at each ratio at least one run that is in the regime when its stay begins")
+    weights = np.zeros(len(x))
+    weights[:-1] += np.abs(turns) / 2
+    weights[1:] += np.abs(turns) / 2
+    weights *= 100  # percent
+    drawn = np.random.default_rng(count("seed", seed, 0))
+    shapes, exposures = np.array([rate.exits + 0.5 for rate in rates]), np.array([rate.exposure for rate in rates])
+    sums = (drawn.gamma(shapes, size=(DRAWS, len(x))) / exposures) @ weights
+    tail = (1 - level) / 2
+    low, high = np.quantile(sums, [tail, 1 - tail])
+    value = float(weights @ [rate.rate for rate in rates])
+    return Hazard(value, min(float(low), value), max(float(high), value), float(x[0]), float(x[-1]))
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """What became of sweeps: ``present`` in the regime of impacts at the range's first ratio, ``jumped`` out of these, and all ``runs``.
+
+    ``high``: runs whose response level in m lies above a limit, None unless one was asked for.
+    """
+
+    jumped: int
+    present: int
+    runs: int
+    high: int | None = None
+
+    @property
+    def share(self) -> float:
+        """Share of those present that jumped, NaN if none was present."""
+        return self.jumped / self.present if self.present else float("nan")
+
+    def interval(self, level: float = LEVEL) -> tuple[float, float]:
+        """Return Wilson's interval of the share."""
+        if not self.present:
+            return 0.0, 1.0
+        found = scipy.stats.binomtest(self.jumped, self.present).proportion_ci(level, method="wilson")
+        return float(found.low), float(found.high)
+
+
+@dataclass(frozen=True)
+class Range:
+    """Frequencies of a sweep over the reference: it runs from ``start`` to ``stop``; runs leave the regime between ``first`` and ``last``."""
+
+    start: float
+    first: float
+    last: float
+    stop: float
+
+    def __post_init__(self) -> None:
+        row = np.array([self.start, self.first, self.last, self.stop])
+        ok = bool(np.all(np.diff(row) < 0) or np.all(np.diff(row) > 0))
+        require(ok, "range", tuple(row.tolist()), "four ratios, start, first, last and stop, rising or falling")
+
+
+def jumps(
+    scene: Scene,
+    force: float,
+    approach: Approach,
+    over: Range,
+    periods_per_percent: float,
+    phases: Sequence[float],
+    silence: float = SILENCE,
+    high_level: float | None = None,
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Jumps:
+    """Sweep lanes, one for each initial phase (rad), and return how many jumped; interruption and errors as in `residence.stays`.
+
+    A run has jumped if no ``silence`` (pseudo periods without impact, at least) begins before the range's last ratio. It is present if none had begun
+    before the first. ``high_level`` in m: response levels above it are counted too. Raises ParameterError if the sweep is too fast for a silence
+    to show after the last ratio.
+    """
+    tail = abs(over.stop - over.last) * 100 * positive("periods_per_percent", periods_per_percent)
+    require(tail >= silence, "periods_per_percent", periods_per_percent, f"{silence * periods_per_percent / tail:.4g} or more: a silence must show")
+    period = 2 * np.pi / approach.reference
+    begin = approach.lead + approach.ramp
+    first, last = (begin + abs(ratio - over.start) * 100 * periods_per_percent for ratio in (over.first, over.last))
+
+    def measure(lane: Lane) -> tuple[bool, bool, float]:
+        response = simulate(lane.scene, lane.drive, record=Record(events=True))
+        assert response.impacts is not None
+        assert response.level is not None
+        times = response.impacts.time / period
+        present = first_silence(times, first - silence, last + silence, silence).began
+        there = present is None or present > first
+        return there, there and (present is None or present > last), response.level.value
+
+    lanes = [Lane(scene, passage(approach, force, over.start, over.stop, periods_per_percent, phase)) for phase in phases]
+    found = finished(each_lane(lanes, measure, threads=threads, progress=progress))
+    high = None if high_level is None else sum(level > high_level for _, _, level in found)
+    return Jumps(sum(jumped for _, jumped, _ in found), sum(there for there, _, _ in found), len(found), high)

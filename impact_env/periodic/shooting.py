@@ -1,0 +1,154 @@
+"""Shooting: the state at a section is the unknown, and Newton's method asks it to come back after a period, or mirrored after half of one.
+
+It goes where Green's function does not: through phases in which friction or a wall holds the absorber, and through complete chatter. Which events
+there are, and in which order, comes out anew in each of Newton's steps.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.parameters import ParameterError, count, finite, require
+from impact_env.periodic.case import Case
+from impact_env.periodic.green import NoOrbit, Solution
+from impact_env.periodic.passage import Passage, PassageError, passage
+from impact_env.periodic.pieces import flows_of, piece_of
+from impact_env.periodic.saltation import Mechanics
+from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
+from impact_env.periodic.shot_motion import ShotMotion, rotated
+
+Array = NDArray[np.float64]
+STEPS = 30
+HALVINGS = 5
+CLOSE, ENOUGH = 1e-13, 1e-10  # of the scaled miss: where Newton's method ends, and what it may leave where rounding stops it
+NEUTRAL = 1e-10  # of the largest singular value: a direction in which every place is as good, such as the absorber's place of rest
+
+
+def turn_of(symmetric: bool, period_multiple: int) -> float:
+    """Return the phase of the force in rad after which the state must come back."""
+    count("period_multiple", period_multiple, 1)
+    odd = period_multiple % 2 == 1
+    require(odd or not symmetric, "period_multiple", period_multiple, "odd for a symmetric orbit: the force must turn its sign in half of it")
+    return period_multiple * math.pi * (1 if symmetric else 2)
+
+
+def units_of(case: Case) -> Array:
+    """Return the unit of each entry of a state, (2 N_m + 2,): the gap, and gap times the force's frequency."""
+    n = case.model.modes + 1
+    return np.concatenate([np.full(n, case.gap), np.full(n, case.gap * case.omega)])
+
+
+def shoot(case: Case, phase: float, state: Array, symmetric: bool = False, period_multiple: int = 1) -> ShotMotion | NoOrbit:
+    """Return the motion whose state (2 N_m + 2,) at a ``phase`` (rad) is near ``state`` and comes back, or why there is none.
+
+    The absorber flies at the section. Raises ParameterError for a state of another size, or one that is not finite.
+    """
+    size, finite_phase = 2 * case.model.modes + 2, finite("phase", phase)
+    y = np.array(state, dtype=float)
+    require(y.shape == (size,) and bool(np.all(np.isfinite(y))), "state", state, f"{size} finite numbers: modes, absorber, and their velocities")
+    turn, unit, sign = turn_of(symmetric, period_multiple), units_of(case), -1.0 if symmetric else 1.0
+    blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
+    try:
+        found = passage(case, finite_phase, y, turn / case.omega)
+        miss, steps = _miss(found, y, sign, unit), 0
+        for _ in range(STEPS):
+            size_of_miss = float(np.max(np.abs(miss)))
+            if size_of_miss <= CLOSE:
+                break
+            matrix = np.eye(size) - sign * found.derivative * unit / unit[:, None]
+            step: Array = np.asarray(np.linalg.lstsq(matrix, miss, rcond=NEUTRAL)[0], dtype=np.float64)
+            better = _damped(case, found, y, step, unit, sign, size_of_miss)
+            if better is None:
+                break
+            found, y, miss = better
+            steps += 1
+        miss_left = float(np.max(np.abs(miss)))
+    except (PassageError, np.linalg.LinAlgError) as error:
+        return NoOrbit(case, blank, str(error), np.array([finite_phase]))
+    if not miss_left <= ENOUGH:
+        return NoOrbit(case, blank, f"shooting did not converge (residual {miss_left:.1e} after {steps} steps)", np.array([finite_phase]))
+    return shot(case, found, symmetric, period_multiple, miss_left, steps)
+
+
+def _miss(found: Passage, y: Array, sign: float, unit: Array) -> Array:
+    return np.asarray((sign * found.end - y) / unit)
+
+
+def _damped(case: Case, last: Passage, y: Array, step: Array, unit: Array, sign: float, size: float) -> tuple[Passage, Array, Array] | None:
+    """Return the passage, state and miss after as much of Newton's step as makes the miss smaller than ``size``, or None."""
+    share = 1.0
+    for _ in range(HALVINGS):
+        new = y + share * unit * step
+        try:
+            found = passage(case, last.phase, new, last.span)
+        except PassageError:
+            share /= 2
+            continue
+        miss = _miss(found, new, sign, unit)
+        if np.max(np.abs(miss)) < size:
+            return found, new, miss
+        share /= 3
+    return None
+
+
+def shot(case: Case, found: Passage, symmetric: bool, period_multiple: int, error: float, steps: int) -> ShotMotion | NoOrbit:
+    """Return the motion of a passage that comes back, or why its events are no orbit's."""
+    turn, whole = turn_of(symmetric, period_multiple), 2 * np.pi * period_multiple
+    blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
+    if not found.happenings:
+        return NoOrbit(case, blank, "absorber and beam do not touch", np.array([found.phase]))
+    phases = found.phase + case.omega * np.array([happening.time for happening in found.happenings])
+    impulses = np.array([happening.impulse for happening in found.happenings])
+    events, phases, impulses = rotated([happening.event for happening in found.happenings], phases, impulses, turn, symmetric)
+    try:
+        schedule = EventSchedule(events, symmetric, period_multiple)
+    except ParameterError as reason:
+        return NoOrbit(case, blank, f"the events do not come again: {reason}", phases)
+    solution = Solution(case, schedule, phases - whole * np.floor(phases[0] / whole), impulses, 0.0, error, steps)
+    return ShotMotion(solution, found)
+
+
+def section_of(case: Case, schedule: EventSchedule, phases: Array) -> tuple[float, Array]:
+    """Return phase (rad) and state (2 N_m + 2,) in the middle of the longest flight of a schedule whose events are at ``phases`` (n,).
+
+    With the events' times given all jumps and flights are affine, so the state that comes back follows in the least squares, together with the
+    walls' places at the impacts. Raises ParameterError if the absorber never flies.
+    """
+    n, turn = len(schedule.events), schedule.turn
+    ends = np.append(phases[1:], phases[0] + turn)
+    lengths = np.where([event.regime is Regime.JOINED for event in schedule.events], 0.0, ends - phases)
+    require(bool(np.max(lengths) > 0), "schedule", str(schedule), "one with a flight in it")
+    k, mechanics = int(np.argmax(lengths)), Mechanics(case)
+    start = float(0.5 * (phases[k] + ends[k]))
+    sign = -1.0 if schedule.symmetric else 1.0
+    size = 2 * case.model.modes + 2
+    matrix, rest, here, unit = np.eye(size), np.zeros(size), start, units_of(case)
+    rows, levels = [], []
+    following = [(j, 1.0) for j in range(k + 1, n)] + [(j, sign) for j in range(k + 1)]
+    event, side = schedule.events[k], 1.0
+    for j, mirror in [*following, (-1, 1.0)]:
+        there = start + turn if j < 0 else float(phases[j]) + (turn if j <= k else 0.0)
+        matrix, rest = _flown(case, event.regime is Regime.JOINED, int(side * event.sign), here, there, matrix, rest)
+        if j < 0:
+            break
+        event, side, here = schedule.events[j], mirror, there
+        joins = event.regime is Regime.JOINED
+        if event.is_impact:
+            rows.append(mechanics.distance @ matrix)
+            levels.append(mirror * event.wall * case.gap - mechanics.distance @ rest)
+        if event.is_impact or joins:
+            jump = np.eye(size) - (1 + (0.0 if joins else case.restitution)) / case.structure.compliance * np.outer(mechanics.push, mechanics.speed)
+            matrix, rest = jump @ matrix, jump @ rest
+    back = (sign * matrix - np.eye(size)) / unit[:, None]
+    left = np.vstack([back, *(np.array([row]) / case.gap for row in rows)]) * unit
+    right = np.concatenate([-sign * rest / unit, np.array(levels) / case.gap])
+    return start, unit * np.linalg.lstsq(left, right, rcond=NEUTRAL)[0]
+
+
+def _flown(case: Case, joined: bool, sign: int, here: float, there: float, matrix: Array, rest: Array) -> tuple[Array, Array]:
+    """Return the affine map (matrix, rest) after a flight from one phase (rad) to another."""
+    flow, dt = flows_of(case)[joined], (there - here) / case.omega
+    return flow.derivative(dt) @ matrix, piece_of(flow, 0.0, here, rest, sign).state(dt)

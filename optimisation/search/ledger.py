@@ -1,0 +1,116 @@
+"""Runs that a search has made, kept in a file: a search that is repeatable goes on by asking for them again.
+
+Searches by SciPy and by a model of the noise follow from their seed and from what the runs have told them. Begun anew, they ask for
+the same runs in the same order, and those that the file holds are not made again. A run is known by all that goes into it, so that a search
+which takes another way finds nothing, and only runs more.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimisation.differences import difference
+from optimisation.evaluation import Executor
+from optimisation.files import append
+from optimisation.measures import Chunk
+from optimisation.search.journal import StudyError, alone, line_of, repair
+
+Array = NDArray[np.float64]
+LEDGER_FORMAT = 1
+_HEAD, _RUNS, _MEASURES = "ledger", "runs", "measures"
+
+
+@dataclass(eq=False)
+class Ledger:
+    """An executor that makes only the runs that ``known`` lacks, and keeps them, also in the file ``path`` unless it is None.
+
+    ``runs`` counts the lanes that were made.
+    """
+
+    executor: Executor
+    path: Path | None = None
+    known: dict[str, Array] = field(default_factory=dict)
+    runs: int = 0
+
+    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
+        """See `optimisation.evaluation.Executor`; raises OSError if the file cannot take more, which it then holds as it was."""
+        same: dict[str, list[int]] = {}
+        for k, chunk in enumerate(chunks):
+            same.setdefault(key_of(chunk), []).append(k)
+        new = [key for key in same if key not in self.known]
+        for i, values in self.executor.run([chunks[same[key][0]] for key in new]) if new else ():
+            self.runs += len(values)
+            self.known[new[i]] = values
+            if self.path is not None:
+                append(self.path, line_of({_RUNS: new[i], _MEASURES: listed(values)}))
+            yield from ((k, values) for k in same.pop(new[i]))
+        for key, numbers in same.items():  # those that were known
+            yield from ((k, self.known[key]) for k in numbers)
+
+
+def listed(measured: Array) -> object:
+    """Return an array as nested lists, with None for NaN, which JSON lacks."""
+    values = measured.astype(object)
+    values[np.isnan(measured)] = None
+    return values.tolist()
+
+
+def key_of(chunk: Chunk) -> str:
+    """Return what is the same for the same runs with the same measures, in any process, and else differs."""
+    known = hashlib.sha256()
+    _fold(chunk, known)
+    return known.hexdigest()[:24]
+
+
+def _fold(value: object, known: hashlib._Hash) -> None:
+    if is_dataclass(value):
+        known.update(type(value).__name__.encode() + b"(")
+        for part in fields(value):
+            _fold(getattr(value, part.name), known)
+    elif isinstance(value, np.ndarray):
+        known.update(f"{value.dtype}{value.shape}".encode() + np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, Mapping):
+        _fold(sorted(value.items()), known)
+    elif isinstance(value, tuple | list):
+        known.update(f"[{len(value)}".encode())
+        for part in value:
+            _fold(part, known)
+    else:
+        known.update(repr(value).encode() + b";")
+
+
+@contextmanager
+def remembering(executor: Executor, identity: dict[str, object], journal: Path | None) -> Iterator[Ledger]:
+    """Give an executor that goes on with the runs that a file holds; None keeps them in memory.
+
+    The file belongs to this process until the end; a last line that a killed process left half-written is taken out of it. Raises
+    StudyError if the file cannot be used, is damaged, or is of another identity.
+    """
+    if journal is None:
+        yield Ledger(executor)
+        return
+    head = json.loads(json.dumps({_HEAD: {"format": LEDGER_FORMAT, **identity}}))
+    with alone(journal):
+        repair(journal)
+        lines = [json.loads(line) for line in journal.read_bytes().splitlines()]
+        if not lines:
+            append(journal, line_of(head))
+        elif _HEAD not in lines[0]:
+            raise StudyError(f"study file = {journal} is not allowed: it is the journal of another method; choose another file")
+        elif lines[0] != head:
+            raise StudyError(
+                f"study file = {journal} is not allowed: it is another study: {difference(lines[0][_HEAD], head[_HEAD])}; choose another file"
+            )
+        try:
+            known = {str(line[_RUNS]): np.array(line[_MEASURES], dtype=float) for line in lines[1:]}
+        except (KeyError, TypeError, ValueError) as error:
+            raise StudyError(f"study file = {journal} is not allowed: a line is not one of this workbench ({error!r})") from error
+        yield Ledger(executor, journal, known)

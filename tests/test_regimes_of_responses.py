@@ -1,0 +1,267 @@
+"""Kinds of response, stays in the regime of impacts, and the jump: constructed motions, known samples, runs, and a strip besides the beam."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from impact_env import Beam, ParameterError, beam_scene, impact_absorber
+from impact_env.ensemble import Lane, each_lane
+from impact_env.periodic.approach import Approach, hold, passage
+from impact_env.periodic.case import case_of
+from impact_env.periodic.classify import Criteria, Kind, Window, classify, longest_pause, modulation_depth
+from impact_env.periodic.envelope import envelope, shares, stationary_members
+from impact_env.periodic.jump import Range, hazard, jumps
+from impact_env.periodic.residence import ExitRate, Stays, exit_rate, first_silence, stay_of, stays, survival
+from impact_env.periodic.survey import closed_form_orbits
+from optimisation.studies.regimes.cases import strip_scene
+
+PERIODS = 60
+
+
+def window(multiple: int | None, impacts: np.ndarray, wobble: float = 0.0) -> Window:
+    """Return a window whose states come again after ``multiple`` periods, or never."""
+    n = np.arange(PERIODS + 1)
+    angle = 2 * np.pi * n / multiple if multiple else n * np.sqrt(5.0)
+    states = np.column_stack([np.cos(angle), np.sin(angle), np.full(len(n), 0.3)]) * 1e-3
+    return Window(states, impacts, 1e-3 * (1 + wobble * np.sin(0.37 * n[:-1])))
+
+
+TWO_A_PERIOD = np.arange(0.25, PERIODS, 0.5)
+WITH_PAUSES = TWO_A_PERIOD[TWO_A_PERIOD % 10 < 6]
+
+
+@pytest.mark.parametrize(
+    ("given", "kind", "multiple"),
+    [
+        (window(1, np.zeros(0)), Kind.LINEAR, 1),
+        (window(None, np.zeros(0)), Kind.LINEAR, None),
+        (window(1, TWO_A_PERIOD), Kind.PERIODIC, 1),
+        (window(3, TWO_A_PERIOD), Kind.PERIODIC, 3),
+        (window(3, WITH_PAUSES, 0.8), Kind.PERIODIC, 3),
+        (window(None, TWO_A_PERIOD, 0.1), Kind.SUSTAINED, None),
+        (window(None, TWO_A_PERIOD, 0.8), Kind.SUSTAINED, None),
+        (window(None, WITH_PAUSES, 0.1), Kind.SUSTAINED, None),
+        (window(None, WITH_PAUSES, 0.8), Kind.MODULATED, None),
+    ],
+)
+def test_kinds_of_constructed_responses(given: Window, kind: Kind, multiple: int | None) -> None:
+    found = classify(given)
+    assert (found.kind, found.multiple) == (kind, multiple)
+    assert found.impacts_per_period == len(given.impacts) / PERIODS
+
+
+def test_period_is_found_within_its_tolerance_and_up_to_the_largest_multiple() -> None:
+    exact = window(13, TWO_A_PERIOD)
+    assert classify(exact).kind is Kind.SUSTAINED
+    assert classify(exact, Criteria(most_multiple=13)).multiple == 13
+    noise = np.random.default_rng(0).uniform(-1, 1, exact.states.shape) * 1e-3 * 2e-4
+    blurred = Window(window(2, TWO_A_PERIOD).states + noise, TWO_A_PERIOD, exact.peaks)
+    assert classify(blurred).multiple is None
+    assert classify(blurred, Criteria(tolerance=1e-3)).multiple == 2
+
+
+def test_depth_and_pause() -> None:
+    assert modulation_depth(np.array([1.0, 3.0])) == 0.5
+    assert modulation_depth(np.zeros(4)) == 0.0
+    assert longest_pause(np.array([0.5, 2.0, 4.5]), 5) == 2.5
+    assert longest_pause(np.zeros(0), 5) == 5.0
+
+
+def members_at(modes: int, ratio: float, force: float, **absorber: float) -> list:
+    scene = beam_scene(Beam(modes=modes), impact_absorber(**absorber))
+    return stationary_members(scene, force, Approach(scene.model.resonance_omega(1)), ratio, 500, 150, [0.0, 1.0, 2.5])
+
+
+def test_runs_of_each_kind() -> None:
+    linear = members_at(2, 0.9, 0.5, friction_limit=0.025)
+    assert shares(linear)[Kind.LINEAR] == 1
+    assert all(member.found.depth < 1e-9 for member in linear)
+    modulated = members_at(1, 1.0, 1.7)  # the paper's strongly modulated response
+    assert shares(modulated)[Kind.MODULATED] == 1
+    assert all(1.7 < member.found.impacts_per_period < 2.5 and member.energies.absorber_most > 0.9 for member in modulated)
+    periodic = members_at(10, 0.9625, 3.5, restitution=0.7, friction_limit=0.1)
+    assert all((member.found.kind, member.found.multiple, member.found.impacts_per_period) == (Kind.PERIODIC, 1, 2.0) for member in periodic)
+    for member in periodic:
+        energies = member.energies
+        assert energies.modal + energies.impact + energies.friction + energies.damper == pytest.approx(1)
+        assert energies.impact > 0.1
+        assert energies.friction > 0.1
+    chaotic = members_at(10, 1.0, 3.5, restitution=0.7, friction_limit=0.1)
+    assert shares(chaotic)[Kind.SUSTAINED] == 1
+    assert np.all(np.diff(envelope(chaotic)) > 0)
+
+
+def test_periodic_response_is_the_exact_orbit() -> None:
+    scene = beam_scene(Beam(modes=1), impact_absorber(restitution=0.75))
+    omega = scene.model.resonance_omega(1)
+    runs = stationary_members(scene, 1.5, Approach(omega, 1.0, 200.0, 3000.0), 0.9, 1500, 100, [0.0, 1.0, 2.0, 3.0])
+    orbits = closed_form_orbits(case_of(scene, 1.5, 0.9 * omega)).orbits
+    stable = [orbit for orbit in orbits if orbit.stability.stable]
+    periodic = [member for member in runs if member.found.kind is Kind.PERIODIC]
+    assert len(stable) == 1
+    assert periodic
+    for member in periodic:
+        assert member.found.multiple == 1
+        assert member.found.impacts_per_period == 2
+        assert np.max(member.peaks) == pytest.approx(stable[0].motion.tip_max, rel=0.01)  # 32 samples a period: cos(pi/32) is 0.995
+
+
+def test_silences() -> None:
+    impacts = np.array([1.0, 2.0, 3.0, 10.0, 11.0])
+    assert first_silence(impacts, 0, 12, 8).began is None
+    found = first_silence(impacts, 0, 12, 5)
+    assert (found.began, found.returned) == (3.0, True)
+    found = first_silence(impacts, 0, 20, 8)
+    assert (found.began, found.returned) == (11.0, False)
+    assert first_silence(np.zeros(0), 2.0, 20, 8).began == 2.0
+
+
+def test_stay_ends_is_censored_or_never_began() -> None:
+    steady = np.arange(0.0, 100.0, 1.0)
+    assert stay_of(steady, 20, 100, 10) == (70.0, False, False, 1.0)
+    assert stay_of(steady[steady <= 50], 20, 100, 10) == (30.0, True, False, 1.0)
+    assert stay_of(steady[steady <= 95], 20, 100, 10) == (70.0, False, False, 1.0)
+    assert stay_of(steady[steady <= 19], 20, 100, 10) is None
+    assert stay_of(steady[(steady <= 50) | (steady > 80)], 20, 100, 10) == (30.0, True, True, 1.0)
+
+
+def sample(rate: float, most: float, n: int) -> Stays:
+    times = np.random.default_rng(3).exponential(1 / rate, n)
+    return Stays(np.minimum(times, most), times < most)
+
+
+def test_rate_of_a_known_sample() -> None:
+    observed = sample(2e-3, 400.0, 20000)
+    found = exit_rate(observed)
+    count = int(np.sum(observed.ended))
+    assert found.rate == count / np.sum(observed.durations)
+    # the same interval by chi-square quantiles, and the same estimate by maximising the likelihood of a library's censored fit
+    assert found.low == pytest.approx(scipy.stats.chi2.ppf(0.025, 2 * count) / 2 / found.exposure)
+    assert found.high == pytest.approx(scipy.stats.chi2.ppf(0.975, 2 * count + 2) / 2 / found.exposure)
+    data = scipy.stats.CensoredData.right_censored(observed.durations, ~observed.ended)
+    assert 1 / scipy.stats.expon.fit(data, floc=0)[1] == pytest.approx(found.rate, rel=1e-3)
+    assert found.low < 2e-3 < found.high
+    assert exit_rate(observed, burn_in=100.0).rate == pytest.approx(2e-3, rel=0.04)
+    times, share = survival(observed)
+    ended = times < 399
+    np.testing.assert_allclose(share[ended], np.exp(-2e-3 * times[ended]), atol=0.015)
+
+
+def test_interval_covers_as_often_as_it_says() -> None:
+    drawn, hits = np.random.default_rng(1), 0
+    for _ in range(400):
+        times = drawn.exponential(500.0, 40)
+        found = exit_rate(Stays(np.minimum(times, 600.0), times < 600.0))
+        hits += found.low < 1 / 500 < found.high
+    assert hits >= 0.93 * 400
+
+
+def test_rate_without_exits_and_without_time() -> None:
+    found = exit_rate(Stays(np.full(10, 50.0), np.zeros(10, dtype=bool)))
+    assert (found.exits, found.rate, found.low) == (0, 0.0, 0.0)
+    assert found.high == pytest.approx(-np.log(0.025) / 500)
+    assert np.isnan(exit_rate(Stays(np.full(3, 5.0), np.ones(3, dtype=bool)), burn_in=10).rate)
+
+
+def rates_of(exits: list[int]) -> list[ExitRate]:
+    return [exit_rate(Stays(np.full(1000, 10.0), np.arange(1000) < n)) for n in exits]
+
+
+def test_integral_of_the_rate() -> None:
+    found = hazard([0.98, 0.97, 0.95], rates_of([0, 40, 0]))
+    # a triangle of height 40/10,000 over 3 %
+    assert found.value == pytest.approx(0.5 * 0.004 * 3)
+    assert found.low < found.value < found.high
+    value, low, high = found.probability(100.0)
+    assert value == pytest.approx(np.exp(-0.6))
+    assert low < value < high
+    turned = hazard([0.95, 0.97, 0.98], rates_of([0, 40, 0]))
+    assert turned.value == pytest.approx(found.value)
+
+
+def paper() -> tuple:
+    scene = beam_scene(Beam(modes=2), impact_absorber(friction_limit=0.025))
+    return scene, Approach(scene.model.resonance_omega(1), 1.0)
+
+
+def test_jump_is_predicted_without_a_fit() -> None:
+    scene, approach = paper()
+    phases = np.linspace(0, 2 * np.pi, 60, endpoint=False).tolist()
+    ratios = np.linspace(0.984, 0.956, 8).tolist()
+    rates = [exit_rate(stays(scene, 1.5, approach, ratio, 2000, phases), 100) for ratio in ratios]
+    told = hazard(ratios, rates)
+    assert 700 < 1 / told.value < 1400
+    for slowness in (100.0, 1450.0):
+        found = jumps(scene, 1.5, approach, Range(1.0, 0.984, 0.956, 0.92), slowness, phases, high_level=0.75e-3)
+        low, high = found.interval(0.999)
+        assert low < told.probability(slowness)[0] < high
+        assert found.high is not None
+        assert abs(found.high - found.jumped) <= 4
+    assert found.share < 0.5
+
+
+def test_strip_loses_its_impacts_too() -> None:
+    scene = strip_scene()
+    approach = Approach(scene.model.resonance_omega(1), 1.0)
+    phases = np.linspace(0, 6, 24).tolist()
+    slow, none = (exit_rate(stays(scene, 0.75, approach, ratio, 2000, phases), 100) for ratio in (0.98, 1.0))
+    assert slow.exits >= 10
+    assert none.rate < slow.low
+
+
+def test_result_does_not_depend_on_the_number_of_threads() -> None:
+    scene, approach = paper()
+    one, two = (stays(scene, 1.5, approach, 0.97, 600, [0.0, 1.0, 2.0, 3.0, 4.0], threads=n) for n in (1, 3))
+    np.testing.assert_array_equal(one.durations, two.durations)
+    np.testing.assert_array_equal(one.ended, two.ended)
+
+
+def test_interrupt_leaves_none_in_lanes_that_were_not_run() -> None:
+    scene, approach = paper()
+    done = []
+
+    def measure(lane: Lane) -> int:
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(lane)
+        return len(done)
+
+    lanes = [Lane(scene, hold(approach, 1.5, 0.97, 10, phase)) for phase in range(5)]
+    assert each_lane(lanes, measure, threads=1)[:2] == [1, 2]
+    assert each_lane(lanes, measure, threads=1)[0] is None
+
+
+def test_approach_and_passage_go_where_they_should() -> None:
+    approach = Approach(2 * np.pi, 1.0, 200.0, 50.0)
+    drive = passage(approach, 1.0, 0.99, 0.95, 100.0)
+    np.testing.assert_allclose(drive.schedule.times, [0, 200, 250, 300, 700])
+    np.testing.assert_allclose(drive.schedule.omegas / (2 * np.pi), [1.0, 1.0, 0.99, 0.99, 0.95])
+    at_once = hold(Approach(2 * np.pi), 1.0, 0.97, 30.0)
+    np.testing.assert_allclose(at_once.schedule.times, [0, 30])
+    assert set(at_once.schedule.omegas / (2 * np.pi)) == {0.97}
+
+
+@pytest.mark.parametrize(
+    ("act", "words"),
+    [
+        (lambda: Criteria(tolerance=0.0), "tolerance = 0.0 is not allowed"),
+        (lambda: Criteria(depth=1.5), "depth = 1.5 is not allowed"),
+        (lambda: Window(np.zeros((3, 2)), np.zeros(0), np.ones(3)), "states = .* is not allowed: 4 rows"),
+        (lambda: Stays(np.array([-1.0]), np.array([True])), "durations = .* is not allowed"),
+        (lambda: exit_rate(sample(1e-3, 10, 5), burn_in=-1), "burn_in = -1 is not allowed"),
+        (lambda: exit_rate(sample(1e-3, 10, 5), level=1.0), "level = 1.0 is not allowed"),
+        (lambda: hazard([0.97], rates_of([1])), "ratios = .* is not allowed: two"),
+        (lambda: hazard([0.97, 0.98, 0.96], rates_of([1, 1, 1])), "rising or falling"),
+        (lambda: hazard([0.97, 0.98], rates_of([1])), "rates = 1 is not allowed"),
+        (lambda: hazard([0.97, 0.98], [rates_of([1])[0], ExitRate(0, 0.0, np.nan, np.nan, np.nan)]), r"rates = \[0.98\]"),
+        (lambda: Range(1.0, 0.98, 0.99, 0.9), "range = .* is not allowed"),
+        (lambda: stays(*paper()[:1], 1.5, paper()[1], 0.97, 50.0, [0.0]), "silence = 100.0 is not allowed: above 0 and below the 50.0"),
+        (lambda: jumps(paper()[0], 1.5, paper()[1], Range(1, 0.98, 0.96, 0.95), 10.0, [0.0]), "periods_per_percent = 10.0 is not allowed: 100 or"),
+        (lambda: Approach(250.0, periods=0.0), "approach periods = 0.0 is not allowed"),
+    ],
+)
+def test_bad_input(act, words: str) -> None:
+    with pytest.raises(ParameterError, match=words):
+        act()

@@ -1,0 +1,292 @@
+"""Shooting: against Green's function, an independent stick-slip solution, disturbed runs of the exact method, and on cases of all kinds."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from periodic_truth import matched
+from stick_slip import Damper
+
+from impact_env import Beam, ModalModel, ParameterError, Record, modal_model
+from impact_env.periodic.case import Case
+from impact_env.periodic.continuation import Steps
+from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, shot_orbit
+from impact_env.periodic.passage import passage
+from impact_env.periodic.schedule import Event, EventSchedule, Regime
+from impact_env.periodic.shooting import shoot
+from impact_env.periodic.shot_branches import shot_branch
+from impact_env.periodic.shot_motion import ShotMotion
+from impact_env.periodic.starts import initial_of, orbit_of_simulation, read_schedule, recorded
+from impact_env.periodic.survey import closed_form_orbits, crossings, same
+from impact_env.periodic.tracing import orbit_branch
+from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over, propagated
+
+
+@cache
+def model_of(modes: int) -> ModalModel:
+    return modal_model(Beam(modes=modes))
+
+
+def paper_case(modes: int, ratio: float, force: float, restitution: float, friction: float = 0.0, gap: float = 1e-3) -> Case:
+    model = model_of(modes)
+    return Case(model, ratio * float(model.omega[0]), force, gap, restitution, friction)
+
+
+def other_model() -> ModalModel:
+    """Not the paper's beam; its last mode is overdamped."""
+    return ModalModel([31.0, 95.0, 210.0], [0.02, 0.01, 1.3], [0.8, 0.4, 0.2], [1.1, -0.7, 0.5], 1.4)
+
+
+@cache
+def settled(case_name: str) -> Orbit:
+    cases = {
+        "chatter": paper_case(3, 0.9, 20.0, 0.1),
+        "chatter with friction": paper_case(1, 0.9, 20.0, 0.3, 0.05),
+        "without rebound": paper_case(3, 0.9, 8.0, 0.0, 0.05),
+        "another structure": Case(other_model(), 33.0, 6.0, 1e-3, 0.2, 0.02, 0.05),
+        "friction damper": damper_case(),
+    }
+    found = orbit_of_simulation(cases[case_name], settle=300)
+    assert isinstance(found, Orbit), found.reason
+    return found
+
+
+def damper_case() -> Case:
+    """One mode; the walls are out of reach."""
+    return Case(model_of(1), 1.02 * float(model_of(1).omega[0]), 2.0, 5e-3, 0.7, 0.3)
+
+
+HELD = ["chatter", "chatter with friction", "without rebound", "another structure"]
+
+
+# --- against other solutions -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        paper_case(3, 0.9523, 1.5, 1.0),
+        paper_case(3, 0.9523, 1.5, 1.0, 0.01),
+        paper_case(1, 0.93, 1.5, 0.75),
+        paper_case(10, 0.97, 3.5, 0.7, 0.1),
+        Case(other_model(), 33.0, 1.0, 3e-3, 0.6, 0.02, 0.05),
+    ],
+)
+def test_closed_form_greens_function_and_shooting_agree(case: Case) -> None:
+    for orbit in closed_form_orbits(case).orbits:
+        phase, state = orbit.motion.mid_flight()
+        start = state * (1 + 1e-4 * np.cos(np.arange(len(state))))
+        again = shot_orbit(case, phase, start, orbit.schedule.symmetric, orbit.schedule.period_multiple)
+        assert isinstance(again, Orbit)
+        assert np.max(np.abs(again.motion.state_at(phase) - state)[: len(state) // 2]) < 1e-10 * case.gap
+        assert [i.phase for i in again.impacts] == pytest.approx([i.phase for i in orbit.impacts], abs=1e-10)
+        assert [i.impulse for i in again.impacts] == pytest.approx([i.impulse for i in orbit.impacts], rel=1e-10)
+        assert again.motion.tip_max == pytest.approx(orbit.motion.tip_max, rel=1e-10)
+        assert again.motion.tip_rms == pytest.approx(orbit.motion.tip_rms, rel=1e-10)
+        assert again.schedule.reversals == orbit.schedule.reversals
+        assert matched(again.stability.multipliers, orbit.stability.multipliers) < 1e-10 * max(1.0, abs(orbit.stability.multipliers[0]))
+
+
+def test_stick_and_slip_of_a_friction_damper() -> None:
+    orbit, case = settled("friction damper"), damper_case()
+    model = case.model
+    truth = Damper(
+        float(model.omega[0]), float(model.damping_ratio[0]), float(model.force_shape[0]), float(model.tip_shape[0]), case.structure.mass, case.force,
+        case.omega, case.friction_limit,
+    )  # fmt: skip
+    events, begin, tip = truth.settled(400)
+    assert orbit.impacts == ()
+    assert orbit.schedule.symmetric
+    found = sorted((float(p % np.pi), e.regime is Regime.JOINED) for p, e in zip(orbit.solution.phases, orbit.schedule.events, strict=True))
+    wanted = sorted((float(case.omega * t % np.pi), kind == "stick") for kind, t in events)[::2]
+    assert {kind for kind, _ in events} == {"stick", "slip"}
+    assert [stick for _, stick in found] == [stick for _, stick in wanted]
+    assert [phase for phase, _ in found] == pytest.approx([phase for phase, _ in wanted], abs=1e-7)
+    state = orbit.motion.state_at(0.0)
+    assert state[[0, 2, 3]] == pytest.approx(begin, rel=1e-8, abs=1e-9 * case.gap * case.omega)
+    assert orbit.motion.tip_max == pytest.approx(tip, rel=1e-4)
+    assert orbit.residual < BAR
+    # the place of rest is free: over half a period it turns to the other side
+    assert np.min(np.abs(orbit.stability.multipliers + 1)) < 1e-10
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_multipliers_are_those_of_disturbed_runs(name: str) -> None:
+    """The exact method's map by central differences; each joined phase takes a rank from it."""
+    orbit = settled(name)
+    case, n = orbit.case, orbit.case.model.modes
+    start, state = orbit.motion.mid_flight()
+    unit = case.gap * np.concatenate([case.omega / case.model.omega, [1.0], np.full(n, case.omega), [case.omega]])
+    columns = []
+    for k in range(len(state)):
+        step = 1e-6 * unit[k] * np.eye(len(state))[k]
+        columns.append((map_over(orbit.motion, start, state + step) - map_over(orbit.motion, start, state - step)) / (2e-6 * unit))
+    truth = np.linalg.eigvals(np.array(columns).T)
+    assert matched(orbit.stability.multipliers, truth) < 1e-4
+    zero = np.abs(orbit.stability.multipliers) < 1e-3
+    assert np.sum(zero) >= 2
+
+
+@pytest.mark.parametrize("name", [*HELD, "friction damper"])
+def test_the_motion_is_the_exact_methods(name: str) -> None:
+    orbit = settled(name)
+    assert not orbit.schedule.flies
+    assert orbit.residual < (BAR if name == "friction damper" else CHATTER_BAR)
+    response, start = propagated(orbit.motion, Record(level=False, events=True, series=True))
+    history = response.history
+    assert history is not None
+    states = orbit.motion.states(start + orbit.case.omega * history.time)
+    n = orbit.case.model.modes
+    assert np.max(np.abs(states[:, :n] - history.modal_displacement)) < 1e-9 * orbit.case.gap
+    assert np.max(np.abs(states[:, n] - history.absorber_displacement)) < 1e-9 * orbit.case.gap
+    dense = orbit.motion.states(start + np.linspace(0, orbit.schedule.turn, 20001))
+    tip = dense[:, :n] @ orbit.case.model.tip_shape
+    assert np.max(np.abs(tip)) == pytest.approx(orbit.motion.tip_max, rel=1e-6)
+    assert np.sqrt(np.mean(tip[:-1] ** 2)) == pytest.approx(orbit.motion.tip_rms, rel=1e-6)
+
+
+def test_a_chatter_lists_the_impacts_of_the_recorded_run() -> None:
+    orbit = settled("chatter")
+    response, start = propagated(orbit.motion, Record(level=False, events=True))
+    assert response.impacts is not None
+    assert orbit.schedule.symmetric
+    assert len(orbit.impacts) == 2 * len(response.impacts.time)
+    sizes = np.abs([impact.impulse for impact in orbit.impacts])
+    assert np.min(sizes) < 1e-5 * np.max(sizes)
+    found = np.sort((start + orbit.case.omega * response.impacts.time) % np.pi)
+    assert np.allclose(np.sort([impact.phase % np.pi for impact in orbit.impacts])[::2], found, rtol=0, atol=1e-12)
+
+
+def test_an_orbit_with_a_held_phase_attracts_as_its_multipliers_say() -> None:
+    orbit = settled("chatter with friction")
+    start, first = orbit.motion.mid_flight()
+    state = first.copy()
+    state[0] += 1e-5 * orbit.case.gap
+    sizes = []
+    for _ in range(120):
+        state = map_over(orbit.motion, start, state)
+        sizes.append(float(np.linalg.norm(state - first)))
+    assert (sizes[-1] / sizes[19]) ** (1 / 100) == pytest.approx(abs(orbit.stability.multipliers[0]), rel=0.02)
+    assert orbit.stability.stable
+
+
+# --- ten modes, starts, branches -------------------------------------------------------------------------------------------------
+
+
+def test_ten_modes_in_a_window_with_a_stuck_phase() -> None:
+    """The recommended absorber, between two numbers of reversals: friction holds it for some microseconds, and shooting says so."""
+    found = orbit_of_simulation(paper_case(10, 0.9726, 3.5, 0.7, 0.1), settle=1000)
+    assert isinstance(found, Orbit), found.reason
+    assert isinstance(found.motion, ShotMotion)
+    assert [event.wall for event in found.schedule.events if event.regime is Regime.JOINED] == [0]
+    assert found.residual < BAR
+    assert found.schedule.period_multiple == 3
+    assert found.stability.stable
+    assert len(found.impacts) == 6
+    assert np.sum(np.abs(found.stability.multipliers) < 1e-6) >= 1  # a disturbance of when it is let go dies at once
+
+
+@pytest.mark.parametrize("name", ["chatter", "without rebound"])
+def test_a_schedule_with_joined_segments_and_its_phases_are_a_start(name: str) -> None:
+    orbit = settled(name)
+    case, (start, state) = orbit.case, orbit.motion.mid_flight()
+    run = recorded(case, state, start, 1)
+    schedule, phases = read_schedule(case, run, start, 1, orbit.schedule.symmetric)
+    assert not schedule.flies
+    again = orbit_at(case, schedule, phases)
+    assert isinstance(again, Orbit), again.reason
+    assert same(orbit, again)
+    other = mirrored(orbit)
+    assert isinstance(other, Orbit)
+    assert same(orbit, other)
+
+
+def test_a_branch_of_orbits_with_held_phases() -> None:
+    orbit = settled("chatter")
+    first = float(orbit.case.model.omega[0])
+    branch = shot_branch(orbit, "omega", (0.897 * first, 0.903 * first))
+    found = list(branch.orbits())
+    assert all(isinstance(point, Orbit) for point in found), [point.reason for point in found if isinstance(point, NoOrbit)]
+    assert len(found) > 3
+    assert max(point.residual for point in found if isinstance(point, Orbit)) < CHATTER_BAR
+    assert branch.branch.parameters[[0, -1]] == pytest.approx([0.897 * first, 0.903 * first])
+    at = orbit.case.changed(omega=0.903 * first)
+    settled_there = orbit_of_simulation(
+        at, settle=300, initial=initial_of(orbit.case, orbit.motion.mid_flight()[1]), phase=orbit.motion.mid_flight()[0]
+    )
+    assert isinstance(settled_there, Orbit)
+    last = found[-1]
+    assert isinstance(last, Orbit)
+    assert last.motion.tip_max == pytest.approx(settled_there.motion.tip_max, rel=1e-8)
+
+
+def test_a_branch_has_orbits_in_the_window_of_a_stuck_phase() -> None:
+    """Between two numbers of reversals friction holds the absorber: there the branch's own solutions are no orbits, shooting's are."""
+    start = orbit_of_simulation(paper_case(10, 0.97, 3.5, 0.7, 0.1))
+    assert isinstance(start, Orbit)
+    first = float(start.case.model.omega[0])
+    branch = orbit_branch(start.solution, "omega", (0.9695 * first, 0.973 * first), Steps(first=0.002, least=1e-8, most=0.01))
+    found = list(branch.orbits())
+    assert all(isinstance(point, Orbit) for point in found), [point.reason for point in found if isinstance(point, NoOrbit)]
+    held = [point for point in found if isinstance(point, Orbit) and not point.schedule.flies]
+    assert held
+    assert all(point.residual < BAR for point in held)
+    (crossing,) = crossings(branch, 0.9715 * first)
+    assert isinstance(crossing, Orbit)
+    assert not crossing.schedule.flies
+    assert crossing.residual < BAR
+
+
+# --- what is refused -------------------------------------------------------------------------------------------------------------
+
+
+def test_bad_input_is_named() -> None:
+    case = paper_case(1, 0.93, 1.5, 0.75)
+    with pytest.raises(ParameterError, match=r"^state = "):
+        shoot(case, 0.0, np.zeros(3))
+    with pytest.raises(ParameterError, match=r"^state = "):
+        shoot(case, 0.0, np.array([0.0, np.nan, 0.0, 0.0]))
+    with pytest.raises(ParameterError, match=r"^phase = "):
+        shoot(case, np.inf, np.zeros(4))
+    with pytest.raises(ParameterError, match=r"^period_multiple = "):
+        shoot(case, 0.0, np.zeros(4), symmetric=True, period_multiple=2)
+    with pytest.raises(ParameterError, match=r"^parameter = "):
+        shot_branch(closed_form_orbits(case).orbits[0], "mass", (0.0, 1.0))
+    held = EventSchedule((Event(Regime.SLIDING, -1, 1), Event(Regime.JOINED, 0, 0)), symmetric=True)
+    with pytest.raises(ParameterError, match=r"^start = "):
+        orbit_at(case, held, [0.0])
+    with pytest.raises(ParameterError, match=r"^schedule = "):
+        orbit_at(case, EventSchedule((Event(Regime.JOINED, 0, 0),), symmetric=True), [0.0])
+
+
+def test_what_does_not_come_back_or_never_touches_says_so() -> None:
+    lost = shoot(paper_case(3, 1.0, 3.0, 0.9), 0.0, np.array([1e-3, 0, 0, 0, 0.1, 0, 0, 2.0]))
+    assert isinstance(lost, NoOrbit)
+    assert "did not converge" in lost.reason
+    apart = shoot(paper_case(1, 0.9, 0.1, 0.75), 0.0, np.zeros(4))
+    assert isinstance(apart, NoOrbit)
+    assert "do not touch" in apart.reason
+    stuck = orbit_of_simulation(paper_case(1, 0.9, 0.01, 0.75, 5.0), settle=20)
+    assert isinstance(stuck, NoOrbit)
+    assert "holds the absorber all the time" in stuck.reason
+    model = ModalModel([30.0], [0.0], [1.0], [1.0], 1.0)
+    resonant = shoot(Case(model, 30.0, 1.0), 0.0, np.zeros(4))
+    assert isinstance(resonant, NoOrbit)
+    assert "resonance" in resonant.reason
+
+
+def test_a_passage_repeats_the_exact_methods_run_from_any_state() -> None:
+    """Over two periods through impacts, sticking and chatter, not on an orbit."""
+    case, rng = paper_case(3, 0.95, 6.0, 0.4, 0.05), np.random.default_rng(5)
+    orbit_like = recorded(case, np.zeros(8), 0.0, 40).end_state
+    for _ in range(5):
+        state = orbit_like * (1 + 0.1 * rng.uniform(-1, 1, 8))
+        state[3] = model_of(3).tip_shape @ state[:3] + 0.2e-3 * rng.uniform(-1, 1)
+        run = recorded(case, state, 0.3, 2)
+        found = passage(case, 0.3, state, 2 * case.period)
+        miss = np.abs(found.end - run.end_state) / np.concatenate([np.full(4, case.gap), np.full(4, case.gap * case.omega)])
+        assert np.max(miss) < 1e-7
+        assert run.impact_count > 2
