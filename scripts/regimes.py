@@ -80,7 +80,7 @@ def main(**given: Any) -> None:
     own = any(given[name] is not None for name in OWN)
     with plain_errors():
         if own:
-            given |= dict.fromkeys(("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping"))
+            given |= dict.fromkeys(("absorber", "structure", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping"))
             refuse_parts(given)
         settings = chosen_settings(given, own)
     small = own or given["quick"]
