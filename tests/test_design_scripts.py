@@ -98,13 +98,14 @@ def test_table_goes_between_the_markers_of_a_page(tune: ModuleType, tmp_path: Pa
     assert page.read_text().endswith(".\n<!-- /tunings -->\nafter\n")
 
 
-def test_programme_without_an_optimum_ends_the_script(tune: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_programme_without_an_optimum_leaves_its_cell_empty(tune: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cvxpy = pytest.importorskip("cvxpy")
     monkeypatch.setattr(cvxpy.Problem, "status", property(lambda _self: "optimal_inaccurate"))
     result = call(tune, "--modes", 1, "--out", tmp_path)
-    assert result.exit_code == 1
+    assert result.exit_code == 0, result.output
+    assert "Not proved" in result.stderr
     assert "optimal_inaccurate" in result.stderr
-    assert list(tmp_path.iterdir()) == []
+    assert (tmp_path / "tunings.csv").exists()
 
 
 @pytest.mark.parametrize(

@@ -151,7 +151,7 @@ def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
         SWEEP, interval=5.0, limits=(0.965, 0.985), rates=(1.0, 10.0), direction="up", force=0.9, time_price=0.03, raw_state=True, **RUBBING
     )
     _, info = env.reset(seed=4)
-    phase = env.unwrapped.task.runs.orders[0, 4]
+    phase = env.unwrapped.task.runs.orders["phase"][0]
     times, ratios, rewards, end = [0.0], [info["frequency_ratio"]], [], False
     while not end:
         _, reward, end, cut, info = env.step(env.action_space.sample())
@@ -188,7 +188,7 @@ def test_fatigue_adds_up_to_the_damage_of_the_samples() -> None:
     """Without an absorber, at the paper's rate, the passage is its own reference but for the force's phase at the start."""
     env = gymnasium.make(PASSIVE, absorber="none", modes=2, limits=(0.95, 0.96), objective="fatigue", fatigue_exponent=4.0, force=2.0)
     env.reset(seed=0)
-    env.unwrapped.task.runs.orders[:, 4] = 0.0
+    env.unwrapped.task.runs.orders["phase"] = 0.0
     total, end = 0.0, False
     while not end:
         _, reward, end, _, info = env.step(0)
@@ -358,7 +358,7 @@ def test_seeds_decide_all_draws() -> None:
     draws = {}
     for seed in (0, 1, 0):
         _, info = env.reset(seed=seed)
-        drawn = (info["force"], info["frequency_ratio"], env.unwrapped.task.runs.orders[0, 4])
+        drawn = (info["force"], info["frequency_ratio"], env.unwrapped.task.runs.orders["phase"][0])
         assert draws.setdefault(seed, drawn) == drawn
     assert draws[0] != draws[1]
     starts = {vector(SWEEP, 16).reset(seed=0)[1]["frequency_ratio"][lane] for lane in range(16)}

@@ -161,7 +161,7 @@ def test_unknown_script_of_this_checkout() -> None:
 def test_script_runs_without_set_up_when_nothing_changed(checkout: Path) -> None:
     result = _run(checkout, "show", "--force", "a b", PYTHON="/nonexistent", PATH="/usr/bin:/bin")
     assert result.returncode == 7
-    assert result.stdout == f"Agg|{checkout}/.venv/kernel-cache|{checkout}/scripts/show.py --force a b\n"
+    assert result.stdout == f"Agg|{checkout}/.venv/kernel-cache|{checkout}/scripts/lib/start.py {checkout}/scripts/show.py --force a b\n"
     assert result.stderr == ""
 
 

@@ -13,7 +13,20 @@ from __future__ import annotations
 
 from impact_env.kernels.forced import add_forced, signal_value
 from impact_env.kernels.jit import jit, jit_view
-from impact_env.kernels.rigid_contact import FREE, ROUNDING, Body, Contact, Walls, friction_force, impact, joint_bounds, touch, turn
+from impact_env.kernels.rigid_contact import (
+    FREE,
+    ROUNDING,
+    Body,
+    Contact,
+    Walls,
+    friction_force,
+    impact,
+    joint_bounds,
+    stay_at_wall,
+    tip_motion,
+    touch,
+    turn,
+)
 from impact_env.kernels.segments import to_state
 from impact_env.kernels.sets import bend, enter_set, forced_of, is_joined, joined_set, signal_of, slots_with, solve_set
 from impact_env.kernels.settle import part, see_places, settle
@@ -125,7 +138,10 @@ def settle_waiting(scene, window, s, state, room, events):  # type: ignore[no-un
     absorbers = scene.absorbers
     write_state(scene.sets, window, s, room, state)
     for a in range(room.now.shape[0]):
-        room.joints.waits[a] = is_joined(s, a) or (room.now[a].at_rest and (absorbers.limit[a] > 0.0 or room.now[a].side != 0.0))
+        row, contact = room.now[a], contact_of(scene, 0, a, absorbers.restitution[a])
+        if row.at_rest and not is_joined(s, a):
+            stay_at_wall(contact.walls, row, tip_motion(contact, state)[0])
+        room.joints.waits[a] = is_joined(s, a) or (row.at_rest and (absorbers.limit[a] > 0.0 or row.side != 0.0))
     settle(absorbers, scene.losses, scene.sets.compliance[0], window, room.now, state, room.joints, events)
     go_to(scene, window, s, state, room)
 
