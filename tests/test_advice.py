@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core import linear_truth
 
 from impact_env import Drive, ParameterError, Scene
 from impact_env.drive import constant_frequency
 from impact_env.ensemble import Lane
+from impact_env.verification import dense
 from optimisation.branches import branches
 from optimisation.designs import design_space
 from optimisation.evaluation import Threads, measured_chunks
@@ -156,7 +156,7 @@ def test_constant_force_settles_before_it_is_watched() -> None:
     scene = Scene(problem.model)
     drive = Drive(0.5, constant_frequency(float(scene.model.omega[0]), 0.97, 60.0))
     times = np.linspace(0, 60 * 2 * np.pi / scene.model.omega[0], 60 * 32 + 1)
-    motion = linear_truth(scene, drive, times)[:, : scene.model.modes] @ scene.model.tip_shape
+    motion = dense.follow(scene, drive, None, times, long_steps=True).tip
     chunk = Chunk((Lane(scene, drive),), (RMS,), clamp_moment(STEEL), 5.0)
     (found,) = measured_chunks([chunk], Threads(1))
     assert found[0, 0] == pytest.approx(np.sqrt(np.mean(motion[len(motion) // 2 :] ** 2)), rel=1e-3)

@@ -91,6 +91,11 @@ def test_full_disk_is_one_message_and_exit_code_1() -> None:
     assert result.output == "Error: results/study.journal: No space left on device\n"
 
 
+def heed_interrupts() -> None:
+    """Let a process that is about to start notice Ctrl-C, also where these tests run in the background of a shell, which ignores it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a signal as a terminal does")
 @pytest.mark.parametrize("start", [["scripts/lib/start.py", "scripts/optimise_design.py"], ["-m", "optimisation.command", "optimise_design"]])
 def test_interrupt_during_imports_is_one_line(tmp_path: Path, start: list[str]) -> None:
@@ -99,7 +104,9 @@ def test_interrupt_during_imports_is_one_line(tmp_path: Path, start: list[str]) 
     mark = tmp_path / "there"
     (tmp_path / "tqdm.py").write_text(f"import pathlib, time\npathlib.Path({str(mark)!r}).touch()\ntime.sleep(100)\n")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
-    process = subprocess.Popen([sys.executable, *start], cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, *start], cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts
+    )
     until = time.monotonic() + 120
     while not mark.exists() and process.poll() is None and time.monotonic() < until:
         time.sleep(0.05)
@@ -114,7 +121,7 @@ def test_interrupt_before_the_console_command_has_begun_is_one_line(tmp_path: Pa
     (tmp_path / "click.py").write_text(f"import pathlib, time\npathlib.Path({str(mark)!r}).touch()\ntime.sleep(100)\n")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
     command = [sys.executable, "-c", "from optimisation.start import main; main()"]
-    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts)
     until = time.monotonic() + 120
     while not mark.exists() and process.poll() is None and time.monotonic() < until:
         time.sleep(0.05)

@@ -127,7 +127,7 @@ def optima(study: Settings) -> Json:
 
 def _friction_optimum(study: Settings, resonance: int, force: float) -> Json:
     problem = study.problem(FRICTION, [(resonance, force)], bounds={FRICTION_LIMIT: WIDE})
-    found = study.find("", problem)
+    found = study.find(f"optima-{FRICTION}-{resonance}", problem)
     (variable,) = problem.space.free
     limits = [variable.value_at(share) for share in np.linspace(0, 1, 4 * study.points)]
     with runs_bar("friction damper: levels over the friction limit") as show:
