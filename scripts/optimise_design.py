@@ -13,7 +13,10 @@ from typing import Any
 
 import click
 import numpy as np
-from _design_options import (
+
+from impact_env.parameters import ParameterError
+from optimisation.command_line import end_early, end_without, name_files, plain_errors
+from optimisation.commands.design_options import (
     GOES_ON,
     KEPT,
     At,
@@ -21,16 +24,12 @@ from _design_options import (
     executor_of,
     forces_at,
     journal_of,
-    make_conditions,
     make_problem,
     shared_options,
     study_option,
     variables_help,
 )
-from _design_search import SCIPY, Plan, find
-
-from impact_env.parameters import ParameterError
-from optimisation.command_line import end_early, end_without, name_files, plain_errors
+from optimisation.conditions import make_conditions
 from optimisation.designs import GAP, IMPACT, VARIABLES
 from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json
@@ -48,6 +47,8 @@ from optimisation.report.design_tables import (
     summary,
     text,
 )
+from optimisation.search.bars import BARS
+from optimisation.search.find import SCIPY, Plan, find
 from optimisation.search.judge import AUDITED
 from optimisation.search.noisy import NOISY
 from optimisation.search.result import Findings
@@ -132,7 +133,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
     problem = make_problem(concept, conditions, (objective,), given)
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
     plan = Plan(designs, given["sampler"], given["batch"], given["seed"], not given["no_screening"], given["from_scratch"], given["audit"])
-    findings = find(problem, plan, journal_of(given, out), executor)
+    findings = find(problem, plan, journal_of(given, out), executor, BARS)
     try:
         findings = explain(findings, given, executor)
     except KeyboardInterrupt:

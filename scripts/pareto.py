@@ -12,7 +12,10 @@ from typing import Any
 
 import click
 import numpy as np
-from _design_options import (
+
+from impact_env.parameters import ParameterError
+from optimisation.command_line import end_early, end_without, name_files, plain_errors
+from optimisation.commands.design_options import (
     GOES_ON,
     KEPT,
     At,
@@ -20,22 +23,19 @@ from _design_options import (
     executor_of,
     forces_at,
     journal_of,
-    make_conditions,
     make_problem,
     shared_options,
     study_option,
     variables_help,
 )
-from _front_search import CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
-
-from impact_env.parameters import ParameterError
-from optimisation.command_line import end_early, end_without, name_files, plain_errors
+from optimisation.conditions import make_conditions
 from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT
 from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.objectives import Objective
 from optimisation.problem import Problem
 from optimisation.report.front_tables import Front, front_columns, front_rows, front_summary, front_text
+from optimisation.search.pareto import CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 from optimisation.search.samplers import CMA, SAMPLERS
 from optimisation.search.settings import default_settings
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from _front_search import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 from tqdm import tqdm
 
 from impact_env.extras import optional
@@ -22,6 +21,7 @@ from optimisation.search.bars import BARS
 from optimisation.search.cluster import Workers
 from optimisation.search.find import Plan, find
 from optimisation.search.judge import Audit
+from optimisation.search.pareto import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 from optimisation.search.settings import default_settings
 from optimisation.studies.findings.parts import AT, Json, Settings
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _design_options import make_conditions
 
 from impact_env.drive import PAPER_RATE
 from impact_env.parameters import ParameterError, RigidWalls
 from optimisation.bounds import design_force, design_gap
+from optimisation.conditions import make_conditions
 from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, TUNED, VARIABLES, Design, design_space
 from optimisation.evaluation import Executor
 from optimisation.friction_rule import best_friction

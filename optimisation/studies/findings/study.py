@@ -6,10 +6,9 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from _design_options import QUICK_MEMBERS, QUICK_SPEED
-
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_RATE
+from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.evaluation import Executor
 from optimisation.memory import peak_memory
 from optimisation.studies.findings import parts

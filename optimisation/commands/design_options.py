@@ -15,15 +15,15 @@ import numpy as np
 import scipy
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import available_cores
 from impact_env.extras import optional
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
 from optimisation.commands.structure_option import RESONANCES_HELP, is_given, read_structure, refuse_beside, structure_option
-from optimisation.comparison import RESONANCES, WIDE_LIMITS
-from optimisation.designs import MASS_RATIO, TUNED, VARIABLES, DesignSpace, design_space
+from optimisation.comparison import RESONANCES
+from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
+from optimisation.designs import MASS_RATIO, VARIABLES, DesignSpace, design_space
 from optimisation.evaluation import Executor
 from optimisation.executors import cluster_option, executor
 from optimisation.memory import peak_memory
@@ -36,8 +36,6 @@ with optional():
 
 KEPT = "Broken off; the study keeps what is finished."
 GOES_ON = "the same command goes on from here."
-QUICK_SPEED, QUICK_MEMBERS = 10.0, 2
-RANGE_FORCES = 8  # forces between a third and three times the given one, for the objective range
 
 Command = Callable[..., Any]
 
@@ -48,6 +46,7 @@ class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     name = "resonance:force"
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, float]:
+        """Return what ``value`` says, or fail with what is allowed."""
         if isinstance(value, tuple):
             return value
         try:
@@ -81,6 +80,7 @@ study_option = click.option(
 
 
 def shared_options(command: Command) -> Command:
+    """Give a command the options of every design study."""
     for option in reversed(SHARED):
         command = option(command)
     return command
@@ -102,13 +102,6 @@ def make_space(concept: str, given: dict[str, Any]) -> DesignSpace:
     bounds = {name: (low, high) for name, low, high in given["bounds"] if name in known or not every}
     fixed = {name: value for name, value in given["fix"] if name in known or not every}
     return design_space(concept, free or None, bounds, fixed)
-
-
-def make_conditions(concept: str, at: list[tuple[int, float]], spread: bool = False) -> tuple[Condition, ...]:
-    """Return conditions; a tuned absorber is swept so wide that both of its peaks are seen."""
-    limits = WIDE_LIMITS if concept == TUNED else PAPER_LIMITS
-    factors = np.geomspace(1 / 3, 3, RANGE_FORCES) if spread else np.ones(1)
-    return tuple(Condition(resonance, force * float(factor), limits) for resonance, force in at for factor in factors)
 
 
 def structure_of(given: dict[str, Any]) -> Structure:
@@ -146,6 +139,7 @@ def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> li
 
 
 def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tuple[Objective, ...], given: dict[str, Any]) -> Problem:
+    """Return the problem that the options describe."""
     members = given["members"] or (QUICK_MEMBERS if given["quick"] else DEFAULT_MEMBERS)
     constraints = tuple(Constraint(name, limit) for name, limit in given["constraint"])
     problem = Problem(make_space(concept, given), conditions, objectives, constraints, structure_of(given), members, given["seed"], given["rate"])

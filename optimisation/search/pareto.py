@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _design_search import searched
 from numpy.typing import NDArray
 
 from optimisation.evaluation import Executor
@@ -16,6 +15,8 @@ from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.report.design_tables import limit
 from optimisation.report.front_tables import Front, costs, signed
+from optimisation.search.bars import BARS
+from optimisation.search.find import searched
 from optimisation.search.front import hypervolume, nondominated
 from optimisation.search.judge import judged
 from optimisation.search.samplers import NSGA2, RANDOM, SAMPLERS
@@ -28,7 +29,7 @@ CORNER = (1.1, 1.1)  # relative levels: what hypervolumes refer to
 
 def search_front(problem: Problem, settings: Settings, designs: int, corner: tuple[float, float], journal: Path | None, executor: Executor) -> Front:
     """Search; the front is that of all designs that were run, by the members of the search."""
-    with searched("search", problem, settings, designs, journal, executor) as (study, finished, cost):
+    with searched("search", problem, settings, designs, journal, executor, BARS) as (study, finished, cost):
         told = study.told
     rows = costs(problem, told)
     best = {tuple(rows[k]): int(k) for k in np.flatnonzero(nondominated(rows))[::-1] if np.isfinite(rows[k]).all()}  # NSGA-II repeats designs
@@ -54,7 +55,7 @@ def compare_with_random(front: Front, settings: Settings, seeds: int, executor: 
         found = []
         for sampler in (settings.sampler, RANDOM):
             own = default_settings(problem, sampler, batch, seed)
-            with searched(f"seed {seed}, {SAMPLERS[sampler]}", problem, own, wanted, None, executor) as (study, finished, _cost):
+            with searched(f"seed {seed}, {SAMPLERS[sampler]}", problem, own, wanted, None, executor, BARS) as (study, finished, _cost):
                 if not finished:
                     return replace(front, against=tuple(rows), finished=False)
                 rows_of = costs(problem, study.told)
