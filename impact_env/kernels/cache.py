@@ -169,7 +169,7 @@ class KernelCache(FunctionCache):
             # an index is read, changed and written: without a lock two processes would lose each other's entries
             with FileLock(folder / "lock", timeout=PATIENCE):
                 super()._save_overload(sig, data)
-        except (OSError, NotImplementedError) as error:  # a full disk, or one without locks, must not stop a simulation
+        except OSError as error:  # a full disk, or a lock that another process never gives back, must not stop a simulation
             _say_once(str(error))
 
 
