@@ -44,11 +44,15 @@ def figure_part(
     figures: Callable[[Measured], Mapping[str, Saver]],
     tables: Callable[[Measured], Iterable[Table]] = lambda _: (),
 ) -> Part[Settings]:
-    """Return the part of a figure with the paper's ``label``; ``words`` of its values stand between its markers, with what they were measured by."""
+    """Return the part of a figure with the paper's ``label``.
+
+    Between its markers stand the figures, ``words`` of its values, and what they were measured by.
+    """
 
     def sections(measured: Measured) -> dict[str, str]:
-        ended = "" if measured.complete else " Stopped early."
-        return {marker(label): f"{words(measured.values)}\n\n{sources(measured.conditions)} {measured.conditions['wall_s']:g} s.{ended}"}
+        drawn = [f"![{title[0].upper()}{title[1:]}]({NAME}/{name}.png)" for name in figures(measured)]
+        made = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s.{'' if measured.complete else ' Stopped early.'}"
+        return {marker(label): "\n\n".join([*drawn, words(measured.values), made])}
 
     return Part(label, title, measure=measure, markers=(marker(label),), sections=sections, figures=figures, tables=tables)
 
