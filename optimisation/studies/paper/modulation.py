@@ -43,6 +43,7 @@ PERIODS = (1000, 300)  # of the window, in full and quick
 MEMBERS = (8, 3)
 ENDS = (0.05, 0.95)  # quantiles of the periods' peaks that the depth is taken between: a largest peak would grow with the window
 
+FAST = 4  # modes from which on most of what an impact scatters is gone before the next
 RECORD = Record(level=False, events=True, series=True, energy=True)
 
 
@@ -159,15 +160,18 @@ def _interval(found: list[float], scale: float = 1.0, digits: int = 2) -> str:
 
 
 def _answer(values: Json) -> str:
+    """Say how far apart many modes and one mode with the equivalent restitution are, over all and where scattering is fast."""
     pairs = list(zip(values["modes"], values["equivalent"], strict=True))
-    off = max(abs(row["depth"][0] - other["depth"][0]) for row, other in pairs)
-    level = max(abs(row["rms_m"][0] / other["rms_m"][0] - 1) for row, other in pairs)
-    share = max(abs(row["taken"][0] - other["taken"][0]) for row, other in pairs)
-    r = float(np.corrcoef([row["depth"][0] for row, _ in pairs], [other["depth"][0] for _, other in pairs])[0, 1])
-    return (
-        f"Between the two the depth differs by {off:.2f} at most (correlation {r:.3f}), the share taken from mode 1 by {100 * share:.0f} points, "
-        f"the level by {100 * level:.0f} %."
-    )
+    correlation = float(np.corrcoef([row["depth"][0] for row, _ in pairs], [other["depth"][0] for _, other in pairs])[0, 1])
+    found = [f"The depths have a correlation of {correlation:.3f}."]
+    for few, words in ((1, "Over all"), (FAST, f"From {FAST} modes on")):
+        some = [(row, other) for row, other in pairs if row["modes"] >= few]
+        depths, shares = (max(abs(row[name][0] - other[name][0]) for row, other in some) for name in ("depth", "taken"))
+        level = max(abs(row["rms_m"][0] / other["rms_m"][0] - 1) for row, other in some)
+        found.append(
+            f"{words} they differ by {depths:.2f} at most, the shares taken by {100 * shares:.0f} points, the levels by {100 * level:.0f} %."
+        )
+    return " ".join(found)
 
 
 def figures(measured: Measured) -> Mapping[str, Saver]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optimisation.studies.paper.modes_needed import OPTIMUM, at, numbers
+from optimisation.studies.paper.modes_needed import OPTIMUM, at, forces_of, numbers
 from optimisation.studies.paper.style import LOOKS, finish, line, panels
 from optimisation.studies.study import Json
 
@@ -19,10 +19,10 @@ def save(path: Path, values: Json) -> None:
     for resonance, look, name in ((1, LOOKS[1], "first"), (2, LOOKS[0], "second")):
         middle, low, high, nominal = 100 * np.array([at(values, n, resonance) for n in modes]).T
         line(own, modes, middle, look, f"{name} resonance, {OPTIMUM[resonance]:g} N", band=(low, high), nominal=nominal)
-    for force, look in zip(values[str(modes[0])]["2"]["forces_n"], LOOKS, strict=False):
+    for force, look in zip(forces_of(values, 2), LOOKS, strict=False):
         middle, low, high, _ = 100 * np.array([at(values, n, 2, force) for n in modes]).T
         line(forces, modes, middle, look, f"{force:g} N", band=(low, high))
     for panel in (own, forces):
         panel.set(xlabel="modes $N_m$", ylabel="level in % of no absorber", ylim=(0, None), xticks=modes)
-    forces.set_title("second resonance", fontsize="medium")
+    forces.set_title("second resonance")
     finish(axes, path, figure)

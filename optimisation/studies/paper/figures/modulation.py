@@ -29,10 +29,12 @@ def save(path: Path, values: Json) -> None:
     line(over, [row["restitution"] for row in one], _middle(one, "depth"), LOOKS[1], "one mode over $e$", band=_edges(one, "depth"))
     line(over, [row["restitution"] for row in many], _middle(many, "depth"), LOOKS[0], marked=False)
     over.lines[-1].set(ls="", marker=LOOKS[0].marker, label="$N_m$ modes at their $e_1$")
-    for row in many:
-        over.annotate(f"{row['modes']}", (row["restitution"], row["depth"][0]), xytext=(3, 3), textcoords="offset points", fontsize=6.5, color=FAINT)
+    for e in dict.fromkeys(row["restitution"] for row in many):
+        own = [row for row in many if row["restitution"] == e]  # several that are set to 0
+        words, height = ", ".join(str(row["modes"]) for row in own), max(row["depth"][0] for row in own)
+        over.annotate(words, (e, height), xytext=(2, 4), textcoords="offset points", fontsize=6.5, color=FAINT)
     depth.set(ylabel="depth of the modulation", ylim=(0, None))
-    energy.set(ylabel="share in %", ylim=(0, 100))
+    energy.set(ylabel="share in %", ylim=(0, 125))
     over.set(xlabel="restitution of one mode, $e_1$", ylabel="depth of the modulation", ylim=(0, None))
     finish(axes, path, figure)
 

@@ -19,6 +19,6 @@ def save(path: Path, values: Json) -> None:
         panel.set(xscale="log", xlabel="force in N")
         panel.set_xticks(group["forces_n"], [f"{x:g}" for x in group["forces_n"]])
         panel.minorticks_off()
-        panel.set_title(name, fontsize="medium")
+        panel.set_title(name, loc="right")
     axes[0, 0].set(ylabel="level over the paper's start", ylim=(0, None))
     finish([axes[0, 0]], path, figure)
