@@ -19,9 +19,9 @@ def save(path: Path, values: Json) -> None:
     for rows, look, label in ((many, LOOKS[0], "$N_m$ modes, $e$ = 1"), (other, LOOKS[1], "one mode, $e_1$")):
         low, high = _edges(rows, "depth")
         line(depth, modes, _middle(rows, "depth"), look, label, band=(low, high), nominal=_nominal(rows, "depth"))
-    line(energy, modes, 100 * _middle(many, "taken"), LOOKS[0], "taken from mode 1, $N_m$ modes")
-    line(energy, modes, 100 * _middle(other, "taken"), LOOKS[1], "the same, one mode, $e_1$")
-    line(energy, modes, 100 * _middle(many, "absorber"), LOOKS[2], "in the absorber, mean")
+    line(energy, modes, 100 * _middle(many, "taken"), LOOKS[0], "taken, $N_m$ modes")
+    line(energy, modes, 100 * _middle(other, "taken"), LOOKS[1], "taken, one mode, $e_1$")
+    line(energy, modes, 100 * _middle(many, "absorber"), LOOKS[2], "in the absorber")
     for panel in (depth, energy):
         panel.set(xscale="log", xlabel="modes $N_m$")
         panel.set_xticks(modes, [f"{n}" if n in (1, 2, 3, 5, 10, 20, 30) else "" for n in modes], minor=False)
@@ -34,7 +34,7 @@ def save(path: Path, values: Json) -> None:
         words, height = ", ".join(str(row["modes"]) for row in own), max(row["depth"][0] for row in own)
         over.annotate(words, (e, height), xytext=(2, 4), textcoords="offset points", fontsize=6.5, color=FAINT)
     depth.set(ylabel="depth of the modulation", ylim=(0, None))
-    energy.set(ylabel="share in %", ylim=(0, 125))
+    energy.set(ylabel="share in %", ylim=(0, 125), yticks=range(0, 101, 20))
     over.set(xlabel="restitution of one mode, $e_1$", ylabel="depth of the modulation", ylim=(0, None))
     finish(axes, path, figure)
 
