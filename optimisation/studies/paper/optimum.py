@@ -96,7 +96,26 @@ def _words(values: Json) -> str:
         )
         for row in rows_of(values)
     ]
-    return markdown(header, body)
+    return markdown(header, body) + "\n\n" + _summary(rows_of(values))
+
+
+def _summary(rows: list[Json]) -> str:
+    """Say how far the best force lies from the rule's by mass ratio, and with which power of the mass both grow."""
+    masses = sorted({row["mass"] for row in rows})
+    said = []
+    for mass in masses:
+        own = [row["ratio"][0] for row in rows if row["mass"] == mass]
+        said.append(f"{min(own):.2f} to {max(own):.2f} at {100 * mass:g} %")
+    text = f"Best force over the rule's, all restitutions: {', '.join(said)}."
+    if len(masses) > 1:
+        powers = [_power([row for row in rows if row["restitution"] == e], "best_n") for e in sorted({row["restitution"] for row in rows})]
+        text += f" The rule's force grows with the mass to the power {_power(rows, 'rule_n'):.2f}, the best one to {min(powers):.2f} to {max(powers):.2f}."
+    return text
+
+
+def _power(rows: list[Json], name: str) -> float:
+    """Return the slope of a force over the mass in logarithms, by least squares."""
+    return float(np.polyfit(np.log([row["mass"] for row in rows]), np.log([row[name] for row in rows]), 1)[0])
 
 
 def figures(measured: Measured) -> Mapping[str, Saver]:
