@@ -109,7 +109,8 @@ def _summary(rows: list[Json]) -> str:
     text = f"Best force over the rule's, all restitutions: {', '.join(said)}."
     if len(masses) > 1:
         powers = [_power([row for row in rows if row["restitution"] == e], "best_n") for e in sorted({row["restitution"] for row in rows})]
-        text += f" The rule's force grows with the mass to the power {_power(rows, 'rule_n'):.2f}, the best one to {min(powers):.2f} to {max(powers):.2f}."
+        best = f"{min(powers):.2f} to {max(powers):.2f}"
+        text += f" The rule's force grows with the mass to the power {_power(rows, 'rule_n'):.2f}, the best one to {best}."
     return text
 
 
