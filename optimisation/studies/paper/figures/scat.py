@@ -35,7 +35,9 @@ def _levels(axes: Axes, values: Json) -> None:
         rows = np.array([values[f"level, {n}"][key] for n in modes])
         low, middle, high = np.quantile(rows, (0.05, 0.5, 0.95), axis=1)
         line(axes, modes, middle, look, name, band=(low, high), nominal=rows[:, 0])
-    axes.plot(modes, [values[f"level, {n}"]["step"] for n in modes], "x", color=LOOKS[4].colour, ms=4, label="5 N, one run, the paper's step")
+    axes.plot(
+        modes, [values[f"level, {n}"]["step"] for n in modes], "x", color=LOOKS[3].colour, ms=4, zorder=5, label="5 N, one run, the paper's step"
+    )
     axes.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9)
     axes.set(xlim=(0, max(modes) + 1), ylim=(0, 1.15), xlabel="number of modes $N_m$", ylabel="level over no absorber")
 
