@@ -262,7 +262,8 @@ def _second(values: Json) -> list[Claim]:
     return [
         said("optimum_second", "second resonance: the best operating point lies at about 35 N", "6", best, _about(PAPERS_BEST[2]),
              f"The best forces of single members, 15 % either way count as about; near them the curve is flat: at "
-             f"{none.forces[near]:.3g} N the level over no absorber is {interval(impact.relative(none)[near])}.", unit=" N", form="{:.1f}", at_step=at_step),
+             f"{none.forces[near]:.3g} N the level over no absorber is {interval(impact.relative(none)[near])}.",
+             unit=" N", form="{:.1f}", at_step=at_step),
         said("wide_second", "second resonance: over a wide range the absorber is much better than the damper", "6",
              [span(none.forces, (impact.median < MUCH * friction.median) & (impact.impacting > 0.5))], (WIDE, INFINITY),
              f"Much better: less than {MUCH:g} of the damper's level; wide: forces of a ratio of {WIDE:g}.",
