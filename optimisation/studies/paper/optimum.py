@@ -78,7 +78,10 @@ def rows_of(values: Json) -> list[Json]:
         for row in group["rows"]:
             ratio = [x / group["rule_n"] for x in (row["best_n"], *row["best_band_n"])]
             at_rule = float(np.exp(np.interp(0, np.log(np.array(group["forces_n"]) / group["rule_n"]), np.log(row["relative"]))))
-            found.append({**row, "mass": group["mass"], "reach": group["reach"], "rule_n": group["rule_n"], "ratio": ratio, "at_rule": at_rule})
+            single = int(np.argmin(row["nominal"]))
+            nominal = [group["forces_n"][single] / group["rule_n"], row["nominal"][single]]  # best force over the rule's, and the level there
+            own = {"mass": group["mass"], "reach": group["reach"], "rule_n": group["rule_n"]}
+            found.append({**row, **own, "nominal_best": nominal, "ratio": ratio, "at_rule": at_rule})
     return found
 
 
