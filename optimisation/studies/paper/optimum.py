@@ -24,8 +24,8 @@ from optimisation.studies.study import Json, Measured, Saver, Steps
 LABEL = "optimum"
 MASSES, QUICK_MASSES = (0.005, 0.01, 0.02, 0.03, 0.05), (0.01, 0.02, 0.05)
 RESTITUTIONS, QUICK_RESTITUTIONS = (0.3, 0.5, 0.7, 0.85, 1.0), (0.5, 1.0)
-FACTORS, QUICK_FACTORS = np.geomspace(0.4, 1.75, 15), np.geomspace(0.5, 1.5, 6)  # of the rule's force: 11 and 25 % apart
-MEMBERS = (12, 3)
+FACTORS, QUICK_FACTORS = np.geomspace(0.4, 1.75, 21), np.geomspace(0.5, 1.5, 6)  # of the rule's force: 8 and 25 % apart
+MEMBERS = (10, 3)
 
 
 def parameters(settings: Settings) -> Json:

@@ -25,5 +25,5 @@ def save(path: Path, values: Json) -> None:
         line(level, mass, [100 * row["level"] for row in own], look, band=(band[:, 0], band[:, 1]), nominal=100 * single[:, 1])
     force.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=1, label="design rule")
     force.set(xlabel="mass ratio in %", ylabel="best force over the rule's", ylim=(0, None))
-    level.set(xlabel="mass ratio in %", ylabel="level at the best force in % of no absorber", ylim=(0, None))
+    level.set(xlabel="mass ratio in %", ylabel="level there in % of no absorber", ylim=(0, None))
     finish([force], path, figure)
