@@ -17,11 +17,12 @@ NAME = "paper"
 
 
 class PaperFigure(Protocol):
-    """A module of a figure. ``parameters(settings)``: all that its numbers depend on beside the kernels, as plain values.
+    """A module of a figure. ``parameters(settings)``: all that its numbers depend on beside the kernels and its source, as plain values.
 
     ``claims(measured)``: the statements of the paper that its numbers, all of them, decide.
     """
 
+    __file__: str | None
     PART: Part[Settings]
 
     def parameters(self, settings: Settings) -> Json:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
 from impact_env.kernels.cache import digest
+from optimisation.studies.paper import high_low
 from optimisation.studies.paper.claims import claims_part
 from optimisation.studies.paper.frame import NAME, PaperFigure
 from optimisation.studies.paper.settings import Settings
 from optimisation.studies.study import Json, Place, Study, beside
 
-FIGURES: tuple[PaperFigure, ...] = ()
+FIGURES: tuple[PaperFigure, ...] = (high_low,)
 LABELS = tuple(module.PART.name for module in FIGURES)
 OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
 
@@ -22,9 +24,14 @@ def place(out: Path) -> Place:
 
 
 def key(name: str, settings: Settings) -> Json:
-    """Return what the numbers of a part depend on: a finished figure is kept as long as it is the same."""
-    parameters = next(module.parameters(settings) for module in FIGURES if module.PART.name == name)
-    plain: Json = json.loads(json.dumps({"quick": settings.quick, "seed": settings.seed, "kernels": digest(), "parameters": parameters}))
+    """Return what the numbers of a part depend on: a finished figure is kept as long as it is the same, its module's source included.
+
+    After a change of words only, --redraw takes the numbers as they are.
+    """
+    module = next(module for module in FIGURES if module.PART.name == name)
+    source = hashlib.sha256(Path(module.__file__ or "").read_bytes()).hexdigest()[:16]
+    known = {"quick": settings.quick, "seed": settings.seed, "kernels": digest(), "source": source, "parameters": module.parameters(settings)}
+    plain: Json = json.loads(json.dumps(known))
     return plain
 
 
