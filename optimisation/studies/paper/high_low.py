@@ -16,16 +16,15 @@ from impact_env.periodic.approach import Approach, hold
 from impact_env.periodic.case import case_of
 from impact_env.periodic.envelope import Stationary, stationary
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
+from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
 from impact_env.periodic.isolas import thresholds
-from impact_env.periodic.overview import balance_curves, exact_curves, linear_curves
-from impact_env.periodic.response_curve import ResponseCurve
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
 from optimisation.studies.paper.frame import figure_part, has, in_turn
 from optimisation.studies.paper.high_low_claims import claims as claims
+from optimisation.studies.paper.responses import HARMONICS, balance, responses
 from optimisation.studies.paper.settings import Settings
 from optimisation.studies.paper.words import between
 from optimisation.studies.study import Json, Measured, Saver, Steps, Table
@@ -33,15 +32,14 @@ from optimisation.studies.study import Json, Measured, Saver, Steps, Table
 LABEL = "high_low"
 MODES, FRICTION, FORCES = 3, 0.01, {"medium": 1.5, "high": 3.0}  # N: limit of friction, and the paper's two forces
 LOW, HIGH, FAR = 0.9, 1.06, 1.2  # frequencies over the first resonance; the inset reaches farther
-HARMONICS, MORE = 20, 40
+MORE = 40  # harmonics, beside the paper's
 PLACES = {"high branch": (3.0, 0.955), "at resonance, 1.5 N": (1.5, 1.0), "at resonance, 3 N": (3.0, 1.0)}  # N, ratio
 SETTLE, WINDOW = 1000.0, 200  # pseudo periods, periods of the force
-POINTS = 400  # of a curve that are kept
 
 
-def scene(settings: Settings | None = None, modes: int = MODES) -> Scene:  # noqa: ARG001 - the same for a look
+def scene() -> Scene:
     """Return the paper's beam and absorber of this figure."""
-    return beam_scene(Beam(modes=modes), impact_absorber(friction_limit=FRICTION))
+    return beam_scene(Beam(modes=MODES), impact_absorber(friction_limit=FRICTION))
 
 
 def forces(settings: Settings) -> list[float]:
@@ -62,43 +60,9 @@ def members(settings: Settings) -> int:
     return settings.size(16, 2)
 
 
-def _plain(curve: ResponseCurve) -> Json:
-    """Return a curve for the file: 7 digits, of long ones every second point or fewer."""
-    every = slice(None, None, 1 + len(curve.omega_ratio) // POINTS)
-    plain: Json = {"closed": curve.closed, "folds": [[fold.omega_ratio, fold.tip_max] for fold in curve.folds]}
-    plain["peak"] = None if curve.peak is None else [curve.peak.omega_ratio, curve.peak.tip_max]
-    plain |= {name: [_digits(x) for x in getattr(curve, name)[every]] for name in ("omega_ratio", "tip_max")}
-    if curve.stable is not None and curve.slowly_stable is not None:
-        plain["kind"] = [int(s) + int(t) for s, t in zip(curve.stable[every], curve.slowly_stable[every], strict=True)]
-    return plain
-
-
-def _digits(value: float) -> float | None:
-    return float(f"{value:.7g}") if np.isfinite(value) else None
-
-
-def _responses(force: float) -> Json:
-    own = scene()
-    reference = own.model.resonance_omega(1)
-    linear = linear_curves(own, force, reference, LOW, FAR)
-    return {
-        "force_n": force,
-        "exact": [_plain(curve) for curve in exact_curves(own, force, reference, LOW, FAR)],
-        "balance": [_plain(curve) for curve in _balance(force, LOW, FAR)],
-        "linear": {name: [_digits(x) for x in getattr(linear, name)[::2]] for name in ("omega_ratio", "alone", "stuck")},
-        "stuck_peak": float(linear.omega_ratio[np.argmax(linear.stuck)]),
-    }
-
-
-def _balance(force: float, low: float, high: float, harmonics: int = HARMONICS, damper: float = PAPER_DAMPER) -> list[ResponseCurve]:
-    own = scene()
-    reference = own.model.resonance_omega(1)
-    return list(balance_curves(harmonic_balance(own, low * reference, force, harmonics, WEIGHT, grounded_damper=damper), reference, low, high))
-
-
 def _isola(harmonics: int, damper: float) -> Json:
     """Peak and outer folds of the isola at the medium force by harmonic balance, None where it finds no closed curve."""
-    closed = [_plain(curve) for curve in _balance(FORCES["medium"], LOW, 0.98, harmonics, damper) if curve.closed]
+    closed = [curve for curve in balance(scene(), FORCES["medium"], LOW, 0.98, harmonics, damper) if curve["closed"]]
     return {"harmonics": harmonics, "damper": damper, "peak": None, "folds": []} | (
         {name: closed[0][name] for name in ("peak", "folds")} if closed else {}
     )
@@ -162,7 +126,7 @@ def _levels(settings: Settings) -> Json:
 
 
 def _measure(settings: Settings, known: Json) -> Steps:
-    groups: dict[str, Any] = {name: partial(_responses, force) for name, force in FORCES.items()}
+    groups: dict[str, Any] = {name: partial(responses, scene(), force, LOW, FAR) for name, force in FORCES.items()}
     groups["isolas"] = _levels_of_isolas
     groups["harmonics"] = lambda: [_isola(h, PAPER_DAMPER) for h in (HARMONICS, *settings.size((MORE,), ()))]
     groups["no_damper"] = partial(_isola, HARMONICS, 0.0)
