@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 from impact_env.kernels.cache import digest
-from optimisation.studies.paper import high_low, jump
+from optimisation.studies.paper import high_low, jump, smr
 from optimisation.studies.paper.claims import claims_part
 from optimisation.studies.paper.frame import NAME, PaperFigure
 from optimisation.studies.paper.settings import Settings
@@ -16,6 +16,7 @@ from optimisation.studies.study import Json, Place, Study, beside
 FIGURES: tuple[PaperFigure, ...] = (
     high_low,
     jump,
+    smr,
 )
 LABELS = tuple(module.PART.name for module in FIGURES)
 OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
