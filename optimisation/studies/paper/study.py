@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from impact_env.kernels.cache import digest
 from optimisation.studies.paper import (
     basics,
     dissinf,
+    high_low,
+    jump,
     m12,
     modes_needed,
     modulation,
@@ -16,6 +19,7 @@ from optimisation.studies.paper import (
     oprange_two,
     optimum,
     scat,
+    smr,
     starts,
     vard,
     varom,
@@ -25,7 +29,7 @@ from optimisation.studies.paper.frame import NAME, PaperFigure
 from optimisation.studies.paper.settings import Settings
 from optimisation.studies.study import Json, Place, Study, beside
 
-PAPERS: tuple[PaperFigure, ...] = (oprange, oprange_two, varom, vard, scat, dissinf, m12)
+PAPERS: tuple[PaperFigure, ...] = (high_low, jump, smr, oprange, oprange_two, varom, vard, scat, dissinf, m12)
 BEYOND: tuple[PaperFigure, ...] = (optimum, modulation, modes_needed, starts)
 FIGURES = (basics, *PAPERS, *BEYOND)  # in the order of the page
 LABELS = tuple(module.PART.name for module in FIGURES)
@@ -38,9 +42,14 @@ def place(out: Path) -> Place:
 
 
 def key(name: str, settings: Settings) -> Json:
-    """Return what the numbers of a part depend on: a finished figure is kept as long as it is the same."""
-    parameters = next(module.parameters(settings) for module in FIGURES if module.PART.name == name)
-    plain: Json = json.loads(json.dumps({"quick": settings.quick, "seed": settings.seed, "kernels": digest(), "parameters": parameters}))
+    """Return what the numbers of a part depend on: a finished figure is kept as long as it is the same, its module's source included.
+
+    After a change of words only, --redraw takes the numbers as they are.
+    """
+    module = next(module for module in FIGURES if module.PART.name == name)
+    source = hashlib.sha256(Path(module.__file__ or "").read_bytes()).hexdigest()[:16]
+    known = {"quick": settings.quick, "seed": settings.seed, "kernels": digest(), "source": source, "parameters": module.parameters(settings)}
+    plain: Json = json.loads(json.dumps(known))
     return plain
 
 
