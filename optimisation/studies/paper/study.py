@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 from impact_env.kernels.cache import digest
-from optimisation.studies.paper import high_low, jump, smr
+from optimisation.studies.paper import conv, high_low, jump, smr
 from optimisation.studies.paper.claims import claims_part
 from optimisation.studies.paper.frame import NAME, PaperFigure
 from optimisation.studies.paper.settings import Settings
@@ -17,6 +17,7 @@ FIGURES: tuple[PaperFigure, ...] = (
     high_low,
     jump,
     smr,
+    conv,
 )
 LABELS = tuple(module.PART.name for module in FIGURES)
 OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
