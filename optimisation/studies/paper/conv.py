@@ -47,10 +47,9 @@ def stiffnesses(settings: Settings) -> list[float]:
 
 
 def forces(settings: Settings, kind: str) -> list[float]:
-    """Return the forces (N) of the performance curves: for the damper from below its sliding on."""
-    return (
-        np.geomspace(0.5, 8.0, sizes(settings)[2]).round(3).tolist() if kind == WALLS else np.linspace(0.5, 8.0, sizes(settings)[2]).round(3).tolist()
-    )
+    """Return the forces (N) of the performance curves, for the walls closer together where the curve is flat."""
+    spaced = np.geomspace if kind == WALLS else np.linspace
+    return np.asarray(spaced(0.5, 6.0, sizes(settings)[2])).round(3).tolist()
 
 
 def parameters(settings: Settings) -> Json:

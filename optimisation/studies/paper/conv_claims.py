@@ -74,10 +74,10 @@ def _curves(curves: Json, kind: str) -> Claim:
     symbol, _, device = WORDS[kind].partition(" of the ")
     close = off["high"][worst] < 0.03 or (bool(inside.all()) and off["high"][worst] < 0.1)
     return Claim(
-        f"curves, {kind}", f"with stiff {symbol} ({device}) the performance curve is that of rigid contact at all forces", SECTION,
-        f"medians differ by {100 * np.median(off['high']):.1f} % in the median and {100 * off['high'][worst]:.0f} % at most, at {force[worst]:.2g} N; "
-        f"bands overlap at {100 * np.mean(inside):.0f} % of {len(force)} forces; with the soft one they differ by {100 * np.median(off['low']):.0f} and "
-        f"{100 * np.max(off['low']):.0f} %",
+        f"curves, {kind}", f"with stiff {symbol} ({device}) the curve is that of rigid contact at all forces", SECTION,
+        f"medians differ by {100 * np.median(off['high']):.1f} % in the median and {100 * off['high'][worst]:.0f} % at most, at "
+        f"{force[worst]:.2g} N; bands overlap at {100 * np.mean(inside):.0f} % of {len(force)} forces; "
+        f"with the soft one medians differ by {100 * np.median(off['low']):.0f} and {100 * np.max(off['low']):.0f} %",
         Verdict.HOLDS if close else Verdict.SPREAD if inside.mean() > 0.9 else Verdict.NOT, FIGURE,
         f"At {force[worst]:.2g} N members fall into two groups, those that reach the high branch and those that do not, and the median of either "
         "contact lies in one or the other: bands overlap, medians do not agree.",
