@@ -60,7 +60,7 @@ class Figures:
             return [Claim(f"{label} sum", "the sum is 3", "2.1", str(measured.values["second"]["sum"]), verdict, label, "It was another.")]
 
         part = figure_part(label, f"figure {label}", measure, lambda values: f"{label}: {values}", lambda _: {label: lambda path: path.touch()})
-        return SimpleNamespace(PART=part, parameters=lambda _: {"points": self.points}, claims=claims)
+        return SimpleNamespace(__file__=__file__, PART=part, parameters=lambda _: {"points": self.points}, claims=claims)
 
 
 @pytest.fixture

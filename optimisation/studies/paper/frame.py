@@ -18,11 +18,12 @@ POINTS = 2  # two numbers are a pair, not points
 
 
 class PaperFigure(Protocol):
-    """A module of a figure. ``parameters(settings)``: all that its numbers depend on beside the kernels, as plain values.
+    """A module of a figure. ``parameters(settings)``: all that its numbers depend on beside the kernels and its source, as plain values.
 
     ``claims(measured)``: the statements of the paper that its numbers, all of them, decide.
     """
 
+    __file__: str | None
     PART: Part[Settings]
 
     def parameters(self, settings: Settings) -> Json:

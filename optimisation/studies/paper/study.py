@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from impact_env.kernels.cache import digest
 from optimisation.studies.paper import (
     basics,
     dissinf,
+    high_low,
+    jump,
     m12,
     modes_needed,
     modulation,
@@ -27,6 +30,8 @@ from optimisation.studies.study import Json, Place, Study, beside
 
 FIGURES: tuple[PaperFigure, ...] = (
     basics,
+    high_low,
+    jump,
     oprange,
     oprange_two,
     varom,
@@ -49,9 +54,14 @@ def place(out: Path) -> Place:
 
 
 def key(name: str, settings: Settings) -> Json:
-    """Return what the numbers of a part depend on: a finished figure is kept as long as it is the same."""
-    parameters = next(module.parameters(settings) for module in FIGURES if module.PART.name == name)
-    plain: Json = json.loads(json.dumps({"quick": settings.quick, "seed": settings.seed, "kernels": digest(), "parameters": parameters}))
+    """Return what the numbers of a part depend on: a finished figure is kept as long as it is the same, its module's source included.
+
+    After a change of words only, --redraw takes the numbers as they are.
+    """
+    module = next(module for module in FIGURES if module.PART.name == name)
+    source = hashlib.sha256(Path(module.__file__ or "").read_bytes()).hexdigest()[:16]
+    known = {"quick": settings.quick, "seed": settings.seed, "kernels": digest(), "source": source, "parameters": module.parameters(settings)}
+    plain: Json = json.loads(json.dumps(known))
     return plain
 
 

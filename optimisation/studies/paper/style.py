@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
@@ -56,9 +56,9 @@ FAINT = "0.55"  # what stands behind: sweeps, guides
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, NDArray[Any]]:
     """Return a figure of the page's width and ``height`` in inches, and its panels (rows, columns), named (a), (b) ... where there are several."""
-    with rc_context(RC):
-        figure = Figure(figsize=(WIDTH, height), layout="constrained")
-        axes = np.asarray(figure.subplots(rows, columns, squeeze=False, **options))
+    rcParams.update(RC)  # for good: titles and texts are made as they are set
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    axes = np.asarray(figure.subplots(rows, columns, squeeze=False, **options))
     if axes.size > 1:
         for letter, own in zip("abcdefghijklmnopqrstuvwxyz", axes.flat, strict=False):
             own.set_title(f"({letter})", loc="left")
@@ -92,8 +92,16 @@ def signal(axes: Axes, x: ArrayLike, y: ArrayLike, look: Look, label: str | None
 
 def finish(axes: Sequence[Axes] | NDArray[Any], path: Path, figure: Figure) -> None:
     """Give every panel that has labelled lines its legend, and save the figure; the ending of ``path`` chooses the format."""
-    with rc_context(RC):
-        for own in np.asarray(axes, dtype=object).flat:
-            if own.get_legend() is None and own.get_legend_handles_labels()[1]:
-                own.legend()
-        figure.savefig(path, dpi=DPI, format=path.suffix[1:] or "png")
+    for own in np.asarray(axes, dtype=object).flat:
+        if own.get_legend() is None and own.get_legend_handles_labels()[1]:
+            own.legend()
+    figure.savefig(path, dpi=DPI, format=path.suffix[1:] or "png")
+
+
+def legend_below(figure: Figure, axes: Sequence[Axes] | NDArray[Any], columns: int) -> None:
+    """Put one legend of all panels below them, each label once."""
+    named: dict[str, Any] = {}
+    for own in np.asarray(axes, dtype=object).flat:
+        for handle, label in zip(*own.get_legend_handles_labels(), strict=True):
+            named.setdefault(label, handle)
+    figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=columns)
