@@ -1,0 +1,424 @@
+"""Structures: beams against closed forms, matrices against dense solutions, Universal Files, and what looks wrong."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.linalg
+import scipy.optimize
+import scipy.sparse
+from core import drive_of
+from places import EXAMPLES
+
+from impact_env import (
+    Beam,
+    ModalModel,
+    ParameterError,
+    Record,
+    Scene,
+    Section,
+    StructureWarning,
+    beam_scene,
+    impact_absorber,
+    load_structure,
+    modal_model,
+    simulate,
+)
+from impact_env.beam import matrices
+from impact_env.frequency import receptance, tip_response
+from impact_env.plain import from_scene, to_scene
+from impact_env.plain_files import read_plain
+from impact_env.structures.matrices import lowest_modes
+
+BEAM = "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_length_kg_m = 1.1275\n"
+MATRICES = {"mass": "m.npz", "stiffness": "m.npz", "units": "kg, m, s", "force": 0, "absorber": 1, "mass_kg": 3.0, "modes": 3, "damping_ratio": 0.01}
+
+
+def written(folder: Path, table: str, **keys: object) -> Path:
+    """Write a structure of one table, as JSON, which TOML's reader shares all checks with."""
+    path = folder / "structure.json"
+    path.write_text(json.dumps({table: {key: value for key, value in keys.items() if value is not None}}))
+    return path
+
+
+def chain(folder: Path, held: bool = True, **more: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Three masses on springs, as matrices in a file."""
+    mass = np.diag([1.0, 0.5, 1.5])
+    stiffness = 1e4 * np.array([[2.0 if held else 1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    np.savez(folder / "m.npz", M=mass, K=stiffness, **more)
+    return mass, stiffness
+
+
+# wave numbers times the length of uniform beams, from the characteristic equations of each pair of ends
+ROOTS = {
+    "clamped-free": (1.87510406871196, 4.69409113297417, 7.85475743823761),
+    "clamped-pinned": (3.92660231204792, 7.06858274562873, 10.2101761228130),
+    "clamped-clamped": (4.73004074486270, 7.85320462409584, 10.9956078380017),
+    "pinned-pinned": (np.pi, 2 * np.pi, 3 * np.pi),
+    "pinned-free": (3.92660231204792, 7.06858274562873, 10.2101761228130),
+    "free-free": (4.73004074486270, 7.85320462409584, 10.9956078380017),
+}
+
+
+@pytest.mark.parametrize("ends", ROOTS)
+def test_frequencies_of_all_ends_are_those_of_the_closed_forms(ends: str) -> None:
+    loose = ends in ("pinned-free", "free-free")
+    beam = Beam(ends=ends, absorber_position=0.9, modes=6, elements=60, suspension_frequency=5.0 if loose else None)
+    model, first = modal_model(beam), beam.rigid_motions
+    wanted = np.array(ROOTS[ends]) ** 2 * np.sqrt(beam.bending_stiffness / beam.mass_per_length) / beam.length**2
+    np.testing.assert_allclose(model.omega[first : first + 3], wanted, rtol=1e-6)
+    np.testing.assert_allclose(model.omega[:first], 2 * np.pi * np.array([5.0, 5.5][:first]))
+    if ends == "pinned-pinned":  # mass-normalised sines
+        own = np.sqrt(2 / beam.mass) * np.abs(np.sin(np.pi * 0.9 * np.arange(1, 7)))
+        np.testing.assert_allclose(model.tip_shape, own, rtol=1e-4)
+
+
+def test_rigid_motions_carry_the_whole_mass_and_its_turn() -> None:
+    beam = Beam(ends="free-free", absorber_position=1.0, force_position=0.0, suspension_frequency=1.0)
+    model = modal_model(beam)
+    assert np.sum(model.tip_shape[:2] ** 2) == pytest.approx(1 / beam.mass + (beam.length / 2) ** 2 / (beam.mass * beam.length**2 / 12))
+    assert model.tip_shape[:2] @ model.force_shape[:2] == pytest.approx(1 / beam.mass - 3 / beam.mass)
+
+
+def test_a_tip_mass_is_a_stuck_absorber() -> None:
+    heavy = modal_model(Beam(tip_mass=0.2, modes=3, elements=40))
+    # the free cantilever's characteristic equation with a mass on its end
+    beam = Beam(elements=40)
+    ratio = 0.2 / beam.mass
+
+    def equation(x: float) -> float:
+        return float(1 + np.cos(x) * np.cosh(x) + ratio * x * (np.cos(x) * np.sinh(x) - np.sin(x) * np.cosh(x)))
+
+    root = scipy.optimize.brentq(equation, 0.5, 1.87)
+    assert heavy.omega[0] == pytest.approx(root**2 * np.sqrt(beam.bending_stiffness / beam.mass_per_length) / beam.length**2, rel=1e-7)
+    assert heavy.beam_mass == pytest.approx(beam.mass + 0.2)
+
+
+def test_sections_of_one_kind_are_no_sections() -> None:
+    plain = Beam(elements=12, modes=4)
+    same = Section(5, 362.88, 1.1275), Section(7, 362.88, 1.1275)
+    parted = Beam(elements=12, modes=4, bending_stiffness=1.0, mass_per_length=1.0, sections=same)
+    np.testing.assert_allclose(modal_model(parted).omega, modal_model(plain).omega, rtol=1e-10)
+    stepped = Beam(elements=12, modes=4, sections=(Section(6, 800.0, 2.0),))
+    assert stepped.mass == pytest.approx(0.25 * 2.0 + 0.25 * 1.1275)
+    mass, stiffness = matrices(stepped)
+    np.testing.assert_allclose(modal_model(stepped).omega ** 2, scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[:4], rtol=1e-7)
+
+
+def test_level_is_read_where_the_beam_says() -> None:
+    beam = Beam(modes=4, absorber_position=0.7, response_position=0.9)
+    scene, drive = beam_scene(beam, impact_absorber(restitution=0.7)), drive_of(3.5, 0.95, 1.0, periods=60)
+    response = simulate(scene, drive, record=Record(series=True))
+    assert response.history is not None
+    assert response.level is not None
+    row = modal_model(Beam(modes=4, force_position=0.9)).force_shape
+    values = response.history.modal_displacement @ row
+    at = int(np.argmax(np.abs(values)))
+    window = values[max(at - 320, 0) : at + 321]
+    assert response.level.max_tip == pytest.approx(np.max(np.abs(values)), rel=5e-3)  # a parabola through the samples
+    assert response.level.value == pytest.approx(np.sqrt(np.mean(window**2)), rel=3e-3)
+    assert simulate(scene, drive).level == response.level
+    assert simulate(scene, drive).history is None
+
+
+def test_the_paper_beam_as_modal_data_and_as_matrices_has_the_beam_impacts(tmp_path: Path) -> None:
+    beam = Beam()
+    drive, absorber = drive_of(3.5, 1.0, periods=40), impact_absorber(restitution=0.7)
+    own = simulate(beam_scene(beam, absorber), drive, record=Record(events=True)).impacts
+    assert own is not None
+    (tmp_path / "modal.json").write_text(json.dumps({"model": from_scene(beam_scene(beam))["model"]}))
+    mass, stiffness = matrices(beam)
+    for name, matrix in (("M", mass), ("K", stiffness)):
+        scipy.io.mmwrite(tmp_path / f"{name}.mtx", scipy.sparse.coo_matrix(matrix), precision=17)
+    keys = {"mass": "M.mtx", "stiffness": "K.mtx", "units": "kg, m, s", "force": 22, "absorber": 58, "mass_kg": beam.mass, "damping_ratio": 0.01}
+    for path, exactly in ((tmp_path / "modal.json", True), (written(tmp_path, "matrices", **keys), False)):
+        found = simulate(Scene(modal_model(load_structure(path)), absorber), drive, record=Record(events=True)).impacts
+        assert found is not None
+        if exactly:
+            np.testing.assert_array_equal(found.time, own.time)
+        # impacts amplify what the last digits of the matrices differ by: the first ones, before that shows
+        np.testing.assert_allclose(found.time[:7], own.time[:7], rtol=0, atol=1e-9 * drive.schedule.pseudo_period)
+        np.testing.assert_allclose(found.relative_velocity[:7], own.relative_velocity[:7], rtol=0, atol=1e-9)
+
+
+def test_receptances_are_those_of_a_direct_solution(tmp_path: Path) -> None:
+    mass, stiffness = chain(tmp_path)
+    damping = 0.8 * mass + 2e-5 * stiffness
+    chain(tmp_path, C=damping)
+    model = load_structure(written(tmp_path, "matrices", **MATRICES | {"damping": "m.npz", "damping_ratio": None, "response": 2}))
+    assert isinstance(model, ModalModel)
+    for omega in (10.0, 55.0, 101.0, 200.0):
+        direct = np.linalg.inv(stiffness + 1j * omega * damping - omega**2 * mass)
+        assert receptance(model, omega, model.tip_shape, model.force_shape) == pytest.approx(direct[1, 0], rel=1e-10)
+        assert tip_response(model, None, omega) == pytest.approx(direct[2, 0], rel=1e-10)
+
+
+def test_the_frame_answers_as_its_matrices_do() -> None:
+    model = load_structure(EXAMPLES / "frame.toml")
+    assert isinstance(model, ModalModel)
+    mass, stiffness = (scipy.sparse.load_npz(EXAMPLES / f"frame_{name}.npz").toarray() for name in ("mass", "stiffness"))
+    values, vectors = scipy.linalg.eigh(stiffness, mass)
+    assert np.allclose(np.sqrt(values[:8]), model.omega, rtol=1e-8)
+    damping = mass @ vectors @ np.diag(2 * 0.01 * np.sqrt(values)) @ vectors.T @ mass
+    load = np.zeros(len(mass))
+    load[8] = 1.0
+    for omega in model.omega[:3] * 1.002:
+        direct = np.linalg.solve(stiffness + 1j * omega * damping - omega**2 * mass, load)
+        assert tip_response(model, None, omega) == pytest.approx(direct[20], rel=2e-2)  # eight of 426 modes
+        assert receptance(model, omega, model.tip_shape, model.force_shape) == pytest.approx(direct[138], rel=2e-2)
+
+
+def test_sparse_and_dense_solutions_agree() -> None:
+    size = 1500
+    ones = np.ones(size)
+    stiffness = 1e6 * scipy.sparse.diags([-ones[1:], 2 * ones, -ones[1:]], [-1, 0, 1])
+    mass = scipy.sparse.diags(0.01 * ones)
+    found = lowest_modes(mass.tocsc(), stiffness.tocsc(), 6)
+    wanted = 2 * np.sqrt(1e6 / 0.01) * np.sin(np.pi * np.arange(1, 7) / (2 * (size + 1)))
+    np.testing.assert_allclose(found.omega, wanted, rtol=1e-8)
+    np.testing.assert_allclose(found.shapes.T @ (mass @ found.shapes), np.eye(6), atol=1e-9)
+    again = lowest_modes(mass.tocsc(), stiffness.tocsc(), 6)
+    np.testing.assert_array_equal(found.shapes, again.shapes)
+
+
+def test_a_structure_that_is_not_held_says_what_is_possible(tmp_path: Path) -> None:
+    chain(tmp_path, held=False)
+    with pytest.raises(ParameterError, match=r"1 motions bend nothing.*suspension_frequency_hz"):
+        load_structure(written(tmp_path, "matrices", **MATRICES))
+    model = modal_model(load_structure(written(tmp_path, "matrices", **MATRICES | {"suspension_frequency_hz": 0.5})))
+    assert model.omega[0] == 2 * np.pi * 0.5
+    np.testing.assert_allclose(model.tip_shape[0], 1 / np.sqrt(3.0), rtol=1e-6)
+    with pytest.raises(ParameterError, match=r"suspension_frequency.* = 50.0 is not allowed: below half of the first bending frequency"):
+        load_structure(written(tmp_path, "matrices", **MATRICES | {"suspension_frequency_hz": 50.0}))
+
+
+def test_tonnes_and_millimetres_are_the_same_structure(tmp_path: Path) -> None:
+    mass, stiffness = chain(tmp_path)
+    model = modal_model(load_structure(written(tmp_path, "matrices", **MATRICES)))
+    np.savez(tmp_path / "m.npz", M=mass * 1e-3, K=stiffness * 1e-3)
+    other = modal_model(load_structure(written(tmp_path, "matrices", **MATRICES | {"units": "t, mm, s"})))
+    np.testing.assert_allclose(other.omega, model.omega)
+    np.testing.assert_allclose(other.tip_shape, model.tip_shape)
+
+
+def test_a_universal_file_gives_what_a_test_measured() -> None:
+    pytest.importorskip("pyuff")
+    model = modal_model(load_structure(EXAMPLES / "measured.toml"))
+    mode = np.arange(1, 6)
+    np.testing.assert_allclose(model.omega, 2 * np.pi * 40.0 * mode**2, rtol=3e-3)
+    np.testing.assert_allclose(model.damping_ratio, 0.004, rtol=0.3)
+    truth = np.sin(mode * np.pi * 2 / 8) * np.sin(mode * np.pi * 5 / 8)  # twice the product of shapes over the mass: no sign is left
+    np.testing.assert_allclose(model.force_shape * model.tip_shape, truth, atol=0.08)
+    assert np.all(model.tip_shape >= 0)
+
+
+def test_modal_mass_and_complex_modes_of_a_universal_file(tmp_path: Path) -> None:
+    pyuff = pytest.importorskip("pyuff")
+    common = {"model_type": 1, "data_ch": 2, "spec_data_type": 8, "n_data_per_node": 3, "load_case": 0, "node_nums": np.array([1, 2]), "mode_n": 1}
+    still = np.zeros(2)
+    scaled = pyuff.prepare_55(
+        **common,
+        analysis_type=2,
+        data_type=2,
+        freq=10.0,
+        modal_m=4.0,
+        modal_damp_vis=0.01,
+        modal_damp_his=0.0,
+        r1=still,
+        r2=still,
+        r3=np.array([1.0, 2.0]),
+    )
+    omega, ratio = 2 * np.pi * 10, 0.01
+    value = omega * (-ratio + 1j * np.sqrt(1 - ratio**2))
+    turned = np.array([0.5, 1.0]) * np.exp(0.9j)  # mass-normalised [0.5, 1], turned; its modal A follows
+    modal_a = 2j * value.imag * np.exp(1.8j)
+    turning = pyuff.prepare_55(
+        **common, analysis_type=3, data_type=5, eig=value, modal_a=modal_a, modal_b=1.0, r1=still * 1j, r2=still * 1j, r3=turned
+    )
+    keys = {"force": {"node": 1, "direction": "z"}, "absorber": {"node": 2, "direction": "-z"}, "mass_kg": 3.0, "file": "modes.uff"}
+    for dataset in (scaled, turning):
+        (tmp_path / "modes.uff").unlink(missing_ok=True)
+        pyuff.UFF(str(tmp_path / "modes.uff")).write_sets(dataset, "add")
+        model = modal_model(load_structure(written(tmp_path, "universal", **keys)))
+        np.testing.assert_allclose(np.abs(model.force_shape), 0.5, rtol=1e-4)
+        np.testing.assert_allclose(model.tip_shape, 1.0, rtol=1e-4)
+        assert model.force_shape[0] < 0  # the absorber's direction is turned
+        np.testing.assert_allclose(model.omega, omega, rtol=1e-4)
+        np.testing.assert_allclose(model.damping_ratio, 0.01, rtol=1e-4)
+
+
+WRONG_BEAM = [
+    ("length = 0.5", r"beam.length = 0.5 is not allowed: only the keys length_m"),
+    ("ends = 'clamped'", r"beam.ends = 'clamped' is not allowed: one of clamped-free"),
+    ("ends = 'free-free'", r"beam.suspension_frequency_hz = None is not allowed: given"),
+    ("tip_mass_kg = nan", r"beam.tip_mass_kg = nan"),
+    ("ends = 'pinned-pinned'\nabsorber_position = 0.5\ntip_mass_kg = 1.0", r"beam.tip_mass_kg = 1.0 is not allowed: 0 with pinned-pinned ends"),
+    ("sections = 3", r"beam.sections = 3 is not allowed: a list of tables"),
+    ("sections = [{ elements = 3, bending_stiffness_n_m2 = 1.0 }]", r"beam.sections\[0\] = .*the key mass_per_length_kg_m must be given"),
+    ("response_position = 2.0", r"beam.response_position = 2.0"),
+    ("[absorber]\nkind = 'stuck'", r"absorber = .* is not allowed: left out: a structure is what an absorber is put on"),
+    ("[model]", r"beam = .* is not allowed: left out beside another structure"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG_BEAM)
+def test_a_wrong_beam_is_one_error_with_file_and_key(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "beam.toml"
+    path.write_text(BEAM + text + "\n")
+    with pytest.raises(ParameterError, match=r"beam.toml: " + message):
+        load_structure(path)
+
+
+def test_a_structure_must_be_said(tmp_path: Path) -> None:
+    path = tmp_path / "beam.toml"
+    for text, message in (
+        ("", "a file with one of the tables"),
+        ("[beam]\nlength_m = 1.0\n", "the keys bending_stiffness_n_m2, mass_per_length_kg_m must"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ParameterError, match=f"beam.toml.*{message}"):
+            load_structure(path)
+
+
+NAN = float("nan")
+WRONG_MATRICES = [
+    ({"units": None}, r"matrices = .*the key units must be given"),
+    ({"units": "mm"}, r"matrices.units = 'mm' is not allowed: one of 'kg, m, s', 't, mm, s'"),
+    ({"force": 3}, r"matrices.force = 3 is not allowed: a whole number from 0 to 2"),
+    ({"absorber": [0, 7]}, r"matrices.absorber = 7"),
+    ({"mass": "none.npz"}, r"matrices.mass = '.*none.npz' is not allowed: a matrix that can be read"),
+    ({"mass": "m.txt"}, r"matrices.mass = '.*m.txt' is not allowed: a file that ends in .npz or .mtx"),
+    ({"mass": "text.npz"}, r"matrices.mass = '.*text.npz' is not allowed: a matrix that can be read"),
+    ({"mass": "text.mtx"}, r"matrices.mass = '.*text.mtx' is not allowed: a matrix that can be read"),
+    ({"mass": "other.npz"}, r"matrices.mass = .* is not allowed: a matrix that can be read \(it has a, b, and no M\)"),
+    ({"stiffness": "large.npz"}, r"matrices.stiffness = .*3 by 3, as the mass matrix"),
+    ({"stiffness": "row.npz"}, r"matrices.stiffness = .*3 by 3, as the mass matrix"),
+    ({"stiffness": "nan.npz"}, r"matrices.stiffness = .*finite real numbers"),
+    ({"stiffness": "skew.npz"}, r"matrices.stiffness = .*a symmetric matrix"),
+    ({"stiffness": "negative.npz"}, r"matrices.stiffness = .*positive semidefinite"),
+    (
+        {"damping": "coupled.npz", "damping_ratio": None},
+        r"matrices.damping = 'a matrix that couples the modes . and . by.*modal or proportional",
+    ),
+    ({"damping": "coupled.npz"}, r"matrices.damping_ratio = 0.01 is not allowed: left out beside a damping matrix"),
+    ({"damping_ratio": None}, r"matrices.damping_ratio = None is not allowed: given"),
+    ({"damping_ratio": [0.1, 0.1]}, r"matrices.damping_ratio = .*one number, or one for each of the 3 modes"),
+    ({"damping_ratio": -0.1}, r"matrices.damping_ratio = -0.1"),
+    ({"mass_kg": 0}, r"matrices.*mass"),
+    ({"modes": 0}, r"matrices.modes = 0"),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), WRONG_MATRICES)
+def test_wrong_matrices_are_one_error_with_file_and_key(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    mass, stiffness = chain(tmp_path)
+    for name, matrix in (
+        ("large", np.eye(4)),
+        ("row", np.ones(3)),
+        ("nan", np.where(stiffness == 0, NAN, stiffness)),
+        ("skew", stiffness + np.triu(stiffness)),
+        ("negative", -stiffness),
+        ("coupled", np.diag([1.0, 0.0, 0.0])),
+    ):
+        np.savez(tmp_path / f"{name}.npz", matrix)
+    np.savez(tmp_path / "other.npz", a=mass, b=mass)
+    for name in ("text.npz", "text.mtx", "m.txt"):
+        (tmp_path / name).write_text("a text\n")
+    with pytest.raises(ParameterError, match=r"structure.json: " + message):
+        load_structure(written(tmp_path, "matrices", **MATRICES | changes))
+
+
+MODEL = {
+    "frequencies_hz": [10.0, 50.0],
+    "damping_ratio": [0.01, 0.01],
+    "force_shape_per_sqrt_kg": [0.5, -0.7],
+    "tip_shape_per_sqrt_kg": [1.0, 0.8],
+    "beam_mass_kg": 2.0,
+}
+WRONG_MODELS = [
+    ({"frequencies_hz": [0.0, 50.0]}, r"model.frequencies_hz = .*a motion that bends nothing has the frequency of its suspension"),
+    ({"omega_rad_s": [1.0, 2.0]}, r"model.frequencies_hz = .* is not allowed: left out beside omega_rad_s"),
+    ({"frequencies_hz": None}, r"model.omega_rad_s = None"),
+    ({"tip_shape_per_sqrt_kg": [1.0]}, r"model: modal model = .*arrays of one length"),
+    ({"force_shape": [1.0, 1.0]}, r"model.force_shape = .*only the keys"),
+    ({"response_shape_per_sqrt_kg": [1.0, NAN]}, r"model.response_shape_per_sqrt_kg\[1\] = nan"),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), WRONG_MODELS)
+def test_wrong_modal_data_are_one_error_with_file_and_key(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ParameterError, match=r"structure.json: " + message):
+        load_structure(written(tmp_path, "model", **MODEL | changes))
+
+
+SUSPECT = [
+    ({"tip_shape_per_sqrt_kg": [1.0, 1.0]}, "scaled to 1 and not mass-normalised"),
+    ({"tip_shape_per_sqrt_kg": [1e3, 8e2]}, "are the shapes mass-normalised"),
+    ({"damping_ratio": [1.0, 1.0]}, "was it given in percent"),
+    ({"frequencies_hz": [3e4, 5e4]}, "are the units right"),
+    ({"frequencies_hz": [10.0, 10.05]}, "modes 1 and 2 are one peak at 10 Hz"),
+    ({"tip_shape_per_sqrt_kg": [0.0, 0.0]}, "no mode moves the place of the absorber"),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), SUSPECT)
+def test_what_looks_wrong_is_a_warning_with_the_file(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    with pytest.warns(StructureWarning, match=f"structure.json: .*{message}"):
+        load_structure(written(tmp_path, "model", **MODEL | changes))
+
+
+def test_what_is_fine_is_no_warning_and_a_wrong_bar_is(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_structure(written(tmp_path, "model", **MODEL))
+        load_structure(EXAMPLES / "steel_beam.toml")
+        load_structure(EXAMPLES / "frame.toml")
+    (tmp_path / "beam.toml").write_text(BEAM.replace("362.88", "362.88e6"))  # N mm^2
+    with pytest.warns(StructureWarning, match="a metal bar with this bending stiffness and mass would be"):
+        load_structure(tmp_path / "beam.toml")
+
+
+WRONG_UNIVERSAL = [
+    ({"file": "none.uff"}, r"universal.file = '.*none.uff' is not allowed: a Universal File that exists"),
+    ({"file": "text.uff"}, r"universal.file = '.*text.uff' is not allowed"),
+    ({"force": 3}, r"universal.force = 3 is not allowed: a table"),
+    ({"force": {"node": 99, "direction": "z"}}, r"universal.force = 99 is not allowed: a node of measured.uff: 1, 2, 3"),
+    ({"force": {"node": 1, "direction": "w"}}, r"universal.force.direction = 'w' is not allowed: one of x, y, z"),
+    ({"modes": 9}, r"universal.modes = 9 is not allowed: a whole number from 1 to 5"),
+    ({"mass_kg": None}, r"universal = .*the key mass_kg must be given"),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), WRONG_UNIVERSAL)
+def test_a_wrong_universal_file_is_one_error_with_file_and_key(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    pytest.importorskip("pyuff")
+    (tmp_path / "measured.uff").write_bytes((EXAMPLES / "measured.uff").read_bytes())
+    (tmp_path / "text.uff").write_text("a text\n")
+    keys = {"file": "measured.uff", "force": {"node": 2, "direction": "z"}, "absorber": {"node": 5, "direction": "z"}, "mass_kg": 2.0}
+    with pytest.raises(ParameterError, match=r"structure.json: " + message):
+        load_structure(written(tmp_path, "universal", **keys | changes))
+
+
+def test_several_absorbers_on_matrices(tmp_path: Path) -> None:
+    chain(tmp_path)
+    plain = read_plain(written(tmp_path, "matrices", **MATRICES | {"absorber": [1, 2], "response": 0}))
+    several = {"kind": "several", "absorbers": [{"position": 0.5}, {"position": 1.0}]}
+    scene = to_scene(plain | {"absorber": several}, tmp_path)
+    assert scene.absorber_shapes.shape == (2, 3)
+    np.testing.assert_allclose(np.abs(scene.model.tip_shape), np.abs(scene.model.force_shape))
+    assert to_scene(from_scene(scene)).model.omega.tobytes() == scene.model.omega.tobytes()
+
+
+def test_a_suspended_beam_runs_and_keeps_its_energy() -> None:
+    beam = Beam(ends="free-free", suspension_frequency=2.0, absorber_position=1.0, force_position=0.0)
+    scene = beam_scene(beam, impact_absorber(restitution=0.7, friction_limit=0.05))
+    drive = drive_of(50.0, 0.97, periods=100, reference=scene.model.resonance_omega(3))
+    response = simulate(scene, drive, record=Record(energy=True))
+    assert response.energy is not None
+    assert response.impact_count > 20
+    assert response.energy.relative_error < 1e-9
