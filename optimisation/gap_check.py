@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
-from impact_env.drive import PAPER_LIMITS
+from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Progress
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SlidingAbsorber, impact_absorber, require
@@ -18,7 +18,7 @@ from impact_env.scene import Scene
 from optimisation.bounds import design_gap, gap_unit, near_range, reach, require_reach, resonance_limit, share_reached
 from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
 from optimisation.friction_rule import scaled_friction
-from optimisation.sweep_rate import LEAST_RATIO, default_rate, stationary_level
+from optimisation.sweep_rate import LEAST_RATIO, stationary_level
 
 Array = NDArray[np.float64]
 

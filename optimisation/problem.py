@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import FrequencySchedule, linear_sweep
+from impact_env.drive import FrequencySchedule, default_rate, linear_sweep
 from impact_env.ensemble import Lane, Members, draw_members
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import Beam, count, positive, require
@@ -22,7 +22,7 @@ from optimisation.extremes import usable_rate
 from optimisation.measures import DAMAGE, LEVEL, MEASURES, Chunk, clamp_moment, measure
 from optimisation.mounting import described, detuned, mounted, usual_position
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score
-from optimisation.sweep_rate import default_rate, sweep_ratio
+from optimisation.sweep_rate import sweep_ratio
 from optimisation.tuned import require_wide_range
 from optimisation.units import Units
 

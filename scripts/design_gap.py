@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import PAPER_LIMITS
+from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, friction_law, non_negative
 from optimisation.command_line import end_early, name_files, plain_errors
 from optimisation.commands.gap_answer import DEFAULT_GAPS, QUICK_GAPS, QUICK_MEMBERS, answer, simulated, write
@@ -20,7 +20,6 @@ from optimisation.files import require_writable
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_check import RESTITUTION, gap_factors, scaled_absorber
 from optimisation.report.gap_table import text
-from optimisation.sweep_rate import default_rate
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

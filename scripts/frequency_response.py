@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from impact_env.drive import PAPER_RATE
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
 from optimisation.command_line import check_target, end_early, name_files, plain_errors
@@ -41,7 +40,7 @@ from optimisation.report.response_table import text
 @click.option("--weight", type=float, default=WEIGHT, show_default=True, help="Weight of the rigid contact in harmonic balance, in m_a omega_1^2.")
 @click.option("--grounded-damper", is_flag=True, help=f"With the paper's damper of {PAPER_DAMPER} N s/m between absorber and ground (balance only).")
 @click.option("--sweeps/--no-sweeps", default=True, show_default=True, help="With a sweep up and one down by the exact method.")
-@click.option("--percent-per-100-periods", type=float, default=PAPER_RATE, show_default=True, help="Rate of the sweeps.")
+@click.option("--percent-per-100-periods", type=float, help="Rate of the sweeps.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write all curves, in SI units.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a row for each point of a curve.")
 @click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw it: .png, .pdf or .svg.")

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from impact_env.drive import PAPER_LIMITS, PAPER_RATE
+from impact_env.drive import PAPER_LIMITS
 from impact_env.methods import PAPER_STEPS
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber
 from optimisation.command_line import plain_errors
@@ -67,7 +67,11 @@ from optimisation.commands.sweep_scene import (
     help="Last frequency over the resonance frequency; equal to --from: constant.",
 )
 @click.option("--periods", type=float, help="Length in pseudo periods at a constant frequency.")
-@click.option("--percent-per-100-periods", type=float, help=default("Rate of the sweep in percent of the resonance frequency.", PAPER_RATE))
+@click.option(
+    "--percent-per-100-periods",
+    type=float,
+    help=default("Rate of the sweep in percent of the resonance frequency.", "1, less by the square of damping below 1 %"),
+)
 @click.option("--down", is_flag=True, help="Sweep down: swaps --from and --to.")
 @click.option("--method", type=click.Choice(["exact", "moreau", "runge-kutta"]), default="exact", show_default=True, help="Method of integration.")
 @click.option("--steps-per-period", type=int, help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS))

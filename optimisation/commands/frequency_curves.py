@@ -9,6 +9,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from impact_env.drive import default_rate
 from impact_env.parameters import RigidWalls, positive, require
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, harmonic_balance
 from impact_env.periodic.overview import Overview, overview, sliding
@@ -47,6 +48,7 @@ def computed(given: dict[str, Any]) -> Overview:
         balance = harmonic_balance(scene, low * reference, given["force"], given["harmonics"], given["weight"], grounded_damper=damper)
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
     rate = given["percent_per_100_periods"]
+    rate = default_rate(scene.model, (given["resonance"],)) if rate is None else rate
     with following(reference) as show:
         return overview(scene, given["force"], reference, low, high, given["method"] != BALANCE, balance, sweeps, rate, show, given["pairs"])
 

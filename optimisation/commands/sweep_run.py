@@ -7,6 +7,7 @@ import statistics
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TypeVar
 
 from tqdm import tqdm
@@ -30,6 +31,7 @@ from optimisation.commands.sweep_scene import (
 from optimisation.files import replacing
 from optimisation.report.sweep_report import Result, contract, describe_run, summary
 from optimisation.studies.timing import Timed
+from optimisation.sweep_rate import sweep_ratio
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 SHORT = 2.0  # s: a run below this is timed three times
@@ -94,6 +96,14 @@ def compute(scene: Scene, drives: list[Drive], method: Method, plotted: bool, mo
         return Result(response, others, heard(lambda: integration_time(scene, drives[0], method, most_events), bar))
 
 
+def ratio_of(given: Options, scene: Scene, schedule: FrequencySchedule) -> float | None:
+    """Return what such sweeps without absorber show of the stationary level; None at a constant frequency, where nothing is swept."""
+    low, high = sorted(schedule.omegas / schedule.reference)
+    if low == high:
+        return None
+    return sweep_ratio(scene.model, 1e4 * (high - low) / schedule.periods, given["resonance"], (float(low), float(high)))
+
+
 def refuse_long_plot(scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
     """Raise BadInput if the record for a figure would not fit into the memory that is allowed for it."""
     size = 8 * (2 * scene.model.modes + 2) * schedule.periods * samples
@@ -130,6 +140,7 @@ def run(given: Options) -> str:
     first = Drive(given["force"], schedule, given["phase"])
     drives = draw_members(given["members"], given["seed"]).drives(first.amplitude, schedule, first.phase)
     result = compute(scene, drives, method, given["plot"] is not None, given["most_events"])
+    result = replace(result, sweep_ratio=ratio_of(given, scene, schedule))
     write(result, given, beam)
     return summary(result, given["resonance"])
 

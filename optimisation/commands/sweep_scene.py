@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from impact_env.drive import FrequencySchedule, constant_frequency, linear_sweep
+from impact_env.drive import FrequencySchedule, constant_frequency, default_rate, linear_sweep
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import (
@@ -174,4 +174,5 @@ def make_schedule(given: Options, scene: Scene) -> FrequencySchedule:
         return constant_frequency(omega, start, given["periods"])
     if given["down"]:
         start, stop = stop, start
-    return linear_sweep(omega, start, stop, **chosen(given, percent_per_100_periods="percent_per_100_periods"))
+    rate = given["percent_per_100_periods"]
+    return linear_sweep(omega, start, stop, default_rate(scene.model, (given["resonance"],)) if rate is None else rate)
