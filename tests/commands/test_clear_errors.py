@@ -16,7 +16,7 @@ pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
 
 from click.testing import CliRunner
-from study_commands import FAST, call, load
+from commands import FAST, call, load
 
 from optimisation.command_line import plain_errors
 from optimisation.evaluation import Threads

@@ -2,17 +2,16 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import importlib.util
 import json
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from types import ModuleType
 
+import compare_absorbers
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
-from places import SCRIPTS
+from commands import call
 
 from impact_env import Beam
 from optimisation.comparison import FORCE_SPAN, IMPACT, LTVA_PAPER, NONE, Comparison, compare, force_grid
@@ -39,18 +38,8 @@ def study() -> Comparison:
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    spec = importlib.util.spec_from_file_location("compare_absorbers", SCRIPTS / "compare_absorbers.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    monkeypatch.setattr(module, "compare", small)
-    return module
-
-
-def call(script: ModuleType, *arguments: object) -> Result:
-    return CliRunner().invoke(script.main, [str(argument) for argument in arguments])
+    monkeypatch.setattr("optimisation.commands.comparison_run.compare", small)
+    return compare_absorbers
 
 
 def read(path: Path) -> list[dict[str, str]]:
@@ -152,7 +141,7 @@ def interrupted_after(lanes: int) -> Callable[..., Comparison]:
 
 @pytest.mark.parametrize("lanes", [1, 60])
 def test_interrupt_leaves_what_is_finished(script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lanes: int) -> None:
-    monkeypatch.setattr(script, "compare", interrupted_after(lanes))
+    monkeypatch.setattr("optimisation.commands.comparison_run.compare", interrupted_after(lanes))
     result = call(script, "--forces", 4, "--members", 4, "--out", tmp_path)
     assert result.exit_code == 130
     assert "Stopped early" in result.output
@@ -192,7 +181,7 @@ def test_break_while_writing_leaves_no_part_of_a_file(script: ModuleType, tmp_pa
     ],
 )
 def test_bad_input_is_named(script: ModuleType, monkeypatch: pytest.MonkeyPatch, arguments: list[object], names: list[str]) -> None:
-    monkeypatch.setattr(script, "compare", lambda **_options: pytest.fail("computed"))
+    monkeypatch.setattr("optimisation.commands.comparison_run.compare", lambda **_options: pytest.fail("computed"))
     result = call(script, *arguments)
     assert result.exit_code == 2
     assert result.stdout == ""

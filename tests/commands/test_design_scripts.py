@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import json
 import subprocess
 import sys
@@ -12,8 +11,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
-from places import ROOT, SCRIPTS
+from commands import call, load
+from places import ROOT
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError, friction_damper
@@ -21,16 +20,6 @@ from optimisation.bounds import design_gap
 from optimisation.commands import gap_answer
 from optimisation.gap_check import GapCheck, check_gap, gap_factors, sweep_limits
 from optimisation.tuned import den_hartog, undamped_h2
-
-
-def load(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture
@@ -43,10 +32,6 @@ def tune(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 @pytest.fixture
 def gap(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return load("design_gap", monkeypatch)
-
-
-def call(script: ModuleType, *arguments: object) -> Result:
-    return CliRunner().invoke(script.main, [str(argument) for argument in arguments])
 
 
 def read(path: Path) -> list[dict[str, str]]:

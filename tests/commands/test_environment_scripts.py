@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click import Command
-from click.testing import CliRunner, Result
+from commands import call
 
 pytest.importorskip("stable_baselines3")
 import benchmark_envs
@@ -15,10 +14,6 @@ import render_episode
 from PIL import Image
 
 from optimisation.studies.benchmarks import environments
-
-
-def call(command: Command, *arguments: object) -> Result:
-    return CliRunner().invoke(command, [str(argument) for argument in arguments])
 
 
 def test_film_moves_and_is_whole(tmp_path: Path) -> None:

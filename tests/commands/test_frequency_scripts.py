@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import json
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
-from places import SCRIPTS
+from commands import call, load
 
 from impact_env.frequency import tip_response
 from impact_env.modes import modal_model
@@ -21,20 +19,6 @@ from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.scene import beam_scene
 
 PAPER = ("--modes", 3, "--friction-limit", 0.01)
-
-
-def load(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def call(script: ModuleType, *arguments: object) -> Result:
-    return CliRunner().invoke(script.main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import shlex
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from commands import load
 from places import EXAMPLES, ROOT, SCRIPTS
 
 from impact_env import Beam, load_structure, modal_model
@@ -31,16 +30,6 @@ def quickly_tuned(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("optimisation.comparison.minimax", closed)
     monkeypatch.setattr("optimisation.tuned.table.minimax", closed)
     monkeypatch.setattr("optimisation.tuned.table.minimum_h2", lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance))
-
-
-def load(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def call(name: str, monkeypatch: pytest.MonkeyPatch, line: str) -> Result:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from study_commands import FAST, call, load
+from commands import FAST, call, load
 
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")

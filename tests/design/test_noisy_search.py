@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+import search_methods as search_methods_command
 from click.testing import CliRunner
-from places import SCRIPTS
 from scipy.stats import norm
 
 pytest.importorskip("optuna")
@@ -131,27 +129,16 @@ def test_methods_are_ranked_by_the_median_over_seeds() -> None:
     assert winner([]) is None
 
 
-@pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    spec = importlib.util.spec_from_file_location("search_methods_command", SCRIPTS / "search_methods.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_comparison_runs_goes_on_and_writes_its_page(command: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_comparison_runs_goes_on_and_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     beam, conditions = search_methods.QUESTIONS["steel, first"]
     monkeypatch.setitem(search_methods.QUESTIONS, "steel, first", (replace(beam, modes=2), conditions))
     monkeypatch.setattr(search_methods_study, "QUICK", {"designs": 10, "members": 2, "seeds": 1, "speed": 100.0})
     arguments = ["--quick", "--question", "steel, first", "--out", str(tmp_path)]
-    result = CliRunner().invoke(command.main, arguments)
+    result = CliRunner().invoke(search_methods_command.main, arguments)
     assert result.exit_code == 0, result.output
     content = json.loads((tmp_path / "search_methods.json").read_text())
     assert [t["method"] for t in content["trials"]] == list(search_methods.METHODS)
     assert all(0 < t["level"] < 1.1 and len(t["members"]) == 2 for t in content["trials"])
     assert "Least mean rank" in (tmp_path / "search_methods.md").read_text()
     monkeypatch.setattr(search_methods, "trial", lambda *_: pytest.fail("searched again"))
-    assert CliRunner().invoke(command.main, arguments).exit_code == 0
+    assert CliRunner().invoke(search_methods_command.main, arguments).exit_code == 0

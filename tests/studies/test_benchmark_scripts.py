@@ -10,16 +10,12 @@ import numpy as np
 import pytest
 import reference_levels
 from click import Command
-from click.testing import CliRunner, Result
+from commands import call
 
 from optimisation.report.markdown import markdown
 from optimisation.studies import levels
 from optimisation.studies.benchmarks import speed
 from optimisation.studies.cost import study as cost
-
-
-def call(command: Command, *arguments: object) -> Result:
-    return CliRunner().invoke(command, [str(argument) for argument in arguments])
 
 
 def assert_block(page: Path, name: str, table: str, kernels: str) -> None:

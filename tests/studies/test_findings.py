@@ -12,8 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
-from study_commands import load
+from commands import call, load
 
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
@@ -46,10 +45,6 @@ def findings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "findings.md").write_text(PAGE)
     return module
-
-
-def call(script: ModuleType, *arguments: object) -> Result:
-    return CliRunner().invoke(script.main, [str(argument) for argument in arguments])
 
 
 def result(folder: Path, part: str) -> dict[str, object]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
-from places import ROOT, SCRIPTS
+import regimes
+from commands import call
+from places import ROOT
 
 from impact_env.periodic import residence
 from optimisation.studies.regimes import measured
@@ -21,30 +20,12 @@ from optimisation.studies.regimes.tables import hazard_of, kind_table, of_case
 OWN = ["--modes", "2", "--friction-limit", "0.025", "--force", "1.5", "--quick", "--members", "6", "--points", "3", "--from", "0.98", "--to", "0.96"]
 
 
-@pytest.fixture(autouse=True)
-def beside(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(SCRIPTS))  # the scripts import one another
-
-
-def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("regimes", SCRIPTS / "regimes.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def call(*options: Any) -> Result:
-    return CliRunner().invoke(script().main, [str(option) for option in options])
-
-
 def rows(folder: Path, part: str) -> list[dict[str, Any]]:
     return json.loads((folder / f"{part}.json").read_text())["rows"]
 
 
 def test_own_scene(tmp_path: Path) -> None:
-    result = call(*OWN, "--slowness", 50, "--approach", 1.0, "--out", tmp_path)
+    result = call(regimes, *OWN, "--slowness", 50, "--approach", 1.0, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     found = rows(tmp_path, JUMP)
     assert [row["at"] for row in found if row["what"] == measured.STAY] == [0.98, 0.97, 0.96]
@@ -55,7 +36,7 @@ def test_own_scene(tmp_path: Path) -> None:
     assert {"jump.png", "kinds.png", "jump_stay.csv", "jump_sweep.csv", "kinds_response.csv"} <= files
     assert "P(jump) = exp(-N/" in result.output
     before = (tmp_path / "jump_stay.csv").read_text()
-    redrawn = call(*OWN, "--redraw", "--out", tmp_path)
+    redrawn = call(regimes, *OWN, "--redraw", "--out", tmp_path)
     assert redrawn.exit_code == 0
     assert (tmp_path / "jump_stay.csv").read_text() == before
 
@@ -63,7 +44,7 @@ def test_own_scene(tmp_path: Path) -> None:
 def test_stopped_run_goes_on_to_the_same_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole, parted = tmp_path / "whole", tmp_path / "parted"
     options = [*OWN, "--approach", 1.0, "--only", JUMP]
-    assert call(*options, "--threads", 1, "--out", whole).exit_code == 0
+    assert call(regimes, *options, "--threads", 1, "--out", whole).exit_code == 0
     calls = []
 
     def stopped(*given: Any, **named: Any) -> residence.Stays:
@@ -74,12 +55,12 @@ def test_stopped_run_goes_on_to_the_same_rows(tmp_path: Path, monkeypatch: pytes
 
     with monkeypatch.context() as patched:
         patched.setattr(measured, "stays", stopped)
-        assert call(*options, "--out", parted).exit_code == 130
+        assert call(regimes, *options, "--out", parted).exit_code == 130
     assert len(rows(parted, JUMP)) == 1
-    refused = call(*options, "--silence", 60, "--resume", "--out", parted)
+    refused = call(regimes, *options, "--silence", 60, "--resume", "--out", parted)
     assert refused.exit_code == 2
     assert "silence" in refused.output
-    assert call(*options, "--threads", 2, "--resume", "--out", parted).exit_code == 0
+    assert call(regimes, *options, "--threads", 2, "--resume", "--out", parted).exit_code == 0
     assert rows(parted, JUMP) == rows(whole, JUMP)
 
 
@@ -97,7 +78,7 @@ def test_stopped_run_goes_on_to_the_same_rows(tmp_path: Path, monkeypatch: pytes
     ],
 )
 def test_bad_input(options: list[Any], words: str, tmp_path: Path) -> None:
-    result = call(*options, "--out", tmp_path / "no")
+    result = call(regimes, *options, "--out", tmp_path / "no")
     assert result.exit_code == 2
     assert words in result.output
     assert not (tmp_path / "no").exists()

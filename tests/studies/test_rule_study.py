@@ -2,31 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from pathlib import Path
-from types import ModuleType
 
+import design_rule
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from places import SCRIPTS
 
 from impact_env.modes import modal_model
 from optimisation.bounds import design_gap, expected_factor, expected_gap, reach
 from optimisation.studies import rule
 from optimisation.studies.rule import STRUCTURES, Row, price_at, row_of, run_case, verdicts
-
-
-@pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    spec = importlib.util.spec_from_file_location("design_rule", SCRIPTS / "design_rule.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def a_row(reach: float, best: float) -> Row:
@@ -71,7 +58,7 @@ def test_prices_and_classes() -> None:
     assert found[2].worst == pytest.approx(price_at(a_row(22.0, 2.0), 1.0))
 
 
-def test_command_goes_on_and_writes_the_page(command: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     every = [case for case in rule.cases(quick=True) if case.structure == "steel" and case.resonance == 1]
     some = [
         next(c for c in every if c.varied == varied and c.value == value)
@@ -89,7 +76,7 @@ def test_command_goes_on_and_writes_the_page(command: ModuleType, tmp_path: Path
 
     with monkeypatch.context() as patch:
         patch.setattr(rule, "run_case", counted)
-        broken = CliRunner().invoke(command.main, ["--quick", "--out", str(tmp_path)])
+        broken = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)])
     assert broken.exit_code == 130
     assert len(json.loads((tmp_path / "design_rule.json").read_text())["rows"]) == 2
     assert (tmp_path / "design_rule.md").read_text().count("| steel |") == 2
@@ -97,7 +84,7 @@ def test_command_goes_on_and_writes_the_page(command: ModuleType, tmp_path: Path
     before = (tmp_path / "design_rule.json").read_text()
     ran.clear()
     monkeypatch.setattr(rule, "run_case", lambda case, *arguments: ran.append(case.key) or run_case(case, *arguments))
-    whole = CliRunner().invoke(command.main, ["--quick", "--out", str(tmp_path)])
+    whole = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)])
     assert whole.exit_code == 0, whole.output
     assert ran == [some[2].key]
     rows = json.loads((tmp_path / "design_rule.json").read_text())["rows"]
@@ -106,4 +93,4 @@ def test_command_goes_on_and_writes_the_page(command: ModuleType, tmp_path: Path
     assert page.count("| steel |") == 3
     assert "Measured on" in page
     (tmp_path / "design_rule.json").write_text("{}")
-    assert "an earlier run of this command wrote" in CliRunner().invoke(command.main, ["--quick", "--out", str(tmp_path)]).stderr
+    assert "an earlier run of this command wrote" in CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)]).stderr
