@@ -60,7 +60,20 @@ def places_of(branch: OrbitBranch) -> NDArray[np.float64]:
 
 def lies_on(places: NDArray[np.float64], solution: Solution) -> bool:
     """Return whether a solution lies next to the polyline through the places (m, 3) of a branch's points."""
-    points = places - place(solution)
+    return near(places, place(solution))
+
+
+def mirrors(places: NDArray[np.float64], solution: Solution) -> bool:
+    """Return whether a solution or its mirror image lies next to the polyline through places (m, 3), whichever impact it is counted from."""
+    ratio = math.log(solution.case.omega) / PARAMETER_SHARE
+    hits = solution.schedule.order.wall != 0
+    pairs = zip(solution.phases[hits], solution.impulses[hits] / solution.case.scale.impulse, strict=True)
+    return any(near(places, np.array([p + k * np.pi, (-1.0) ** k * i, ratio])) for p, i in pairs for k in (0, 1))
+
+
+def near(places: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
+    """Return whether a place (3,) lies next to the polyline through others (m, 3); phases count to within whole turns."""
+    points = places - point
     points[:, 0] = (points[:, 0] + np.pi) % (2 * np.pi) - np.pi
     begin, chord = points[:-1], np.diff(points, axis=0)
     square = np.sum(chord**2, axis=1)
