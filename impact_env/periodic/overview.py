@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_RATE, Drive, linear_sweep
 from impact_env.frequency import tip_response
+from impact_env.methods import Method
 from impact_env.parameters import RigidWalls, SlidingAbsorber, StuckAbsorber, finite, require
 from impact_env.periodic.balance_branches import balance_branches
 from impact_env.periodic.branch import STOPPED
@@ -88,11 +89,21 @@ def linear_curves(scene: Scene, force: float, reference: float, low: float, high
 
 
 def sweep_envelope(
-    scene: Scene, force: float, reference: float, start: float, stop: float, percent_per_100_periods: float = PAPER_RATE
+    scene: Scene,
+    force: float,
+    reference: float,
+    start: float,
+    stop: float,
+    percent_per_100_periods: float = PAPER_RATE,
+    method: Method | None = None,
+    phase: float = 0.0,
 ) -> SweepEnvelope:
-    """Return the envelope of a sweep by the exact method, from rest, from one ratio of ``reference`` (rad/s) to another; errors as `simulate`."""
+    """Return the envelope of a sweep from rest, from one ratio of ``reference`` (rad/s) to another; ``method`` and errors as `simulate`.
+
+    ``phase``: the force's initial one in rad.
+    """
     schedule = linear_sweep(reference, start, stop, percent_per_100_periods)
-    response = simulate(scene, Drive(force, schedule), record=Record(level=False, series=True))
+    response = simulate(scene, Drive(force, schedule, phase), method, record=Record(level=False, series=True))
     history = response.history
     assert history is not None
     period = np.floor(history.time / schedule.pseudo_period).astype(np.int64)
