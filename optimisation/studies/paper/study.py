@@ -7,13 +7,43 @@ import json
 from pathlib import Path
 
 from impact_env.kernels.cache import digest
-from optimisation.studies.paper import basics, high_low, jump, modes_needed, modulation, optimum, starts
+from optimisation.studies.paper import (
+    basics,
+    dissinf,
+    high_low,
+    jump,
+    m12,
+    modes_needed,
+    modulation,
+    oprange,
+    oprange_two,
+    optimum,
+    scat,
+    starts,
+    vard,
+    varom,
+)
 from optimisation.studies.paper.claims import claims_part
 from optimisation.studies.paper.frame import NAME, PaperFigure
 from optimisation.studies.paper.settings import Settings
 from optimisation.studies.study import Json, Place, Study, beside
 
-FIGURES: tuple[PaperFigure, ...] = (basics, high_low, jump, optimum, modulation, modes_needed, starts)
+FIGURES: tuple[PaperFigure, ...] = (
+    basics,
+    high_low,
+    jump,
+    oprange,
+    oprange_two,
+    varom,
+    vard,
+    scat,
+    dissinf,
+    m12,
+    optimum,
+    modulation,
+    modes_needed,
+    starts,
+)
 LABELS = tuple(module.PART.name for module in FIGURES)
 OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
 
