@@ -212,8 +212,8 @@ def _absorbers(values: Json) -> list[Claim]:
              "Single members and forces; some gain where friction keeps the absorber from its first impacts.",
              about=f"{LIMITS[-1]:g} N over none, {first}: "),
         said("large_secondary", "secondary range (above 3.5 N): a higher friction limit is better", "5", _within(large, plain, SECONDARY), (0.0, 1.0),
-             f"Single members and forces. With {LIMITS[-1]:g} N the first impacts come at {np.median(first_impacts(large)):.2g} N only; below and just "
-             "above, it is still a friction damper in its own primary range.", about=f"{LIMITS[-1]:g} N over none, {last}: "),
+             f"Single members and forces. With {LIMITS[-1]:g} N the first impacts come at {np.median(first_impacts(large)):.2g} N only; below and "
+             "just above, it is still a friction damper in its own primary range.", about=f"{LIMITS[-1]:g} N over none, {last}: "),
         said("restitution_secondary", "secondary range: losses at the impacts (e = 0.7) improve it further", "5",
              _within(read[DISSIPATIVE], small, SECONDARY), (0.0, 1.0), "Single members and forces.", about=f"e = 0.7 over e = 1, {last}: ",
              at_step=at_step(DISSIPATIVE, impacting(LIMITS[0]), SECONDARY)),

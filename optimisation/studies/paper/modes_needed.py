@@ -22,7 +22,7 @@ FRICTION, RESTITUTION = 0.1, 0.7  # of the paper's best absorber
 FORCES = {1: ((1.5, 2.5, 3.5, 5.0), (3.5,)), 2: ((20.0, 25.0, 30.0, 35.0, 40.0), (35.0,))}  # N, in full and quick, by resonance
 OPTIMUM = {1: 3.5, 2: 35.0}  # N, the paper's
 MODES, QUICK_MODES = (5, 7, 10, 15, 20, 30), (5, 10, 20)
-MEMBERS = (10, 3)
+MEMBERS = (16, 3)
 PAPER_MODES = 10
 NEAR = 0.05  # of a level: what counts as converged
 

@@ -24,8 +24,8 @@ from optimisation.studies.study import Json, Measured, Saver, Steps
 LABEL = "optimum"
 MASSES, QUICK_MASSES = (0.005, 0.01, 0.02, 0.03, 0.05), (0.01, 0.02, 0.05)
 RESTITUTIONS, QUICK_RESTITUTIONS = (0.3, 0.5, 0.7, 0.85, 1.0), (0.5, 1.0)
-FACTORS, QUICK_FACTORS = np.geomspace(0.4, 1.75, 15), np.geomspace(0.5, 1.5, 6)  # of the rule's force: 11 and 25 % apart
-MEMBERS = (12, 3)
+FACTORS, QUICK_FACTORS = np.geomspace(0.4, 1.75, 21), np.geomspace(0.5, 1.5, 6)  # of the rule's force: 8 and 25 % apart
+MEMBERS = (10, 3)
 
 
 def parameters(settings: Settings) -> Json:
@@ -78,7 +78,10 @@ def rows_of(values: Json) -> list[Json]:
         for row in group["rows"]:
             ratio = [x / group["rule_n"] for x in (row["best_n"], *row["best_band_n"])]
             at_rule = float(np.exp(np.interp(0, np.log(np.array(group["forces_n"]) / group["rule_n"]), np.log(row["relative"]))))
-            found.append({**row, "mass": group["mass"], "reach": group["reach"], "rule_n": group["rule_n"], "ratio": ratio, "at_rule": at_rule})
+            single = int(np.argmin(row["nominal"]))
+            nominal = [group["forces_n"][single] / group["rule_n"], row["nominal"][single]]  # best force over the rule's, and the level there
+            own = {"mass": group["mass"], "reach": group["reach"], "rule_n": group["rule_n"]}
+            found.append({**row, **own, "nominal_best": nominal, "ratio": ratio, "at_rule": at_rule})
     return found
 
 
@@ -96,7 +99,27 @@ def _words(values: Json) -> str:
         )
         for row in rows_of(values)
     ]
-    return markdown(header, body)
+    return markdown(header, body) + "\n\n" + _summary(rows_of(values))
+
+
+def _summary(rows: list[Json]) -> str:
+    """Say how far the best force lies from the rule's by mass ratio, and with which power of the mass both grow."""
+    masses = sorted({row["mass"] for row in rows})
+    said = []
+    for mass in masses:
+        own = [row["ratio"][0] for row in rows if row["mass"] == mass]
+        said.append(f"{min(own):.2f} to {max(own):.2f} at {100 * mass:g} %")
+    text = f"Best force over the rule's, all restitutions: {', '.join(said)}."
+    if len(masses) > 1:
+        powers = [_power([row for row in rows if row["restitution"] == e], "best_n") for e in sorted({row["restitution"] for row in rows})]
+        best = f"{min(powers):.2f} to {max(powers):.2f}"
+        text += f" The rule's force grows with the mass to the power {_power(rows, 'rule_n'):.2f}, the best one to {best}."
+    return text
+
+
+def _power(rows: list[Json], name: str) -> float:
+    """Return the slope of a force over the mass in logarithms, by least squares."""
+    return float(np.polyfit(np.log([row["mass"] for row in rows]), np.log([row[name] for row in rows]), 1)[0])
 
 
 def figures(measured: Measured) -> Mapping[str, Saver]:

@@ -28,22 +28,9 @@ from optimisation.studies.paper.frame import NAME, PaperFigure
 from optimisation.studies.paper.settings import Settings
 from optimisation.studies.study import Json, Place, Study, beside
 
-FIGURES: tuple[PaperFigure, ...] = (
-    basics,
-    high_low,
-    jump,
-    oprange,
-    oprange_two,
-    varom,
-    vard,
-    scat,
-    dissinf,
-    m12,
-    optimum,
-    modulation,
-    modes_needed,
-    starts,
-)
+PAPERS: tuple[PaperFigure, ...] = (high_low, jump, oprange, oprange_two, varom, vard, scat, dissinf, m12)
+BEYOND: tuple[PaperFigure, ...] = (optimum, modulation, modes_needed, starts)
+FIGURES = (basics, *PAPERS, *BEYOND)  # in the order of the page
 LABELS = tuple(module.PART.name for module in FIGURES)
 OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
 

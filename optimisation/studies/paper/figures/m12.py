@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -61,8 +62,8 @@ def _curves(axes: Axes, found: dict[str, Curve]) -> None:
 
 def _limit(axes: Axes, part: Json) -> None:
     force, level = np.array(part["limit"]["force"]), MM * np.array(part["limit"]["level"])
-    style = {"facecolor": "0.93", "edgecolor": "0.7", "hatch": "////", "lw": 0.5, "zorder": 0.4}
-    axes.fill_between(force, 1e-9, np.maximum(level, 1e-9), label="no device with this mass and gap, stationary", **style)
+    style: Any = {"facecolor": "0.93", "edgecolor": "0.7", "hatch": "////", "lw": 0.5, "zorder": 0.4}
+    axes.fill_between(force, 1e-9, np.maximum(level, 1e-9), label="out of reach of any mass in this cavity, stationary", **style)
 
 
 def _inset(axes: Axes, found: dict[str, Curve]) -> None:

@@ -20,8 +20,8 @@ def save(path: Path, values: Json) -> None:
         middle, low, high, nominal = 100 * np.array([at(values, n, resonance) for n in modes]).T
         line(own, modes, middle, look, f"{name} resonance, {OPTIMUM[resonance]:g} N", band=(low, high), nominal=nominal)
     for force, look in zip(forces_of(values, 2), LOOKS, strict=False):
-        middle, low, high, _ = 100 * np.array([at(values, n, 2, force) for n in modes]).T
-        line(forces, modes, middle, look, f"{force:g} N", band=(low, high))
+        middle, low, high, nominal = 100 * np.array([at(values, n, 2, force) for n in modes]).T
+        line(forces, modes, middle, look, f"{force:g} N", band=(low, high), nominal=nominal)
     for panel in (own, forces):
         panel.set(xlabel="modes $N_m$", ylabel="level in % of no absorber", ylim=(0, None), xticks=modes)
     forces.set_title("second resonance")

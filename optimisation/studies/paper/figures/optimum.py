@@ -19,10 +19,11 @@ def save(path: Path, values: Json) -> None:
     for e, look in zip(sorted({row["restitution"] for row in rows}), LOOKS, strict=False):
         own = [row for row in rows if row["restitution"] == e]
         mass, ratio = [100 * row["mass"] for row in own], np.array([row["ratio"] for row in own])
-        line(force, mass, ratio[:, 0], look, f"$e$ = {e:g}", band=(ratio[:, 1], ratio[:, 2]))
+        single = np.array([row["nominal_best"] for row in own])
+        line(force, mass, ratio[:, 0], look, f"$e$ = {e:g}", band=(ratio[:, 1], ratio[:, 2]), nominal=single[:, 0])
         band = 100 * np.array([row["level_band"] for row in own])
-        line(level, mass, [100 * row["level"] for row in own], look, band=(band[:, 0], band[:, 1]))
+        line(level, mass, [100 * row["level"] for row in own], look, band=(band[:, 0], band[:, 1]), nominal=100 * single[:, 1])
     force.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=1, label="design rule")
     force.set(xlabel="mass ratio in %", ylabel="best force over the rule's", ylim=(0, None))
-    level.set(xlabel="mass ratio in %", ylabel="level at the best force in % of no absorber", ylim=(0, None))
+    level.set(xlabel="mass ratio in %", ylabel="level there in % of no absorber", ylim=(0, None))
     finish([force], path, figure)
