@@ -73,7 +73,7 @@ def swept_scenes() -> dict[str, Scene]:
 
 
 def _amount(settings: Settings) -> Amount:
-    full = Amount(force_grid(0.1, 20.0, 33, (3.5, SWEPT)), 12, 16)
+    full = Amount(force_grid(0.1, 20.0, 28, (3.5, SWEPT)), 12, 16)
     return settings.size(full, Amount((0.1, 0.4, 0.8, 1.2, 2.0, 2.8, 3.5, 4.2, SWEPT, 8.0, 20.0), 2, 2))
 
 

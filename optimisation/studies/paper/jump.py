@@ -15,9 +15,9 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.periodic.approach import Approach
-from impact_env.periodic.jump import Hazard, Range, hazard, jumps
+from impact_env.periodic.jump import Hazard, Jumps, Range, hazard, jumps
 from impact_env.periodic.residence import SILENCE, ExitRate, exit_rate, stays
-from impact_env.response import Record
+from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.progress import sweeps_bar
@@ -44,6 +44,8 @@ SWEEPS: dict[str, tuple[float, float, float, float, Method]] = {  # name: force 
     "high force, up": (3.0, RATE, LOW, HIGH, Exact()),
 }
 OVER = Range(1.0, 0.988, 0.952, LOW)  # of the sweeps that are counted: they come from impact at resonance
+HIGH_LEVEL = 0.75e-3  # m: at 1.5 N response levels are near 0.55 and 1.05 mm
+DRIFT, BLOCK = (0.96, 0.97, 0.1), 100  # a slow sweep without impacts: from, to, % per 100 pseudo periods; over which the absorber's place is averaged
 FINER = 200  # steps a period of the highest mode: ten times the paper's
 EVERY = "exact"
 METHODS: dict[str, Method] = {EVERY: Exact(), "paper's step": Moreau(), "ten times finer": Moreau(FINER)}
@@ -64,7 +66,7 @@ class Sizes:
     fast: tuple[float, ...] = (1.0, 5.0, 20.0, 100.0, 300.0, RATE, 2 * RATE)
 
 
-QUICK = Sizes(4, 40, 12, 24, 1500.0, 9, (100.0, RATE, 2 * RATE), (1.0, 20.0, 100.0, RATE))
+QUICK = Sizes(4, 40, 12, 24, 1500.0, 9, (100.0, RATE, 2 * RATE), (1.0, 20.0, 100.0, 2 * RATE))
 
 
 def scene() -> Scene:
@@ -79,7 +81,15 @@ def sizes(settings: Settings) -> Sizes:
 
 def parameters(settings: Settings) -> Json:
     """Return what the numbers depend on."""
-    return {"scene": str(scene()), "sweeps": str(SWEEPS), "over": str(OVER), "sizes": str(sizes(settings)), "silence": SILENCE, "burn_in": BURN_IN}
+    return {
+        "scene": str(scene()),
+        "sweeps": str(SWEEPS),
+        "over": str(OVER),
+        "sizes": str(sizes(settings)),
+        "silence": SILENCE,
+        "burn_in": BURN_IN,
+        "drift": [DRIFT, BLOCK],
+    }
 
 
 @dataclass(frozen=True)
@@ -142,7 +152,7 @@ def _plain(value: float) -> float | None:
 
 
 def _jumps(settings: Settings, name: str) -> list[Json]:
-    """Return how many sweeps jump at each slowness, by one of the `METHODS`."""
+    """Return at each slowness how many sweeps reach the high branch, by one of the `METHODS`, and how many stayed in impact all the way."""
     size, own, rows = sizes(settings), scene(), []
     slownesses: Sequence[float] = size.slownesses if name != "ten times finer" else [n for n in size.slownesses if n in (RATE, 2 * RATE)]
     phases = draw_members(size.finer if name == "ten times finer" else size.jumps, settings.seed + 1, "phase").phases.tolist()
@@ -150,13 +160,42 @@ def _jumps(settings: Settings, name: str) -> list[Json]:
         with sweeps_bar(f"{LABEL}: {name}, {slowness:g} periods a percent", leave=False) as show:
             approach = Approach(own.model.resonance_omega(1), 1.0)
             found = jumps(
-                own, FORCES["medium"], approach, OVER, slowness, phases, method=METHODS[name],
+                own, FORCES["medium"], approach, OVER, slowness, phases, SILENCE, HIGH_LEVEL, METHODS[name],
                 threads=settings.threads, progress=show, executor=settings.executor,
             )  # fmt: skip
-        low, high = found.interval()
-        rows.append({"periods_per_percent": slowness, "jumped": found.jumped, "present": found.present, "share": _plain(found.share)})
-        rows[-1] |= {"low": low, "high": high}
+        assert found.high is not None
+        low, high = Jumps(found.high, found.runs, found.runs).interval()
+        share = {"share": found.high / found.runs, "low": low, "high": high}
+        rows.append({"periods_per_percent": slowness, "reached": found.high, "runs": found.runs, "stayed": found.jumped, **share})
     return rows
+
+
+@dataclass(frozen=True)
+class Drifted:
+    """How far the absorber's mean place wanders in a sweep without impacts, in m: the friction of whole periods should leave it where it is."""
+
+    method: Method
+
+    def __call__(self, lane: Lane) -> tuple[float, int]:
+        """Return that of a lane, and the number of its impacts."""
+        response = simulate(lane.scene, lane.drive, self.method, record=Record(level=False, series=True))
+        assert response.history is not None
+        place = response.history.absorber_displacement - response.history.tip_displacement
+        each = DEFAULT_SAMPLES * BLOCK
+        means = place[: len(place) // each * each].reshape(-1, each).mean(axis=1)
+        return float(np.ptp(means)), response.impact_count
+
+
+def _drift(settings: Settings) -> Json:
+    """Return drift (m) and impacts of all members, by each of the `METHODS`."""
+    own, (start, stop, rate) = scene(), DRIFT
+    phases = draw_members(sizes(settings).sweeps, settings.seed, "phase")
+    lanes = [Lane(own, drive) for drive in phases.drives(FORCES["medium"], linear_sweep(own.model.resonance_omega(1), start, stop, rate))]
+    result = {}
+    for name, method in METHODS.items():
+        drift, impacts = zip(*settings.each(f"{LABEL}: drift, {name}", lanes, Drifted(method), method), strict=True)
+        result[name] = {"drift_m": drift, "impacts": impacts}
+    return result
 
 
 @dataclass(frozen=True)
@@ -185,7 +224,7 @@ def _measure(settings: Settings, known: Json) -> Steps:
     groups: dict[str, Callable[[], Any]] = {name: partial(responses, scene(), force, LOW, HIGH) for name, force in FORCES.items()}
     groups |= {"sweeps": partial(_sweeps, settings), "rates": partial(_rates, settings)}
     groups |= {f"jumps, {name}": partial(_jumps, settings, name) for name in METHODS}
-    return in_turn({**groups, "levels": partial(_levels, settings)}, known)
+    return in_turn({**groups, "drift": partial(_drift, settings), "levels": partial(_levels, settings)}, known)
 
 
 def hazard_of(rates: Sequence[Json]) -> Hazard | None:
@@ -213,7 +252,19 @@ def _words(values: Json) -> str:
             told = "" if found is None else "{:.2f} [{:.2f}, {:.2f}]".format(*found.probability(n))
             shares = [next((_share(own) for own in values[f"jumps, {name}"] if own["periods_per_percent"] == n), "") for name in METHODS]
             lines.append((f"{n:g}", told, *shares))
+        blocks.append("Share of sweeps down that reach the high branch:")
         blocks.append(markdown(("pseudo periods per 1 %", "predicted from rates", *METHODS), lines))
+        names = ", ".join(
+            f"{name} {sum(row['reached'] for row in rows)} and {sum(row['stayed'] for row in rows)} of {sum(row['runs'] for row in rows)}"
+            for name in METHODS
+            for rows in (values[f"jumps, {name}"],)
+        )
+        blocks.append(f"Of all these runs, reached the high branch, and never without impact for {SILENCE:g} pseudo periods: {names}.")
+    if has(values, "drift"):
+        drifts = ", ".join(f"{name} {spread(one['drift_m'], '{:.3f}', 1e3)} mm" for name, one in values["drift"].items())
+        blocks.append(
+            f"Drift of the absorber's place in a slow sweep from {DRIFT[0]:g} to {DRIFT[1]:g} that begins at rest, without impacts: {drifts}."
+        )
     if has(values, "levels"):
         rows = [(f"{row['periods_per_percent']:g}", spread(row["level_m"], "{:.2f}", 1e3)) for row in values["levels"]]
         blocks.append(markdown(("pseudo periods per 1 %, down", "response level, mm"), rows))
@@ -221,7 +272,7 @@ def _words(values: Json) -> str:
 
 
 def _share(row: Json) -> str:
-    return f"{row['jumped']} of {row['present']}: " + ("" if row["share"] is None else f"{row['share']:.2f} [{row['low']:.2f}, {row['high']:.2f}]")
+    return f"{row['reached']} of {row['runs']}: {row['share']:.2f} [{row['low']:.2f}, {row['high']:.2f}]"
 
 
 def _tables(measured: Measured) -> list[Table]:

@@ -48,7 +48,7 @@ class Amount(NamedTuple):
 
 
 def _amount(settings: Settings) -> Amount:
-    full = Amount(24, tuple(np.round(np.linspace(0.7, 1.3, 13), 3).tolist()), 16, force_grid(0.1, 3.5, 12), force_grid(0.2, 1.25, 14, (PAPER_LIMIT,)))
+    full = Amount(24, tuple(np.round(np.linspace(0.7, 1.3, 13), 3).tolist()), 12, force_grid(0.1, 3.5, 12), force_grid(0.2, 1.25, 14, (PAPER_LIMIT,)))
     return settings.size(full, Amount(8, (0.75, 0.85, 0.95, 1.0, 1.05, 1.15, 1.25), 2, force_grid(0.2, 3.5, 4), (0.3, 0.4, PAPER_LIMIT, 0.6, 0.8)))
 
 

@@ -54,7 +54,7 @@ def scenes() -> dict[str, Scene]:
 
 
 def _amount(settings: Settings) -> Amount:
-    return settings.size(Amount(force_grid(0.5, 12.0, 41, (3.0,)), 16, 24), Amount(force_grid(0.6, 12.0, 7, (1.2, 1.3, 1.4, 1.7)), 4, 4))
+    return settings.size(Amount(force_grid(0.5, 12.0, 33, (3.0,)), 12, 24), Amount(force_grid(0.6, 12.0, 7, (1.2, 1.3, 1.4, 1.7)), 4, 4))
 
 
 def parameters(settings: Settings) -> Json:

@@ -63,7 +63,7 @@ def _shares(axes: Axes, values: Json, found: Hazard | None, methods: Sequence[st
         axes.plot(n, np.exp(-n * found.value), color="black", lw=0.9, label="predicted from rates")
         axes.fill_between(n, np.exp(-n * found.high), np.exp(-n * found.low), color="0.8", lw=0)
     for k, name in enumerate(methods):
-        rows = [row for row in values.get(f"jumps, {name}", ()) if row["share"] is not None]
+        rows = values.get(f"jumps, {name}", ())
         x, y, low, high = (np.array([row[column] for row in rows]) for column in ("periods_per_percent", "share", "low", "high"))
         look, aside = LOOKS[k], 1.04 ** (k - 1)
         axes.errorbar(aside * x, y, [y - low, high - y], fmt=look.marker, ls=look.dashes if k else "", ms=4, lw=0.9, color=look.colour, label=name)

@@ -38,6 +38,7 @@ def save(path: Path, own: Curve, none: Curve, stuck: Curve, step: Curve | None, 
     axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
     force_axis(axes.xaxis)
     force_axis(axes.yaxis)
+    axes.legend(loc="upper left")
     _inset(axes, own, none, stuck)
     finish(grid, path, figure)
 
