@@ -19,6 +19,7 @@ from optimisation.studies.paper import (
     oprange_two,
     optimum,
     scat,
+    smr,
     starts,
     vard,
     varom,
@@ -28,7 +29,7 @@ from optimisation.studies.paper.frame import NAME, PaperFigure
 from optimisation.studies.paper.settings import Settings
 from optimisation.studies.study import Json, Place, Study, beside
 
-PAPERS: tuple[PaperFigure, ...] = (high_low, jump, oprange, oprange_two, varom, vard, scat, dissinf, m12)
+PAPERS: tuple[PaperFigure, ...] = (high_low, jump, smr, oprange, oprange_two, varom, vard, scat, dissinf, m12)
 BEYOND: tuple[PaperFigure, ...] = (optimum, modulation, modes_needed, starts)
 FIGURES = (basics, *PAPERS, *BEYOND)  # in the order of the page
 LABELS = tuple(module.PART.name for module in FIGURES)
