@@ -71,6 +71,7 @@ class ControlledRuns:
         self._kernel = self._bound()
         self._pool: ThreadPoolExecutor | None = None
         self._compiled = False
+        self._shares: dict[int, list[tuple[int, int]]] = {}
         self.orders["duration"] = self.duration
         cavity = scene.cavity(0)
         if cavity is not None:
@@ -89,7 +90,7 @@ class ControlledRuns:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._pool, self._kernel = None, self._bound()
+        self._pool, self._compiled, self._kernel = None, False, self._bound()
 
     @property
     def orders(self) -> NDArray[Any]:
@@ -116,29 +117,37 @@ class ControlledRuns:
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
         workers = min(self.threads, self.lanes // FEWEST) if self._compiled else 1
-        # more parts than threads: lanes differ in their number of impacts
-        parts = np.linspace(0, self.lanes, 1 + (1 if workers <= 1 else 4 * workers)).astype(int)
-        if self.idle.any():
-            parts = np.union1d(parts, np.flatnonzero(np.diff(self.idle)) + 1)
-        cuts = [(low, high) for low, high in pairwise(parts.tolist()) if not self.idle[low]]
-        turns = iter(cuts)
+        turns = iter(self._parts(max(workers, 1)))
 
         def work() -> None:
-            with CompilingFor(self.scene, self.method, "environments"):
-                for low, high in turns:  # whoever is done takes the next part
-                    self._kernel(low, high)
+            for low, high in turns:  # whoever is done takes the next part
+                self._kernel(low, high)
 
-        others = [self._helpers(workers - 1).submit(work) for _ in range(workers - 1)]
-        try:
-            work()
-        finally:
-            wait(others)
-        for other in others:
-            other.result()
+        if self._compiled:
+            others = [self._helpers(workers - 1).submit(work) for _ in range(workers - 1)]
+            try:
+                work()
+            finally:
+                wait(others)
+            for other in others:
+                other.result()
+        else:
+            with CompilingFor(self.scene, self.method, "environments"):
+                work()
         self._compiled = True
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
             raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
+
+    def _parts(self, workers: int) -> list[tuple[int, int]]:
+        """Return stretches of lanes that do not rest: more of them than threads, since lanes differ in their number of impacts."""
+        if workers not in self._shares:
+            cuts = np.linspace(0, self.lanes, 1 + (1 if workers == 1 else 4 * workers)).astype(int)
+            self._shares[workers] = list(pairwise(cuts.tolist()))
+        if not self.idle.any():
+            return self._shares[workers]
+        cuts = np.union1d([low for low, _ in self._shares[workers]], np.flatnonzero(np.diff(self.idle)) + 1)
+        return [(low, high) for low, high in pairwise([*cuts.tolist(), self.lanes]) if not self.idle[low]]
 
     def snapshot(self) -> list[Array]:
         """Return copies of all that the next `advance` depends on, for `restore`."""
