@@ -66,7 +66,9 @@ class ControlledRuns:
         slots = kernels.slots(scene, period)
         self._memory = new_lanes(lanes, slots, 2 * modes + 2, HALF_WINDOW_PERIODS * samples_per_period)
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
-        watch = Watch(period / samples_per_period, samples, float(exponent), unit, np.array(scene.model.omega), np.array(scene.model.tip_shape), mass)
+        omega, tip, read = (np.array(row) for row in (scene.model.omega, scene.model.tip_shape, scene.model.level_shape))
+        place = None if scene.model.response_shape is None else read
+        watch = Watch(period / samples_per_period, samples, float(exponent), unit, omega, tip, mass, read, place)
         self._watch, self._period = watch, period
         self._kernel = self._bound()
         self._pool: ThreadPoolExecutor | None = None

@@ -84,7 +84,7 @@ def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):  # type: i
         begins = take_up(contact.walls, lanes, i, order, report.distance, fresh, room)
         walls = with_gap(contact.walls, order.gap)
         now_there = Rigid(free, joined, Contact(contact.mass, contact.compliance, contact.tip_shape, walls, contact.limit), losses)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, lanes, i)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, watch, lanes, i)
         status[i] = exact.exact_stretch(now_there, schedule, 0, not begins, room, state, observe)
         report_rigid(watch, scene, room, state, report)
         close_interval(desk, watch, observe.level, state, order, report)
@@ -111,7 +111,7 @@ def _each_linear(scene, reach, batch, start, stop, desk, room):  # type: ignore[
             to_slots(regime.into, state, work.z)
         else:
             copy(lanes.z[i], work.z)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, lanes, i)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, watch, lanes, i)
         status[i] = linear.linear_stretch(scene, schedule, 0, room, observe)
         to_state(regime.out, work.z, state)
         report_relative(watch, state, report)
@@ -143,7 +143,7 @@ def _each_compliant(scene, reach, batch, start, stop, desk, room, fresh):  # typ
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, lanes, i)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, watch, lanes, i)
         room.now[0] = lanes.sprung[i]
         room.signal.memory[0] = lanes.kept[i].search_level
         if order.fresh:
@@ -158,13 +158,13 @@ def _each_compliant(scene, reach, batch, start, stop, desk, room, fresh):  # typ
 
 @jit
 def take_rows(desk, watch, series, level, order):  # type: ignore[no-untyped-def]
-    """Push the recorded states' tip displacements to the level, all but the one at the interval's end."""
+    """Push the recorded states' displacements where the level is read to it, all but the one at the interval's end."""
     count = int(samples_before(order.duration, watch.sample_dt))
-    modes = watch.tip_shape.shape[0]
+    modes = watch.level_shape.shape[0]
     for k in range(count):
         q = 0.0
         for j in range(modes):
-            q += watch.tip_shape[j] * series.states[k, j]
+            q += watch.level_shape[j] * series.states[k, j]
         desk.block[k] = q
     push_block(level, 0, count)
     desk.clock[0].level = count
@@ -181,7 +181,7 @@ def close_walls(walls, lanes, i, order, distance):  # type: ignore[no-untyped-de
 @jit_view
 def observe_steps(seen, series):  # type: ignore[no-untyped-def]
     """Return observers that record the states, from which the level is taken later."""
-    return Observe(seen.clock, seen.counters, None, None, series, None)
+    return Observe(seen.clock, seen.counters, None, None, series, None, None)
 
 
 @jit_room
@@ -192,7 +192,7 @@ def moreau_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no-unty
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        observe = observe_lane(desk, lanes, i)
+        observe = observe_lane(desk, watch, lanes, i)
         close_walls(laws.walls, lanes, i, order, report.distance)
         now_there = RigidLaws(laws.mass, with_gap(laws.walls, order.gap), laws.limit, laws.spring)
         force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
@@ -211,7 +211,7 @@ def runge_kutta_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        observe, force = observe_lane(desk, lanes, i), Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
+        observe, force = observe_lane(desk, watch, lanes, i), Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
         status[i] = runge_kutta_lane(modes, laws, force, state, step, observe_steps(observe, series))
         take_rows(desk, watch, series, observe.level, order)
         report_relative(watch, state, report)
