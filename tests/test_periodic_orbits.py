@@ -10,8 +10,9 @@ from periodic_truth import matched
 
 from impact_env import Beam, ModalModel, ParameterError, Record, modal_model
 from impact_env.periodic.case import Case
+from impact_env.periodic.fold_map import BIRTH, MERGER
 from impact_env.periodic.green import NoOrbit, unknowns_of
-from impact_env.periodic.isolas import BIRTH, MERGER, Threshold, folds, threshold_map, thresholds
+from impact_env.periodic.isolas import Threshold, folds, threshold_map, thresholds
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, settled
 from impact_env.periodic.schedule import Regime, flying_schedule
