@@ -75,7 +75,7 @@ def main(
     gaps, members = gaps or (QUICK_GAPS if quick else DEFAULT_GAPS), members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
     with plain_errors():
         refuse_beside(structure, "modes", "damping")
-        model = model_of(structure, Beam(modes=modes, absorber_position=position, damping_ratio=damping))
+        model = model_of(structure, position, modes=modes, damping_ratio=damping)
         usable_force("--force", force)
         absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution, 1 if structure is None else resonance)
         if friction_limit is not None:
