@@ -55,7 +55,6 @@ def test_gaps_around_the_rule(address: str, tmp_path: Path) -> None:
 
 
 def test_a_case_of_the_rule_study_and_a_search(address: str) -> None:
-    monkeypatch.setattr(rule, "WIDEST", 2.0)
     case = next(case for case in rule.cases() if case.varied == rule.DAMPING and case.value == 0.05)
     with Workers(address) as workers:
         here, there = (rule.row_of(case, rule.run_case(case, 1, 1, **where)) for where in ({"threads": 1}, {"threads": None, "executor": workers}))
