@@ -97,7 +97,9 @@ class Violations:
         return "\n".join(map(str, self.violations))
 
 
-_Conditions, _Config = Conditions, Config  # in the class these names are attributes
+# in the class these names are attributes
+_Conditions = Conditions
+_Config = Config
 
 
 class ImpactAbsorberProblem:
@@ -106,7 +108,8 @@ class ImpactAbsorberProblem:
     version = 0
     dataset_id = "impact-absorber-simulated-v0"  # of no hub: `dataset` is simulated
     container_id = None
-    Conditions, Config = _Conditions, _Config
+    Conditions = _Conditions
+    Config = _Config
     design_constraints = ()
 
     def __init__(
