@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
 from impact_env.drive import PAPER_LIMITS, default_rate
-from impact_env.ensemble import Progress
+from impact_env.ensemble import Executor, Progress
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SlidingAbsorber, impact_absorber, require
 from impact_env.scene import Scene
@@ -144,6 +144,7 @@ def check_gap(
     everywhere: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> GapCheck:
     """Simulate sweeps up and down at one force (N) for gaps around the rule's.
 
@@ -167,5 +168,5 @@ def check_gap(
     scenes = [Scene(model, replace(absorber, walls=replace(walls, gap=float(rule * factor)))) for factor in multiples]
     rate = usable_rate("rate", rate, [limits])
     cases = [CurveCase(scene, np.array([force]), resonance, limits, rate) for scene in [Scene(model), *scenes]]
-    without, *curves = performance_curves(cases, members, seed, threads=threads, progress=progress)
+    without, *curves = performance_curves(cases, members, seed, threads=threads, progress=progress, executor=executor)
     return GapCheck(model, resonance, force, absorber, rule, rule * multiples, limits, tuple(curves), without, found, rate)

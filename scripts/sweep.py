@@ -20,6 +20,7 @@ from optimisation.commands.sweep_scene import (
     FRICTION_DAMPER_LIMIT,
     PARTS,
 )
+from optimisation.executors import cluster_option
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})
@@ -78,13 +79,15 @@ from optimisation.commands.sweep_scene import (
 @click.option("--most-events", type=int, help=default("Events after which a run is given up (exact).", "a million, and 5000 each pseudo period"))
 @click.option("--members", type=int, default=1, show_default=True, help="Runs that differ in phase and by rounding; the first has --phase.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases and roundings.")
+@cluster_option
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the results, in SI units.")
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw the run: .png, .pdf or .svg.")
 def main(**given: Any) -> None:
     """Integrate one sweep of the force's frequency through a resonance of the beam, and print what came out.
 
     In the JSON file response_level_m and level_frequency_ratio have one number for each member; impacts, tip, stuck time, energy balance and
-    time of integration are those of the first member. wall_s is the time of an integration alone, compiled and with nothing observed.
+    time of integration are those of the first member, which runs here also with --cluster. wall_s is the time of an integration alone, compiled
+    and with nothing observed.
     """
     with plain_errors():
         click.echo(run(given))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import Beam, count, positive
+from impact_env.parameters import count, positive
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import folds, thresholds
@@ -91,7 +91,7 @@ def check(given: dict[str, Any]) -> None:
 def case_of(given: dict[str, Any]) -> Case:
     """Return structure and absorber at the first resonance; on a structure from a file the force follows from the gap by the design rule."""
     refuse_beside(given["structure"], "modes", "damping")
-    model = model_of(given["structure"], Beam(modes=given["modes"], damping_ratio=given["damping"]))
+    model = model_of(given["structure"], modes=given["modes"], damping_ratio=given["damping"])
     force, gap, ratio = given["force"], positive("gap", given["gap"]), positive("mass_ratio", given["mass_ratio"])
     if force is None:
         force = FORCE if given["structure"] is None else design_force(model, ratio * model.beam_mass, gap, 1)
