@@ -15,10 +15,9 @@ from impact_env import Drive, FrequencySchedule, Scene, StuckAbsorber, TunedAbso
 from impact_env.controlled import ControlledRuns  # noqa: E402
 from impact_env.envs import ENVIRONMENTS  # noqa: E402
 from impact_env.envs.reference import passage  # noqa: E402
-from impact_env.frequency import receptance, tip_response  # noqa: E402
+from impact_env.frequency import LinearAbsorber, receptance, tip_response  # noqa: E402
 from impact_env.methods import Method, Moreau  # noqa: E402
 from impact_env.modes import modal_model  # noqa: E402
-from impact_env.parameters import LinearAbsorber  # noqa: E402
 
 _, GAP, PASSIVE, *_ = ENVIRONMENTS
 STEEL = str(Path(__file__).resolve().parent.parent / "docs" / "examples" / "steel_beam_tip.toml")
