@@ -15,15 +15,14 @@ from impact_env import Drive, FrequencySchedule, Scene, StuckAbsorber, TunedAbso
 from impact_env.controlled import ControlledRuns  # noqa: E402
 from impact_env.envs import ENVIRONMENTS  # noqa: E402
 from impact_env.envs.reference import passage  # noqa: E402
-from impact_env.frequency import receptance, tip_response  # noqa: E402
+from impact_env.frequency import LinearAbsorber, receptance, tip_response  # noqa: E402
 from impact_env.methods import Method, Moreau  # noqa: E402
 from impact_env.modes import modal_model  # noqa: E402
-from impact_env.parameters import LinearAbsorber  # noqa: E402
 
 _, GAP, PASSIVE, *_ = ENVIRONMENTS
 STEEL = str(Path(__file__).resolve().parent.parent / "docs" / "examples" / "steel_beam_tip.toml")
 MODEL = modal_model(load_structure(STEEL))
-WAY = {"limits": (0.98, 1.0), "rate": 2.0, "interval": 5.0, "force": 0.3, "direction": "up"}
+WAY = {"limits": (0.985, 0.995), "rate": 4.0, "interval": 5.0, "force": 0.3, "direction": "up"}  # short: impacts amplify rounding
 IMPACTS = {"absorber": "impact", "absorber_options": {"gap": 0.95e-3, "mass_ratio": 0.01, "friction_limit": 0.01, "restitution": 0.7}}
 
 
@@ -37,18 +36,18 @@ def test_the_level_is_the_one_that_a_single_run_reads_there(scene: dict[str, Any
         impacts += info["impacts"]
         assert not cut
     omega = MODEL.resonance_omega(1)
-    schedule = FrequencySchedule(np.array([0.0, info["time"]]) * 2 * np.pi / omega, np.array([0.98, 1.0]) * omega, omega)
+    schedule = FrequencySchedule(np.array([0.0, info["time"]]) * 2 * np.pi / omega, np.array([0.985, 0.995]) * omega, omega)
     found = simulate(env.task.settings.scene, Drive(0.3, schedule, phase)).level
-    alone = simulate(Scene(MODEL), Drive(1.0, FrequencySchedule(2 * schedule.times, schedule.omegas, omega))).level
+    alone = simulate(Scene(MODEL), Drive(1.0, FrequencySchedule(4 * schedule.times, schedule.omegas, omega))).level
     at_the_tip = simulate(Scene(replace(MODEL, response_shape=None), env.task.settings.scene.absorber), Drive(0.3, schedule, phase)).level
     assert found is not None
     assert alone is not None
     assert at_the_tip is not None
     assert info["level"] == pytest.approx(found.value, rel=digits)
-    assert passage(Scene(MODEL), 1, 0.98, 1.0, 32, 0.0, 1e-3)[0] == pytest.approx(alone.value, rel=1e-9)
+    assert passage(Scene(MODEL), 1, 0.985, 0.995, 32, 0.0, 1e-3)[0] == pytest.approx(alone.value, rel=1e-9)
     assert info["relative_level"] == pytest.approx(found.value / (0.3 * alone.value), rel=digits)
-    assert at_the_tip.value > 1.1 * found.value
-    assert (impacts > 20) is (scene is IMPACTS)
+    assert at_the_tip.value > 1.05 * found.value
+    assert (impacts > 5) is (scene is IMPACTS)
 
 
 @pytest.mark.parametrize("absorber", [None, StuckAbsorber(mass_ratio=0.01), TunedAbsorber(mass_ratio=0.01, stiffness=500.0, damping=1.0)])
