@@ -52,4 +52,30 @@ QUICK = (
     "house/test_docs.py",
 )
 
-LONGEST_FIRST: tuple[str, ...] = ()
+# by their time and, from nothing, by what they compile: two neighbours take other kinds of scenes, since both processes would compile the same one
+LONGEST_FIRST = (
+    "kernels/test_exact_rigid.py",
+    "kernels/test_one_result.py",
+    "kernels/test_exact_compliant.py",
+    "kernels/test_several.py",
+    "commands/test_study_scripts.py",
+    "environments/test_training.py",
+    "kernels/test_runge_kutta.py",
+    "environments/test_suite.py",
+    "kernels/test_kernel_cache.py",
+    "kernels/test_search_truth.py",
+    "simulator/test_first_use.py",
+    "design/test_cluster.py",
+    "studies/test_findings.py",
+    "house/test_extras.py",
+    "kernels/test_dense_motion.py",
+    "periodic/test_harmonic_balance.py",
+    "design/test_ledger.py",
+    "studies/test_error_vs_runtime.py",
+    "commands/test_frequency_scripts.py",
+    "kernels/test_regimes.py",
+    "design/test_study.py",
+    "commands/test_command.py",
+    "commands/test_structure_commands.py",
+    "kernels/test_verification.py",
+)
