@@ -12,7 +12,8 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from impact_env.ensemble import Lane, Progress, each_lane
+from impact_env.ensemble import Executor, Lane, Progress, each_lane
+from impact_env.methods import Exact, Method
 from impact_env.parameters import count, positive, require
 from impact_env.periodic.approach import Approach, passage
 from impact_env.periodic.residence import LEVEL, SILENCE, ExitRate, finished, first_silence
@@ -109,6 +110,26 @@ class Range:
         require(ok, "range", tuple(row.tolist()), "four ratios, start, first, last and stop, rising or falling")
 
 
+@dataclass(frozen=True)
+class _Passed:
+    """What `jumps` measures of a lane: whether it was present, whether it jumped, and its level in m. Times in pseudo periods, ``period`` in s."""
+
+    period: float
+    first: float
+    last: float
+    silence: float
+    method: Method
+
+    def __call__(self, lane: Lane) -> tuple[bool, bool, float]:
+        response = simulate(lane.scene, lane.drive, self.method, record=Record(events=True))
+        assert response.impacts is not None
+        assert response.level is not None
+        times = response.impacts.time / self.period
+        began = first_silence(times, self.first - self.silence, self.last + self.silence, self.silence).began
+        there = began is None or began > self.first
+        return there, there and (began is None or began > self.last), response.level.value
+
+
 def jumps(
     scene: Scene,
     force: float,
@@ -118,32 +139,25 @@ def jumps(
     phases: Sequence[float],
     silence: float = SILENCE,
     high_level: float | None = None,
+    method: Method | None = None,
     *,
     threads: int | None = None,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> Jumps:
     """Sweep lanes, one for each initial phase (rad), and return how many jumped; interruption and errors as in `residence.stays`.
 
     A run has jumped if no ``silence`` (pseudo periods without impact, at least) begins before the range's last ratio. It is present if none had begun
-    before the first. ``high_level`` in m: response levels above it are counted too. Raises ParameterError if the sweep is too fast for a silence
-    to show after the last ratio.
+    before the first. ``high_level`` in m: response levels above it are counted too. ``method``: default Exact.
+    Raises ParameterError if the sweep is too fast for a silence to show after the last ratio.
     """
     tail = abs(over.stop - over.last) * 100 * positive("periods_per_percent", periods_per_percent)
     require(tail >= silence, "periods_per_percent", periods_per_percent, f"{silence * periods_per_percent / tail:.4g} or more: a silence must show")
-    period = 2 * np.pi / approach.reference
+    method = Exact() if method is None else method
     begin = approach.lead + approach.ramp
     first, last = (begin + abs(ratio - over.start) * 100 * periods_per_percent for ratio in (over.first, over.last))
-
-    def measure(lane: Lane) -> tuple[bool, bool, float]:
-        response = simulate(lane.scene, lane.drive, record=Record(events=True))
-        assert response.impacts is not None
-        assert response.level is not None
-        times = response.impacts.time / period
-        present = first_silence(times, first - silence, last + silence, silence).began
-        there = present is None or present > first
-        return there, there and (present is None or present > last), response.level.value
-
+    measure = _Passed(2 * np.pi / approach.reference, first, last, silence, method)
     lanes = [Lane(scene, passage(approach, force, over.start, over.stop, periods_per_percent, phase)) for phase in phases]
-    found = finished(each_lane(lanes, measure, threads=threads, progress=progress))
+    found = finished(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor))
     high = None if high_level is None else sum(level > high_level for _, _, level in found)
     return Jumps(sum(jumped for _, jumped, _ in found), sum(there for there, _, _ in found), len(found), high)

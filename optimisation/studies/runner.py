@@ -91,7 +91,9 @@ def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place
     path, earlier = place.numbers(part.name), None
     if (resume or keep) and path is not None and path.exists():
         earlier = load(study, part, place, "--resume" if resume else "--out")
-        if keep:
+        if study.key is not None and earlier.conditions.get("key") != study.key(part.name, settings):
+            earlier = None
+        elif keep:
             kept = keep(earlier.values)
             earlier = replace(earlier, values=kept) if kept else None
         elif earlier.complete:
@@ -118,7 +120,8 @@ def measure(
         began -= earlier.conditions["wall_s"]
 
     def known(ended: bool, failure: str = "") -> Measured:
-        taken = {"wall_s": round(time.perf_counter() - began, 1)} | study.notes(settings) | ({"failure": failure} if failure else {})
+        taken: Json = {"wall_s": round(time.perf_counter() - began, 1)} | study.notes(settings) | ({"failure": failure} if failure else {})
+        taken |= {} if study.key is None else {"key": study.key(part.name, settings)}
         found = Measured(values, made | taken, ended and part.whole(settings, values))
         keep(found)
         return found

@@ -80,6 +80,9 @@ class Study(Generic[S]):
 
     ``notes(settings)`` is added to the conditions once a part is measured. A run goes on from an earlier one if the conditions named in ``same``
     are the same. ``kept`` says what is left of a run that is stopped.
+
+    ``key(name, settings)``: all that a part's numbers depend on, as JSON has it; a file with another key is no earlier run of the part, which is
+    measured anew. None: the conditions alone tell.
     """
 
     parts: tuple[Part[S], ...]
@@ -89,6 +92,7 @@ class Study(Generic[S]):
     packages: tuple[str, ...] = PACKAGES
     same: tuple[str, ...] = ("processor", "versions", "quick")
     kept: str = "the files hold what was finished."
+    key: Callable[[str, S], Json] | None = None
 
     def chosen(self, names: Sequence[str]) -> list[Part[S]]:
         """Return the named parts in their own order; all if none is named."""

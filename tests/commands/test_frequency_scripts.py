@@ -14,7 +14,9 @@ from commands import call, load
 from impact_env.frequency import tip_response
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, StuckAbsorber
+from impact_env.periodic import isola_map
 from impact_env.periodic import overview as overview_module
+from impact_env.periodic.case import Case
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.scene import beam_scene
 
@@ -96,6 +98,76 @@ def test_ctrl_c_keeps_the_curves_that_are_finished(response: ModuleType, tmp_pat
     assert len(found["curves"]) == 1
 
 
+def test_both_commands_list_the_same_folds(response: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """At 3 N the branch folds twice near 0.90321, with 4 reversals and with 8: which of them is met depends on the steps of the continuation."""
+    orbits = load("orbits", monkeypatch)
+    limits = ("--force", 3, "--from", 0.89, "--to", 0.93)
+    assert call(response, *PAPER, *limits, "--method", "exact", "--no-sweeps", "--json", tmp_path / "r.json").exit_code == 0
+    assert call(orbits, *PAPER, *limits, "--folds", "--json", tmp_path / "o.json").exit_code == 0
+    curves = json.loads((tmp_path / "r.json").read_text())["curves"]
+    drawn = sorted(mark["omega_ratio"] for curve in curves for mark in curve["located"] if mark["kind"] == "fold")
+    assert drawn == [fold["omega_ratio"] for fold in json.loads((tmp_path / "o.json").read_text())]
+    assert drawn == pytest.approx([0.9032099017, 0.9032184151], abs=1e-10)
+
+
+def test_a_stopped_run_goes_on_with_what_it_has_kept(response: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+    sweep, exact = overview_module.sweep_envelope, overview_module.exact_curves
+
+    def counted(*given: object, **named: object) -> object:
+        made.append("exact")
+        return exact(*given, **named)  # type: ignore[arg-type]
+
+    def interrupted(scene: object, force: float, reference: float, start: float, stop: float, rate: float) -> object:
+        made.append(f"sweep from {start:g}")
+        if made.count(made[-1]) == 1 and start > stop:
+            raise KeyboardInterrupt
+        return sweep(scene, force, reference, start, stop, rate)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(overview_module, "exact_curves", counted)
+    monkeypatch.setattr(overview_module, "sweep_envelope", interrupted)
+    kept, whole, again = (tmp_path / name for name in ("kept.json", "whole.json", "again.json"))
+    run = (*PAPER, "--method", "exact", "--from", 0.93, "--to", 0.95, "--percent-per-100-periods", 20)
+    assert call(response, *run, "--resume", kept).exit_code == 130
+    assert made == ["exact", "sweep from 0.93", "sweep from 0.95"]
+    done = call(response, *run, "--resume", kept, "--json", again)
+    assert done.exit_code == 0, done.output
+    assert made[3:] == ["sweep from 0.95"]
+    assert call(response, *run, "--json", whole).exit_code == 0
+    assert json.loads(again.read_text()) == json.loads(whole.read_text())
+    assert call(response, *run, "--force", 1.6, "--resume", kept).exit_code == 0
+    assert made[-3:] == ["exact", "sweep from 0.93", "sweep from 0.95"]  # another force has pieces of its own
+    kept.write_text('{"form": "another"}', encoding="utf-8")
+    refused = call(response, *run, "--resume", kept)
+    assert refused.exit_code == 2
+    assert refused.output.startswith("Error: --resume = ")
+    assert refused.output.count("\n") == 1
+
+
+def test_the_envelope_has_quantiles_of_runs_that_settled(response: ModuleType, tmp_path: Path) -> None:
+    """The paper's two-mode case at 0.9 is linear but for sliding friction: all members alike, between the linear curves, without an impact."""
+    files = [tmp_path / name for name in ("response.json", "response.png")]
+    run = ("--modes", 2, "--friction-limit", 0.025, "--method", "exact", "--no-sweeps", "--from", 0.9, "--to", 0.905)
+    runs = ("--envelope", 2, "--members", 3, "--window", 20, "--settle", 200, "--threads", 1)
+    done = call(response, *run, *runs, "--json", files[0], "--figure", files[1])
+    assert done.exit_code == 0, done.output
+    assert "runs at" in done.output
+    first, last = json.loads(files[0].read_text())["stationary"]
+    assert (first["omega_ratio"], last["omega_ratio"]) == (0.9, 0.905)
+    assert first["quantiles"] == [0.05, 0.5, 0.95]
+    assert first["impacts_per_period"] == last["impacts_per_period"] == 0
+    model = modal_model(Beam(modes=2))
+    ends = [1.5 * abs(tip_response(model, absorber, np.array([0.9 * model.omega[0]]))[0]) for absorber in (None, StuckAbsorber())]
+    assert all(0.95 * min(ends) < tip < 1.05 * max(ends) for tip in first["tip_max_m"])
+    assert first["tip_max_m"][0] == pytest.approx(first["tip_max_m"][2], rel=1e-2)
+    assert last["tip_max_m"][1] > 1.02 * first["tip_max_m"][1]
+    assert files[1].stat().st_size > 10_000
+    for option, said in (("--members", "--members does not go without --envelope"), ("--envelope", "points = 1")):
+        refused = call(response, *run, option, 1)
+        assert refused.exit_code == 2
+        assert said in refused.output
+
+
 def test_ctrl_c_within_a_branch_keeps_its_points() -> None:
     scene = beam_scene(Beam(modes=3), overview_module.SlidingAbsorber(0.02, overview_module.RigidWalls()))
     first = float(scene.model.omega[0])
@@ -157,9 +229,35 @@ def test_births_and_mergers_and_their_map(isola: ModuleType, tmp_path: Path) -> 
     assert files[2].stat().st_size > 10_000
 
 
+def test_the_map_over_friction_goes_on_where_it_was_stopped(isola: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, made = isola_map.cell_of, []
+
+    def stopped(case: Case, low: float, high: float) -> object:
+        made.append((case.model.modes, case.friction_limit))
+        if len(made) == 3:
+            raise KeyboardInterrupt
+        return whole(case, low, high)
+
+    monkeypatch.setattr(isola_map, "cell_of", stopped)
+    kept, target, figure = (tmp_path / name for name in ("kept.json", "map.json", "map.png"))
+    run = ("--modes", 3, "--from", 0.93, "--map-modes", "1,3", "--map-friction-limits", "0,0.01", "--resume", kept, "--json", target)
+    assert call(isola, *run).exit_code == 130
+    assert not json.loads(target.read_text())["complete"]
+    done = call(isola, *run, "--figure", figure)
+    assert done.exit_code == 0, done.output
+    assert made == [(3, 0.0), (1, 0.0), (1, 0.01), (1, 0.01), (3, 0.01)]  # a cell of the case itself is its own piece
+    found = json.loads(target.read_text())["map"]
+    assert sorted({(row["modes"], row["friction_limit_N"]) for row in found}) == [(1, 0), (1, 0.01), (3, 0), (3, 0.01)]
+    paper = [row["force_N"] for row in found if row["modes"] == 3 and row["friction_limit_N"] == 0.01]
+    assert paper == pytest.approx([1.221955, 2.370284], abs=1e-6)
+    assert figure.stat().st_size > 10_000
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
+        (("--map-friction-limits", "-1"), "friction limit = -1"),
+        (("--resume", "kept.txt"), "--resume = kept.txt"),
         (("--map-modes", "1,5", "--map-restitutions", "1"), "modes = 5"),
         (("--map-modes", "x"), "--map-modes = 'x'"),
         (("--map-modes", "1", "--map-restitutions", "2"), "restitution = 2"),

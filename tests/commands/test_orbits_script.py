@@ -61,6 +61,24 @@ def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:
         assert np.exp(1j * there) == pytest.approx(-np.exp(1j * phase), abs=1e-8)
 
 
+def test_a_range_has_pairs_and_doubled_periods_unless_symmetric_ones_alone_are_wanted(tmp_path: Path) -> None:
+    """N_m = 1, e = 0.8: between 0.9307 and 0.9353 a stable orbit has two periods of the force, which runs settle to (test_switching)."""
+    arguments = ["--modes", "1", "--restitution", "0.8", "--force", "1.5", "--from", "0.932", "--to", "0.934", "--points", "3"]
+    output, found = listed(tmp_path, *arguments)
+    assert "one-sided, period 2" in output
+    kinds = {(orbit["symmetric"], orbit["period_multiple"]) for orbit in found}
+    assert kinds == {(True, 1), (False, 1), (False, 2)}
+    doubled = [orbit for orbit in found if orbit["period_multiple"] == 2]
+    assert any(orbit["stable"] for orbit in doubled)
+    for orbit in doubled:
+        assert len(orbit["impacts"]) == 4
+        assert set(orbit) == KEYS | {"multipliers"}
+        assert all(0 <= impact["phase_rad"] < 4 * np.pi for impact in orbit["impacts"])
+    _, symmetric = listed(tmp_path, *arguments, "--symmetric")
+    assert {(orbit["symmetric"], orbit["period_multiple"]) for orbit in symmetric} == {(True, 1)}
+    assert [orbit["tip_max_m"] for orbit in symmetric] == pytest.approx([orbit["tip_max_m"] for orbit in found if orbit["symmetric"]])
+
+
 def test_complete_chatter_and_held_phases_are_listed_too(tmp_path: Path) -> None:
     arguments = ["--modes", "1", "--restitution", "0.3", "--friction-limit", "0.05", "--force", "20", "--from", "0.89", "--to", "0.91", "--at", "0.9"]
     output, (orbit,) = listed(tmp_path, *arguments)
@@ -115,17 +133,18 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, monkeypatch: p
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupt_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = orbit_list.orbits_over
+@pytest.mark.parametrize(("name", "option"), [("all_orbits_over", []), ("orbits_over", ["--symmetric"])])
+def test_an_interrupt_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, option: list[str]) -> None:
+    whole = getattr(orbit_list, name)
 
-    def broken_off(case: Any, ratios: Any, told: Any) -> Any:
-        groups = whole(case, ratios, told)
+    def broken_off(*given: Any, **named: Any) -> Any:
+        groups = whole(*given, **named)
         yield next(groups)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(orbit_list, "orbits_over", broken_off)
+    monkeypatch.setattr(orbit_list, name, broken_off)
     target = tmp_path / "orbits.json"
-    result = call(*ONE_MODE, "--from", "0.92", "--to", "0.94", "--points", "3", "--json", str(target))
+    result = call(*ONE_MODE, *option, "--from", "0.92", "--to", "0.94", "--points", "3", "--json", str(target))
     assert result.exit_code == 130
     ratios = [orbit["omega_ratio"] for orbit in json.loads(target.read_text(encoding="utf-8"))]
     assert ratios

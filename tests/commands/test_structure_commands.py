@@ -154,7 +154,8 @@ def test_an_environment_takes_a_structure() -> None:
     settings = Settings(structure=STEEL, absorber_options={"gap": 1e-3, "mass_ratio": 0.01})
     model = modal_model(load_structure(STEEL))
     np.testing.assert_array_equal(settings.scene.model.omega, model.omega)
-    assert settings.scene.model.response_shape is None
+    np.testing.assert_array_equal(settings.scene.model.level_shape, model.level_shape)
+    assert settings.scene.model.response_shape is not None
     assert settings.scene is Settings(structure=STEEL, absorber_options={"mass_ratio": 0.01, "gap": 1e-3}).scene
     assert isinstance(settings.beam_parameters, Beam)
     assert Settings(structure=FRAME).beam_parameters is None

@@ -38,6 +38,7 @@ KEYS = {
     "stuck_time_s": float,
     "energy_balance_relative_error": float,
     "pseudo_periods": float,
+    "sweep_over_stationary_level": float,
     "wall_s": float,
     "omega_rad_s": list,
     "scene": dict,
@@ -117,6 +118,30 @@ def test_constant_frequency(tmp_path: Path) -> None:
     values = results(tmp_path, "--modes", "2", "--from", "0.97", "--to", "0.97", "--periods", "12.5", "--absorber", "none")
     assert values["pseudo_periods"] == pytest.approx(12.5)
     assert values["level_frequency_ratio"] == pytest.approx([0.97])
+    assert values["sweep_over_stationary_level"] is None
+
+
+@pytest.mark.usefixtures("untimed")
+@pytest.mark.parametrize(("damping", "periods", "ratio"), [("0.01", 1600, 0.989), ("0.005", 6400, 0.990), ("0.03", 1600, 0.999)])
+def test_rate_follows_the_damping_and_the_ratio_is_told(damping: str, periods: float, ratio: float, tmp_path: Path) -> None:
+    given = ["--modes", "2", "--absorber", "none", "--damping", damping]
+    values = results(tmp_path, *given)
+    assert values["pseudo_periods"] == pytest.approx(periods)
+    assert values["sweep_over_stationary_level"] == pytest.approx(ratio, abs=2e-3)
+    fast = results(tmp_path, *given, "--percent-per-100-periods", "10")
+    assert fast["pseudo_periods"] == pytest.approx(160)
+    assert fast["sweep_over_stationary_level"] < ratio
+    text = call(*given).output
+    assert f"{values['sweep_over_stationary_level']:.3f}   without absorber, at" in text
+    assert "too fast" not in text
+
+
+@pytest.mark.usefixtures("untimed")
+def test_what_was_swept_too_fast_is_said_and_nothing_where_nothing_is_swept() -> None:
+    assert "sweep over stationary" not in call(*CONSTANT, "--periods", "5", "--absorber", "none").output
+    assert "too fast for shares" in call(*SHORT, "--absorber", "none").output
+    undamped = call(*SHORT, "--absorber", "none", "--damping", "0")  # its stationary level has no end
+    assert "0.000   without absorber, at 10 % per 100 pseudo periods: too fast" in undamped.output
 
 
 @pytest.mark.usefixtures("untimed")

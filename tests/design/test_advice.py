@@ -15,7 +15,7 @@ from optimisation.branches import branches
 from optimisation.designs import design_space
 from optimisation.evaluation import Threads, measured_chunks
 from optimisation.insight import SHOWN, levels, member_levels
-from optimisation.measures import RMS, Chunk, clamp_moment
+from optimisation.measures import RMS, Chunk, stress_shape
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.report.service_tables import service_lines, service_summary
@@ -157,7 +157,7 @@ def test_constant_force_settles_before_it_is_watched() -> None:
     drive = Drive(0.5, constant_frequency(float(scene.model.omega[0]), 0.97, 60.0))
     times = np.linspace(0, 60 * 2 * np.pi / scene.model.omega[0], 60 * 32 + 1)
     motion = dense.follow(scene, drive, None, times, long_steps=True).tip
-    chunk = Chunk((Lane(scene, drive),), (RMS,), clamp_moment(STEEL), 5.0)
+    chunk = Chunk((Lane(scene, drive),), (RMS,), stress_shape(STEEL), 5.0)
     (found,) = measured_chunks([chunk], Threads(1))
     assert found[0, 0] == pytest.approx(np.sqrt(np.mean(motion[len(motion) // 2 :] ** 2)), rel=1e-3)
 

@@ -93,8 +93,10 @@ def test_adapter_has_what_its_readers_expect(tmp_path: Path) -> None:
     pytest.importorskip("gymnasium")
     from optimisation.benchmark_problem import Conditions, ImpactAbsorberProblem, ObjectiveDirection
 
-    own = ImpactAbsorberProblem(beam=STEEL, members=2, conditions=Conditions(0.5), constraints=(Constraint("stroke", 1e-5),))
-    own.problem = replace(own.problem, rate=40.0)
+    given = {"force": 0.5, "members": 2, "rate": 40.0}
+    own = ImpactAbsorberProblem(0, given, beam=STEEL, constraints=(Constraint("stroke", 1e-5),))
+    assert own.conditions == Conditions(0.5)
+    assert own.problem.rate == 40.0
     box = own.design_space
     design, number = own.random_design()
     assert box.contains(design)
@@ -108,9 +110,12 @@ def test_adapter_has_what_its_readers_expect(tmp_path: Path) -> None:
     assert values != damped
     with pytest.raises(ParameterError, match="config"):
         own.simulate(row, {"colour": 1})
-    assert own.check_constraints(row)[0].constraint == "stroke"
-    assert own.check_constraints(2 * box.high)[0].constraint == "gap"
-    assert "impact absorber" in own.render(row, tmp_path / "card.png")
+    assert own.check_constraints(row, {}).violations[0].constraint == "stroke"
+    broken = own.check_constraints(2 * box.high, {})
+    assert [violation.constraint for violation in broken.violations] == [v.name for v in own.problem.space.free]
+    assert (len(broken), broken.n_constraints) == (3, 4)
+    assert str(broken).startswith("gap: ")
+    assert "impact absorber" in own.render(row, path=tmp_path / "card.png")
     assert (tmp_path / "card.png").read_bytes().startswith(b"\x89PNG")
     own.reset(seed=3)
     first = own.random_design()[0]
@@ -120,9 +125,9 @@ def test_adapter_has_what_its_readers_expect(tmp_path: Path) -> None:
 
 def test_adapters_search_and_data_set() -> None:
     pytest.importorskip("gymnasium")
-    from optimisation.benchmark_problem import Conditions, ImpactAbsorberProblem
+    from optimisation.benchmark_problem import ImpactAbsorberProblem
 
-    own = ImpactAbsorberProblem(concept="friction", beam=STEEL, members=1, conditions=Conditions(0.5))
+    own = ImpactAbsorberProblem(0, {"force": 0.5, "members": 1, "rate": 40.0}, concept="friction", beam=STEEL)
     start = own.problem.space.at([0.65])  # too much friction
     best, history = own.optimize(list(own.problem.space.coordinates(start).values()), designs=13)
     assert own.simulate(best)[0] == min(step.obj_values[0] for step in history) < 0.9 * history[0].obj_values[0]
@@ -131,3 +136,7 @@ def test_adapters_search_and_data_set() -> None:
     data = own.make_dataset(5)
     assert {name: len(part["design"]) for name, part in data.items()} == {"train": 4, "test": 1}
     np.testing.assert_array_equal(data["test"]["objectives"][0], own.simulate(data["test"]["design"][0]))
+    assert data["test"]["level"][0] == data["test"]["objectives"][0, 0]
+    assert data["train"]["force"].tolist() == [0.5] * 4
+    own._samples = own.make_dataset(2)  # `dataset` itself has more designs
+    assert own.dataset is own._samples

@@ -13,7 +13,7 @@ from impact_env.level import response_level
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
 from optimisation.evaluation import Threads, evaluate
-from optimisation.measures import MEASURES, Chunk, _value, clamp_moment, fatigue_damage, rainflow_amplitudes, turning_points
+from optimisation.measures import MEASURES, Chunk, _value, fatigue_damage, rainflow_amplitudes, stress_shape, turning_points
 from optimisation.mounting import mounted
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score, range_width
 from optimisation.problem import FAILED, PENALTY, Problem
@@ -53,23 +53,23 @@ def test_rainflow_loses_no_range(values: list[float]) -> None:
     assert 4 * np.sum(amplitudes * counts) == pytest.approx(np.sum(np.abs(np.diff(turns))), abs=1e-9)
 
 
-def test_clamp_moment_of_a_load_at_the_end() -> None:
+def test_moment_at_the_clamp_of_a_load_at_the_end() -> None:
     beam = Beam(modes=60)
-    model, moment = modal_model(beam), clamp_moment(beam)
+    model, moment = modal_model(beam), stress_shape(beam)
     assert moment is not None
     still = model.tip_shape * 7.0 / model.omega**2
     assert moment @ still == pytest.approx(7.0 * beam.length, rel=1e-6)
     off = mounted(beam, 0.4)
     assert off.level_shape @ still == pytest.approx(7.0 * beam.length**3 / (3 * beam.bending_stiffness), rel=1e-6)
     np.testing.assert_array_equal(off.level_shape, model.tip_shape)
-    assert clamp_moment(Beam(ends="pinned-pinned", absorber_position=0.5)) is None
-    assert clamp_moment(model) is None
+    assert stress_shape(Beam(ends="pinned-pinned", absorber_position=0.5)) is None
+    assert stress_shape(model) is None
 
 
 def test_measures_agree_with_the_energy_account_and_the_events() -> None:
     scene, drive = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1)), drive_of(3.5, 0.95, 1.0, periods=40)
     response = simulate(scene, drive, record=Record(events=True, series=True, energy=True))
-    chunk = Chunk((), tuple(MEASURES), clamp_moment(Beam(modes=3)), 5.0)
+    chunk = Chunk((), tuple(MEASURES), stress_shape(Beam(modes=3)), 5.0)
     found = {name: _value(name, chunk, response) for name in MEASURES}
     energy, history, impacts = response.energy, response.history, response.impacts
     assert energy is not None
@@ -87,7 +87,7 @@ def test_measures_agree_with_the_energy_account_and_the_events() -> None:
 
 def test_only_what_is_needed_is_recorded() -> None:
     def record(*measures: str) -> Record:
-        return Chunk((), measures, clamp_moment(Beam(modes=2)), 5.0).record
+        return Chunk((), measures, stress_shape(Beam(modes=2)), 5.0).record
 
     assert record("level") == Record()
     assert record("level", "impact_power") == Record(events=True)

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from impact_env.drive import PAPER_LIMITS, linear_sweep
+from impact_env.drive import PAPER_LIMITS, Drive, default_rate, linear_sweep
 from impact_env.level import response_level
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
 from optimisation.studies.rule import STRUCTURES
-from optimisation.sweep_rate import default_rate, stationary_level, sweep_ratio
+from optimisation.sweep_rate import stationary_level, sweep_ratio
 
 
 @pytest.mark.parametrize(("damping", "ratio"), [(0.01, 0.989), (0.005, 0.934), (0.002, 0.718), (0.001, 0.491)])
@@ -49,6 +51,14 @@ def test_ratio_agrees_with_an_integration_in_the_time_domain() -> None:
     assert stationary_level(model) == pytest.approx(stationary, rel=1e-6)
     assert 0.98 < sweep_ratio(model, 2.0) / (level / stationary) < 1.03  # the ratio is of the larger of up and down
     assert sweep_ratio(model, 2.0) < 0.95
+
+
+def test_ratio_at_another_place_than_the_absorbers_is_that_of_the_sampled_level() -> None:
+    """The level of a scene whose response is read elsewhere comes from samples; the ratio streams it, which must be the same."""
+    model = modal_model(replace(STRUCTURES["steel"], modes=3, absorber_position=0.8, response_position=0.6))
+    omega = model.resonance_omega(2)
+    levels = [simulate(Scene(model), Drive(1.0, linear_sweep(omega, *limits, 4.0))).level for limits in (PAPER_LIMITS, PAPER_LIMITS[::-1])]
+    assert sweep_ratio(model, 4.0, 2) * stationary_level(model, 2) == pytest.approx(max(level.value for level in levels if level), rel=1e-9)
 
 
 def test_bad_input() -> None:

@@ -9,8 +9,8 @@ from periodic_truth import Truth, matched
 from impact_env import Beam, ModalModel, ParameterError, StuckAbsorber, beam_scene, modal_model
 from impact_env.parameters import impact_absorber
 from impact_env.periodic.case import Case, case_of
+from impact_env.periodic.fold_map import BIRTH, MERGER, closed_folds, level_places, map_frequencies
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, linear_states, residual_and_jacobian, solve, unknowns_of
-from impact_env.periodic.isolas import BIRTH, MERGER, closed_folds, level_places, map_frequencies
 from impact_env.periodic.motion import motion_of
 from impact_env.periodic.schedule import Event, EventSchedule, Regime, flying_schedule
 from impact_env.periodic.stability import derivative_of, stability_of

@@ -48,6 +48,14 @@ def test_directions_and_resonance_of_a_case() -> None:
     assert (UP, DOWN) == (0, 1)
 
 
+def test_rate_of_a_case_follows_the_damping_of_its_resonance() -> None:
+    scene = beam_scene(Beam(modes=2, damping_ratio=(0.02, 0.005)))
+    assert [CurveCase(scene, FORCES, k).percent_per_100_periods for k in (1, 2)] == [1.0, pytest.approx(0.25)]
+    assert CurveCase(scene, FORCES, 2, percent_per_100_periods=3.0).percent_per_100_periods == 3.0
+    slow, told = (performance_curve(scene, [1.0], 2, 1, limits=(0.95, 1.05), percent_per_100_periods=rate) for rate in (None, 0.25))
+    np.testing.assert_array_equal(slow.level, told.level)
+
+
 def test_linear_scenes_run_one_force_only() -> None:
     totals = []
     performance_curves([CurveCase(NONE, FORCES, 1, (0.95, 1.05), FAST)], 3, progress=lambda _done, total: totals.append(total))

@@ -1,0 +1,59 @@
+"""The study that makes the paper again: its figures in order, their files and page, and the table of claims."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+from impact_env.kernels.cache import digest
+from optimisation.studies.paper import (
+    basics,
+    dissinf,
+    high_low,
+    jump,
+    m12,
+    modes_needed,
+    modulation,
+    oprange,
+    oprange_two,
+    optimum,
+    scat,
+    smr,
+    starts,
+    vard,
+    varom,
+)
+from optimisation.studies.paper.claims import claims_part
+from optimisation.studies.paper.frame import NAME, PaperFigure
+from optimisation.studies.paper.settings import Settings
+from optimisation.studies.study import Json, Place, Study, beside
+
+PAPERS: tuple[PaperFigure, ...] = (high_low, jump, smr, oprange, oprange_two, varom, vard, scat, dissinf, m12)
+BEYOND: tuple[PaperFigure, ...] = (optimum, modulation, modes_needed, starts)
+FIGURES = (basics, *PAPERS, *BEYOND)  # in the order of the page
+LABELS = tuple(module.PART.name for module in FIGURES)
+OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
+
+
+def place(out: Path) -> Place:
+    """Return where files go: the page paper.md into a folder, all else into its folder paper."""
+    return beside(out, NAME, out / NAME)
+
+
+def key(name: str, settings: Settings) -> Json:
+    """Return what the numbers of a part depend on: a finished figure is kept as long as it is the same, its module's source included.
+
+    After a change of words only, --redraw takes the numbers as they are.
+    """
+    module = next(module for module in FIGURES if module.PART.name == name)
+    source = hashlib.sha256(Path(module.__file__ or "").read_bytes()).hexdigest()[:16]
+    known = {"quick": settings.quick, "seed": settings.seed, "kernels": digest(), "source": source, "parameters": module.parameters(settings)}
+    plain: Json = json.loads(json.dumps(known))
+    return plain
+
+
+STUDY: Study[Settings] = Study(
+    tuple(module.PART for module in FIGURES), key=key, same=(), kept="finished figures are kept; the same command goes on from here."
+)
+CLAIMS: Study[Settings] = Study((claims_part(FIGURES),))  # once all figures that are to be made are there
