@@ -1,7 +1,7 @@
 """A design problem with the attributes and methods of EngiBench's problems, for optimisers and generative models that are written for those.
 
-The names and what calls take are theirs, of version 0.2 (tests/test_engibench_names.py holds them); EngiBench itself is not needed. A design is a
-row of coordinates of the problem's space. The space is a Gymnasium one (extra ``rl``).
+The names and what calls take are theirs, of version 0.2 (tests/design/test_engibench_names.py holds them); EngiBench itself is not needed. A design
+is a row of coordinates of the problem's space. The space is a Gymnasium one (extra ``rl``).
 """
 
 from __future__ import annotations

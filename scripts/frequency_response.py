@@ -9,26 +9,18 @@ from typing import Any
 
 import click
 
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
 from impact_env.periodic.stationary import StationaryRuns
 from optimisation.command_line import RESUME, check_target, end_early, name_files, plain_errors
 from optimisation.commands.frequency_curves import BALANCE, BOTH, EXACT, FIGURES, FORCE, computed, written
-from optimisation.commands.structure_option import structure_option
+from optimisation.commands.scene_options import scene_options
 from optimisation.commands.sweep_scene import refuse_parts
 from optimisation.report.response_table import text
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 130})
 @click.option("--absorber", type=click.Choice(["impact", "friction"]), help="Impact absorber or friction damper.  [default: impact]")
-@click.option("--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Beam and absorber from a .toml or .json file.")
-@structure_option
-@click.option("--modes", type=int, help=f"Number of modes kept.  [default: {Beam.modes}]")
-@click.option("--damping", type=float, help=f"Modal damping ratio, the same for all modes.  [default: {Beam.damping_ratio}]")
-@click.option("--mass-ratio", type=float, help=f"Absorber mass over beam mass.  [default: {DEFAULT_MASS_RATIO}]")
-@click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: {RigidWalls.gap}]")
-@click.option("--restitution", type=float, help=f"Coefficient of restitution; below 1 exact orbits only.  [default: {RigidWalls.restitution}]")
-@click.option("--friction-limit", type=float, help="Friction limit in N; 0: no friction.")
+@scene_options("; below 1 exact orbits only")
 @click.option("--contact-stiffness", type=float, help="Makes the walls springs of this stiffness in N/m: harmonic balance only.")
 @click.option("--friction-stiffness", type=float, help="Makes friction elastic with this stiffness in N/m.")
 @click.option("--force", type=float, help=f"Amplitude of the harmonic force in N.  [default: {FORCE}, with --structure by the design rule]")

@@ -69,6 +69,7 @@ def moved(model: ModalModel, masses: list[float], strokes: list[complex], force:
     st.floats(0, 50),
     st.floats(0.3, 8),
 )
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 def test_lines_of_several_masses_read_anywhere(devices: list[tuple[float, ...]], place: float, force: float, at: float) -> None:
     """The line of any admissible strokes follows from receptances too, and its RMS is not below the limit."""
@@ -134,6 +135,7 @@ def test_design_force_depends_on_where_near_begins() -> None:
     assert design_force(MODEL, MASS, GAP, low=0.9) < 0.95 * design_force(MODEL, MASS, GAP)
 
 
+@pytest.mark.slow
 def test_shapes_and_refinement() -> None:
     assert stroke_limit_rms(MODEL, MASS, GAP, np.ones((4, 1)), OMEGA).shape == (4, 111)
     assert resonance_limit(MODEL, MASS, GAP, 5.0).shape == ()

@@ -152,6 +152,7 @@ def test_what_a_structure_cannot_do_is_refused() -> None:
         scene_on(model, design_space("several").default.absorber())
 
 
+@pytest.mark.slow
 def test_a_comparison_scales_with_the_structure() -> None:
     """By the scaling law levels over the gap are the same for a force that is as many times larger as the gap."""
     beam = replace(steel(), modes=2)

@@ -11,7 +11,7 @@ from places import ROOT, SCRIPTS
 from optimisation.studies.page import has_markers
 
 KERNELS = ROOT / "impact_env" / "kernels"
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), KERNELS / "README.md"]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), KERNELS / "README.md"]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 MARKED = {
     "README.md": ["benchmark"],

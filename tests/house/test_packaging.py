@@ -165,6 +165,17 @@ def test_script_runs_without_set_up_when_nothing_changed(checkout: Path) -> None
     assert result.stderr == ""
 
 
+def test_quick_tests_need_neither_torch_nor_a_cluster(checkout: Path) -> None:
+    shutil.copy2(ROOT / "scripts" / "test", checkout / "scripts" / "test")
+    for layer in ("test", "files", "optimise", "env"):
+        (checkout / ".venv" / "stamps" / layer).write_bytes(_set_up_module().stamp_text(checkout, layer))
+    quick, whole = (subprocess.run([checkout / "scripts" / "test", *words], capture_output=True, text=True) for words in (["--quick", "-x"], ["-x"]))
+    assert quick.returncode == 7, quick.stderr
+    assert "-m pytest" in quick.stdout
+    assert quick.stdout.endswith(" --quick -x\n")
+    assert whole.returncode != 7  # it would have to install the others first
+
+
 def test_extra_layer_has_its_own_stamp(checkout: Path) -> None:
     script = checkout / "scripts" / "show.py"
     script.write_text(script.read_text() + "# needs: rl\n")

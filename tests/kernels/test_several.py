@@ -18,7 +18,6 @@ from impact_env import (
     InitialState,
     Moreau,
     ParameterError,
-    Record,
     Response,
     RigidWalls,
     RungeKutta,
@@ -79,6 +78,7 @@ def check(response: Response, error: float = 1e-10) -> float:
     return max(shares)
 
 
+@pytest.mark.slow
 def test_small_moreau_steps_converge_to_it() -> None:
     """Contact laws in another form, without regimes and events: what the references take for granted is checked too."""
     scene, force, ratio, periods = SEVERAL["sticking beside impacts"]
@@ -209,7 +209,7 @@ def test_bounces_of_one_die_out_beside_one_that_is_held() -> None:
     scene = beam_scene(Beam(), impact_absorbers(GAPS, (1.0, 0.7736825462817463), 0.7, 0.05, 0.02, (LIGHT, 1 - LIGHT)))
     reference = scene.model.resonance_omega(1)
     schedule = linear_sweep(reference, 0.9, 0.98, percent_per_100_periods=10.0)
-    response = simulate(scene, Drive(17.5, schedule, 4.698951511487796), record=Record(energy=True, events=True))
+    response = run(scene, Drive(17.5, schedule, 4.698951511487796))
     assert response.steps < 100_000
     assert response.energy is not None
     assert abs(response.energy.balance_error) < 1e-11 * response.energy.work
@@ -220,7 +220,7 @@ def test_equal_absorbers_at_one_place_break_loose_at_once() -> None:
     beam = Beam(bending_stiffness=0.81 * Beam.bending_stiffness)
     scene = beam_scene(beam, impact_absorbers((1e-3, 1e-3), (1.0, 1.0), 0.7, 0.05, 0.02))
     reference = scene.model.resonance_omega(1)
-    response = simulate(scene, Drive(3.5, linear_sweep(reference, 0.9, 0.906)), record=Record(events=True))
+    response = run(scene, Drive(3.5, linear_sweep(reference, 0.9, 0.906)))
     assert response.phases is not None
     assert set(response.phases.absorber.tolist()) == {0, 1}
     assert response.steps < 2000

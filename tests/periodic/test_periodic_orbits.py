@@ -131,6 +131,7 @@ def test_a_schedule_is_read_off_a_recorded_run() -> None:
         assert same(orbit, again)
 
 
+@pytest.mark.slow
 def test_joined_phases_of_a_run_are_joined_segments_of_its_schedule() -> None:
     """A run that comes near to itself after five periods, with a stuck phase; no orbit is found there, and what was tried is told."""
     case = paper_case(10, 0.975, 3.5, 0.7, 0.1)

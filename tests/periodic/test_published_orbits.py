@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from orbit_cases import Array, high_orbit, isola, many_reversals, one_sided, paper_case
 
-from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.fold_map import BIRTH, MERGER
+from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import Threshold, folds, threshold_map, thresholds
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.survey import closed_form_orbits, crossings, orbits_over, same

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -60,26 +61,48 @@ def on_a_terminal(code: str, folder: Path) -> str:
     return text.decode()
 
 
-def test_the_first_use_is_told_once_and_a_warm_one_not_at_all(tmp_path: Path) -> None:
-    lines = on_a_terminal(RUN, tmp_path).split()
-    text = " ".join(lines)
+@pytest.fixture(scope="module")
+def first_use(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """What was told when everything had to be compiled, and where it is kept."""
+    folder = tmp_path_factory.mktemp("kernels")
+    return folder, on_a_terminal(RUN, folder)
+
+
+@pytest.fixture
+def lacking(first_use: tuple[Path, str], tmp_path: Path) -> Path:
+    """A folder in which the kernel that calls all others is missing."""
+    folder = tmp_path / "kernels"
+    shutil.copytree(first_use[0], folder)
+    lanes = list(folder.rglob("linear.linear_lane*"))
+    assert len(lanes) == 2  # an index and a kernel
+    for file in lanes:
+        file.unlink()
+    return folder
+
+
+def test_the_first_use_is_told_once_and_a_warm_one_not_at_all(first_use: tuple[Path, str]) -> None:
+    folder, told = first_use
+    text = " ".join(told.split())
     assert text.count("impact_env: compiling") == 1
     assert text.startswith("impact_env: compiling the kernels of: 2 modes, no absorber, Exact")
     assert "python -m impact_env.warm_up" in text
-    assert on_a_terminal(RUN, tmp_path) == ""
+    assert on_a_terminal(RUN, folder) == ""
 
 
-def test_a_log_takes_the_place_of_the_line(tmp_path: Path) -> None:
-    text = on_a_terminal(LOGGED + RUN, tmp_path)
+def test_a_log_takes_the_place_of_the_line(lacking: Path) -> None:
+    text = on_a_terminal(LOGGED + RUN, lacking)
     assert text.count("compiling") == 1
     assert text.startswith("LOG impact_env: impact_env: compiling the kernels of: 2 modes")
 
 
-def test_nothing_is_told_where_nobody_looks_or_the_caller_tells(tmp_path: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(tmp_path / "a")}
+def test_nothing_is_told_where_nobody_looks(lacking: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(lacking)}
     done = subprocess.run([sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, check=True)
     assert done.stderr == ""
-    assert on_a_terminal(WARM_UP, tmp_path / "b") == ""
+
+
+def test_nothing_is_told_where_the_caller_tells(lacking: Path) -> None:
+    assert on_a_terminal(WARM_UP, lacking) == ""
 
 
 def test_functions_of_others_are_not_ours(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from impact_env.phase_lag import phase_lag
 from impact_env.response import History
 
 OMEGA = 252.0
-ALL = Record(events=True, series=True, energy=True)
+ALL = Record(level=False, events=True, series=True, energy=True)
 
 
 def sines(lag: float, periods: int = 20, beat: float = 0.0, offset: float = 0.0) -> History:

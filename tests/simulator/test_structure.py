@@ -11,7 +11,7 @@ import scipy.io
 import scipy.linalg
 import scipy.optimize
 import scipy.sparse
-from core import drive_of
+from core import drive_of, run
 from places import EXAMPLES
 from structure_files import MATRICES, chain, written
 
@@ -109,7 +109,7 @@ def test_level_is_read_where_the_beam_says() -> None:
 def test_the_paper_beam_as_modal_data_and_as_matrices_has_the_beam_impacts(tmp_path: Path) -> None:
     beam = Beam()
     drive, absorber = drive_of(3.5, 1.0, periods=40), impact_absorber(restitution=0.7)
-    own = simulate(beam_scene(beam, absorber), drive, record=Record(events=True)).impacts
+    own = run(beam_scene(beam, absorber), drive).impacts
     assert own is not None
     (tmp_path / "modal.json").write_text(json.dumps({"model": from_scene(beam_scene(beam))["model"]}))
     mass, stiffness = matrices(beam)
@@ -117,7 +117,7 @@ def test_the_paper_beam_as_modal_data_and_as_matrices_has_the_beam_impacts(tmp_p
         scipy.io.mmwrite(tmp_path / f"{name}.mtx", scipy.sparse.coo_matrix(matrix), precision=17)
     keys = {"mass": "M.mtx", "stiffness": "K.mtx", "units": "kg, m, s", "force": 22, "absorber": 58, "mass_kg": beam.mass, "damping_ratio": 0.01}
     for path, exactly in ((tmp_path / "modal.json", True), (written(tmp_path, "matrices", **keys), False)):
-        found = simulate(Scene(modal_model(load_structure(path)), absorber), drive, record=Record(events=True)).impacts
+        found = run(Scene(modal_model(load_structure(path)), absorber), drive).impacts
         assert found is not None
         if exactly:
             np.testing.assert_array_equal(found.time, own.time)
@@ -246,7 +246,7 @@ def test_a_suspended_beam_runs_and_keeps_its_energy() -> None:
     beam = Beam(ends="free-free", suspension_frequency=2.0, absorber_position=1.0, force_position=0.0)
     scene = beam_scene(beam, impact_absorber(restitution=0.7, friction_limit=0.05))
     drive = drive_of(50.0, 0.97, periods=100, reference=scene.model.resonance_omega(3))
-    response = simulate(scene, drive, record=Record(energy=True))
+    response = run(scene, drive)
     assert response.energy is not None
     assert response.impact_count > 20
     assert response.energy.relative_error < 1e-9

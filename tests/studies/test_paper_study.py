@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from places import ROOT, SCRIPTS
 
 from impact_env.parameters import ParameterError
 from optimisation.studies.paper import study
@@ -22,7 +23,7 @@ from optimisation.studies.paper.frame import figure_part, in_turn, marker
 from optimisation.studies.paper.settings import Settings
 from optimisation.studies.study import Json, Measured, Steps
 
-SCRIPT = Path(__file__).resolve().parents[1] / "scripts" / "reproduce_paper.py"
+SCRIPT = SCRIPTS / "reproduce_paper.py"
 
 
 def script() -> ModuleType:
@@ -179,6 +180,6 @@ def test_files_of_something_else_are_refused(figures: Figures, tmp_path: Path) -
 
 
 def test_the_page_has_a_section_for_each_figure() -> None:
-    text = (Path(__file__).resolve().parents[1] / "docs" / "paper.md").read_text()
+    text = (ROOT / "docs" / "paper.md").read_text()
     for name in (*study.LABELS, CLAIMS):
         assert text.count(f"<!-- {marker(name)} -->") == 1, name

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,16 +14,14 @@ from sweep_command import call as sweep
 pytest.importorskip("distributed")
 pytest.importorskip("optuna")
 
+import design_gap
+import design_rule
 import distributed
+import search_methods as search_methods_script
 
 from optimisation.evaluation import Threads
 from optimisation.search.cluster import Workers
 from optimisation.studies import rule, search_methods
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
-import design_gap
-import design_rule
-import search_methods as search_methods_script
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from places import EXAMPLES
 from sweep_command import call as sweep
 
 from impact_env import Beam, ModalModel, ParameterError, beam_scene, impact_absorber, impact_absorbers, load_structure, modal_model
@@ -118,8 +119,7 @@ def test_damage_of_the_files_strain_is_that_of_the_moment_at_the_clamp(structure
 
 def test_strain_of_a_universal_file_is_a_weighted_sum_of_its_shapes(tmp_path: Path) -> None:
     pytest.importorskip("pyuff")
-    examples = Path(__file__).resolve().parents[1] / "docs" / "examples"
-    (tmp_path / "measured.uff").write_bytes((examples / "measured.uff").read_bytes())
+    (tmp_path / "measured.uff").write_bytes((EXAMPLES / "measured.uff").read_bytes())
     at = {"direction": "z"}
     places = [{"node": 5, **at}, {"node": 3, **at}]
     keys = {"file": "measured.uff", "force": {"node": 2, **at}, "absorber": places, "mass_kg": 2.0}

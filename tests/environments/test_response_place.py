@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from places import EXAMPLES
 
 gymnasium = pytest.importorskip("gymnasium")
 
@@ -20,7 +20,7 @@ from impact_env.methods import Method, Moreau  # noqa: E402
 from impact_env.modes import modal_model  # noqa: E402
 
 _, GAP, PASSIVE, *_ = ENVIRONMENTS
-STEEL = str(Path(__file__).resolve().parent.parent / "docs" / "examples" / "steel_beam_tip.toml")
+STEEL = str(EXAMPLES / "steel_beam_tip.toml")
 MODEL = modal_model(load_structure(STEEL))
 WAY = {"limits": (0.985, 0.995), "rate": 4.0, "interval": 5.0, "force": 0.3, "direction": "up"}  # short: impacts amplify rounding
 IMPACTS = {"absorber": "impact", "absorber_options": {"gap": 0.95e-3, "mass_ratio": 0.01, "friction_limit": 0.01, "restitution": 0.7}}
