@@ -104,7 +104,8 @@ class Modulated:
 
 def _waits(share: Array) -> list[int]:
     """Return the pseudo periods between transfers: the largest shares of `HALF` periods to either side, where they are above `TRANSFER`."""
-    at = [int(k) for k in np.flatnonzero(share > TRANSFER) if k == max(0, k - HALF) + int(np.argmax(share[max(0, k - HALF) : k + HALF + 1]))]
+    high = [int(k) for k in np.flatnonzero(share > TRANSFER)]
+    at = [k for k in high if k == max(0, k - HALF) + int(np.argmax(share[max(0, k - HALF) : k + HALF + 1]))]
     return [later - sooner for sooner, later in pairwise(at)]
 
 

@@ -62,7 +62,8 @@ def _energy(exact: Json, step: Json) -> list[Claim]:
         Claim(
             "ninety per cent", "up to 90 % of the mechanical energy is in the absorber for a while", SECTION,
             f"largest share in 25 pseudo periods {spread(exact['share'], '{:.0f}', 100)} %; at the paper's step "
-            f"{spread(step['share'], '{:.0f}', 100)} %", _reached(exact["share"]), FIGURE, "In some stretches of 25 pseudo periods the largest share stays lower.",
+            f"{spread(step['share'], '{:.0f}', 100)} %", _reached(exact["share"]), FIGURE,
+            "In some stretches of 25 pseudo periods the largest share stays lower.",
         ),
         Claim(
             "every twelve periods", "the transfer comes again, after about 12 pseudo periods (at 8 and 20)", SECTION,

@@ -9,6 +9,7 @@ from pathlib import Path
 from impact_env.kernels.cache import digest
 from optimisation.studies.paper import (
     basics,
+    conv,
     dissinf,
     high_low,
     jump,
@@ -29,7 +30,7 @@ from optimisation.studies.paper.frame import NAME, PaperFigure
 from optimisation.studies.paper.settings import Settings
 from optimisation.studies.study import Json, Place, Study, beside
 
-PAPERS: tuple[PaperFigure, ...] = (high_low, jump, smr, oprange, oprange_two, varom, vard, scat, dissinf, m12)
+PAPERS: tuple[PaperFigure, ...] = (high_low, jump, smr, oprange, oprange_two, varom, vard, scat, dissinf, m12, conv)
 BEYOND: tuple[PaperFigure, ...] = (optimum, modulation, modes_needed, starts)
 FIGURES = (basics, *PAPERS, *BEYOND)  # in the order of the page
 LABELS = tuple(module.PART.name for module in FIGURES)
