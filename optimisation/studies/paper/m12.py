@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from impact_env.curve import CurveCase
 from impact_env.methods import Moreau
 from impact_env.modes import modal_model
-from impact_env.parameters import Beam, friction_damper
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, friction_damper
 from impact_env.scene import Scene, beam_scene
 from optimisation.bounds import resonance_limit
 from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, NONE, RESONANCES, compare, concepts
@@ -171,7 +171,7 @@ def _beside_limit(values: Json, names: list[str]) -> str:
     for resonance, name in zip(RESONANCES, names, strict=True):
         own, part = read(values[name])[IMPACT], values[name]
         model = modal_model(Beam())
-        mass = 0.02 * model.beam_mass
+        mass = DEFAULT_MASS_RATIO * model.beam_mass
         limit = resonance_limit(model, mass, part["gap"], own.forces, resonance)
         above = limit > 0.1 * part["gap"]
         if above.any():

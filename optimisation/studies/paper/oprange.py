@@ -39,11 +39,11 @@ def linear_scenes() -> dict[str, Scene]:
 
 
 def _forces(settings: Settings) -> tuple[float, ...]:
-    return settings.size(force_grid(0.2, 100.0, 41), force_grid(0.3, 100.0, 8, (0.9, 1.1, 1.35, 1.7, 2.0, 2.5)))
+    return settings.size(force_grid(0.2, 12.0, 31, (18.0, 27.0, 40.0, 60.0, 100.0)), force_grid(0.3, 100.0, 8, (0.9, 1.1, 1.35, 1.7, 2.0, 2.5)))
 
 
 def _members(settings: Settings) -> int:
-    return settings.size(16, 3)
+    return settings.size(12, 3)
 
 
 def parameters(settings: Settings) -> Json:
@@ -79,6 +79,7 @@ def _words(values: Json) -> str:
             f"{own.forces[k]:.3g}",
             interval(MM * own.level[k], "{:.3f}"),
             interval(relative[k]),
+            _at_step(values, k),
             f"{np.median(own.rate[k]):.1f}",
             f"{own.sustained[k]:.2f}",
         )
@@ -88,12 +89,19 @@ def _words(values: Json) -> str:
         f"{name} {'not within these forces' if border is None else f'between {border.low:.3g} and {border.high:.3g} N'}"
         for name, border in (("first impacts", first), ("secondary range from", last))
     )
-    header = ("force, N", "level, mm", "over no absorber", "impacts per pseudo period", "share with sustained impacts")
+    header = ("force, N", "level, mm", "over no absorber", "at the paper's step", "impacts per pseudo period", "share with sustained impacts")
     return (
         f"One mode, e = {RESTITUTION:g}, no friction, {own.level.shape[1]} members, {len(own.forces)} forces. Marked by what the contacts do in the "
         f"level's window: {borders}.\nThe best point lies at {own.forces[best]:.3g} N. At {own.forces[-1]:g} N the level is "
         f"{interval(own.relative(stuck)[-1], '{:.3f}')} of that with the absorber stuck.\n\n{markdown(header, rows)}"
     )
+
+
+def _at_step(values: Json, k: int) -> str:
+    """Return the level over no absorber at force ``k`` in a single run at the paper's step."""
+    if "step" not in values:
+        return ""
+    return f"{curve_of(values['step']).level[k, 0] / curve_of(values['linear']['none']).level[k, 0]:.2f}"
 
 
 def _figures(measured: Measured) -> dict[str, Saver]:
