@@ -39,12 +39,11 @@ def _claim(name: str, section: str, statement: str, computed: str, holds: bool, 
 
 
 def _beam(beam: Json) -> list[Claim]:
-    second, third = beam["ratios"][1:3]
+    second = beam["ratios"][1]
     own, whole, off = beam["absorber_kg"], beam["beam_kg"], beam["stiffness_of_modes"] / beam["stiffness"] - 1
     stiffness = f"{beam['stiffness']:.2f} N/m; that of all the modes together differs by {off:.0e}"
     return [
         _claim("omega_2", "2.1", "omega_2 = 6.3 omega_1", f"{second:.4f}", round(second, 1) == 6.3, "The ratio is another."),
-        _claim("omega_3", "2.5", "omega_3 is about 17.5 omega_1", f"{third:.3f}", round(third, 1) == 17.5, "The ratio is another."),
         _claim(
             "mass",
             "2",
@@ -57,14 +56,6 @@ def _beam(beam: Json) -> list[Claim]:
             "node", "2.1", "x = 0.4 l is the 12th node", f"node {beam['node']:g} after the clamp", abs(beam["node"] - 12) < 1e-9, "It is another."
         ),
         _claim("stiffness", "A", "3 EI/l^3 is the static stiffness of the tip", stiffness, abs(off) < 1e-9, "The modes give another stiffness."),
-        _claim(
-            "stuck_lower",
-            "3.1",
-            "with a stuck absorber the resonance is slightly lower",
-            f"{100 * (beam['stuck_ratio'] - 1):+.2f} % (undamped)",
-            0.95 < beam["stuck_ratio"] < 1,
-            "The shift is not slight.",
-        ),
     ]
 
 

@@ -26,13 +26,13 @@ def save(path: Path, values: Json) -> None:
         absorber = TunedAbsorber(stiffness=own["stiffness"], damping=own["damping"])
         line(response, ratio, MM * np.abs(tip_response(model, absorber, ratio * model.omega[0])), look, f"LTVA: {name}", marked=False)
     response.set(xlabel="frequency over the first resonance", ylabel="tip amplitude in mm/N", ylim=(0, 0.25), xlim=(0.7, 1.3))
-    for k, (case, look) in enumerate(zip(dict.fromkeys(row["case"] for row in values["step"]), LOOKS, strict=False)):
-        rows = [row for row in values["step"] if row["case"] == case]
-        for shift, (method, own) in enumerate((("exact", look), ("moreau", LOOKS[k + 2]))):
-            found = MM * np.array([row[method] for row in rows])
-            at = [row["force"] * (1 + 0.02 * shift) for row in rows]
-            label = f"{case}: {'exact' if method == 'exact' else 'Moreau'}"
-            errors = (found[:, 0] - found[:, 1], found[:, 2] - found[:, 0])
-            step.errorbar(at, found[:, 0], yerr=errors, color=own.colour, ls=own.dashes, marker=own.marker, ms=3.5, lw=1.1, capsize=2, label=label)
-    step.set(xlabel="force in N", ylabel="response level in mm", ylim=(0, None))
+    rows = values["step"]
+    for shift, method, look, label in ((-0.12, "exact", LOOKS[0], "exact"), (0.12, "moreau", LOOKS[1], "Moreau, the paper's step")):
+        found = 100 * np.array([np.array(row[method]) / row["exact"][0] for row in rows])
+        errors = (found[:, 0] - found[:, 1], found[:, 2] - found[:, 0])
+        at = np.arange(len(rows)) + shift
+        step.errorbar(at, found[:, 0], yerr=errors, color=look.colour, ls="", marker=look.marker, lw=1.2, capsize=2.5, label=label)
+    step.set_xticks(range(len(rows)), [f"{row['case'].split(',')[0].removesuffix(' modes')}, {row['force']:g}" for row in rows])
+    step.set(xlabel="modes, force in N", ylabel="level in % of the exact median")
+    step.margins(y=0.25)
     finish(axes, path, figure)
