@@ -98,7 +98,7 @@ def modulation_depth(peaks: Array) -> float:
     return (high - low) / (high + low) if high > 0 else 0.0
 
 
-def longest_pause(impacts: Array, periods: int) -> float:
+def longest_pause(impacts: Array, periods: float) -> float:
     """Return the longest time without impact in a window, its ends included; times in periods of the force."""
     return float(np.max(np.diff(np.concatenate([[0.0], impacts, [float(periods)]]))))
 

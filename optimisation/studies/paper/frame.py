@@ -14,6 +14,7 @@ from optimisation.studies.paper.settings import Settings
 from optimisation.studies.study import Json, Measured, Part, Saver, Steps, Table
 
 NAME = "paper"
+POINTS = 2  # two numbers are a pair, not points
 
 
 class PaperFigure(Protocol):
@@ -45,13 +46,28 @@ def figure_part(
     figures: Callable[[Measured], Mapping[str, Saver]],
     tables: Callable[[Measured], Iterable[Table]] = lambda _: (),
 ) -> Part[Settings]:
-    """Return the part of a figure with the paper's ``label``; ``words`` of its values stand between its markers, with what they were measured by."""
+    """Return the part of a figure with the paper's ``label``.
+
+    Between its markers stand the figures, ``words`` of its values, and what they were measured by.
+    """
 
     def sections(measured: Measured) -> dict[str, str]:
-        ended = "" if measured.complete else " Stopped early."
-        return {marker(label): f"{words(measured.values)}\n\n{sources(measured.conditions)} {measured.conditions['wall_s']:g} s.{ended}"}
+        drawn = [f"![{title[0].upper()}{title[1:]}]({NAME}/{name}.png)" for name in figures(measured)]
+        seconds = f"{measured.conditions['wall_s']:g} s.{'' if measured.complete else ' Stopped early.'}"
+        made = f"{amounts(measured.conditions)}{sources(measured.conditions)} {seconds}"
+        return {marker(label): "\n\n".join([*drawn, words(measured.values), made])}
 
     return Part(label, title, measure=measure, markers=(marker(label),), sections=sections, figures=figures, tables=tables)
+
+
+def amounts(conditions: Json) -> str:
+    """Say how many members there are, and how many points of each list of numbers, by the parameters of the part's key; empty if it has none."""
+    parameters = conditions.get("key", {}).get("parameters", {})
+    members = [f"{parameters['members']} members"] if isinstance(parameters.get("members"), int) else []
+    lists = {name: row for name, row in parameters.items() if isinstance(row, list) and len(row) > POINTS and name.endswith("s")}
+    points = [f"{name} {len(row)}" for name, row in lists.items() if all(isinstance(x, int | float) for x in row)]
+    said = "; ".join([*members, *([f"number of points: {', '.join(points)}"] if points else [])])
+    return f"{said[0].upper()}{said[1:]}. " if said else ""
 
 
 def in_turn(groups: Mapping[str, Callable[[], object]], known: Json) -> Steps:

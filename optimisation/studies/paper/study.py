@@ -7,18 +7,32 @@ import json
 from pathlib import Path
 
 from impact_env.kernels.cache import digest
-from optimisation.studies.paper import conv, high_low, jump, smr
+from optimisation.studies.paper import (
+    basics,
+    conv,
+    dissinf,
+    high_low,
+    jump,
+    m12,
+    modes_needed,
+    modulation,
+    oprange,
+    oprange_two,
+    optimum,
+    scat,
+    smr,
+    starts,
+    vard,
+    varom,
+)
 from optimisation.studies.paper.claims import claims_part
 from optimisation.studies.paper.frame import NAME, PaperFigure
 from optimisation.studies.paper.settings import Settings
 from optimisation.studies.study import Json, Place, Study, beside
 
-FIGURES: tuple[PaperFigure, ...] = (
-    high_low,
-    jump,
-    smr,
-    conv,
-)
+PAPERS: tuple[PaperFigure, ...] = (high_low, jump, smr, oprange, oprange_two, varom, vard, scat, dissinf, m12, conv)
+BEYOND: tuple[PaperFigure, ...] = (optimum, modulation, modes_needed, starts)
+FIGURES = (basics, *PAPERS, *BEYOND)  # in the order of the page
 LABELS = tuple(module.PART.name for module in FIGURES)
 OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
 

@@ -1,0 +1,98 @@
+"""The figure `vard`: level, dissipated energy, and what impacts pass to the second mode, over the second mode's damping."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from impact_env.parameters import Beam
+from optimisation.studies.paper.claim import Claim
+from optimisation.studies.paper.frame import figure_part
+from optimisation.studies.paper.judging import claim
+from optimisation.studies.paper.second_mode import FORCE, measured, row, table
+from optimisation.studies.paper.settings import Settings
+from optimisation.studies.study import Json, Measured, Saver, Steps
+
+LABEL = "vard"
+RATIO = 6.3  # omega_2/omega_1, as the paper has it here
+FIRST = 0.01  # damping ratio of the first mode
+SHOWN = (FIRST, 0.3)
+
+
+def _dampings(settings: Settings) -> tuple[float, ...]:
+    return settings.size((0.001, 0.002, 0.005, FIRST, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5), (0.001, FIRST, 0.05, 0.1, 0.3, 0.5))
+
+
+def _members(settings: Settings) -> int:
+    return settings.size(24, 4)
+
+
+def name(damping: float) -> str:
+    """Return the name of a point."""
+    return f"{damping:g}"
+
+
+def parameters(settings: Settings) -> Json:
+    """Return what the numbers depend on."""
+    return {"dampings": _dampings(settings), "members": _members(settings), "force": FORCE, "ratio": RATIO, "shown": SHOWN}
+
+
+def _measure(settings: Settings, known: Json) -> Steps:
+    beams = {name(damping): Beam(modes=2, modal_frequency_ratio={2: RATIO}, damping_ratio=(FIRST, damping)) for damping in _dampings(settings)}
+    return measured(settings, LABEL, beams, _members(settings), [name(damping) for damping in SHOWN], known)
+
+
+def points(values: Json) -> list[float]:
+    """Return the damping ratios that are known."""
+    return [float(key) for key in values if not key.startswith("signal")]
+
+
+def _words(values: Json) -> str:
+    dampings = points(values)
+    if not dampings:
+        return "Not finished."
+    members = len(values[name(dampings[0])]["relative"])
+    return (
+        f"As above at omega_2 = {RATIO:g} omega_1 with 1 % damping of the first mode, {members} members.\n\n"
+        f"{table(values, [name(d) for d in dampings], [100 * d for d in dampings], 'D_2, %')}"
+    )
+
+
+def _figures(found: Measured) -> dict[str, Saver]:
+    from optimisation.studies.paper.figures.second_mode import save  # matplotlib is slow to import
+
+    dampings = points(found.values)
+    if len(dampings) < 2:
+        return {}
+    names, label = [name(d) for d in dampings], "damping ratio $D_2$ in %"
+    shown = [(f"signal, {name(d)}", f"$D_2 = {100 * d:g}$ %") for d in SHOWN if f"signal, {name(d)}" in found.values]
+    return {LABEL: partial(save, values=found.values, names=names, numbers=[100 * d for d in dampings], label=label, shown=shown)}
+
+
+PART = figure_part(LABEL, "the second mode's damping", _measure, _words, _figures)
+
+
+def claims(found: Measured) -> list[Claim]:
+    """Return what the second mode's damping does."""
+    values = found.values
+    dampings = points(values)
+    said = partial(claim, LABEL)
+    relative = {damping: row(values, name(damping), "relative") for damping in dampings}
+    high = [damping for damping in dampings if damping >= 0.3]
+    left = np.concatenate([row(values, name(damping), "left") for damping in high])
+    gain = np.concatenate([relative[FIRST] - relative[damping] for damping in high])
+    contacts = np.median(np.concatenate([row(values, name(damping), "contacts") for damping in high]))
+    return [
+        said("improvement", "more damping of the second mode lowers the level as a higher frequency does", "4.2",
+             100 * (1 - np.concatenate([relative[d] for d in high])), (15, 25),
+             f"Members at D_2 of {100 * high[0]:g} % and more.", about="less than no absorber by ", form="{:.0f}", unit=" %",
+             at_step=100 * (1 - float(np.mean([values[name(d)]["step"] for d in high])))),
+        said("lower", "the level at high damping is below that of the nominal 1 %", "4.2", 100 * gain, (0.0, 100.0),
+             "Single members spread by as much as the gain.", about="lower, in % of no absorber, by ", form="{:.1f}"),
+        said("dissipated", "at high damping nearly all that an impact passes on is dissipated before the next", "4.2", left, (0.0, 0.1),
+             f"Up to a tenth may be left; there are {contacts:.1f} contacts a pseudo period, not evenly spaced.",
+             about="share of the second mode's energy that is left before the next contact "),
+        said("saturates", "the level saturates at high damping", "4.2", relative[high[0]] - relative[high[-1]], (-0.05, 0.05),
+             "A band of 5 % of no absorber is asked for.", about=f"from {100 * high[0]:g} to {100 * high[-1]:g} %, of no absorber, ", form="{:.3f}"),
+    ]  # fmt: skip

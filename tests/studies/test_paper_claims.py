@@ -1,0 +1,282 @@
+"""Claims of the paper that are cheap to compute, against closed forms of beam, impact and absorber that share no code with the package."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.optimize
+import scipy.signal
+from numpy.typing import NDArray
+
+from impact_env.parameters import Beam, impact_absorber
+from impact_env.scene import beam_scene
+from optimisation.studies.paper import basics_claims, modes_needed, modulation, optimum, starts
+from optimisation.studies.paper.basics import beam_numbers, linear_numbers, tuned_numbers
+from optimisation.studies.paper.claim import Claim, Verdict
+from optimisation.studies.study import Measured
+
+Real = NDArray[np.float64]
+LENGTH, STIFFNESS, DENSITY, DAMPING, MODES = 0.5, 362.88, 1.1275, 0.01, 10  # the paper's Table 1, typed again
+MASS = DENSITY * LENGTH
+ABSORBER = 0.02 * MASS
+
+
+def root(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(scipy.optimize.brentq(function, low, high, xtol=1e-14))
+
+
+def clamped(x: float) -> float:
+    """The cantilever's frequency equation over cosh, so that it stays small."""
+    return float(np.cos(x) + 1 / np.cosh(x))
+
+
+@pytest.fixture(scope="module")
+def roots() -> Real:
+    return np.array([root(clamped, (k - 0.5) * np.pi - 0.4, (k - 0.5) * np.pi + 0.4) for k in range(1, MODES + 1)])
+
+
+@pytest.fixture(scope="module")
+def omega(roots: Real) -> Real:
+    return np.asarray(roots**2 * np.sqrt(STIFFNESS / DENSITY) / LENGTH**2)
+
+
+@pytest.fixture(scope="module")
+def shapes(roots: Real) -> tuple[Real, Real]:
+    """Mass-normalised deflections of the continuous cantilever at the tip and at 0.4 of the length."""
+    x = np.linspace(0, 1, 40001)
+    tips, forces = [], []
+    for b in roots:
+        s = (np.cos(b) + np.cosh(b)) / (np.sin(b) + np.sinh(b))
+        own = np.cosh(b * x) - np.cos(b * x) - s * (np.sinh(b * x) - np.sin(b * x))
+        own = own / np.sqrt(MASS * np.trapezoid(own**2, x))
+        tips.append(own[-1])
+        forces.append(own[16000])
+    return np.array(tips), np.array(forces)
+
+
+@pytest.fixture(scope="module")
+def values() -> dict[str, Any]:
+    """The numbers of the part, those that need many runs made up as they are when all holds."""
+    row = {"force": 1.5, "limits": [0.9, 1.06], "up": 0.955, "down": 1.045}
+    same = [0.6, 0.59, 0.61]
+    return {
+        "beam": beam_numbers(),
+        "tuned": tuned_numbers(),
+        "linear": linear_numbers(),
+        "entry": [row],
+        "window": [{"modes": 3, "force": 1.5, "relative": [0.5, 0.49], "shrinks": 0.98}],
+        "step": [{"case": "one", "force": 1.5, "exact": same, "moreau": same}],
+        "scaling": {"level_by_2": 0.0, "times_by_3": 1e-12, "impacts": 12},
+    }
+
+
+def verdicts(claims: list[Claim]) -> dict[str, Verdict]:
+    return {claim.name.removeprefix("basics_"): claim.verdict for claim in claims}
+
+
+def amplitude(omega: Real, shapes: tuple[Real, Real], at: Real, stiffness: float, damping: float) -> Real:
+    """Tip amplitude per newton with a spring and a damper between tip and absorber: modes and absorber as one dense system, by frequency."""
+    tip, force = shapes
+    stretch = np.append(-tip, 1.0)
+    mass = np.diag(np.append(np.ones(MODES), ABSORBER))
+    rates, squares = (np.diag(np.append(row, 0.0)) for row in (2 * DAMPING * omega, omega**2))
+    rates = rates + damping * np.outer(stretch, stretch)
+    squares = squares + stiffness * np.outer(stretch, stretch)
+    dynamic = squares[None] - at[:, None, None] ** 2 * mass + 1j * at[:, None, None] * rates
+    found = np.linalg.solve(dynamic, np.broadcast_to(np.append(force, 0.0)[:, None], (len(at), MODES + 1, 1)))
+    return np.asarray(np.abs(found[:, :MODES, 0] @ tip))
+
+
+def test_frequencies_follow_from_the_cantilever_equation(omega: Real, values: dict[str, Any]) -> None:
+    beam = values["beam"]
+    assert beam["omega_1"] == pytest.approx(omega[0], rel=1e-6)
+    assert beam["ratios"] == pytest.approx(list(omega / omega[0]), rel=1e-3)  # the elements show from the eighth mode on
+    assert (round(omega[1] / omega[0], 1), round(omega[2] / omega[0], 1)) == (6.3, 17.5)
+
+
+def test_a_stuck_mass_lowers_the_resonance_as_at_the_end_of_a_continuous_beam(roots: Real, values: dict[str, Any]) -> None:
+    """1 + cos x cosh x = m_a/m x (sin x cosh x - cos x sinh x)."""
+    loaded = root(lambda x: clamped(x) - 0.02 * x * (np.sin(x) - np.cos(x) * np.tanh(x)), 1.5, 1.88)
+    assert values["beam"]["stuck_ratio"] == pytest.approx((loaded / roots[0]) ** 2, rel=1e-5)
+
+
+def test_the_static_stiffness_is_that_of_the_textbook(values: dict[str, Any]) -> None:
+    for name in ("stiffness", "stiffness_of_modes"):
+        assert values["beam"][name] == pytest.approx(3 * STIFFNESS / LENGTH**3, rel=1e-9)
+
+
+def test_what_an_impact_leaves_in_a_mode_is_gone_as_of_mode_six(omega: Real, values: dict[str, Any]) -> None:
+    left = np.exp(-2 * DAMPING * omega * np.pi / omega[0])
+    assert values["beam"]["left_after_half_period"] == pytest.approx(list(left), rel=0.02)
+    assert left[4] > 0.01 > left[5]
+
+
+def test_den_hartogs_rule_and_the_papers_values(omega: Real, shapes: tuple[Real, Real], values: dict[str, Any]) -> None:
+    def rule(mu: float) -> tuple[float, float]:
+        own = omega[0] / (1 + mu)
+        return ABSORBER * own**2, 2 * ABSORBER * own * float(np.sqrt(3 * mu / (8 * (1 + mu))))
+
+    tunings = values["tuned"]["tunings"]
+    effective = ABSORBER * shapes[0][0] ** 2
+    assert effective == pytest.approx(0.08, rel=1e-6)
+    for name, (stiffness, damping) in {"Den Hartog": rule(effective), "modal mass of one": (rule(ABSORBER)[0], 2 * rule(ABSORBER)[1])}.items():
+        assert (tunings[name]["stiffness"], tunings[name]["damping"]) == pytest.approx((stiffness, damping), rel=1e-5)
+    misread = tunings["modal mass of one"]
+    assert (misread["stiffness"], misread["damping"]) == pytest.approx((701.8, 0.728), rel=1e-3)
+
+
+def test_peaks_with_each_tuned_absorber(omega: Real, shapes: tuple[Real, Real], values: dict[str, Any]) -> None:
+    at = omega[0] * np.linspace(0.5, 1.6, 6001)
+    free = amplitude(omega, shapes, at, 0.0, 0.0).max()
+    heights = {}
+    for name, found in values["tuned"]["tunings"].items():
+        heights[name] = amplitude(omega, shapes, at, found["stiffness"], found["damping"]).max() / free
+        assert found["relative"] == pytest.approx(heights[name], rel=1e-3)
+    assert heights["smallest peak"] <= heights["Den Hartog"] < 0.7 * heights["paper"]
+
+
+def test_the_smallest_peak_is_one(omega: Real, shapes: tuple[Real, Real], values: dict[str, Any]) -> None:
+    at = omega[0] * np.linspace(0.7, 1.3, 2001)
+    best = values["tuned"]["tunings"]["smallest peak"]
+    least = amplitude(omega, shapes, at, best["stiffness"], best["damping"]).max()
+    for stiffness, damping in ((1.01, 1), (0.99, 1), (1, 1.03), (1, 0.97)):
+        assert amplitude(omega, shapes, at, stiffness * best["stiffness"], damping * best["damping"]).max() > least
+
+
+def test_the_papers_absorber_at_the_second_resonance(omega: Real, shapes: tuple[Real, Real], values: dict[str, Any]) -> None:
+    at = omega[1] * np.linspace(0.9, 1.06, 3001)
+    ratio = amplitude(omega, shapes, at, 701.8, 0.728).max() / amplitude(omega, shapes, at, 0.0, 0.0).max()
+    assert values["tuned"]["second_relative"] == pytest.approx(ratio, rel=2e-3)
+
+
+def test_a_sweep_shows_nearly_the_stationary_level(omega: Real, shapes: tuple[Real, Real], values: dict[str, Any]) -> None:
+    """Each mode's convolution with a chirp by the trapezoidal rule, and the RMS in a window, in plain numpy."""
+    period, each = 2 * np.pi / omega[0], 200
+    levels = []
+    for start, stop in ((0.9, 1.06), (1.06, 0.9)):
+        duration = abs(stop - start) * 1e4 * period
+        time = np.arange(int(duration / period) * each) * period / each
+        force = np.cos(omega[0] * (start * time + (stop - start) * time**2 / (2 * duration)))
+        tip = np.zeros_like(time)
+        for k in range(2):
+            pole = omega[k] * (-DAMPING + 1j * np.sqrt(1 - DAMPING**2))
+            step = period / each
+            factor = np.exp(pole * step)
+            pushed = scipy.signal.lfilter([step / 2, step / 2 * factor], [1, -factor], force.astype(complex))
+            tip += shapes[0][k] * shapes[1][k] * pushed.imag / (omega[k] * np.sqrt(1 - DAMPING**2))
+        peak = int(np.argmax(np.abs(tip)))
+        levels.append(np.sqrt(np.mean(tip[peak - 10 * each : peak + 10 * each] ** 2)))
+    stationary = amplitude(omega, shapes, omega[0] * np.linspace(0.9, 1.06, 4001), 0.0, 0.0).max() / np.sqrt(2)
+    assert values["linear"]["sweep_ratio"]["1"] == pytest.approx(max(levels) / stationary, rel=2e-3)
+
+
+def test_the_free_tip_fills_the_gap_at_ten_times_the_force(omega: Real, shapes: tuple[Real, Real], values: dict[str, Any]) -> None:
+    for name, k in (("1", 0), ("2", 1)):
+        highest = amplitude(omega, shapes, omega[k] * np.linspace(0.9, 1.06, 4001), 0.0, 0.0).max()
+        assert values["linear"]["gap_force_n"][name] == pytest.approx(1e-3 / highest, rel=2e-3)
+
+
+def test_what_is_found_of_beam_and_tuned_absorber(values: dict[str, Any]) -> None:
+    found = basics_claims.of(values)
+    refuted = {name for name, verdict in verdicts(found).items() if verdict is Verdict.NOT}
+    assert refuted == {"ltva", "ltva_peaks", "ltva_best", "ltva_second"}
+    assert len(verdicts(found)) == len(found) == 19
+    assert all(claim.why for claim in found if claim.verdict is not Verdict.HOLDS)
+
+
+CHANGES: dict[str, tuple[tuple[str, ...], Any]] = {
+    "omega_2": (("beam", "ratios"), [1.0, 6.1, 17.5]),
+    "mass": (("beam", "absorber_kg"), 0.01),
+    "node": (("beam", "node"), 11.0),
+    "stiffness": (("beam", "stiffness_of_modes"), 8700.0),
+    "own_period": (("beam", "lost_in_own_period"), [0.11, 0.12]),
+    "mode_6": (("beam", "left_after_half_period"), [0.9, 0.001, 0.001]),
+    "span": (("beam", "span_periods"), 140.0),
+    "rate": (("linear", "sweep_ratio"), {"1": 0.7, "2": 0.99}),
+    "stuck_level": (("linear", "stuck_over_none"), {"1": 1.2, "2": 0.99}),
+    "second_force": (("linear", "design_force_n"), {"1": 3.5, "2": 5.0}),
+    "limits": (("entry",), [{"force": 9.0, "limits": [0.9, 1.06], "up": 0.9, "down": 1.05}]),
+    "window": (("window",), [{"modes": 3, "force": 1.5, "relative": [0.5, 0.6], "shrinks": 0.98}]),
+    "step": (("step",), [{"case": "one", "force": 1.5, "exact": [0.6, 0.59, 0.61], "moreau": [0.8, 0.79, 0.81]}]),
+    "scaling": (("scaling", "times_by_3"), 1e-3),
+    "undamped": (("tuned", "undamped_relative"), 0.1),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_another_number_refutes_a_claim(name: str, values: dict[str, Any]) -> None:
+    (*path, last), number = CHANGES[name]
+    other = deepcopy(values)
+    place = other
+    for step in path:
+        place = place[step]
+    place[last] = number
+    assert verdicts(basics_claims.of(values))[name] is Verdict.HOLDS
+    assert verdicts(basics_claims.of(other))[name] is Verdict.NOT
+
+
+@pytest.mark.parametrize("modes", [1, 3, 10])
+@pytest.mark.parametrize("restitution", [1.0, 0.6])
+def test_modes_take_from_the_first_what_a_lossy_impact_takes(modes: int, restitution: float, shapes: tuple[Real, Real]) -> None:
+    """The impulse from Newton's law as a linear system of all velocities after the impact, and that of one mode with the equivalent restitution."""
+    tip = shapes[0][:modes]
+    before = np.append(np.random.default_rng(3).normal(size=modes), 0.7)  # velocities of modes and absorber
+
+    def after(row: Real, velocities: Real, e: float) -> Real:
+        mass, towards = np.append(np.ones(len(row)), ABSORBER), np.append(-row, 1.0)
+        system = np.block([[np.diag(mass), -towards[:, None]], [towards[None], np.zeros((1, 1))]])
+        return np.asarray(np.linalg.solve(system, np.append(mass * velocities, -e * towards @ velocities)))
+
+    impulse = after(tip, before, restitution)[-1]
+    closing = np.append(-tip, 1.0) @ before
+    alone = np.array([0.0, closing])  # one mode and an absorber that close in as fast
+    own = modulation.equivalent_restitution(beam_scene(Beam(modes=modes), impact_absorber()), restitution)
+    assert own == pytest.approx((1 + restitution) * (1 + 0.08) / (1 + 0.08 * modes) - 1, abs=2e-3)
+    assert after(tip[:1], alone, own)[-1] == pytest.approx(impulse, rel=1e-3)
+
+
+def test_the_depth_of_a_modulation_is_that_of_its_envelope() -> None:
+    peaks = 1 + 0.4 * np.sin(np.linspace(0, 40 * np.pi, 4000))
+    assert modulation.depth(peaks) == pytest.approx(0.4 * np.sin(0.45 * np.pi), rel=1e-2)
+    assert modulation.depth(np.ones(10)) == 0
+
+
+def test_starts_lie_in_the_cavity_and_outside_of_the_resonance() -> None:
+    drawn = starts.draw(400, 0)
+    assert np.abs(drawn.place).max() <= 1
+    assert drawn.place.min() < -0.95 < 0.95 < drawn.place.max()
+    up, down = drawn.first.T
+    assert 0.9 <= up.min() < up.max() < 1 < down.min() < down.max() <= 1.06
+    assert np.array_equal(starts.draw(3, 0).place, starts.draw(3, 0).place)
+
+
+def test_claims_beyond_the_paper_follow_the_numbers() -> None:
+    def level(middle: float) -> dict[str, Any]:
+        return {"forces_n": [35.0], "relative": [middle], "low": [middle - 0.01], "high": [middle + 0.01], "nominal": [middle]}
+
+    def modes(ten: float) -> Measured:
+        first = {**level(0.2), "forces_n": [3.5]}
+        return Measured({name: {"1": first, "2": level(x)} for name, x in (("10", ten), ("20", 0.25))})
+
+    assert [claim.verdict for claim in modes_needed.claims(modes(0.25))] == [Verdict.HOLDS, Verdict.HOLDS]
+    assert [claim.verdict for claim in modes_needed.claims(modes(0.20))] == [Verdict.HOLDS, Verdict.NOT]
+
+    def mass(ratio: float, at: float) -> dict[str, Any]:
+        row = {"restitution": 1.0, "best_n": 1.0, "best_band_n": [1, 1], "level": at, "level_band": [at, at], "relative": [at], "nominal": [at]}
+        return {"mass": ratio, "rule_n": 1.0, "reach": 2.0, "forces_n": [1.0], "rows": [row]}
+
+    for last, verdict in ((0.1, Verdict.HOLDS), (0.4, Verdict.NOT)):
+        assert optimum.claims(Measured({"a": mass(0.01, 0.3), "b": mass(0.02, last)}))[0].verdict is verdict
+
+    def random(ratio: float) -> Measured:
+        paper = [[1.0, 1.0, 1.0]]
+        return Measured(
+            {"one": {"forces_n": [1.5], "levels_m": {choice: paper if choice == "paper's" else [[ratio] * 3] for choice in starts.CHOICES}}}
+        )
+
+    for ratio, verdict in ((0.8, Verdict.HOLDS), (1.3, Verdict.NOT)):
+        assert starts.claims(random(ratio))[0].verdict is verdict

@@ -1,0 +1,315 @@
+"""Figures of the paper's study: ranges, accounts and claims, on made curves whose answer is known and on small runs beside other means."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impact_env.curve import performance_curve
+from impact_env.drive import Drive, constant_frequency, linear_sweep
+from impact_env.energy import mechanical_energy
+from impact_env.ensemble import Lane
+from impact_env.frequency import tip_response
+from impact_env.methods import Exact
+from impact_env.parameters import Beam, ParameterError, impact_absorber
+from impact_env.scene import InitialState, Scene, beam_scene
+from impact_env.sweep import simulate
+from optimisation.studies.machine import PACKAGES, conditions
+from optimisation.studies.paper import dissinf, m12, oprange, oprange_two, scat, second_mode, vard
+from optimisation.studies.paper.account import accounted, contact_ends, window_around
+from optimisation.studies.paper.claim import Verdict
+from optimisation.studies.paper.curve import Curve, curve_of, force_grid, plain_curve, watched_curve
+from optimisation.studies.paper.judging import claim, interval, verdict
+from optimisation.studies.paper.ranges import operating_ranges, ranges_of, slopes
+from optimisation.studies.paper.settings import Settings
+from optimisation.studies.paper.watched import WATCHED, Contacts, Envelope, part_of, sampled_level
+from optimisation.studies.study import Measured, Part
+
+FORCES = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
+
+
+def made(level: np.ndarray, impacts: float = 100.0, pause: np.ndarray | float = 0.5, at: float = 0.95) -> Curve:
+    """A curve over FORCES of members with these levels (F, M)."""
+    same = np.ones_like(level)
+    rate = 2.0 * (impacts * same > 0)
+    return Curve(FORCES, level, at * same, same, impacts * same, 1.4 * level, rate, pause * same, 300.0 * same)
+
+
+def power(exponent: float, members: int = 3) -> np.ndarray:
+    return np.outer(FORCES**exponent, np.linspace(1.0, 1.1, members)) * 1e-3
+
+
+def lane(modes: int = 3, force: float = 3.0, restitution: float = 1.0, rate: float = 8.0) -> Lane:
+    scene = beam_scene(Beam(modes=modes), impact_absorber(restitution=restitution))
+    return Lane(scene, Drive(force, linear_sweep(scene.model.resonance_omega(1), 1.06, 0.9, rate), 0.4))
+
+
+def settings(tmp_path: Path) -> Settings:
+    return Settings(tmp_path, quick=True, threads=1)
+
+
+def measured(part: Part[Settings], given: Settings) -> Measured:
+    *_, values = part.measure(given, {})
+    return Measured(values, conditions(PACKAGES) | {"wall_s": 0.0})
+
+
+# ranges
+
+
+def test_ranges_of_shares_of_members() -> None:
+    found = operating_ranges(FORCES, [0, 0.2, 0.6, 1, 1], [0, 0, 0.4, 0.8, 1])
+    assert found.first_impacts is not None
+    assert found.transition is not None
+    assert (found.first_impacts.low, found.first_impacts.high) == (1.0, 2.0)
+    assert (found.transition.low, found.transition.high) == (2.0, 4.0)
+    assert found.transition.force == pytest.approx(8**0.5)
+
+
+def test_a_range_that_comes_back_ends_with_its_last_force() -> None:
+    found = operating_ranges(FORCES, np.ones(5), [0, 1, 0, 1, 1])
+    assert found.first_impacts is None  # impacts already at the first force
+    assert found.transition is not None
+    assert found.transition.low == 2.0
+
+
+def test_ranges_outside_of_the_forces_are_none() -> None:
+    assert operating_ranges(FORCES, np.zeros(5), np.zeros(5)) == operating_ranges(FORCES, np.ones(5), np.ones(5))
+    assert operating_ranges(FORCES, np.zeros(5), np.zeros(5)).transition is None
+
+
+@pytest.mark.parametrize(("forces", "shares"), [([1.0, 1.0], [0, 1]), ([2.0, 1.0], [0, 1]), ([1.0, 2.0], [0, 1, 1])])
+def test_bad_curves_are_refused(forces: list[float], shares: list[float]) -> None:
+    with pytest.raises(ParameterError):
+        operating_ranges(forces, shares, [0, 1])
+
+
+def test_sustained_means_no_pause_of_a_period_of_the_force() -> None:
+    pauses = np.array([[0.5, 0.5], [1.04, 1.04], [1.04, 1.06], [1.06, 3.0], [20.0, 20.0]])  # pseudo periods, at 0.95 of the resonance
+    assert made(power(1, 2), pause=pauses).sustained.tolist() == [1, 1, 0.5, 0, 0]
+    assert made(power(1, 2), impacts=0.0).sustained.tolist() == [0] * 5
+    assert ranges_of(made(power(1, 2), pause=pauses[::-1])).transition is not None
+
+
+@pytest.mark.parametrize("exponent", [0.0, 0.15, 1.0])
+def test_slopes_are_the_power_of_a_made_curve(exponent: float) -> None:
+    assert slopes(made(power(exponent)), FORCES > 0.7) == pytest.approx(exponent, abs=1e-12)
+    assert np.isnan(slopes(made(power(exponent)), FORCES > 7)).all()
+
+
+# curves
+
+
+def test_plain_form_of_a_curve_keeps_what_is_missing() -> None:
+    own = made(power(1))
+    holed = replace(own, before=np.where(FORCES[:, None] < 2, np.nan, own.before))
+    again = curve_of(holed.to_plain())
+    assert np.array_equal(again.before, holed.before, equal_nan=True)
+    assert np.array_equal(again.level, holed.level)
+    with pytest.raises(ParameterError, match="reference"):
+        own.relative(replace(own, forces=2 * FORCES))
+
+
+def test_watched_curve_is_the_performance_curve(tmp_path: Path) -> None:
+    scene, forces = beam_scene(Beam(modes=2), impact_absorber()), (0.7, 1.5)
+    known = curve_of(plain_curve(performance_curve(scene, forces, members=2, threads=1)))
+    own = curve_of(watched_curve(settings(tmp_path), "curve", scene, forces, 2))
+    for name in ("level", "at", "down", "impacts", "tip"):
+        assert getattr(own, name) == pytest.approx(getattr(known, name), rel=1e-9), name  # two libraries may round sums differently
+    assert own.rate[0].max() == 0
+    assert own.rate[1].min() > 0
+
+
+def test_force_grids_rise() -> None:
+    grid = force_grid(0.5, 8.0, 5, (3.0,))
+    assert grid == (0.5, 1.0, 2.0, 3.0, 4.0, 8.0)
+
+
+# what is seen of a run
+
+
+def test_level_of_samples_is_the_level() -> None:
+    one = lane()
+    own, known = sampled_level(simulate(one.scene, one.drive, record=WATCHED)), simulate(one.scene, one.drive).level
+    assert known is not None
+    assert vars(own) == pytest.approx(vars(known), rel=1e-9)
+
+
+def test_contacts_count_by_hand() -> None:
+    one = lane(force=4.0)
+    seen, response = Contacts(Exact())(one), simulate(one.scene, one.drive, record=WATCHED)
+    assert response.impacts is not None
+    level, period = sampled_level(response), one.drive.schedule.pseudo_period
+    inside = [t for t in response.impacts.time if abs(t - level.time) <= 10 * period]
+    assert seen.rate == pytest.approx(len(inside) / 20)
+    assert seen.before == pytest.approx((level.time - response.impacts.time[0]) / period)
+    edges = [level.time - 10 * period, *inside, level.time + 10 * period]
+    assert seen.pause == pytest.approx(max(np.diff(edges)) / period)
+
+
+def test_envelope_of_a_slow_linear_sweep_is_the_frequency_response() -> None:
+    scene = beam_scene(Beam(modes=2))
+    drive = Drive(1.0, linear_sweep(scene.model.resonance_omega(1), 0.9, 1.06))
+    watch = Envelope(4)
+    ratio, found = watch.ratios(drive.schedule), watch(Lane(scene, drive))
+    assert len(ratio) == len(found)
+    inside = (ratio > 0.91) & (ratio < 0.97)
+    still = np.abs(tip_response(scene.model, None, ratio[inside] * scene.model.resonance_omega(1)))
+    assert found[inside] == pytest.approx(still, rel=0.06)
+
+
+def test_part_of_a_drive_has_its_frequency_and_phase() -> None:
+    drive = lane().drive
+    start, stop = 0.2 * drive.schedule.times[-1], 0.7 * drive.schedule.times[-1]
+    own, times = part_of(drive, start, stop), np.linspace(start, stop, 7)
+    assert own.schedule.omega_at(times - start) == pytest.approx(drive.schedule.omega_at(times), rel=1e-12)
+    assert own.phase + own.schedule.phase_at(times - start) == pytest.approx(drive.phase + drive.schedule.phase_at(times), rel=1e-12)
+
+
+# accounts of the energy
+
+
+def test_shares_sum_to_one_and_the_window_is_that_of_the_level() -> None:
+    one = lane()
+    found, level = accounted(one), simulate(one.scene, one.drive).level
+    assert level is not None
+    assert np.sum(found.shares) == pytest.approx(1)
+    assert (found.shares > 0).all()
+    history = window_around(one, level.time).history
+    assert history is not None
+    rms = float(np.sqrt(np.mean(history.tip_displacement**2)))
+    assert rms == pytest.approx(level.value, rel=0.03)  # the motion parts from the sweep's after some impacts
+
+
+def test_losses_are_the_integral_of_the_modal_damping() -> None:
+    one = lane()
+    level = simulate(one.scene, one.drive).level
+    assert level is not None
+    response = window_around(one, level.time)
+    history, model = response.history, one.scene.model
+    assert history is not None
+    assert response.energy is not None
+    power = 2 * model.damping_ratio * model.omega * history.modal_velocity**2
+    assert response.energy.modal_loss == pytest.approx(np.trapezoid(power, history.time, axis=0), rel=2e-3)
+
+
+def test_conservative_contacts_pass_energy_on_without_loss() -> None:
+    """What the contacts take from the modes the absorber gets: by the account of single contacts, beside the states at the samples around each."""
+    one = lane(modes=2)
+    level = simulate(one.scene, one.drive).level
+    assert level is not None
+    response = window_around(one, level.time)
+    assert response.history is not None
+    assert response.impacts is not None
+    energy = mechanical_energy(one.scene, response.history)
+    sample = response.impacts.time / (response.history.time[1] - response.history.time[0])
+    apart = np.flatnonzero(np.diff(sample) > 4)
+    before, after = np.floor(sample[apart]).astype(int), np.ceil(sample[apart]).astype(int)
+    assert (energy.total[after] - energy.total[before]) / energy.total[before] == pytest.approx(0, abs=2e-3)
+    assert np.abs(energy.absorber[after] - energy.absorber[before]).max() > 0.02 * energy.total.mean()
+
+
+def test_impacts_close_to_one_another_are_one_contact() -> None:
+    first, last = contact_ends(np.array([1.0, 1.1, 1.15, 3.0, 5.0, 5.2]), 0.5)
+    assert first.tolist() == [1.0, 3.0, 5.0]
+    assert last.tolist() == [1.15, 3.0, 5.2]
+    assert [len(ends) for ends in contact_ends(np.zeros(0), 0.5)] == [0, 0]
+
+
+def test_the_critical_direction_is_kept() -> None:
+    one = accounted(lane(modes=2))
+    high = replace(one, level=2 * one.level)
+    assert second_mode.critical([one, high, high, one]) == [high, high]
+
+
+# claims
+
+
+def test_verdicts_at_the_papers_step() -> None:
+    assert verdict(2.0, 3.0, 0.0, 1.0) is Verdict.NOT
+    assert verdict(2.0, 3.0, 0.0, 1.0, at_step=0.5) is Verdict.STEP
+    assert verdict(2.0, 3.0, 0.0, 1.0, at_step=1.5) is Verdict.NOT
+    assert verdict(0.5, 3.0, 0.0, 1.0, at_step=5.0) is Verdict.SPREAD
+    assert verdict(float("nan"), 3.0, 0.0, 1.0) is Verdict.NOT
+
+
+def test_claims_say_their_interval() -> None:
+    assert interval([1.0, 1.0]) == "1.00"
+    assert interval(np.linspace(0, 1, 101), unit=" N") == "0.50 N (0.05 to 0.95)"
+    one = claim("fig", "name", "statement", "3", [0.2, 0.3], (0.0, 1.0), "", about="level ", form="{:.3f}", at_step=0.24)
+    assert one.computed == "level 0.250 (0.205 to 0.295); 0.240 at the paper's step"
+    assert one.verdict is Verdict.HOLDS
+
+
+def test_force_with_the_largest_contrast() -> None:
+    none = made(power(1))
+    low = made(np.where(FORCES[:, None] < 4, 0.4, 1.0) * power(1))
+    lower = made(np.where(FORCES[:, None] < 8, 0.3, 1.0) * np.where(FORCES[:, None] == 2, 0.5, 1.0) * power(1))
+    read = {oprange_two.NONE: none, oprange_two.ONE: none, oprange_two.THREE: low, oprange_two.LOSSY: lower}
+    assert oprange_two.chosen_force(read) == 0.5  # the first of equal contrasts
+    read[oprange_two.THREE] = made(np.array([0.9, 0.8, 0.5, 0.95, 1.0])[:, None] * power(1))
+    assert oprange_two.chosen_force(read) == 2.0
+
+
+def test_gap_between_an_isola_and_the_other_branches() -> None:
+    isola, main = {"ratio": [0.93, 0.95], "closed": True}, {"ratio": [0.98, 1.06], "closed": False}
+    assert oprange_two.gap_of_isola({"branches": [isola, main]}) == pytest.approx(0.03)
+    assert oprange_two.gap_of_isola({"branches": [main]}) == 0.0
+
+
+def test_span_is_the_longest_unbroken_range() -> None:
+    assert m12.span(FORCES, np.array([True, False, True, True, True])) == 4.0
+    assert m12.span(FORCES, np.zeros(5, dtype=bool)) == 1.0
+
+
+def test_first_impacts_and_best_forces() -> None:
+    none, own = made(power(1)), made(power(1) * np.array([1, 0.5, 0.9, 0.4, 1.0])[:, None])
+    assert dissinf.best_forces(own, none).tolist() == [4.0] * 3
+    some = replace(own, impacts=np.where(FORCES[:, None] >= 2, [[1.0, 1.0, 0.0]], 0.0))
+    assert dissinf.first_impacts(some).tolist() == [2.0, 2.0, np.inf]
+
+
+def test_decay_of_a_mode_over_half_a_period() -> None:
+    scene = Scene(replace(beam_scene(Beam(modes=1)).model, force_shape=np.zeros(1)))
+    start = InitialState(np.array([1e-3]))
+    drive = Drive(0.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 10.0))
+    history = simulate(scene, drive, initial=start, record=WATCHED).history
+    assert history is not None
+    energy = mechanical_energy(scene, history).modal[:, 0]
+    assert energy[-1] / energy[0] == pytest.approx(scat.decayed(1.0) ** 20, rel=1e-3)
+
+
+def test_claims_of_the_operating_ranges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(oprange, "_forces", lambda _: (0.5, 0.7, 1.0, 1.3, 1.6, 2.5, 4.0, 9.0, 60.0))
+    monkeypatch.setattr(oprange, "_members", lambda _: 2)
+    found = measured(oprange.PART, settings(tmp_path))
+    claims = {own.name: own for own in oprange.claims(found)}
+    assert len(claims) == 6
+    for name in ("linear_range", "saturation", "quasi_linear", "sustained", "linear_limit"):
+        assert claims[f"oprange_{name}"].verdict is Verdict.HOLDS, claims[f"oprange_{name}"]
+    ranges = ranges_of(curve_of(found.values["absorber"]))
+    assert ranges.first_impacts is not None
+    assert (ranges.first_impacts.low, ranges.first_impacts.high) == (0.7, 1.0)  # the gap is reached at 0.7806 N
+    for name, save in oprange.PART.figures(found).items():
+        save(tmp_path / f"{name}.png")
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+    assert "first impacts between 0.7 and 1 N" in oprange.PART.sections(found)["paper:oprange"]
+
+
+def test_claims_of_the_second_modes_damping(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(vard, "_dampings", lambda _: (0.01, 0.3, 0.5))
+    monkeypatch.setattr(vard, "_members", lambda _: 2)
+    found = measured(vard.PART, settings(tmp_path))
+    claims = {own.name: own for own in vard.claims(found)}
+    for name in ("improvement", "lower", "dissipated", "saturates"):
+        assert claims[f"vard_{name}"].verdict is Verdict.HOLDS, claims[f"vard_{name}"]
+    left = [np.median(second_mode.row(found.values, vard.name(d), "left")) for d in (0.01, 0.3, 0.5)]
+    assert left[0] > 0.5 > 0.1 > left[1]
+
+
+def test_unfinished_figures_have_no_drawing() -> None:
+    for module in (oprange, oprange_two, vard, scat, dissinf, m12):
+        empty = Measured({}, {"wall_s": 0.0}, complete=False)
+        assert module.PART.figures(empty) == {}, module.LABEL
