@@ -66,11 +66,14 @@ class ControlledRuns:
         slots = kernels.slots(scene, period)
         self._memory = new_lanes(lanes, slots, 2 * modes + 2, HALF_WINDOW_PERIODS * samples_per_period)
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
-        watch = Watch(period / samples_per_period, samples, float(exponent), unit, np.array(scene.model.omega), np.array(scene.model.tip_shape), mass)
+        omega, tip, read = (np.array(row) for row in (scene.model.omega, scene.model.tip_shape, scene.model.level_shape))
+        place = None if scene.model.response_shape is None else read
+        watch = Watch(period / samples_per_period, samples, float(exponent), unit, omega, tip, mass, read, place)
         self._watch, self._period = watch, period
         self._kernel = self._bound()
         self._pool: ThreadPoolExecutor | None = None
         self._compiled = False
+        self._shares: dict[int, list[tuple[int, int]]] = {}
         self.orders["duration"] = self.duration
         cavity = scene.cavity(0)
         if cavity is not None:
@@ -89,7 +92,7 @@ class ControlledRuns:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._pool, self._kernel = None, self._bound()
+        self._pool, self._compiled, self._kernel = None, False, self._bound()
 
     @property
     def orders(self) -> NDArray[Any]:
@@ -116,29 +119,37 @@ class ControlledRuns:
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
         workers = min(self.threads, self.lanes // FEWEST) if self._compiled else 1
-        # more parts than threads: lanes differ in their number of impacts
-        parts = np.linspace(0, self.lanes, 1 + (1 if workers <= 1 else 4 * workers)).astype(int)
-        if self.idle.any():
-            parts = np.union1d(parts, np.flatnonzero(np.diff(self.idle)) + 1)
-        cuts = [(low, high) for low, high in pairwise(parts.tolist()) if not self.idle[low]]
-        turns = iter(cuts)
+        turns = iter(self._parts(max(workers, 1)))
 
         def work() -> None:
-            with CompilingFor(self.scene, self.method, "environments"):
-                for low, high in turns:  # whoever is done takes the next part
-                    self._kernel(low, high)
+            for low, high in turns:  # whoever is done takes the next part
+                self._kernel(low, high)
 
-        others = [self._helpers(workers - 1).submit(work) for _ in range(workers - 1)]
-        try:
-            work()
-        finally:
-            wait(others)
-        for other in others:
-            other.result()
+        if self._compiled:
+            others = [self._helpers(workers - 1).submit(work) for _ in range(workers - 1)]
+            try:
+                work()
+            finally:
+                wait(others)
+            for other in others:
+                other.result()
+        else:
+            with CompilingFor(self.scene, self.method, "environments"):
+                work()
         self._compiled = True
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
             raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
+
+    def _parts(self, workers: int) -> list[tuple[int, int]]:
+        """Return stretches of lanes that do not rest: more of them than threads, since lanes differ in their number of impacts."""
+        if workers not in self._shares:
+            cuts = np.linspace(0, self.lanes, 1 + (1 if workers == 1 else 4 * workers)).astype(int)
+            self._shares[workers] = list(pairwise(cuts.tolist()))
+        if not self.idle.any():
+            return self._shares[workers]
+        cuts = np.union1d([low for low, _ in self._shares[workers]], np.flatnonzero(np.diff(self.idle)) + 1)
+        return [(low, high) for low, high in pairwise([*cuts.tolist(), self.lanes]) if not self.idle[low]]
 
     def snapshot(self) -> list[Array]:
         """Return copies of all that the next `advance` depends on, for `restore`."""

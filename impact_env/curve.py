@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.drive import PAPER_LIMITS, PAPER_RATE, FrequencySchedule, linear_sweep
+from impact_env.drive import PAPER_LIMITS, FrequencySchedule, default_rate, linear_sweep
 from impact_env.ensemble import Executor, Lane, LaneLevels, Members, Progress, draw_members, run_lanes
 from impact_env.kinds import is_linear
 from impact_env.methods import Method
@@ -28,13 +29,16 @@ UP, DOWN = 0, 1  # directions of the sweep, the last axis of a curve's arrays
 
 @dataclass(frozen=True, eq=False)
 class CurveCase:
-    """What a curve is computed for: forces (F,) in N, each swept up and down through ``limits`` times a resonance (counted from 1)."""
+    """What a curve is computed for: forces (F,) in N, each swept up and down through ``limits`` times a resonance (counted from 1).
+
+    The rate is `impact_env.drive.default_rate` of the scene's model unless given.
+    """
 
     scene: Scene
     forces: Array
     resonance: int = 1
     limits: tuple[float, float] = PAPER_LIMITS
-    percent_per_100_periods: float = PAPER_RATE
+    percent_per_100_periods: float = None  # type: ignore[assignment]  # replaced by `default_rate`
 
     def __post_init__(self) -> None:
         forces = np.array(self.forces, dtype=np.float64, ndmin=1)
@@ -43,6 +47,8 @@ class CurveCase:
         require(self.limits[0] < self.limits[1], "limits", self.limits, "(low, high) with low below high")
         forces.setflags(write=False)
         object.__setattr__(self, "forces", forces)
+        if self.percent_per_100_periods is None:
+            object.__setattr__(self, "percent_per_100_periods", default_rate(self.scene.model, (self.resonance,)))
         self.schedules()
 
     def schedules(self) -> tuple[FrequencySchedule, FrequencySchedule]:
@@ -203,14 +209,15 @@ def performance_curve(
     method: Method | None = None,
     *,
     limits: tuple[float, float] = PAPER_LIMITS,
-    percent_per_100_periods: float = PAPER_RATE,
+    percent_per_100_periods: float | None = None,
     threads: int | None = None,
     samples_per_period: int = DEFAULT_SAMPLES,
     progress: Progress | None = None,
     most_events: int | None = None,
 ) -> PerformanceCurve:
     """Compute one curve; see `CurveCase` and `performance_curves`."""
-    case = CurveCase(scene, np.asarray(forces, dtype=np.float64), resonance, limits, percent_per_100_periods)
+    rate: Any = percent_per_100_periods
+    case = CurveCase(scene, np.asarray(forces, dtype=np.float64), resonance, limits, rate)
     (curve,) = performance_curves(
         [case], members, seed, method, threads=threads, samples_per_period=samples_per_period, progress=progress, most_events=most_events
     )

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import finite, non_negative, positive, require
+from impact_env.modes import ModalModel
+from impact_env.parameters import Beam, finite, non_negative, positive, require
 
 PAPER_RATE = 1.0  # percent of the resonance frequency per 100 pseudo periods
 PAPER_LIMITS = (0.9, 1.06)  # of the resonance frequency
+assert isinstance(Beam.damping_ratio, float)
+PAPER_DAMPING = Beam.damping_ratio
+LEAST_DAMPING = 1e-4  # the sweep of an undamped resonance would never end
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +79,19 @@ def linear_sweep(
     rate = positive("percent_per_100_periods", percent_per_100_periods)
     periods = abs(stop - start) * 100 * 100 / rate
     return FrequencySchedule(np.array([0.0, periods * 2 * np.pi / reference]), np.array([start, stop]) * reference, reference)
+
+
+def default_rate(model: ModalModel, resonances: Iterable[int] = (1,)) -> float:
+    """Return the sweep rate in % of the resonance per 100 pseudo periods that suits a model near ``resonances`` (counted from 1).
+
+    A resonance of damping ratio D builds up in about 1/(D omega), and while the frequency crosses its width 2 D omega at a rate r there are
+    2 D omega/r for it: what counts is r over (D omega)^2. The paper's rate suits its damping of 1 %, so the default goes with the square of the
+    damping; it is never faster than the paper's, since impacts have times of their own that no damping shortens. Of several resonances the least
+    damped one counts, and a damping ratio below 1e-4 counts as 1e-4. Raises ParameterError for a resonance that the model lacks.
+    """
+    ratios = [float(model.damping_ratio[k - 1]) for k in resonances if model.resonance_omega(k)]
+    require(len(ratios) > 0, "resonances", ratios, "one or more")
+    return PAPER_RATE * min(1.0, max(min(ratios), LEAST_DAMPING) / PAPER_DAMPING) ** 2
 
 
 def constant_frequency(reference: float, ratio: float, periods: float) -> FrequencySchedule:

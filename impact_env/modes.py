@@ -31,8 +31,9 @@ class ModalModel:
     """Mass-normalised modes of the free beam (paper, Eq. eqmmod); every array is (N_m,), read-only.
 
     omega in rad/s, damping_ratio dimensionless, force_shape and tip_shape in 1/sqrt(kg); ``beam_mass`` in kg makes a mass ratio a mass.
-    ``absorber_shapes`` (n, N_m): shapes at the places of several absorbers; None: there is one at most, and it is at the tip.
-    ``response_shape`` (N_m,): that of the place where the response level is read; None: at the tip.
+    ``absorber_shapes`` (n, N_m): shapes at the places of several absorbers, or at those that one may be put on; None: there is the tip's alone.
+    ``response_shape`` (N_m,): that of the place where the response level is read; None: at the tip. ``stress_shape`` (N_m,): what fatigues, a stress,
+    strain or moment per modal displacement, in any unit; None: not known.
     """
 
     omega: NDArray[np.float64]
@@ -42,9 +43,11 @@ class ModalModel:
     beam_mass: float
     absorber_shapes: NDArray[np.float64] | None = None
     response_shape: NDArray[np.float64] | None = None
+    stress_shape: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *(("response_shape",) if self.response_shape is not None else ()))
+        optional = tuple(name for name in ("response_shape", "stress_shape") if getattr(self, name) is not None)
+        rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *optional)
         for name in rows:
             object.__setattr__(self, name, _frozen(name, getattr(self, name)))
         object.__setattr__(self, "beam_mass", positive("beam_mass", self.beam_mass))
@@ -68,6 +71,25 @@ class ModalModel:
     def level_shape(self) -> NDArray[np.float64]:
         """Mode shape (N_m,) of the place where the response level is read."""
         return self.tip_shape if self.response_shape is None else self.response_shape
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Mode shapes (n, N_m) at the places for absorbers, which are counted from 1: `absorber_shapes`, or the tip's alone."""
+        return self.tip_shape[None, :] if self.absorber_shapes is None else self.absorber_shapes
+
+    def _place(self, number: float) -> int:
+        n = len(self.places)
+        require(number in range(1, n + 1), "position", number, f"the number of one of the structure's places for absorbers, 1 to {n}")
+        return int(number) - 1
+
+    def with_absorber_at(self, place: float) -> ModalModel:
+        """Return the model for one absorber at a place (counted from 1) of `places`; the level is read where it was."""
+        own, level = self.places[self._place(place)], self.level_shape
+        return replace(self, tip_shape=own, absorber_shapes=None, response_shape=None if np.array_equal(own, level) else level)
+
+    def with_absorbers_at(self, places: Iterable[float]) -> ModalModel:
+        """Return the model for several absorbers at places (counted from 1) of `places`; the level is read where it was."""
+        return replace(self, absorber_shapes=self.places[[self._place(place) for place in places]])
 
     def detuned(self, share: float) -> ModalModel:
         """Return the model with all frequencies shifted by a share."""

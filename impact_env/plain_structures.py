@@ -83,6 +83,7 @@ SHAPES: Keys = {
     "beam_mass_kg": ("beam_mass", NUMBER),
     "absorber_shapes_per_sqrt_kg": ("absorber_shapes", ROWS),
     "response_shape_per_sqrt_kg": ("response_shape", ROW),
+    "stress_shape": ("stress_shape", ROW),
 }
 
 
@@ -98,6 +99,7 @@ def _model(
     frequencies: list[float] | None = None,
     absorber_shapes: list[list[float]] | None = None,
     response_shape: list[float] | None = None,
+    stress_shape: list[float] | None = None,
 ) -> ModalModel:
     if omega is None:
         require(frequencies is not None, "omega", omega, "given, in rad/s, or frequencies_hz in its place")
@@ -108,8 +110,8 @@ def _model(
         require(frequencies is None, "frequencies", frequencies, "left out beside omega_rad_s")
         require(min(omega) > 0, "omega", omega, HELD)
     w, damping, force, tip = (np.array(row) for row in (omega, damping_ratio, force_shape, tip_shape))
-    absorbers, response = (None if row is None else np.array(row) for row in (absorber_shapes, response_shape))
-    return ModalModel(w, damping, force, tip, beam_mass, absorbers, response)
+    absorbers, response, stress = (None if row is None else np.array(row) for row in (absorber_shapes, response_shape, stress_shape))
+    return ModalModel(w, damping, force, tip, beam_mass, absorbers, response, stress)
 
 
 # a model is written with omega, which is exact, and read with either
@@ -135,6 +137,27 @@ class _Place:
 PLACE = form(_Place, {"node": ("node", WHOLE), "direction": ("direction", TEXT)})
 
 
+@dataclass(frozen=True)
+class _Strained:
+    """A part of a strain: the displacement of a node in a direction, times a weight."""
+
+    node: int
+    direction: str
+    weight: float
+
+
+@dataclass(frozen=True)
+class _StrainedRow:
+    """A part of a strain: the displacement of a row of the matrices, times a weight."""
+
+    row: int
+    weight: float
+
+
+STRAINED = form(_Strained, {"node": ("node", WHOLE), "direction": ("direction", TEXT), "weight": ("weight", NUMBER)})
+STRAINED_ROW = form(_StrainedRow, {"row": ("row", WHOLE), "weight": ("weight", NUMBER)})
+
+
 def _one_or_list(sort: Sort) -> Sort:
     """Return the sort of a list of things, or of one of them, which is a list of one."""
 
@@ -151,15 +174,19 @@ def _signed(model: ModalModel) -> ModalModel:
     """Return a model whose absorber moves up in every mode, as a beam's tip does."""
     sign = np.where(model.tip_shape < 0, -1.0, 1.0)
     rows = {name: getattr(model, name) * sign for name in ("force_shape", "tip_shape")}
-    more = {name: getattr(model, name) * sign for name in ("absorber_shapes", "response_shape") if getattr(model, name) is not None}
+    more = {name: getattr(model, name) * sign for name in ("absorber_shapes", "response_shape", "stress_shape") if getattr(model, name) is not None}
     return replace(model, **rows, **more)
 
 
-def _placed(omega: Any, damping: Any, force: Any, absorbers: list[Any], response: Any, mass: float) -> ModalModel:
-    """Return the model of shapes (N_m,) at the places; several absorbers have a row each, and their level is read at the response's place."""
-    if len(absorbers) == 1:
-        return _signed(ModalModel(omega, damping, force, absorbers[0], mass, None, response))
-    return _signed(ModalModel(omega, damping, force, absorbers[0] if response is None else response, mass, np.array(absorbers)))
+def _placed(omega: Any, damping: Any, force: Any, absorbers: list[Any], response: Any, mass: float, stress: Any) -> ModalModel:
+    """Return the model of shapes (N_m,) at the places; of several places for absorbers one has the first, and several have those they are put on."""
+    several = None if len(absorbers) == 1 else np.array(absorbers)
+    return _signed(ModalModel(omega, damping, force, absorbers[0], mass, several, response, stress))
+
+
+def _strain(parts: list[Any] | None, shape: Callable[[Any], Any]) -> Any:
+    """Return the strain per modal displacement (N_m,): the sum of the parts' weights times the ``shape`` (N_m,) that a part has; None for none."""
+    return None if parts is None else np.sum([part.weight * shape(part) for part in parts], axis=0)
 
 
 def _ratios_of(given: Any, found: Any, modes: int) -> Any:
@@ -173,7 +200,15 @@ def _ratios_of(given: Any, found: Any, modes: int) -> Any:
 
 
 def _universal(
-    folder: Path, file: str, force: _Place, absorber: list[_Place], mass: float, response: _Place | None, modes: int | None, damping_ratio: Any
+    folder: Path,
+    file: str,
+    force: _Place,
+    absorber: list[_Place],
+    mass: float,
+    response: _Place | None,
+    modes: int | None,
+    damping_ratio: Any,
+    stress: list[_Strained] | None,
 ) -> ModalModel:
     path = folder / file
     found = read_modes(path)
@@ -185,7 +220,9 @@ def _universal(
         return at(kept, path, name, (place.node, place.direction))
 
     places = [shape("absorber", place) for place in absorber]
-    return _placed([m.omega for m in kept], ratios, shape("force", force), places, None if response is None else shape("response", response), mass)
+    read = None if response is None else shape("response", response)
+    strain = _strain(stress, lambda part: shape("stress", _Place(part.node, part.direction)))
+    return _placed([m.omega for m in kept], ratios, shape("force", force), places, read, mass, strain)
 
 
 UNIVERSAL_KEYS: Keys = {
@@ -196,6 +233,7 @@ UNIVERSAL_KEYS: Keys = {
     "mass_kg": ("mass", NUMBER),
     "modes": ("modes", WHOLE),
     "damping_ratio": ("damping_ratio", DAMPING_RATIO),
+    "stress": ("stress", _one_or_list(STRAINED)),
 }
 
 
@@ -208,8 +246,9 @@ def _universal_form(folder: Path) -> Sort:
         response: _Place | None = None,
         modes: int | None = None,
         damping_ratio: Any = None,
+        stress: list[_Strained] | None = None,
     ) -> ModalModel:
-        return _universal(folder, file, force, absorber, mass, response, modes, damping_ratio)
+        return _universal(folder, file, force, absorber, mass, response, modes, damping_ratio, stress)
 
     return form(make, UNIVERSAL_KEYS)
 
@@ -229,6 +268,7 @@ class _Matrices:
     modes: int = MODES
     damping_ratio: Any = None
     suspension_frequency: float | None = None
+    stress: list[_StrainedRow] | None = None
 
 
 MATRIX_KEYS: Keys = {
@@ -243,6 +283,7 @@ MATRIX_KEYS: Keys = {
     "modes": ("modes", WHOLE),
     "damping_ratio": ("damping_ratio", DAMPING_RATIO),
     "suspension_frequency_hz": ("suspension_frequency", NUMBER),
+    "stress": ("stress", _one_or_list(STRAINED_ROW)),
 }
 
 
@@ -261,8 +302,9 @@ def _of_matrices(folder: Path, given: _Matrices) -> ModalModel:
         found = proportional_damping(checked("damping", read_matrix(folder / given.damping, "damping", "C"), size), modes)
     ratios = _ratios_of(given.damping_ratio, found, len(modes.omega))
     shapes = modes.shapes / np.sqrt(UNITS[given.units])
-    places = [shapes[k] for k in absorbers]
-    return _placed(modes.omega, ratios, shapes[force], places, None if response is None else shapes[response], given.structure_mass)
+    places, read = [shapes[k] for k in absorbers], None if response is None else shapes[response]
+    strain = _strain(given.stress, lambda part: shapes[count("stress's row", part.row, 0, size - 1)])
+    return _placed(modes.omega, ratios, shapes[force], places, read, given.structure_mass, strain)
 
 
 def _matrices_form(folder: Path) -> Sort:
@@ -278,8 +320,9 @@ def _matrices_form(folder: Path) -> Sort:
         modes: int = MODES,
         damping_ratio: Any = None,
         suspension_frequency: float | None = None,
+        stress: list[_StrainedRow] | None = None,
     ) -> ModalModel:
-        parts = (mass, stiffness, units, force, absorber, structure_mass, damping, response, modes, damping_ratio, suspension_frequency)
+        parts = (mass, stiffness, units, force, absorber, structure_mass, damping, response, modes, damping_ratio, suspension_frequency, stress)
         return _of_matrices(folder, _Matrices(*parts))
 
     return form(make, MATRIX_KEYS)

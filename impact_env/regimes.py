@@ -68,7 +68,7 @@ def own_modes(model: ModalModel, which: Index) -> Modes:
 
     A damping ratio within about 1e-5 of 1 has three: motion and forced response are extrapolated from three pairs of eigenvalues beside the
     double one (see secular.py). Against 40 digits
-    motion from any state is right to 1e-12 of the energy norm (tests/test_regimes.py).
+    motion from any state is right to 1e-12 of the energy norm (tests/kernels/test_regimes.py).
     """
     n = model.modes
     index, s, other, weight = _own_values(model, which)

@@ -24,6 +24,8 @@ class Scene:
         allowed = (StuckAbsorber, TunedAbsorber, SlidingAbsorber, SeveralAbsorbers)
         require(self.absorber is None or isinstance(self.absorber, allowed), "absorber", self.absorber, "None or one of the absorber classes")
         shapes, several = self.model.absorber_shapes, self.absorber if isinstance(self.absorber, SeveralAbsorbers) else None
+        if several is not None and self.model.response_shape is not None:  # several absorbers have shapes of their own, and the level is the tip's
+            object.__setattr__(self, "model", replace(self.model, tip_shape=self.model.level_shape, response_shape=None))
         found = 0 if shapes is None else len(shapes)
         wanted = 0 if several is None else len(several.absorbers)
         require(

@@ -1,14 +1,16 @@
 """A design problem with the attributes and methods of EngiBench's problems, for optimisers and generative models that are written for those.
 
-The names are theirs (`design_space`, `objectives`, `conditions`, `simulate`, `optimize`, `random_design`, `check_constraints`, `render`, `dataset`,
-`reset`); EngiBench itself is not needed. A design is a row of coordinates of the problem's space. The space is a Gymnasium one (extra ``rl``).
+The names and what calls take are theirs, of version 0.2 (tests/design/test_engibench_names.py holds them); EngiBench itself is not needed. A design
+is a row of coordinates of the problem's space. The space is a Gymnasium one (extra ``rl``).
 """
 
 from __future__ import annotations
 
+import tempfile
+import webbrowser
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from enum import Enum
+from dataclasses import asdict, dataclass, fields, replace
+from enum import Enum, auto
 from pathlib import Path
 from typing import Any
 
@@ -33,17 +35,25 @@ SAMPLES, TRAIN = 64, 0.8  # of the data set
 class ObjectiveDirection(Enum):
     """Whether less or more of an objective is better."""
 
-    MINIMIZE = "minimize"
-    MAXIMIZE = "maximize"
+    MINIMIZE = auto()
+    MAXIMIZE = auto()
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What may be changed from call to call, as the ``config`` of a call: force in N, resonance, the beam's damping ratio."""
+    """What a design is for: force in N, resonance, the beam's damping ratio."""
 
     force: float = 3.5
     resonance: int = 1
     damping_ratio: float = 0.01
+
+
+@dataclass(frozen=True)
+class Config(Conditions):
+    """All that the ``config`` of a call may change: the conditions, the members of a run, and the sweep rate (None: what suits the damping)."""
+
+    members: int = 4
+    rate: float | None = None
 
 
 @dataclass(frozen=True)
@@ -61,31 +71,73 @@ class Violation:
     constraint: str
     cause: str
 
+    def __str__(self) -> str:
+        return f"{self.constraint}: {self.cause}"
+
+
+@dataclass(frozen=True)
+class Violations:
+    """What a design breaks, of ``n_constraints`` bounds and constraints. All of it is an error, and none is of a category."""
+
+    violations: list[Violation]
+    n_constraints: int
+
+    def by_criticality(self, criticality: Enum) -> Violations:
+        """Return the violations of a criticality, by its name: Error or Warning."""
+        return self if criticality.name == "Error" else Violations([], self.n_constraints)
+
+    def by_category(self, category: Enum) -> Violations:  # noqa: ARG002 - theirs
+        """Return the violations of a category: none."""
+        return Violations([], self.n_constraints)
+
+    def __len__(self) -> int:
+        return len(self.violations)
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.violations))
+
+
+# in the class these names are attributes
+_Conditions = Conditions
+_Config = Config
+
 
 class ImpactAbsorberProblem:
     """The level of a beam's free end with an absorber of a concept, relative to no absorber, as one objective to be minimised."""
 
     version = 0
-    dataset_id = None
+    dataset_id = "impact-absorber-simulated-v0"  # of no hub: `dataset` is simulated
     container_id = None
+    Conditions = _Conditions
+    Config = _Config
+    design_constraints = ()
 
     def __init__(
         self,
         seed: int = 0,
+        config: Mapping[str, Any] | None = None,
+        *,
         concept: str = "impact",
         beam: Beam | None = None,
-        members: int = 4,
         constraints: tuple[Constraint, ...] = (),
-        conditions: Conditions | None = None,
         executor: Executor | None = None,
     ) -> None:
         """Raises ParameterError as `Problem` does."""
-        self.seed, self.conditions = seed, Conditions() if conditions is None else conditions
-        self._concept, self._beam, self._members, self._constraints = concept, Beam() if beam is None else beam, members, constraints
+        self._concept, self._beam, self._constraints = concept, Beam() if beam is None else beam, constraints
         self._executor = executor
-        self._generator = np.random.default_rng(seed)
-        self._samples: dict[str, dict[str, Array]] | None = None
-        self.problem = self._problem({})
+        self.config = _Config()
+        self.config = self._config(config or {})
+        self.reset(seed)
+
+    @property
+    def conditions(self) -> _Conditions:
+        """The conditions among `config`."""
+        return _Conditions(**{key: getattr(self.config, key) for key in (field.name for field in fields(_Conditions))})
+
+    @property
+    def conditions_keys(self) -> list[str]:
+        """Names of the conditions."""
+        return [field.name for field in fields(_Conditions)]
 
     @property
     def objectives(self) -> tuple[tuple[str, ObjectiveDirection], ...]:
@@ -94,23 +146,34 @@ class ImpactAbsorberProblem:
         return tuple((objective.kind, direction[objective.maximise]) for objective in self.problem.objectives)
 
     @property
+    def objectives_keys(self) -> list[str]:
+        """Names of the objectives."""
+        return [name for name, _ in self.objectives]
+
+    @property
     def design_space(self) -> spaces.Box:
         """The coordinates' box; see `DesignSpace`."""
         return spaces.Box(self.problem.space.low, self.problem.space.high, dtype=np.float64)
 
-    def _problem(self, config: Mapping[str, Any]) -> Problem:
-        known = asdict(self.conditions)
-        unknown = sorted(set(config) - set(known))
+    def _config(self, changes: Mapping[str, Any]) -> _Config:
+        known = asdict(self.config)
+        unknown = sorted(set(changes) - set(known))
         require(not unknown, "config", unknown, f"keys among {', '.join(known)}")
-        chosen = Conditions(**{**known, **config})
+        return _Config(**{**known, **changes})
+
+    def _problem(self, config: Mapping[str, Any]) -> Problem:
+        chosen = self._config(config)
         beam = replace(self._beam, damping_ratio=chosen.damping_ratio)
+        given: dict[str, Any] = {"members": chosen.members, "seed": self._members_seed, "rate": chosen.rate}
         condition = Condition(chosen.resonance, chosen.force)
-        return Problem(design_space(self._concept), (condition,), constraints=self._constraints, beam=beam, members=self._members, seed=self.seed)
+        return Problem(design_space(self._concept), (condition,), constraints=self._constraints, beam=beam, **given)
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin anew with a seed of members and random designs."""
-        self.seed = self.seed if seed is None else count("seed", seed, 0)
-        self._generator = np.random.default_rng(self.seed)
+        """Begin anew with a seed of members and random designs; None: a random one."""
+        self.seed = None if seed is None else count("seed", seed, 0)
+        self.np_random = np.random.default_rng(self.seed)
+        self._members_seed = int(self.np_random.integers(2**31)) if self.seed is None else self.seed
+        self._samples: dict[str, dict[str, Array]] | None = None
         self.problem = self._problem({})
 
     def simulate(self, design: ArrayLike, config: Mapping[str, Any] | None = None) -> Array:
@@ -119,8 +182,11 @@ class ImpactAbsorberProblem:
         signs = np.array([-1.0 if objective.maximise else 1.0 for objective in problem.objectives])
         return np.asarray(signs * problem.evaluate(np.asarray(design, dtype=np.float64)[None], executor=self._executor).F[0])
 
-    def check_constraints(self, design: ArrayLike, config: Mapping[str, Any] | None = None) -> list[Violation]:
+    def check_constraints(self, design: ArrayLike, config: Mapping[str, Any] | None = None) -> Violations:
         """Return what a design breaks: a bound of the space, or a constraint of the problem (which takes its runs); empty if it is allowed."""
+        return Violations(self._broken(design, config), len(self.problem.space.free) + len(self._constraints))
+
+    def _broken(self, design: ArrayLike, config: Mapping[str, Any] | None) -> list[Violation]:
         problem, row = self._problem(config or {}), np.asarray(design, dtype=np.float64)
         space = problem.space
         outside = (row < space.low) | (row > space.high) | ~np.isfinite(row)
@@ -139,14 +205,19 @@ class ImpactAbsorberProblem:
         ]
 
     def random_design(self) -> tuple[Array, int]:
-        """Return a design drawn evenly from the space (in logarithms where ratios matter), and a number that no other draw has."""
-        shares = self._generator.random(len(self.problem.space.free))
-        return self._coordinates(shares), int(self._generator.integers(2**31))
+        """Return a design of the data set's part ``train``, which need not be simulated for it, and its index there."""
+        number = int(self.np_random.integers(_trained(SAMPLES)))
+        return self._spread(SAMPLES)[number], number
+
+    def _spread(self, samples: int) -> Array:
+        """Return designs spread evenly over the space (in logarithms where ratios matter), (samples, variables)."""
+        points = qmc.Halton(len(self.problem.space.free), rng=np.random.default_rng(self._members_seed)).random(samples)
+        return np.array([self._coordinates(row) for row in points])
 
     def _coordinates(self, shares: Array) -> Array:
         return np.array([v.value_at(float(share)) for v, share in zip(self.problem.space.free, shares, strict=True)])
 
-    def optimize(self, starting_point: ArrayLike, config: Mapping[str, Any] | None = None, designs: int = 40) -> tuple[Array, list[OptiStep]]:
+    def optimize(self, starting_point: ArrayLike, config: Mapping[str, Any] | None = None, *, designs: int = 40) -> tuple[Array, list[OptiStep]]:
         """Return the best of a pattern search from a design, and its history: a simple baseline, `optimisation.search.find` is the real search.
 
         Each round tries every coordinate both ways in one batch; a round that betters nothing halves the step.
@@ -175,23 +246,38 @@ class ImpactAbsorberProblem:
         return self._samples
 
     def make_dataset(self, samples: int) -> dict[str, dict[str, Array]]:
-        """Simulate ``samples`` designs of a Halton sequence; see `dataset`."""
-        points = qmc.Halton(len(self.problem.space.free), rng=np.random.default_rng(self.seed)).random(count("samples", samples, 2))
-        X = np.array([self._coordinates(row) for row in points])
+        """Simulate ``samples`` designs; see `dataset`. Beside the designs there is a column for each objective and condition."""
+        X = self._spread(count("samples", samples, 2))
         F, G, spread = self.problem.evaluate(X, executor=self._executor)
-        cut = max(1, round(TRAIN * samples))
+        signs = np.array([-1.0 if objective.maximise else 1.0 for objective in self.problem.objectives])
+        columns = {"design": X, "objectives": F, "constraints": G, "spread": spread}
+        columns |= {name: (signs * F)[:, k] for k, name in enumerate(self.objectives_keys)}
+        columns |= {name: np.full(samples, getattr(self.config, name)) for name in self.conditions_keys}
+        cut = _trained(samples)
         parts = {"train": slice(None, cut), "test": slice(cut, None)}
-        return {name: {"design": X[part], "objectives": F[part], "constraints": G[part], "spread": spread[part]} for name, part in parts.items()}
+        return {name: {column: values[part] for column, values in columns.items()} for name, part in parts.items()}
 
     def design_of(self, design: ArrayLike) -> Design:
         """Return a row of coordinates as an absorber's design in SI units."""
         return self.problem.space.decoded(dict(zip((v.name for v in self.problem.space.free), np.ravel(design).tolist(), strict=True)))
 
-    def render(self, design: ArrayLike, path: Path | None = None) -> str:
-        """Return a design in words; with a ``path`` draw its free coordinates within their bounds there too (matplotlib)."""
+    def render(self, design: ArrayLike, *, open_window: bool = False, path: Path | None = None) -> str:
+        """Return a design in words; with a ``path`` draw its free coordinates within their bounds there too (matplotlib).
+
+        ``open_window`` shows the drawing, of a temporary file if there is no path, in the machine's viewer.
+        """
         chosen = self.design_of(design)
+        if path is None and open_window:
+            path = Path(tempfile.mkdtemp()) / "design.png"
         if path is not None:
             from optimisation.report.design_card import save_card
 
             save_card(path, self.problem.space, chosen)
+            if open_window:
+                webbrowser.open(path.resolve().as_uri())
         return str(chosen)
+
+
+def _trained(samples: int) -> int:
+    """Return how many of so many samples are in the part ``train``."""
+    return max(1, round(TRAIN * samples))

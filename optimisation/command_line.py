@@ -14,6 +14,7 @@ from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
 
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C
+RESUME = "Keep each finished piece in this .json file, and take from it what is there: goes on where a run was stopped."
 
 
 class BadInput(click.ClickException):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
-from impact_env.drive import PAPER_LIMITS
+from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor, Progress
 from impact_env.methods import Method
 from impact_env.modes import ModalModel, Structure
@@ -37,7 +37,7 @@ from optimisation.bounds import design_force, design_gap, reach, resonance_limit
 from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
 from optimisation.friction_rule import best_friction, scaled_friction
 from optimisation.mounting import mounted
-from optimisation.sweep_rate import default_rate, stationary_level
+from optimisation.sweep_rate import stationary_level
 from optimisation.tuned import HIGH, LOW, minimax
 
 Array = NDArray[np.float64]

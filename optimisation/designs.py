@@ -90,7 +90,8 @@ class Design:
         """Return the absorber; a friction limit of 0 leaves friction out."""
         v = self.values
         if self.concept == SEVERAL:
-            gaps, positions, restitutions, limits = ([v[of_absorber(n, k)] for k in MEMBERS] for n in (GAP, POSITION, RESTITUTION, FRICTION_LIMIT))
+            gaps, restitutions, limits = ([v[of_absorber(n, k)] for k in MEMBERS] for n in (GAP, RESTITUTION, FRICTION_LIMIT))
+            positions = [min(x, 1.0) for x in self.positions]  # a place of a modal model, counted from 1, is no share of a length: see `scene`
             return impact_absorbers(gaps, positions, restitutions, limits, v[MASS_RATIO], (v[SHARE], 1 - v[SHARE]))
         if self.concept == IMPACT:
             return impact_absorber(v[GAP], v[RESTITUTION], v[FRICTION_LIMIT], v[MASS_RATIO])
@@ -99,8 +100,13 @@ class Design:
         return TunedAbsorber(v[MASS_RATIO], v[STIFFNESS], v[DAMPING])
 
     def scene(self, structure: Structure) -> Scene:
-        """Return the absorber on a structure, at the design's position; the level is read where `optimisation.mounting.watched` says."""
-        return scene_on(structure, self.absorber(), None if self.concept == SEVERAL else self.values[POSITION])
+        """Return the absorber on a structure, at the design's positions; the level is read where `optimisation.mounting.watched` says."""
+        return scene_on(structure, self.absorber(), *self.positions)
+
+    @property
+    def positions(self) -> list[float]:
+        """The position of each absorber: a share of a beam's length, or the number of one of a modal model's places."""
+        return [self.values[name] for name in ((of_absorber(POSITION, k) for k in MEMBERS) if self.concept == SEVERAL else (POSITION,))]
 
     def __str__(self) -> str:
         return f"{self.concept} absorber, " + ", ".join(f"{name} {value:.4g}" for name, value in self.values.items())
@@ -132,7 +138,8 @@ class DesignSpace:
             design = self.at([share] * len(self.free))
             design.absorber()
             usable_mass_ratio(MASS_RATIO, design.values[MASS_RATIO])
-            Beam(absorber_position=design.values.get(POSITION, 1.0) or 1.0)  # 0 is the left end, which a structure may hold or not
+            for x in design.positions:  # 0 is the left end, which a structure may hold or not; 2, 3, ... are places of a modal model
+                Beam(absorber_position=1.0 if x == 0 or (x > 1 and x == round(x)) else x)
 
     @property
     def version(self) -> int:
@@ -148,6 +155,16 @@ class DesignSpace:
     def high(self) -> Array:
         """Upper bounds of the coordinates, (variables,)."""
         return np.array([v.high for v in self.free])
+
+    def on_places(self, number: int) -> DesignSpace:
+        """Return the space on a modal model with so many places for absorbers: a position is a choice among them."""
+        at = [v.name for v in self.free if parts_of(v.name)[0] == POSITION]
+        allowed = "left out on a modal model with one place: the absorber is where its shapes say, and its file lists no other place"
+        require(not at or number > 1, "position", at, allowed)
+        for name, value in self.fixed.items():
+            if parts_of(name)[0] == POSITION:
+                require(value in range(1, number + 1), name, value, f"the number of one of the structure's places for absorbers, 1 to {number}")
+        return replace(self, free=tuple(v.choice(number) if v.name in at else v for v in self.free))
 
     def bound_to(self, units: Units) -> DesignSpace:
         """Return the space on another structure: scaled bounds, and the values of what is neither free nor fixed, follow its units."""
@@ -202,7 +219,7 @@ class DesignSpace:
         def checked(v: Variable, unit: float, _start: float) -> float:
             x = coordinates[v.name]
             require(v.low * (1 - 1e-12) <= x <= v.high * (1 + 1e-12), v.name, x, f"from {v.low:g} to {v.high:g} {v.unit}".rstrip())
-            return x * unit
+            return round(x) if v.whole else x * unit
 
         return self._resolved(checked)
 
@@ -223,6 +240,8 @@ class DesignSpace:
         """Return in words which free variables of a design lie at a bound of their range, with the bound; empty if none does."""
         found = []
         for v, share in zip(self.free, self.shares(design), strict=True):
+            if v.whole:  # a choice has no other side
+                continue
             at_end = parts_of(v.name)[0] == POSITION and share > 0.5 and v.high == 1.0  # the structure ends there, not the search
             if not AT_BOUND < share < 1 - AT_BOUND and not at_end:
                 which, bound = ("lower", v.low) if share < 0.5 else ("upper", v.high)
@@ -233,6 +252,7 @@ class DesignSpace:
         """Return what identifies the space, as JSON values."""
         start = self.coordinates(self.default)
         free = {v.name: {"low": v.low, "high": v.high, "log": v.log, "unit": v.unit, "start": start[v.name]} for v in self.free}
+        free |= {v.name: free[v.name] | {"whole": True} for v in self.free if v.whole}
         default, names = self.default.values, {v.name for v in self.free}
         return {"concept": self.concept, "version": self.version, "free": free, "fixed": {n: x for n, x in default.items() if n not in names}}
 

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
-from impact_env.drive import PAPER_LIMITS
-from impact_env.ensemble import Progress
+from impact_env.drive import PAPER_LIMITS, default_rate
+from impact_env.ensemble import Executor, Progress
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls, SlidingAbsorber, impact_absorber, require
 from impact_env.scene import Scene
 from optimisation.bounds import design_gap, gap_unit, near_range, reach, require_reach, resonance_limit, share_reached
 from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
 from optimisation.friction_rule import scaled_friction
-from optimisation.sweep_rate import LEAST_RATIO, default_rate, stationary_level
+from optimisation.sweep_rate import LEAST_RATIO, stationary_level
 
 Array = NDArray[np.float64]
 
@@ -144,6 +144,7 @@ def check_gap(
     everywhere: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> GapCheck:
     """Simulate sweeps up and down at one force (N) for gaps around the rule's.
 
@@ -167,5 +168,5 @@ def check_gap(
     scenes = [Scene(model, replace(absorber, walls=replace(walls, gap=float(rule * factor)))) for factor in multiples]
     rate = usable_rate("rate", rate, [limits])
     cases = [CurveCase(scene, np.array([force]), resonance, limits, rate) for scene in [Scene(model), *scenes]]
-    without, *curves = performance_curves(cases, members, seed, threads=threads, progress=progress)
+    without, *curves = performance_curves(cases, members, seed, threads=threads, progress=progress, executor=executor)
     return GapCheck(model, resonance, force, absorber, rule, rule * multiples, limits, tuple(curves), without, found, rate)

@@ -11,7 +11,7 @@ from scipy.stats import sobol_indices, uniform
 
 from impact_env.curve import BAND
 from impact_env.parameters import count, fraction, require
-from optimisation.designs import GAP, Design, DesignSpace
+from optimisation.designs import GAP, Design, DesignSpace, Variable
 from optimisation.evaluation import Executor, Progress, evaluate
 from optimisation.measures import LEVEL
 from optimisation.objectives import Condition, Objective
@@ -109,12 +109,17 @@ class Sensitivity:
     designs: int
 
 
+def varied(space: DesignSpace) -> list[Variable]:
+    """Return the free variables that have a neighbourhood: all but choices among whole numbers."""
+    return [v for v in space.free if not v.whole]
+
+
 def neighbourhood(space: DesignSpace, design: Design, spread: float = SPREAD) -> tuple[Array, Array]:
-    """Return the ends (variables,) of a box around a design: its free values (SI) times 1 -+ spread, cut to the space's bounds at the design."""
-    share = fraction("spread", spread)
-    values = np.array([design.values[v.name] for v in space.free])
-    units = values / np.array(list(space.coordinates(design).values()))
-    low, high = (np.array([getattr(v, end) for v in space.free]) * units for end in ("low", "high"))
+    """Return the ends (variables,) of a box around a design: its `varied` values (SI) times 1 -+ spread, cut to the space's bounds at the design."""
+    share, free, at = fraction("spread", spread), varied(space), space.coordinates(design)
+    values = np.array([design.values[v.name] for v in free])
+    units = values / np.array([at[v.name] for v in free])
+    low, high = (np.array([getattr(v, end) for v in free]) * units for end in ("low", "high"))
     return np.maximum(values * (1 - share), low), np.minimum(values * (1 + share), high)
 
 
@@ -133,10 +138,10 @@ def sensitivity(
     ``members``. Constraints are left out. The objective's own
     noise counts as an interaction: it shows in the total indices only.
     """
-    require(len(problem.space.free) > 1, "free variables", [v.name for v in problem.space.free], "two or more: one alone causes everything")
+    names = tuple(v.name for v in varied(problem.space))
+    require(len(names) > 1, "free variables", list(names), "two or more: one alone causes everything")
     require(samples >= 2 and samples & (samples - 1) == 0, "samples", samples, "a power of 2")
     near = replace(problem, objectives=problem.objectives[:1], constraints=(), members=members)
-    names = tuple(v.name for v in problem.space.free)
     low, high = neighbourhood(problem.space, design, spread)
     runs, fresh = 0, problem.fresh_ensemble(members, SHOWN)
 

@@ -28,7 +28,7 @@ MEASURES = {
     IMPACT_POWER: "energy lost in impacts over the sweep, per second, in W",
     IMPACT_SPEED: "largest relative velocity before an impact in m/s",
     FRICTION_HEAT: "energy lost in dry friction over the sweep, per second, in W, from the mean relative speed at the samples",
-    DAMAGE: "sum over the rainflow cycles of the bending moment at the clamp, amplitude in N m to the power of the fatigue exponent",
+    DAMAGE: "sum over the rainflow cycles of the bending moment at the clamp, or of a modal model's stress, to the power of the fatigue exponent",
     IMPACT_RATE: "impacts per second over the sweep",
     RMS: "root of the mean square of the free end's displacement in m over the second half of the run",
 }
@@ -36,12 +36,17 @@ _OF_IMPACTS = {IMPACT_POWER, IMPACT_SPEED, IMPACT_RATE}
 _OF_SAMPLES = {STROKE, FRICTION_HEAT, DAMAGE, RMS}
 
 
-def clamp_moment(structure: Structure) -> Array | None:
-    """Return the mode shapes (N_m,) of the bending moment at a beam's left clamp in N/sqrt(kg); None for a structure without one.
+FATIGUES = "for a beam that is clamped at its left end, or a modal model whose file gives the stress that fatigues"
+
+
+def stress_shape(structure: Structure) -> Array | None:
+    """Return the mode shapes (N_m,) of the bending moment at a beam's left clamp in N/sqrt(kg), or of a modal model's stress; None if there is none.
 
     A Hermite element at the clamp deflects as a x^2 + b x^3, so the curvature 2 a there follows from the shapes at two points of it.
     """
-    if isinstance(structure, ModalModel) or not structure.ends.startswith("clamped"):
+    if isinstance(structure, ModalModel):
+        return structure.stress_shape
+    if not structure.ends.startswith("clamped"):
         return None
     near, far = 0.5 / structure.elements, 1.0 / structure.elements
     first, second = (modal_model(replace(structure, force_position=x)).force_shape for x in (near, far))
@@ -53,11 +58,11 @@ def clamp_moment(structure: Structure) -> Array | None:
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Lanes and the ``measures`` (columns) wanted of them; ``clamp_moment`` (N_m,) as the function of this name gives it."""
+    """Lanes and the ``measures`` (columns) wanted of them; ``stress_shape`` (N_m,) as the function of this name gives it."""
 
     lanes: tuple[Lane, ...]
     measures: tuple[str, ...]
-    clamp_moment: Array | None
+    stress_shape: Array | None
     fatigue_exponent: float
 
     def __post_init__(self) -> None:
@@ -104,8 +109,8 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
     if name == RMS:
         return float(np.sqrt(np.mean((history.modal_displacement[len(history.time) // 2 :] @ response.scene.model.level_shape) ** 2)))
     if name == DAMAGE:
-        require(chunk.clamp_moment is not None, "measure", name, "for a beam that is clamped at its left end")
-        return fatigue_damage(np.asarray(history.modal_displacement @ np.asarray(chunk.clamp_moment)), chunk.fatigue_exponent)
+        require(chunk.stress_shape is not None, "measure", name, FATIGUES)
+        return fatigue_damage(np.asarray(history.modal_displacement @ np.asarray(chunk.stress_shape)), chunk.fatigue_exponent)
     return of_motion(name, response)
 
 

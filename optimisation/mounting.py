@@ -10,8 +10,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Absorber, Beam, SeveralAbsorbers, require
+from impact_env.parameters import Absorber, Beam, SeveralAbsorbers
 from impact_env.scene import Scene, beam_scene
+
+FIRST_PLACE = 1  # of a modal model's places for absorbers
 
 
 def watched(structure: Structure) -> Structure:
@@ -21,27 +23,29 @@ def watched(structure: Structure) -> Structure:
     return replace(structure, response_position=1.0 if structure.ends.endswith("free") else structure.absorber_position)
 
 
-def usual_position(structure: Structure) -> float | None:
-    """Return the structure's own absorber position, a share of the length; None for a modal model, which has no length."""
-    return None if isinstance(structure, ModalModel) else structure.absorber_position
-
-
 def mounted(structure: Structure, position: float | None = None) -> ModalModel:
     """Return the modal model with an absorber at a share of the length (None: at the structure's own place) and the level's place.
 
-    A modal model has one place: ``position`` is not looked at.
+    On a modal model a ``position`` is the number of one of its `places`, counted from 1, and the first is its own.
     """
     found = watched(structure)
-    if isinstance(found, Beam) and position is not None:
+    if isinstance(found, ModalModel):
+        own = position is None and found.absorber_shapes is None
+        return found if own else found.with_absorber_at(FIRST_PLACE if position is None else position)
+    if position is not None:
         found = replace(found, absorber_position=position)
     return modal_model(found)
 
 
-def scene_on(structure: Structure, absorber: Absorber | None, position: float | None = None) -> Scene:
-    """Return the scene of an absorber on a structure, or of several, which have positions of their own."""
+def scene_on(structure: Structure, absorber: Absorber | None, *positions: float) -> Scene:
+    """Return the scene of an absorber on a structure at a position (none given: its own), or of several, with one each.
+
+    On a beam several absorbers know their positions, and these are not looked at.
+    """
     if not isinstance(absorber, SeveralAbsorbers):
-        return Scene(mounted(structure, position), absorber)
-    require(isinstance(structure, Beam), "several absorbers", "a modal model", "a beam: their places are shares of its length")
+        return Scene(mounted(structure, *positions), absorber)
+    if isinstance(structure, ModalModel):
+        return Scene(structure.with_absorbers_at(positions), absorber)
     return beam_scene(watched(structure), absorber)
 
 

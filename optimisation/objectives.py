@@ -69,7 +69,7 @@ class Kind:
 KINDS = {
     "level": Kind("response level relative to no absorber", LEVEL, False, "", True),
     "range": Kind("width of the range of forces in which the relative level stays under a limit", LEVEL, True, "decades", True),
-    "damage": Kind("fatigue damage at the clamp relative to no absorber", DAMAGE, False, "", True),
+    "damage": Kind("fatigue damage at the clamp, or where the file says, relative to no absorber", DAMAGE, False, "", True),
     "severity": Kind("power lost in impacts", IMPACT_POWER, False, "W", False),
 }
 

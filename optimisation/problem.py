@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import FrequencySchedule, linear_sweep
+from impact_env.drive import FrequencySchedule, default_rate, linear_sweep
 from impact_env.ensemble import Lane, Members, draw_members
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import Beam, count, positive, require
@@ -19,10 +19,10 @@ from impact_env.scene import Scene
 from optimisation.designs import MASS_RATIO, POSITION, SEVERAL, TUNED, Design, DesignSpace
 from optimisation.evaluation import Evaluation, Executor, Progress, evaluate_arrays
 from optimisation.extremes import usable_rate
-from optimisation.measures import DAMAGE, LEVEL, MEASURES, Chunk, clamp_moment, measure
-from optimisation.mounting import described, detuned, mounted, usual_position
+from optimisation.measures import DAMAGE, FATIGUES, LEVEL, MEASURES, Chunk, measure, stress_shape
+from optimisation.mounting import described, detuned, mounted
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score
-from optimisation.sweep_rate import default_rate, sweep_ratio
+from optimisation.sweep_rate import sweep_ratio
 from optimisation.tuned import require_wide_range
 from optimisation.units import Units
 
@@ -69,24 +69,23 @@ class Problem:
         if self.space.concept == TUNED:
             self._require_both_peaks()
         if DAMAGE in self.measures:
-            require(self._beams[self.conditions[0].detuning][1] is not None, "objective", "damage", "for a beam that is clamped at its left end")
+            require(self._beams[self.conditions[0].detuning][1] is not None, "objective", "damage", FATIGUES)
 
     def _usable_rate(self) -> float:
         return usable_rate("rate", self.rate, [condition.limits for condition in self.conditions])
 
     def _place(self) -> None:
         """Put the absorber where the structure says, if the space leaves its place open."""
-        own, free = usual_position(self.beam), [variable for variable in self.space.free if variable.name.startswith(POSITION)]
-        if not isinstance(self.beam, Beam) or own is None:
-            require(self.space.concept != SEVERAL, "concept", SEVERAL, "for beams only: the absorbers' places are shares of the length")
-            known = self.space.fixed.get(POSITION, Beam.absorber_position)
-            require(
-                not free and known == Beam.absorber_position, "position", known, "left out on a modal model: the absorber is where its shapes say"
-            )
+        if isinstance(self.beam, ModalModel):
+            object.__setattr__(self, "space", self.space.on_places(len(self.beam.places)))
             return
+        own, free = self.beam.absorber_position, [variable for variable in self.space.free if variable.name.startswith(POSITION)]
         for variable in free:
             self.beam.place(f"bounds of {variable.name}", variable.low)
             self.beam.place(f"bounds of {variable.name}", variable.high)
+        for name, value in self.space.fixed.items():
+            if name.startswith(POSITION) and value > 1:
+                self.beam.place(name, value)
         if not free and self.space.concept != SEVERAL and self.space.fixed.get(POSITION, Beam.absorber_position) == Beam.absorber_position:
             object.__setattr__(self, "space", replace(self.space, fixed={**self.space.fixed, POSITION: own}))
 
@@ -171,16 +170,16 @@ class Problem:
         structure, _, model = self._beams[detuning]
         if design is None:
             return Scene(model)
-        at_own = design.concept != SEVERAL and design.values[POSITION] == usual_position(structure)
-        return Scene(model, design.absorber()) if at_own or isinstance(structure, ModalModel) else design.scene(structure)
+        at_own = isinstance(structure, Beam) and design.positions == [structure.absorber_position]
+        return Scene(model, design.absorber()) if at_own else design.scene(structure)
 
     @cached_property
     def _beams(self) -> dict[float, tuple[Structure, Array | None, ModalModel]]:
-        """The structure of each detuning, with its clamp's moment and its modal model with an absorber at its own place."""
+        """The structure of each detuning, with what fatigues in it and its modal model with an absorber at its own place."""
         every = {}
         for detuning in {condition.detuning for condition in self.conditions}:
             structure = detuned(self.beam, detuning)
-            every[detuning] = (structure, clamp_moment(structure), mounted(structure))
+            every[detuning] = (structure, stress_shape(structure), mounted(structure))
         return every
 
     @cached_property

@@ -25,6 +25,17 @@ def counting_bar(label: str, unit: str, leave: bool = True) -> Iterator[Callable
         yield show
 
 
+@contextmanager
+def stages_bar(label: str, leave: bool = True) -> Iterator[Callable[[str, int, int], None]]:
+    """Give a function that shows what is being done, how many are done, and of how many (0: nobody knows)."""
+    with tqdm(total=None, desc=label, bar_format="{desc} [{elapsed}]", disable=None, leave=leave) as bar:
+
+        def show(what: str, done: int, total: int) -> None:
+            bar.set_description_str(f"{label}: {what}, {done}" + (f" of {total}" if total else ""))
+
+        yield show
+
+
 def sweeps_bar(label: str, leave: bool = True) -> AbstractContextManager[Callable[[int, int], None]]:
     """Give a `counting_bar` of sweeps."""
     return counting_bar(label, "sweeps", leave)

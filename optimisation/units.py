@@ -59,7 +59,9 @@ class Units:
         return {}
 
     def model(self, position: float | None = None) -> ModalModel:
-        """Return the modal model with the absorber at a share of the length; None: at the structure's own place."""
+        """Return the modal model with the absorber at a share of the length, or at a modal model's place; None: at the structure's own place."""
+        if position is not None and isinstance(self.beam, Beam):
+            position = min(position, 1.0)  # a space that is not bound to its modal model yet counts in the paper's units, which know no places
         if position not in self._models:
             self._models[position] = mounted(self.beam, position)
         return self._models[position]

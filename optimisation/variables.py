@@ -25,6 +25,7 @@ class Variable:
     """One number of a design: bounds ``low`` and ``high`` of the search in ``unit``; ``log`` if ratios matter, not differences.
 
     ``default`` is in the SI unit ``si``. The bounds of a ``scaled`` variable are in a unit of the structure, those of another are in SI units too.
+    ``whole``: a choice among whole numbers, bounds included; each has the same share of the range.
     """
 
     name: str
@@ -35,11 +36,14 @@ class Variable:
     log: bool = False
     si: str = ""
     scaled: bool = False
+    whole: bool = False
 
     def __post_init__(self) -> None:
         ok = math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high
         require(ok, f"bounds of {self.name}", (self.low, self.high), "two finite numbers, the first below the second")
         require(not self.log or self.low > 0, f"bounds of {self.name}", (self.low, self.high), "above 0, as it is searched in logarithms")
+        ends = self.low, self.high
+        require(not self.whole or all(x == round(x) for x in ends), f"bounds of {self.name}", ends, "whole numbers: it is a choice among them")
         if not self.scaled:
             object.__setattr__(self, "si", self.unit)
 
@@ -47,14 +51,24 @@ class Variable:
         """Return the variable with other bounds, in SI units."""
         return replace(self, low=float(low), high=float(high), unit=self.si, scaled=False)
 
+    def choice(self, number: int) -> Variable:
+        """Return the variable as a choice among the places 1 to ``number``; bounds that are its own by default give way, others stay."""
+        ends = (1.0, float(number)) if (self.low, self.high) == (_POSITION.low, _POSITION.high) else (self.low, self.high)
+        require(ends[0] >= 1 and ends[1] <= number, f"bounds of {self.name}", ends, f"numbers of the structure's places, 1 to {number}")
+        return replace(self, low=ends[0], high=ends[1], unit="", si="", whole=True)
+
     def value_at(self, share: float) -> float:
         """Return the value at a share of the range, 0 to 1, in logarithms if ``log``."""
+        if self.whole:
+            return min(self.low + math.floor(share * (self.high - self.low + 1)), self.high)
         if self.log:
             return float(math.exp(math.log(self.low) + share * (math.log(self.high) - math.log(self.low))))
         return self.low + share * (self.high - self.low)
 
     def share_of(self, value: float) -> float:
         """Return the share of the range at which a value lies, cut to 0..1."""
+        if self.whole:
+            return min(max((value - self.low + 0.5) / (self.high - self.low + 1), 0.0), 1.0)
         low, high, x = (math.log(self.low), math.log(self.high), math.log(max(value, 1e-300))) if self.log else (self.low, self.high, value)
         return min(max((x - low) / (high - low), 0.0), 1.0)
 

@@ -3,58 +3,21 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from pathlib import Path
 from typing import Any
 
 import click
-import numba
-import numpy
-import scipy
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.ensemble import available_cores
-from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls
 from optimisation.command_line import end_early, name_files, plain_errors
+from optimisation.commands.comparison_run import QUICK_FORCES, QUICK_MEMBERS, compared, conditions, write
 from optimisation.commands.structure_option import RESONANCES_HELP, read_structure, structure_option
-from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
-from optimisation.executors import cluster_option, workers
-from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.memory import peak_memory
-from optimisation.progress import sweeps_bar
-from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
-
-QUICK_FORCES, QUICK_MEMBERS = 10, 2
-
-
-def write(out: Path, comparison: Comparison, conditions: dict[str, object]) -> list[Path]:
-    from optimisation.report.comparison_figure import save_figure  # matplotlib is slow to import
-
-    files = [out / name for name in ("runs.csv", "curves.csv", "summary.json", "comparison.png")]
-    write_csv(files[0], RUN_COLUMNS, run_rows(comparison))
-    write_csv(files[1], CURVE_COLUMNS, curve_rows(comparison))
-    write_json(files[2], conditions | summary(comparison))
-    with replacing(files[3]) as temporary:
-        save_figure(temporary, comparison)
-    return files
-
-
-def run(structure: Structure | None, cluster: str | None, given: dict[str, Any]) -> Comparison:
-    own: dict[str, Any] = {} if structure is None else {"beam": structure}
-    with workers(given["threads"], cluster) as executor, sweeps_bar("comparing") as show:
-        return compare(**own, progress=show, executor=executor, **given)
-
-
-def conditions(started: float, threads: int | None, cluster: str | None) -> dict[str, object]:
-    versions = {"python": platform.python_version(), "numpy": numpy.__version__, "scipy": scipy.__version__, "numba": numba.__version__}
-    return {
-        "versions": versions,
-        **({"cluster": cluster} if cluster else {"threads": threads or available_cores()}),
-        "wall_s": round(time.perf_counter() - started, 2),
-        "memory_bytes": peak_memory(),
-    }
+from optimisation.comparison import DEFAULT_FORCES, RESONANCES
+from optimisation.executors import cluster_option
+from optimisation.files import require_writable
+from optimisation.report.comparison_tables import text_table
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
@@ -86,7 +49,7 @@ def main(structure: Path | None, quick: bool, out: Path, cluster: str | None, **
     given["percent_per_100_periods"] = given.pop("rate")
     with plain_errors():
         require_writable("--out", out)
-        comparison = run(None if structure is None else read_structure(structure), cluster, given)
+        comparison = compared(None if structure is None else read_structure(structure), cluster, given)
         files = write(out, comparison, conditions(started, given["threads"], cluster))
     click.echo(text_table(comparison))
     name_files(files)

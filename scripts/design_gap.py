@@ -10,17 +10,17 @@ from pathlib import Path
 import click
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import PAPER_LIMITS
+from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, friction_law, non_negative
 from optimisation.command_line import end_early, name_files, plain_errors
 from optimisation.commands.gap_answer import DEFAULT_GAPS, QUICK_GAPS, QUICK_MEMBERS, answer, simulated, write
 from optimisation.commands.structure_option import POSITION_HELP, model_of, refuse_beside, structure_option
+from optimisation.executors import cluster_option
 from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import require_writable
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_check import RESTITUTION, gap_factors, scaled_absorber
 from optimisation.report.gap_table import text
-from optimisation.sweep_rate import default_rate
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
@@ -49,6 +49,7 @@ from optimisation.sweep_rate import default_rate
 @click.option("--members", type=click.IntRange(min=1), help=f"Runs for each gap, with other phases and roundings.  [default: {DEFAULT_MEMBERS}]")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@cluster_option
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/design_gap"), show_default=True, help="Folder for figure and tables.")
 def main(
     structure: Path | None,
@@ -66,6 +67,7 @@ def main(
     members: int | None,
     seed: int,
     threads: int | None,
+    cluster: str | None,
     out: Path,
 ) -> None:
     """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
@@ -76,7 +78,7 @@ def main(
     gaps, members = gaps or (QUICK_GAPS if quick else DEFAULT_GAPS), members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
     with plain_errors():
         refuse_beside(structure, "modes", "damping")
-        model = model_of(structure, Beam(modes=modes, absorber_position=position, damping_ratio=damping))
+        model = model_of(structure, position, modes=modes, damping_ratio=damping)
         usable_force("--force", force)
         absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution, 1 if structure is None else resonance)
         if friction_limit is not None:
@@ -85,7 +87,7 @@ def main(
         require_writable("--out", out)
         rate = default_rate(model, (resonance,)) if rate is None else usable_rate("--rate", rate, [PAPER_LIMITS])
         click.echo("\n".join(answer(model, mass_ratio, force, resonance, rate)))
-        check = simulated(model, force, resonance, absorber, gaps, members, seed, rate, threads)
+        check = simulated(model, force, resonance, absorber, gaps, members, seed, rate, threads, cluster)
         files = write(out, check)
     click.echo("\n" + text(check))
     name_files(files)

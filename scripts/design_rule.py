@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from optimisation.command_line import plain_errors
+from optimisation.executors import cluster_option, workers
 from optimisation.studies.rule_study import MEMBERS, NAME, OUT, QUICK_MEMBERS, QUICK_OUT, STUDY, settings
 from optimisation.studies.runner import run
 from optimisation.studies.study import beside
@@ -15,15 +17,17 @@ from optimisation.studies.study import beside
 @click.option("--quick", is_flag=True, help="A look: one member, fewer gaps, no damping of 0.1 %.")
 @click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point.  [default: {MEMBERS}, with --quick {QUICK_MEMBERS}]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@cluster_option
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder for page and numbers.  [default: docs, with --quick {QUICK_OUT}]")
 @click.option("--redraw", is_flag=True, help="Write the page again from the numbers in the folder; nothing is computed.")
-def main(quick: bool, members: int | None, threads: int | None, out: Path | None, redraw: bool) -> None:
+def main(quick: bool, members: int | None, threads: int | None, cluster: str | None, out: Path | None, redraw: bool) -> None:
     """Simulate the rule's gap and its neighbours on two beams, over damping, mass ratio and place of the absorber.
 
     Writes design_rule.json and the page design_rule.md. Ctrl-C keeps what is finished: the same command goes on from there.
     """
-    given = settings(quick, members, threads)
-    run(STUDY, given, beside(out or (QUICK_OUT if quick else OUT), NAME), redraw=redraw, keep=given.keep)
+    with plain_errors(), workers(threads, None if redraw else cluster) as found:
+        given = settings(quick, members, threads if found is None else None, found)
+        run(STUDY, given, beside(out or (QUICK_OUT if quick else OUT), NAME), redraw=redraw, keep=given.keep)
 
 
 if __name__ == "__main__":

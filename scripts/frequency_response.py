@@ -9,26 +9,18 @@ from typing import Any
 
 import click
 
-from impact_env.drive import PAPER_RATE
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
-from optimisation.command_line import check_target, end_early, name_files, plain_errors
+from impact_env.periodic.stationary import StationaryRuns
+from optimisation.command_line import RESUME, check_target, end_early, name_files, plain_errors
 from optimisation.commands.frequency_curves import BALANCE, BOTH, EXACT, FIGURES, FORCE, computed, written
-from optimisation.commands.structure_option import structure_option
+from optimisation.commands.scene_options import scene_options
 from optimisation.commands.sweep_scene import refuse_parts
 from optimisation.report.response_table import text
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 130})
 @click.option("--absorber", type=click.Choice(["impact", "friction"]), help="Impact absorber or friction damper.  [default: impact]")
-@click.option("--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Beam and absorber from a .toml or .json file.")
-@structure_option
-@click.option("--modes", type=int, help=f"Number of modes kept.  [default: {Beam.modes}]")
-@click.option("--damping", type=float, help=f"Modal damping ratio, the same for all modes.  [default: {Beam.damping_ratio}]")
-@click.option("--mass-ratio", type=float, help=f"Absorber mass over beam mass.  [default: {DEFAULT_MASS_RATIO}]")
-@click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: {RigidWalls.gap}]")
-@click.option("--restitution", type=float, help=f"Coefficient of restitution; below 1 exact orbits only.  [default: {RigidWalls.restitution}]")
-@click.option("--friction-limit", type=float, help="Friction limit in N; 0: no friction.")
+@scene_options("; below 1 exact orbits only")
 @click.option("--contact-stiffness", type=float, help="Makes the walls springs of this stiffness in N/m: harmonic balance only.")
 @click.option("--friction-stiffness", type=float, help="Makes friction elastic with this stiffness in N/m.")
 @click.option("--force", type=float, help=f"Amplitude of the harmonic force in N.  [default: {FORCE}, with --structure by the design rule]")
@@ -36,12 +28,19 @@ from optimisation.report.response_table import text
 @click.option("--from", "start", type=float, default=0.88, show_default=True, help="Lowest frequency over the resonance frequency.")
 @click.option("--to", "stop", type=float, default=1.06, show_default=True, help="Highest frequency over the resonance frequency.")
 @click.option("--method", type=click.Choice([EXACT, BALANCE, BOTH]), default=BOTH, show_default=True, help="Exact orbits, harmonic balance, both.")
-@click.option("--pairs", is_flag=True, help="With the pairs of exact orbits without symmetry that leave the symmetric branches.")
+@click.option("--pairs", is_flag=True, help="With the exact orbits without symmetry, and of longer periods, that leave these branches.")
 @click.option("--harmonics", type=int, default=20, show_default=True, help="Highest harmonic of harmonic balance.")
 @click.option("--weight", type=float, default=WEIGHT, show_default=True, help="Weight of the rigid contact in harmonic balance, in m_a omega_1^2.")
 @click.option("--grounded-damper", is_flag=True, help=f"With the paper's damper of {PAPER_DAMPER} N s/m between absorber and ground (balance only).")
 @click.option("--sweeps/--no-sweeps", default=True, show_default=True, help="With a sweep up and one down by the exact method.")
-@click.option("--percent-per-100-periods", type=float, default=PAPER_RATE, show_default=True, help="Rate of the sweeps.")
+@click.option("--percent-per-100-periods", type=float, help="Rate of the sweeps.  [default: 1, less by the square of damping below 1 %]")
+@click.option("--envelope", type=int, metavar="POINTS", help="With the stationary responses at so many frequencies: median, 5 and 95 %.")
+@click.option("--members", type=int, default=StationaryRuns.members, show_default=True, help="Runs at each of them, each with a phase of its own.")
+@click.option("--settle", type=float, default=StationaryRuns.settle, show_default=True, help="Pseudo periods before their window.")
+@click.option("--window", type=int, default=StationaryRuns.window, show_default=True, help="Periods of the force in their window.")
+@click.option("--approach", type=float, help="Ratio at which they begin, to come into impact.  [default: at rest, at the frequency itself]")
+@click.option("--threads", type=click.IntRange(min=1), help="Number of threads of these runs; no number depends on it.  [default: all cores]")
+@click.option("--resume", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=RESUME)
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write all curves, in SI units.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a row for each point of a curve.")
 @click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw it: .png, .pdf or .svg.")
@@ -49,11 +48,13 @@ def main(**given: Any) -> None:
     """Follow all periodic responses over the frequency, and print their peaks and folds.
 
     Exact orbits are the symmetric ones with one impact a wall in each period; each point is confirmed by the exact method, which also gives its
-    stability. Harmonic balance has the responses without impacts too. Ctrl-C writes what is known so far.
+    stability. Harmonic balance has the responses without impacts too. Ctrl-C writes what is known so far; --resume keeps what is finished for a later
+    run with the same scene, force and range.
     """
     with plain_errors():
         for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("figure", FIGURES)):
             check_target(f"--{option}", given[option], suffixes)
+        check_target("--resume", given["resume"], (".json",))
         given |= {"stiffness": None, "absorber_damping": None}
         refuse_parts(given)
         given["force"] = FORCE if given["force"] is None and given["structure"] is None else given["force"]

@@ -33,7 +33,7 @@ from optimisation.conditions import make_conditions
 from optimisation.designs import GAP, IMPACT, VARIABLES
 from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.insight import detuned, levels, over_force, sensitivity, with_gaps
+from optimisation.insight import detuned, levels, over_force, sensitivity, varied, with_gaps
 from optimisation.objectives import KINDS, MEAN, WORST, Objective
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
@@ -90,7 +90,7 @@ def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Fi
             designs = with_gaps(found.winner.design, gaps)
             parts = [levels(problem, designs, over_force(c, np.geomspace(c.force / 5, 5 * c.force, MAP)), 1, executor, show, fast) for c in main]
         findings = replace(findings, gap_map=tuple(parts), gaps=tuple(gaps.tolist()))
-    if len(problem.space.free) > 1:
+    if len(varied(problem.space)) > 1:
         samples = QUICK_SOBOL if given["quick"] else SOBOL
         with runs_bar(f"{name}: sensitivity") as show:
             findings = replace(findings, sensitivity=sensitivity(problem, found.winner.design, samples, few, executor, progress=show))

@@ -29,6 +29,7 @@ from optimisation.files import write_json
 @click.option("--to", "stop", type=float, default=TO, show_default=True, help="Last frequency over that of the first resonance.")
 @click.option("--at", type=float, help="One frequency only; also what runs settle to there, of any period up to eight of the force's.")
 @click.option("--points", type=int, default=POINTS, show_default=True, help="Frequencies listed from the first to the last.")
+@click.option("--symmetric", is_flag=True, help="Symmetric orbits only, which is quicker.")
 @click.option("--folds", is_flag=True, help="The folds of the branches at this force instead of orbits.")
 @click.option("--thresholds", is_flag=True, help="The forces at which isolas are born and merge instead of orbits.")
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the list, in SI units.")
@@ -37,9 +38,11 @@ def main(**given: Any) -> None:
 
     It is on the paper's beam, or on another structure.
 
-    Symmetric orbits with one impact a wall are found in closed form, with all reversals of friction, and along their branches. Multipliers of
-    symmetric orbits are those of half a period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair that lives as
-    long as the beam's vibration, and of all others. Held: friction or a wall holds the absorber for a while.
+    Symmetric orbits with one impact a wall are found in closed form, with all reversals of friction, and along their branches. What leaves these
+    where the symmetry breaks and where periods double, up to eight of the force's, is followed too, and where nothing is stable, what runs settle to.
+
+    Multipliers of symmetric orbits are those of half a period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair
+    that lives as long as the beam's vibration, and of all others. Held: friction or a wall holds the absorber for a while.
     """
     with plain_errors():
         text, content, complete = run(given)

@@ -2,50 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from impact_env.parameters import positive, require
-from impact_env.periodic.jump import Range
-from optimisation.command_line import BadInput, plain_errors
-from optimisation.commands.sweep_scene import make_scene, refuse_parts
-from optimisation.studies.regimes.cases import Case, Settings, cases, grid
+from optimisation.command_line import plain_errors
+from optimisation.commands.regime_settings import chosen_settings, is_own
 from optimisation.studies.regimes.study import JUMP, KINDS, OUT, QUICK_OUT, STUDY, place
 from optimisation.studies.runner import run
-
-OWN = ("scene", "modes", "damping", "mass_ratio", "gap", "restitution", "friction_limit", "force")
-QUICK = {"stay_members": 10, "stay_periods": 1000.0, "sweep_members": 10, "kind_members": 4, "settle": 200.0, "window": 60, "quick": True}
-FAST = 300.0  # pseudo periods per percent: slower sweeps are left out of a quick look
-
-
-def own_case(given: dict[str, Any]) -> Case:
-    """Return the case that the options describe. Raises BadInput or ParameterError."""
-    scene, _ = make_scene(given)
-    if given["force"] is None:
-        raise BadInput("a scene of your own needs --force")
-    first, last = positive("--from", given["start"]), positive("--to", given["stop"])
-    require(first != last, "--to", last, f"different from --from = {first}")
-    ratios, step = grid(first, last, given["points"]), 0.05 * (1 if last > first else -1)
-    sweep = Range(first - step / 50, first, last, last + step) if given["slowness"] else None
-    return Case("own", str(scene), scene, given["force"], given["approach"] or first, ratios, given["slowness"], sweep, tuple(sorted(ratios)))
-
-
-def chosen_settings(given: dict[str, Any], own: bool) -> Settings:
-    """Return what to compute."""
-    picked = (own_case(given),) if own else cases()
-    counts = {} if given["members"] is None else dict.fromkeys(("stay_members", "sweep_members", "kind_members"), given["members"])
-    times = {} if given["silence"] is None else {"silence": given["silence"]}
-    if given["quick"]:
-        picked = tuple(picked) if own else tuple(_thinned(case) for case in picked)
-    return Settings(picked, **{**(QUICK if given["quick"] else {}), **counts, **times}, seed=given["seed"], threads=given["threads"])
-
-
-def _thinned(case: Case) -> Case:
-    fast = tuple(slowness for slowness in case.slownesses if slowness <= FAST)
-    return replace(case, stay_ratios=case.stay_ratios[::9], kind_ratios=case.kind_ratios[::20], slownesses=fast[::2])
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
@@ -77,13 +42,9 @@ def main(**given: Any) -> None:
     Without options of a scene the cases of docs/regimes.md are computed and the page's tables and figures are written. With a scene of your own,
     jump.json and kinds.json, CSV files and figures go to --out. Ctrl-C keeps what is finished.
     """
-    own = any(given[name] is not None for name in OWN)
     with plain_errors():
-        if own:
-            given |= dict.fromkeys(("absorber", "structure", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping"))
-            refuse_parts(given)
-        settings = chosen_settings(given, own)
-    small = own or given["quick"]
+        settings = chosen_settings(given)
+    small = is_own(given) or given["quick"]
     where = place(given["out"] or (QUICK_OUT if small else OUT), small)
     run(STUDY, settings, where, only=given["only"], redraw=given["redraw"], resume=given["resume"])
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from impact_env.drive import PAPER_LIMITS, PAPER_RATE
+from impact_env.drive import PAPER_LIMITS
 from impact_env.methods import PAPER_STEPS
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber
 from optimisation.command_line import plain_errors
@@ -20,6 +20,7 @@ from optimisation.commands.sweep_scene import (
     FRICTION_DAMPER_LIMIT,
     PARTS,
 )
+from optimisation.executors import cluster_option
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})
@@ -67,20 +68,26 @@ from optimisation.commands.sweep_scene import (
     help="Last frequency over the resonance frequency; equal to --from: constant.",
 )
 @click.option("--periods", type=float, help="Length in pseudo periods at a constant frequency.")
-@click.option("--percent-per-100-periods", type=float, help=default("Rate of the sweep in percent of the resonance frequency.", PAPER_RATE))
+@click.option(
+    "--percent-per-100-periods",
+    type=float,
+    help=default("Rate of the sweep in percent of the resonance frequency.", "1, less by the square of damping below 1 %"),
+)
 @click.option("--down", is_flag=True, help="Sweep down: swaps --from and --to.")
 @click.option("--method", type=click.Choice(["exact", "moreau", "runge-kutta"]), default="exact", show_default=True, help="Method of integration.")
 @click.option("--steps-per-period", type=int, help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS))
 @click.option("--most-events", type=int, help=default("Events after which a run is given up (exact).", "a million, and 5000 each pseudo period"))
 @click.option("--members", type=int, default=1, show_default=True, help="Runs that differ in phase and by rounding; the first has --phase.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases and roundings.")
+@cluster_option
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the results, in SI units.")
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw the run: .png, .pdf or .svg.")
 def main(**given: Any) -> None:
     """Integrate one sweep of the force's frequency through a resonance of the beam, and print what came out.
 
     In the JSON file response_level_m and level_frequency_ratio have one number for each member; impacts, tip, stuck time, energy balance and
-    time of integration are those of the first member. wall_s is the time of an integration alone, compiled and with nothing observed.
+    time of integration are those of the first member, which runs here also with --cluster. wall_s is the time of an integration alone, compiled
+    and with nothing observed.
     """
     with plain_errors():
         click.echo(run(given))

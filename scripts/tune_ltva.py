@@ -62,7 +62,7 @@ def main(
     """
     with plain_errors():
         refuse_beside(structure, "modes", "damping")
-        model = model_of(structure, Beam(modes=modes, damping_ratio=damping, absorber_position=position))
+        model = model_of(structure, position, modes=modes, damping_ratio=damping)
         require_writable("--out", out)
         check_target("--page", page)
         if page is not None:

@@ -1,6 +1,41 @@
+"""Which tests run, in which order, and what each takes: the options --quick and --cpu, and the files that start first."""
+
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+from choice import LONGEST_FIRST, QUICK
+from cpu_times import CPUTimes
 from hypothesis import settings
 
 settings.register_profile("workbench", derandomize=True, deadline=None)
 settings.load_profile("workbench")
+
+HERE = Path(__file__).parent
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("workbench")
+    group.addoption("--quick", action="store_true", help="the tests to run at every save: some of every kind, none that is marked slow")
+    group.addoption("--cpu", metavar="FILE", type=Path, help="add each test's processor time to a file of JSON lines; with -n 0")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "slow: takes long for its file; left out by --quick")
+    if config.getoption("--cpu"):
+        config.pluginmanager.register(CPUTimes(config.getoption("--cpu")))
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    asked = config.getoption("--quick") and collection_path.name.startswith("test_")
+    return True if asked and collection_path.relative_to(HERE).as_posix() not in QUICK else None
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--quick"):
+        slow = [item for item in items if item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in slow]
+    place = {name: k for k, name in enumerate(LONGEST_FIRST)}
+    items.sort(key=lambda item: place.get(item.path.relative_to(HERE).as_posix(), len(place)))

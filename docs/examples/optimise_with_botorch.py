@@ -1,6 +1,6 @@
 """Bayesian optimisation by BoTorch of a noisy level: `Problem.evaluate` gives each design's value and its standard error.
 
-    pip install botorch
+    pip install "impact-absorber-workbench[examples]"
     python docs/examples/optimise_with_botorch.py
 
 The Gaussian process is told the noise of every design, and noisy expected improvement chooses the next batch.

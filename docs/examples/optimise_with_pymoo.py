@@ -1,6 +1,6 @@
 """A front of level against impact severity by pymoo's NSGA-II: `Problem.evaluate` takes a population and gives its F and G.
 
-pip install pymoo
+pip install "impact-absorber-workbench[examples]"
 python docs/examples/optimise_with_pymoo.py
 """
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from impact_env.envs.gap_task import GapControl, GapTask
-from impact_env.envs.settings import Settings, with_defaults
-from impact_env.envs.shells import TaskEnv, choice, lanes_of, split
-from impact_env.envs.vector_shell import TaskVectorEnv, shell_of
+from impact_env.envs.kind import Kind
+from impact_env.envs.settings import Settings
+from impact_env.envs.shells import TaskEnv, choice
+from impact_env.envs.vector_shell import TaskVectorEnv
 
 DEFAULTS: dict[str, Any] = {"force": (0.5, 6.0), "absorber_options": {"restitution": 0.7}}
-
-
-def _task(lanes: int, arguments: dict[str, Any]) -> GapTask:
-    settings, control = split(with_defaults(DEFAULTS, arguments), Settings, GapControl)
-    return GapTask(Settings(**settings), GapControl(**control), lanes)
+KIND = Kind(GapTask, (Settings, GapControl), DEFAULTS, choice)
 
 
 class GapChoiceEnv(TaskEnv):
@@ -84,13 +81,10 @@ class GapChoiceEnv(TaskEnv):
     - v0: first version
     """
 
-    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
-        super().__init__(_task(1, arguments), choice(), render_mode)
+    kind = KIND
 
 
 class GapChoiceVectorEnv(TaskVectorEnv):
     """Native vector of `GapChoiceEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
 
-    def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
-        own, shell = shell_of(arguments)
-        super().__init__(_task(lanes_of(num_envs), own), choice(), render_mode, shell)
+    kind = KIND

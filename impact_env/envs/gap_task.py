@@ -72,7 +72,7 @@ class GapTask(Task):
             self._forces[lane, done : done + held] = self.draw_force(generator)
             done += held
         model = self.settings.scene.model
-        amplitude = float(abs(receptance(model, self.ratio[lane] * self.omega, model.tip_shape, model.force_shape)))
+        amplitude = float(abs(receptance(model, self.ratio[lane] * self.omega, model.level_shape, model.force_shape)))
         exponent = self.control.fatigue_exponent
         for step in range(self.steps):
             largest = amplitude * float(self._forces[lane, step])

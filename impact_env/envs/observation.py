@@ -56,12 +56,11 @@ class Sensors:
 
         Lanes that are ``resting`` use up no random numbers: they start afresh before they are looked at.
         """
-        seen = values.copy()
-        wanted = np.ones(len(values), dtype=np.bool_) if fresh is None else fresh
-        which = np.flatnonzero(wanted if resting is None else wanted & ~resting).tolist()
+        seen = values
         if self.noise > 0:
-            number = int(self.measured.sum())
-            for lane in which:
+            seen, number = values.copy(), int(self.measured.sum())
+            wanted = np.ones(len(values), dtype=np.bool_) if fresh is None else fresh
+            for lane in np.flatnonzero(wanted if resting is None else wanted & ~resting).tolist():
                 seen[lane, self.measured] += self.noise * generators[lane].standard_normal(number)
         if self.delay > 0:
             seen = self._delayed(seen, fresh)

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from impact_env.drive import PAPER_RATE
-from impact_env.envs.settings import Settings, with_defaults
-from impact_env.envs.shells import TaskEnv, lanes_of, split
-from impact_env.envs.sweep_task import PassiveTask, passive_passage
-from impact_env.envs.vector_shell import TaskVectorEnv, shell_of
+from impact_env.envs.kind import Kind
+from impact_env.envs.settings import Settings
+from impact_env.envs.shells import TaskEnv
+from impact_env.envs.sweep_task import OneRate, PassiveTask
+from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 
 with optional():
     from gymnasium.spaces import Discrete
 
 DEFAULTS: dict[str, Any] = {"time_price": 0.0, "rate": PAPER_RATE}
-
-
-def _task(lanes: int, arguments: dict[str, Any]) -> PassiveTask:
-    passage = ("rate", "direction", "limits", "time_price", "objective", "fatigue_exponent")
-    given = with_defaults(DEFAULTS, arguments)
-    (settings,) = split({name: value for name, value in given.items() if name not in passage}, Settings)
-    return PassiveTask(Settings(**settings), passive_passage(**{name: given[name] for name in passage if name in given}), lanes)
+KIND = Kind(PassiveTask, (Settings, OneRate), DEFAULTS, partial(Discrete, 1))
 
 
 class PassiveEnv(TaskEnv):
@@ -55,13 +51,10 @@ class PassiveEnv(TaskEnv):
     - v0: first version
     """
 
-    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
-        super().__init__(_task(1, arguments), Discrete(1), render_mode)
+    kind = KIND
 
 
 class PassiveVectorEnv(TaskVectorEnv):
     """Native vector of `PassiveEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
 
-    def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
-        own, shell = shell_of(arguments)
-        super().__init__(_task(lanes_of(num_envs), own), Discrete(1), render_mode, shell)
+    kind = KIND

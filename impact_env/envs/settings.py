@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -149,8 +149,7 @@ def _structure(path: str, _changed: int) -> Structure:
 
 @lru_cache(maxsize=64)
 def _on_structure(path: str, changed: int, absorber: str, options: str) -> Scene:
-    model = replace(modal_model(_structure(path, changed)), response_shape=None)  # the environments read the level at the absorber's place
-    return Scene(model, make_absorber(absorber, json.loads(options)))
+    return Scene(modal_model(_structure(path, changed)), make_absorber(absorber, json.loads(options)))
 
 
 @lru_cache(maxsize=64)

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.envs.kind import Kind
 from impact_env.envs.observation import LIMIT
 from impact_env.envs.task import Task
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, count, require
+from impact_env.parameters import count, require
 
 with optional():
     import gymnasium
@@ -41,14 +42,15 @@ def checked_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
     """
     try:
         values = np.asarray(actions)
-        numeric = np.issubdtype(values.dtype, np.number) and not np.issubdtype(values.dtype, np.complexfloating)
     except ValueError:
-        values, numeric = np.empty(0), False
-    require(numeric and values.shape == space.shape, "action", actions, f"real numbers of shape {space.shape}")
+        values = np.empty(0, dtype=object)
+    require(values.dtype.kind in "iuf" and values.shape == space.shape, "action", actions, f"real numbers of shape {space.shape}")
     if isinstance(space, spaces.Box):
-        require(bool(np.all(np.isfinite(values))), "action", actions, "finite numbers")
+        require(bool(np.isfinite(values).all()), "action", actions, "finite numbers")
         return np.clip(values, space.low, space.high)
-    if not (np.issubdtype(values.dtype, np.integer) and space.contains(values.astype(space.dtype))):
+    assert isinstance(space, spaces.Discrete | spaces.MultiDiscrete)
+    number = space.n if isinstance(space, spaces.Discrete) else space.nvec
+    if not (values.dtype.kind in "iu" and ((values >= space.start) & (values < space.start + number)).all()):
         require(False, "action", actions, f"in {space}")  # to write down a large space takes longer than to check it
     return values
 
@@ -71,15 +73,16 @@ def checked_seed(seed: Any) -> int | None:
 
 
 class TaskEnv(gymnasium.Env[Observation, Any]):
-    """A single environment around a task of one lane."""
+    """A single environment around a task of one lane, which ``kind`` makes of the ``arguments``."""
 
     metadata: dict[str, Any] = METADATA
+    kind: Kind
 
-    def __init__(self, task: Task, action_space: spaces.Space[Any], render_mode: str | None) -> None:
+    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
         check_render_mode(render_mode)
-        self.task, self.render_mode = task, render_mode
-        self.action_space = action_space
-        self.observation_space = observation_space(task)  # type: ignore[assignment]
+        self.task, self.render_mode = self.kind.make(1, arguments), render_mode
+        self.action_space = self.kind.actions()
+        self.observation_space = observation_space(self.task)  # type: ignore[assignment]
         self._over: bool | None = None
         self._screen: Any = None
 
@@ -127,17 +130,3 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
             self._screen.close()
             self._screen = None
         self.task.close()
-
-
-def lanes_of(num_envs: int) -> int:
-    """Return the number of lanes; raises ParameterError unless it is 1 or more."""
-    return count("num_envs", num_envs, 1)
-
-
-def split(arguments: dict[str, Any], *groups: type) -> list[dict[str, Any]]:
-    """Return keyword arguments as one dict for each dataclass that has them; raise ParameterError for one that none has."""
-    names = [tuple(getattr(group, "__dataclass_fields__")) for group in groups]  # noqa: B009
-    strange = sorted(set(arguments) - {name for group in names for name in group})
-    if strange:
-        raise ParameterError(f"{strange[0]} is not an argument of this environment: it has {', '.join(sorted({n for g in names for n in g}))}")
-    return [{name: value for name, value in arguments.items() if name in group} for group in names]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
-from impact_env.envs.settings import Settings, with_defaults
-from impact_env.envs.shells import TaskEnv, choice, lanes_of, split
+from impact_env.envs.kind import Kind
+from impact_env.envs.settings import Settings
+from impact_env.envs.shells import TaskEnv, choice
 from impact_env.envs.sweep_gap_task import Cavity, SweepGapTask
 from impact_env.envs.sweep_task import Passage
-from impact_env.envs.vector_shell import TaskVectorEnv, shell_of
+from impact_env.envs.vector_shell import TaskVectorEnv
 
 DEFAULTS: dict[str, Any] = {
     "force": (0.5, 6.0),
@@ -20,11 +22,7 @@ DEFAULTS: dict[str, Any] = {
     "frequency_origin": "middle",
     "frequency_unit": 0.0125,
 }
-
-
-def _task(lanes: int, arguments: dict[str, Any]) -> SweepGapTask:
-    settings, passage, cavity = split(with_defaults(DEFAULTS, arguments), Settings, Passage, Cavity)
-    return SweepGapTask(Settings(**settings), Passage(**passage), Cavity(**cavity), lanes)
+KIND = Kind(SweepGapTask, (Settings, Passage, Cavity), DEFAULTS, partial(choice, 2))
 
 
 class SweepAndGapEnv(TaskEnv):
@@ -84,13 +82,10 @@ class SweepAndGapEnv(TaskEnv):
     - v0: first version
     """
 
-    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
-        super().__init__(_task(1, arguments), choice(2), render_mode)
+    kind = KIND
 
 
 class SweepAndGapVectorEnv(TaskVectorEnv):
     """Native vector of `SweepAndGapEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
 
-    def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
-        own, shell = shell_of(arguments)
-        super().__init__(_task(lanes_of(num_envs), own), choice(2), render_mode, shell)
+    kind = KIND

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from impact_env.envs.settings import Settings, with_defaults
-from impact_env.envs.shells import TaskEnv, choice, lanes_of, split
+from impact_env.envs.kind import Kind
+from impact_env.envs.settings import Settings
+from impact_env.envs.shells import TaskEnv, choice
 from impact_env.envs.sweep_task import Passage, SweepTask
-from impact_env.envs.vector_shell import TaskVectorEnv, shell_of
+from impact_env.envs.vector_shell import TaskVectorEnv
 
+# The paper's example of a jump during a sweep (section 3.1), where the rate decides. Range, rates, budget and price are chosen by measurement
+# (docs/agents.md): slow passage pays in a part of the range only.
 DEFAULTS: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, "limits": (0.93, 1.03)}
-
-
-def _task(lanes: int, arguments: dict[str, Any]) -> SweepTask:
-    """Return the task; the defaults are the paper's example of a jump during a sweep (section 3.1), where the rate decides.
-
-    Range, rates, budget and price are chosen by measurement (docs/agents.md): slow passage pays in a part of the range only.
-    """
-    settings, passage = split(with_defaults(DEFAULTS, arguments), Settings, Passage)
-    return SweepTask(Settings(**settings), Passage(**passage), lanes)
+KIND = Kind(SweepTask, (Settings, Passage), DEFAULTS, choice)
 
 
 class SweepRateEnv(TaskEnv):
@@ -95,13 +90,10 @@ class SweepRateEnv(TaskEnv):
     - v0: first version
     """
 
-    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
-        super().__init__(_task(1, arguments), choice(), render_mode)
+    kind = KIND
 
 
 class SweepRateVectorEnv(TaskVectorEnv):
     """Native vector of `SweepRateEnv`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
 
-    def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
-        own, shell = shell_of(arguments)
-        super().__init__(_task(lanes_of(num_envs), own), choice(), render_mode, shell)
+    kind = KIND

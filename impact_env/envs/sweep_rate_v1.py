@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from impact_env.envs.settings import Settings, with_defaults
-from impact_env.envs.shells import TaskEnv, choice, lanes_of, split
+from impact_env.envs.kind import Kind
+from impact_env.envs.settings import Settings
+from impact_env.envs.shells import TaskEnv, choice
 from impact_env.envs.sweep_rate import DEFAULTS as OLD_DEFAULTS
 from impact_env.envs.sweep_task import Passage, SweepTask
-from impact_env.envs.vector_shell import TaskVectorEnv, shell_of
+from impact_env.envs.vector_shell import TaskVectorEnv
 
 DEFAULTS: dict[str, Any] = {
     **OLD_DEFAULTS,
@@ -19,11 +20,7 @@ DEFAULTS: dict[str, Any] = {
     "frequency_origin": "middle",
     "frequency_unit": 0.0125,
 }
-
-
-def _task(lanes: int, arguments: dict[str, Any]) -> SweepTask:
-    settings, passage = split(with_defaults(DEFAULTS, arguments), Settings, Passage)
-    return SweepTask(Settings(**settings), Passage(**passage), lanes)
+KIND = Kind(SweepTask, (Settings, Passage), DEFAULTS, choice)
 
 
 class SweepRateV1Env(TaskEnv):
@@ -81,13 +78,10 @@ class SweepRateV1Env(TaskEnv):
     - v1: interval, features, end of the budget, and going back; v0 (`SweepRateEnv`) stays as it was
     """
 
-    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
-        super().__init__(_task(1, arguments), choice(), render_mode)
+    kind = KIND
 
 
 class SweepRateV1VectorEnv(TaskVectorEnv):
     """Native vector of `SweepRateV1Env`, see `TaskVectorEnv`; lane i is the single one with seed + i."""
 
-    def __init__(self, num_envs: int = 1, render_mode: str | None = None, **arguments: Any) -> None:
-        own, shell = shell_of(arguments)
-        super().__init__(_task(lanes_of(num_envs), own), choice(), render_mode, shell)
+    kind = KIND

@@ -15,13 +15,13 @@ from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import OBJECTIVES, Range, Settings, one_of, span
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
+from impact_env.kernels.episodes import go_on, pay_for_damage, pay_for_level
 from impact_env.kernels.interval import spread
 from impact_env.parameters import non_negative, positive, require
 
 DIRECTIONS = ("up", "down", "random")
 BUDGET_ENDS = ("truncated", "terminated")
 ORIGINS = ("resonance", "middle")
-ROUNDING = 1e-12  # of the frequency ratio
 PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequency ratio in one
 
 
@@ -104,28 +104,18 @@ class SweepTask(Task):
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Go on at the chosen rate, but no further than the far end, and not back beyond the start."""
-        change = self.rate(actions) * PER_PERIOD
-        interval = self.interval
         low, high = self.passage.limits
-        left = (self.far - self.ratio) * self.sign
-        after = left - change * interval
-        terminated = after <= ROUNDING
-        duration = np.where(terminated, np.minimum(left / np.where(terminated, change, 1.0), interval), interval)
-        ratio = np.where(terminated, self.far, self.far - self.sign * np.minimum(after, high - low))
-        return duration, ratio, terminated
+        duration, ratio, ended = np.empty(self.lanes), np.empty(self.lanes), np.empty(self.lanes, dtype=np.bool_)
+        go_on(self.rate(actions) * PER_PERIOD, float(self.interval), high - low, self.far, self.sign, self.ratio, duration, ratio, ended)
+        return duration, ratio, ended
 
     def reward(self) -> Array:
         """Return the fall of the relative level (or damage) in the interval, less the price of its time and of a passage cut off here."""
         late = (self.elapsed >= self.steps) & (self.ratio != self.far)
-        price = self.duration * (self.passage.time_price / 100) + late * self.passage.unfinished_price
-        if self.fatigue:
-            gain = self.runs.reports["damage"] / self.damage_scale
-            self._potential = self._potential + gain
-            return -gain - price
-        relative = self.runs.reports["level"] / self.level_scale
-        gain = relative - self._potential
-        self._potential = relative
-        return -gain - price
+        price, fine, rewards = self.passage.time_price / 100, float(self.passage.unfinished_price), np.empty(self.lanes)
+        pay, scale = (pay_for_damage, self.damage_scale) if self.fatigue else (pay_for_level, self.level_scale)
+        pay(self.runs.reports, scale, price, self.duration, fine, late, self._potential, rewards)  # type: ignore[no-untyped-call]
+        return rewards
 
     def level(self) -> Array:
         """Return the level so far relative to that of the reference passage."""
@@ -155,16 +145,31 @@ class SweepTask(Task):
         return info
 
 
+@dataclass(frozen=True)
+class OneRate:
+    """Arguments of a passage at one rate in % per 100 pseudo periods; `PassiveEnv` describes them."""
+
+    rate: float = PAPER_RATE
+    direction: str = Passage.direction
+    limits: Range = Passage.limits
+    time_price: float = Passage.time_price
+    objective: str = Passage.objective
+    fatigue_exponent: float = Passage.fatigue_exponent
+
+    def passage(self) -> Passage:
+        """Return the passage; the time suffices to finish it."""
+        low, high = span("limits", self.limits)
+        budget = abs(high - low) / (positive("rate", self.rate) * PER_PERIOD)
+        own = {name: value for name, value in vars(self).items() if name != "rate"}
+        return Passage(rates=(self.rate, self.rate), time_budget=1.01 * budget + 1, **own)
+
+
 class PassiveTask(SweepTask):
     """A passage at one rate."""
+
+    def __init__(self, settings: Settings, way: OneRate, lanes: int) -> None:
+        super().__init__(settings, way.passage(), lanes)
 
     def rate(self, actions: NDArray[Any]) -> Array:  # noqa: ARG002 - there is no choice
         """Return the one rate for all lanes."""
         return np.full(self.lanes, self.passage.rates[0])
-
-
-def passive_passage(rate: float = PAPER_RATE, **options: Any) -> Passage:
-    """Return the passage at one rate in % per 100 pseudo periods; the time suffices to finish it."""
-    low, high = span("limits", options.get("limits", PAPER_LIMITS))
-    budget = abs(high - low) / (positive("rate", rate) * PER_PERIOD)
-    return Passage(rates=(rate, rate), time_budget=1.01 * budget + 1, **options)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
 from impact_env.envs.settings import Settings
+from impact_env.kernels.episodes import Units, fill_features, order_intervals
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -55,7 +56,8 @@ class Task(ABC):
         self.force, self.ratio, self.time, self.score = (np.zeros(lanes) for _ in range(4))
         self.elapsed = np.zeros(lanes, dtype=np.int64)
         self.sensors = Sensors(self.features, lanes, settings.observation_noise, settings.observation_delay)
-        self._velocity_scale = 1 / (self.omega * self.length)
+        impacts, unit = self.interval * IMPACTS_SCALE, float(self.frequency_unit)
+        self._units = Units(self.length, 1 / (self.omega * self.length), impacts, float(self.frequency_origin), unit, steps)
         self._period = 2 * np.pi / self.omega
 
     def reset(self, which: Mask, generators: Sequence[np.random.Generator]) -> NDArray[np.float32]:
@@ -72,7 +74,6 @@ class Task(ABC):
 
         Lanes of the mask ``resting`` (L,) stay where they are; their reward is 0, and what else is said of them holds only after a `reset`.
         """
-        orders = self.runs.orders
         duration, ratio, terminated = self.decide(actions)
         if resting is None:
             self.elapsed += 1
@@ -80,11 +81,7 @@ class Task(ABC):
             self.elapsed += ~resting
             self.runs.idle = resting
         late = (self.elapsed >= self.steps) & ~terminated
-        orders["duration"] = duration * self._period
-        orders["omega_start"] = self.ratio * self.omega
-        orders["omega_stop"] = ratio * self.omega
-        orders["force"] = self.force
-        orders["final"] = terminated | late
+        order_intervals(self.runs.orders, self.omega, self._period, duration, self.ratio, ratio, self.force, terminated | late)
         self.runs.advance()
         self.ratio = ratio
         self.time = self.time + duration
@@ -139,17 +136,8 @@ class Task(ABC):
 
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
-        reports, length = self.runs.reports, self.length
         values = np.empty((self.lanes, len(self.features)))
-        values[:, 0] = reports["in_phase"] / length
-        values[:, 1] = reports["quadrature"] / length
-        values[:, 2] = reports["distance"] / length
-        values[:, 3] = reports["relative_velocity"] * self._velocity_scale
-        values[:, 4] = reports["impact_count"] / (self.interval * IMPACTS_SCALE)
-        values[:, 5] = reports["absorber_share"]
-        values[:, 6] = (self.ratio - self.frequency_origin) / self.frequency_unit
-        values[:, 7] = 1 - self.elapsed / self.steps
-        values[:, 8] = self.level()
+        fill_features(self.runs.reports, self._units, self.ratio, self.elapsed, self.level(), values)
         return values
 
     def info(self) -> dict[str, NDArray[Any]]:

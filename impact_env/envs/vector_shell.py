@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.envs.kind import Kind
 from impact_env.envs.shells import METADATA, Info, Observation, check_options, check_render_mode, checked_actions, checked_seed, observation_space
-from impact_env.envs.task import Task
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
 
 with optional():
     import gymnasium
-    from gymnasium import spaces
     from gymnasium.error import ResetNeeded
     from gymnasium.utils import seeding
     from gymnasium.vector import AutoresetMode, VectorEnv
     from gymnasium.vector.utils import batch_space
-
-SHELL = ("autoreset_mode", "max_episode_steps")  # arguments of the vector that no task knows
-
-
-def shell_of(arguments: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the arguments of the task, and those of the vector around it."""
-    own = {name: value for name, value in arguments.items() if name in SHELL}
-    return {name: value for name, value in arguments.items() if name not in SHELL}, own
 
 
 def autoreset(mode: Any) -> AutoresetMode:
@@ -40,22 +31,30 @@ def autoreset(mode: Any) -> AutoresetMode:
 
 
 class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
-    """All lanes of a task in one call; lane i is the single environment with seed + i.
+    """All lanes of a task in one call, which ``kind`` makes of the ``arguments``; lane i is the single environment with seed + i.
 
-    ``shell``: ``autoreset_mode`` (gymnasium's enum, or its name or value as text; default SAME_STEP) says when a lane that is over starts again: in
-    the same step, in the next one, whose action it ignores, or only by `reset` with a ``reset_mask``. ``max_episode_steps`` cuts episodes off as
-    gymnasium's TimeLimit does around a single environment; None or -1: the task's own budget alone.
+    ``autoreset_mode`` (gymnasium's enum, or its name or value as text) says when a lane that is over starts again: in the same step, in the next one,
+    whose action it ignores, or only by `reset` with a ``reset_mask``. ``max_episode_steps`` cuts episodes off as gymnasium's TimeLimit does around a
+    single environment; None or -1: the task's own budget alone.
     """
 
     metadata: dict[str, Any] = {**METADATA, "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 - as gymnasium declares it
+    kind: Kind
 
-    def __init__(self, task: Task, action_space: spaces.Space[Any], render_mode: str | None, shell: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        num_envs: int = 1,
+        render_mode: str | None = None,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        max_episode_steps: int | None = None,
+        **arguments: Any,
+    ) -> None:
         check_render_mode(render_mode)
-        given = dict(shell or {})
-        self.autoreset_mode = autoreset(given.get("autoreset_mode", AutoresetMode.SAME_STEP))
+        self.autoreset_mode = autoreset(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
-        steps = given.get("max_episode_steps")
-        task.limit = None if steps in (None, -1) else count("max_episode_steps", steps, 1)
+        task, action_space = self.kind.make(count("num_envs", num_envs, 1), arguments), self.kind.actions()
+        task.limit = None if max_episode_steps in (None, -1) else count("max_episode_steps", max_episode_steps, 1)
         self.task, self.render_mode, self.num_envs = task, render_mode, task.lanes
         self.single_action_space, self.single_observation_space = action_space, observation_space(task)
         self.action_space = batch_space(action_space, self.num_envs)
@@ -155,9 +154,9 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
     def _masked(self, info: Info, which: NDArray[np.bool_]) -> Info:
         """Return info with its masks, zeros where it does not apply, as gymnasium's own vectors have it."""
-        masked: Info = {}
+        masked, every = Info(), bool(which.all())
         for name, values in info.items():
-            if not which.all():
+            if not every:
                 values[~which] = 0
             masked[name], masked[f"_{name}"] = values, which.copy()
         return masked

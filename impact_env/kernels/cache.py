@@ -180,6 +180,5 @@ def _say_once(why: str) -> None:
 
 def keep(kernel: Any) -> Any:
     """Give a function that numba compiles this cache, and return it."""
-    if not numba.config.DISABLE_JIT:
-        kernel._cache = KernelCache(kernel.py_func)
+    kernel._cache = KernelCache(kernel.py_func)
     return kernel

@@ -27,8 +27,8 @@ from impact_env.kernels.segments import (
     Work,
     last_sample,
     new_work,
+    sample_level,
     sample_state,
-    sample_tip,
     to_slots,
     to_state,
     window_count,
@@ -122,7 +122,7 @@ def run_to_event(regime, forced, scene, window, reach, room, observe):  # type: 
     end, motion = tau + offset, room.motion[0]
     motion.q, motion.v, motion.a = now.q, now.v, now.a
     stretch = Stretch(regime, forced, window, work, now.force, regime.tip_rest * now.force, room.motion, tau, end)
-    sample_tip(stretch, observe.clock, observe.level)
+    sample_level(stretch, observe.clock, observe.level, observe.place)
     sample_state(stretch, observe.clock, observe.series)
     add_energy(stretch, scene.losses, room.scratch, r, observe.energy)
     advance(slots.rows, slots.table, slots.scale, offset, work.z)

@@ -82,7 +82,7 @@ def new_account(energy, regimes, slots):  # type: ignore[no-untyped-def]
 @jit_view
 def observe_with(observe, account):  # type: ignore[no-untyped-def]
     """Return a lane's observers with the account in place of the energies."""
-    return Observe(observe.clock, observe.counters, observe.level, observe.events, observe.series, account)
+    return Observe(observe.clock, observe.counters, observe.level, observe.events, observe.series, account, observe.place)
 
 
 @jit_inline

@@ -97,7 +97,7 @@ def pass_event(scene, window, room, state, observe):  # type: ignore[no-untyped-
             release(scene, window, room, state, event, observe.events)
 
 
-@jit
+@jit_inline
 def exact_stretch(scene, schedule, k, started, room, state, observe):  # type: ignore[no-untyped-def]
     """Integrate over stretch ``k`` of the schedule and return a status code; what the next stretch needs stays in ``room``.
 

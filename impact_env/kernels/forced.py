@@ -36,7 +36,8 @@ class Forced(NamedTuple):
     exp(i Omega tau), of the guard signal, its derivatives and the tip displacement; the coefficients of signal m, real and imaginary, are
     signals[m // 4, :, :, m % 4]. ``bound`` (DERIVATIVES + SCANNED,): the largest
     size, up to BEYOND half windows from the centre, of the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of the first
-    of them. ``carrier`` (L, 2, POINTS): exp(i Omega k h_L), k = 1 ... POINTS, for the levels of `slots.Slots`.
+    of them. ``carrier`` (L, 2, POINTS): exp(i Omega k h_L), k = 1 ... POINTS, for the levels of `slots.Slots`; not a number
+    first where a level is not known yet.
     ``terms`` (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier.
     """
 
@@ -126,13 +127,15 @@ def _fill_bounds(signals, reach, bound):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _fill_carrier(steps, omega, carrier):  # type: ignore[no-untyped-def]
-    for level in range(steps.shape[0]):
-        c, s = cos_sin(omega * steps[level, 0])
-        x, y = 1.0, 0.0
-        for k in range(POINTS):
-            x, y = x * c - y * s, x * s + y * c
-            carrier[level, 0, k], carrier[level, 1, k] = x, y
+def fill_carrier(steps, omega, level, carrier):  # type: ignore[no-untyped-def]
+    """Write the carrier of one level, unless it is known: a search needs few of them."""
+    if not np.isnan(carrier[level, 0, 0]):
+        return
+    c, s = cos_sin(omega * steps[level, 0])
+    x, y = 1.0, 0.0
+    for k in range(POINTS):
+        x, y = x * c - y * s, x * s + y * c
+        carrier[level, 0, k], carrier[level, 1, k] = x, y
 
 
 @jit
@@ -180,7 +183,8 @@ def solve_guard(slots, window, absorber_mass, forced):  # type: ignore[no-untype
         _derive(window.omega, signals, GUARD_SIGNALS[m - 1], GUARD_SIGNALS[m])
     # the last step of a search may begin in the window and end beyond it: by a quarter of its half, or by the finest step where that is longer
     _fill_bounds(signals, max(BEYOND * window.half, window.half + slots.steps[0, 0]), forced.bound)
-    _fill_carrier(slots.steps, window.omega, forced.carrier)
+    for level in range(slots.steps.shape[0]):
+        forced.carrier[level, 0, 0] = np.nan
 
 
 @jit_inline

@@ -35,7 +35,7 @@ from impact_env.kernels.rigid_contact import (
     tip_motion,
     touch,
 )
-from impact_env.kernels.segments import Losses, Regime, Stretch, Work, new_work, sample_state, sample_tip, to_slots, to_state
+from impact_env.kernels.segments import Losses, Regime, Stretch, Work, new_work, sample_level, sample_state, to_slots, to_state
 from impact_env.kernels.signals import HIT_HIGH, Signal, new_signal
 from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
 
@@ -142,7 +142,7 @@ def try_join(scene, window, room, state):  # type: ignore[no-untyped-def]
 @jit_inline
 def observe_stretch(scene, stretch, r, scratch, observe):  # type: ignore[no-untyped-def]
     """Let the observers of samples and energies see a stretch, which lies in regime r."""
-    sample_tip(stretch, observe.clock, observe.level)
+    sample_level(stretch, observe.clock, observe.level, observe.place)
     sample_state(stretch, observe.clock, observe.series)
     add_energy(stretch, scene.losses, scratch, r, observe.energy)
 

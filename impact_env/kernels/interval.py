@@ -65,7 +65,8 @@ def new_lanes(lanes: int, slots: int, state: int, half_window: int) -> Lanes:
 
 class Watch(NamedTuple):
     """What all lanes share: sampling interval (s), samples of a whole interval, exponent of the damage (0: none), its unit of length (m),
-    circular frequencies of the modes (N_m,), tip shape (N_m,), absorber mass (kg, 0 without one).
+    circular frequencies of the modes (N_m,), tip shape (N_m,), absorber mass (kg, 0 without one), mode shape (N_m,) where level and amplitudes are
+    read, and again in ``place`` if that is not the tip, else None.
     """  # noqa: D205
 
     sample_dt: float
@@ -75,6 +76,8 @@ class Watch(NamedTuple):
     omega: Array
     tip_shape: Array
     mass: float
+    level_shape: Array
+    place: Array | None
 
 
 class Batch(NamedTuple):
@@ -111,9 +114,10 @@ def new_desk(watch):  # type: ignore[no-untyped-def]
 
 
 @jit_view
-def observe_lane(desk, lanes, i):  # type: ignore[no-untyped-def]
+def observe_lane(desk, watch, lanes, i):  # type: ignore[no-untyped-def]
     """Return the observers of lane i, of which there is the level."""
-    return Observe(desk.clock[0], Counters(desk.counts[0], None), Level(lanes.ring[i], lanes.level[i], desk.block), None, None, None)
+    level = Level(lanes.ring[i], lanes.level[i], desk.block)
+    return Observe(desk.clock[0], Counters(desk.counts[0], None), level, None, None, None, watch.place)
 
 
 @jit
@@ -174,7 +178,7 @@ def close_interval(desk, watch, level, state, order, report):  # type: ignore[no
     report_samples(desk, watch, order, report)
     report.impact_count = desk.counts[0].impacts
     if order.final:
-        last_sample(state, watch.tip_shape, order.duration, desk.clock[0], level, None)
+        last_sample(state, watch.level_shape, order.duration, desk.clock[0], level, None)
     report.level = close_level(level)[0]
     turns = np.floor(desk.phases[1] / (2.0 * np.pi))
     order.phase = desk.phases[1] - 2.0 * np.pi * turns

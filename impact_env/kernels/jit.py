@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numba
 
 from impact_env.kernels.cache import cache_folder, keep
+from impact_env.kernels.parts import kernel
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -21,13 +22,14 @@ if _FOLDER is not None:
 
 
 # Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a function must not make
-# or return an array. And without the wrapper for callers in C, which compiles the whole function once more: a seventh of the time.
+# or return an array. And without the wrapper for callers in C.
 _PLAIN: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy", "_nrt": False}
 
 
 def _njit(**options: Any) -> Callable[[Any], Any]:
-    compiled = numba.njit(**options)
-    return lambda function: keep(compiled(function))
+    if numba.config.DISABLE_JIT:
+        return lambda function: function
+    return lambda function: keep(kernel(function, **options))
 
 
 def jit(function: _F) -> _F:

@@ -1,6 +1,7 @@
 """Control intervals of many lanes in one call, one function for each family of integrators.
 
-Lanes do not touch each other: any split of them over threads gives the same numbers.
+Lanes do not touch each other: any split of them over threads gives the same numbers. The loops over lanes are functions of their own, beside those
+that make room for them: with numba's reference counts they would take a fifth longer.
 """
 
 from __future__ import annotations
@@ -68,45 +69,54 @@ def report_rigid(watch, scene, room, state, report):  # type: ignore[no-untyped-
 @jit_room
 def rigid_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-def]
     """Advance lanes [start, stop) of a scene with rigid contact; ``reach`` (s): longest window. The walls' gap is that of a lane's order."""
+    desk, room, fresh = new_desk(batch.watch), new_room(scene.free, scene.joined, batch.lanes.state[start]), new_now(1)
+    fresh[0] = room.now[0]
+    _each_rigid(scene, reach, batch, start, stop, desk, room, fresh)
+
+
+@jit
+def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):  # type: ignore[no-untyped-def]
     watch, lanes, orders, reports, status = batch
     free, joined, contact, losses = scene
-    desk, room, fresh = new_desk(watch), new_room(free, joined, lanes.state[start]), new_now(1)
-    fresh[0] = room.now[0]
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
         begins = take_up(contact.walls, lanes, i, order, report.distance, fresh, room)
         walls = with_gap(contact.walls, order.gap)
         now_there = Rigid(free, joined, Contact(contact.mass, contact.compliance, contact.tip_shape, walls, contact.limit), losses)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, lanes, i)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, watch, lanes, i)
         status[i] = exact.exact_stretch(now_there, schedule, 0, not begins, room, state, observe)
         report_rigid(watch, scene, room, state, report)
         close_interval(desk, watch, observe.level, state, order, report)
         lanes.rigid[i] = room.now[0]
         lanes.kept[i].gap, lanes.kept[i].search_level = order.gap, room.signal.memory[0]
-        lanes.z[i, :, :] = room.work.z
+        copy(room.work.z, lanes.z[i])
 
 
 @jit_room
 def linear_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-def]
     """Advance lanes [start, stop) of a scene with one linear regime; ``reach`` (s): longest window."""
+    desk, room = new_desk(batch.watch), linear.new_room(scene.regime, batch.lanes.state[start])
+    _each_linear(scene, reach, batch, start, stop, desk, room)
+
+
+@jit
+def _each_linear(scene, reach, batch, start, stop, desk, room):  # type: ignore[no-untyped-def]
     watch, lanes, orders, reports, status = batch
-    regime = scene.regime
-    desk, room = new_desk(watch), linear.new_room(regime, lanes.state[start])
-    work = room.work
+    regime, work = scene.regime, room.work
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
         if order.fresh:
             to_slots(regime.into, state, work.z)
         else:
-            work.z[:, :] = lanes.z[i]
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, lanes, i)
+            copy(lanes.z[i], work.z)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, watch, lanes, i)
         status[i] = linear.linear_stretch(scene, schedule, 0, room, observe)
         to_state(regime.out, work.z, state)
         report_relative(watch, state, report)
         close_interval(desk, watch, observe.level, state, order, report)
-        lanes.z[i, :, :] = work.z
+        copy(work.z, lanes.z[i])
 
 
 @jit
@@ -123,12 +133,17 @@ def report_relative(watch, state, report):  # type: ignore[no-untyped-def]
 @jit_room
 def compliant_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-def]
     """Advance lanes [start, stop) of a scene with compliant contact; ``reach`` (s): longest window."""
+    desk, room, fresh = new_desk(batch.watch), compliant.new_room(scene.regimes, batch.lanes.state[start]), springs.new_now()
+    _each_compliant(scene, reach, batch, start, stop, desk, room, fresh)
+
+
+@jit
+def _each_compliant(scene, reach, batch, start, stop, desk, room, fresh):  # type: ignore[no-untyped-def]
     watch, lanes, orders, reports, status = batch
-    desk, room, fresh = new_desk(watch), compliant.new_room(scene.regimes, lanes.state[start]), springs.new_now()
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, lanes, i)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, watch, lanes, i)
         room.now[0] = lanes.sprung[i]
         room.signal.memory[0] = lanes.kept[i].search_level
         if order.fresh:
@@ -143,13 +158,13 @@ def compliant_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untype
 
 @jit
 def take_rows(desk, watch, series, level, order):  # type: ignore[no-untyped-def]
-    """Push the recorded states' tip displacements to the level, all but the one at the interval's end."""
+    """Push the recorded states' displacements where the level is read to it, all but the one at the interval's end."""
     count = int(samples_before(order.duration, watch.sample_dt))
-    modes = watch.tip_shape.shape[0]
+    modes = watch.level_shape.shape[0]
     for k in range(count):
         q = 0.0
         for j in range(modes):
-            q += watch.tip_shape[j] * series.states[k, j]
+            q += watch.level_shape[j] * series.states[k, j]
         desk.block[k] = q
     push_block(level, 0, count)
     desk.clock[0].level = count
@@ -166,7 +181,7 @@ def close_walls(walls, lanes, i, order, distance):  # type: ignore[no-untyped-de
 @jit_view
 def observe_steps(seen, series):  # type: ignore[no-untyped-def]
     """Return observers that record the states, from which the level is taken later."""
-    return Observe(seen.clock, seen.counters, None, None, series, None)
+    return Observe(seen.clock, seen.counters, None, None, series, None, None)
 
 
 @jit_room
@@ -177,7 +192,7 @@ def moreau_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no-unty
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        observe = observe_lane(desk, lanes, i)
+        observe = observe_lane(desk, watch, lanes, i)
         close_walls(laws.walls, lanes, i, order, report.distance)
         now_there = RigidLaws(laws.mass, with_gap(laws.walls, order.gap), laws.limit, laws.spring)
         force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
@@ -196,7 +211,7 @@ def runge_kutta_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        observe, force = observe_lane(desk, lanes, i), Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
+        observe, force = observe_lane(desk, watch, lanes, i), Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
         status[i] = runge_kutta_lane(modes, laws, force, state, step, observe_steps(observe, series))
         take_rows(desk, watch, series, observe.level, order)
         report_relative(watch, state, report)

@@ -23,8 +23,8 @@ from impact_env.kernels.segments import (
     Work,
     last_sample,
     new_work,
+    sample_level,
     sample_state,
-    sample_tip,
     to_slots,
     to_state,
     window_count,
@@ -66,7 +66,7 @@ def linear_stretch(scene, schedule, k, room, observe):  # type: ignore[no-untype
         solve_response(slots, window, forced)
         add_forced(forced.slots, window.omega, -window.half, -1.0, work.z)
         stretch = Stretch(regime, forced, window, work, 0.0, 0.0, room.still, -window.half, window.half)
-        sample_tip(stretch, observe.clock, observe.level)
+        sample_level(stretch, observe.clock, observe.level, observe.place)
         sample_state(stretch, observe.clock, observe.series)
         add_energy(stretch, scene.losses, room.scratch, 0, observe.energy)
         advance(slots.rows, slots.table, slots.scale, 2.0 * window.half, work.z)

@@ -14,8 +14,8 @@ from impact_env.kernels.slots import GUARD, weigh
 def end_of_flight(slots, forced, window, walls, limit, body, bent, length):  # type: ignore[no-untyped-def]
     """Return the first event within ``length`` (s) of an absorber apart from the beam, which constant forces have bent by ``bent`` (m) there."""
     now, signal, omega, tau, p = body.now, body.signal, window.omega, body.now.tau, body.signal.polynomial
+    p[0], p[1], p[2] = now.q - bent, now.v, now.a  # first: what the caller has just written is still in registers
     weigh(slots.rows, GUARD, body.work.z, signal.u)
-    p[0], p[1], p[2] = now.q - bent, now.v, now.a
     gap = 0.0
     if walls is not None:
         gap = walls.gap

@@ -100,6 +100,7 @@ class Observe(NamedTuple):
     """All observers of a lane; ``clock`` is a CLOCK record, and None is not observed.
 
     ``energy`` is what the caller reads, an `Energy`; between the stretches of an exact lane it is the `energy_account.Account` that fills it.
+    ``place`` (N_m,): mode shape where the level is read; None: at the tip.
     """
 
     clock: Any
@@ -108,6 +109,7 @@ class Observe(NamedTuple):
     events: Events | None = None
     series: Series | None = None
     energy: Any = None
+    place: NDArray[np.float64] | None = None
 
 
 def new_counters(

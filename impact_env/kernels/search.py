@@ -26,7 +26,7 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels.careful import careful_search
-from impact_env.kernels.forced import DERIVATIVES, guard_values
+from impact_env.kernels.forced import DERIVATIVES, fill_carrier, guard_values
 from impact_env.kernels.jit import jit, jit_inline
 from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL, Event, refine, time_resolution, wall_of
 from impact_env.kernels.slots import FASTEST, SPEED_SQUARE, cos_sin, move
@@ -223,6 +223,7 @@ def search(slots, forced, omega, signal, tau, length, half, low, high, side, dir
         if known != level:  # amplitudes never grow: what was an error of a level once stays a bound
             e0, e1 = errors_of(errors, steps, w, p, bound, level)
             known = level
+        fill_carrier(steps, omega, level, carrier)
         h, summed, first = steps[level, 0], int(steps[level, 1]), level * size * 2 * POINTS
         x = tau + offset
         at = 2 * POINTS * level

@@ -125,8 +125,8 @@ def samples_before(end, interval):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def sample_tip(stretch, clock, level):  # type: ignore[no-untyped-def]
-    """Push the tip displacement at the samples in [tau, end) to the level."""
+def sample_level(stretch, clock, level, place):  # type: ignore[no-untyped-def]
+    """Push the displacement at the samples in [tau, end) to the level: that of the tip, or at the ``place`` of this mode shape (N_m,)."""
     if level is None:
         return
     slots, signals, window, tau, end = stretch.regime.slots, stretch.forced.signals, stretch.window, stretch.tau, stretch.end
@@ -141,10 +141,30 @@ def sample_tip(stretch, clock, level):  # type: ignore[no-untyped-def]
         first = n % level.block.shape[0]
         count = min(int(stop - n), level.block.shape[0] - first)
         x = n * interval - window.centre
-        fill_samples(slots, signals, window.omega, u, stretch.bent, max(x - tau, 0.0), x, interval, level.block, first, count)
+        if place is None:
+            fill_samples(slots, signals, window.omega, u, stretch.bent, max(x - tau, 0.0), x, interval, level.block, first, count)
+        if place is not None:
+            fill_places(stretch, place, max(x - tau, 0.0), interval, level.block, first, count)
         push_block(level, first, count)
         n += count
     clock.level = n
+
+
+@jit
+def fill_places(stretch, place, offset, interval, block, first, count):  # type: ignore[no-untyped-def]
+    """Write the displacement at a place to ``count`` of the block's places: the first sample lies ``offset`` (s) from the stretch's start."""
+    slots, out, w = stretch.regime.slots, stretch.regime.out, stretch.work.rows[0]
+    for k in range(count):
+        t = offset + k * interval
+        copy(stretch.work.z, w)
+        advance(slots.rows, slots.table, slots.scale, t, w)
+        add_forced(stretch.forced.slots, stretch.window.omega, stretch.tau + t, 1.0, w)
+        add(slots.rows, REST, stretch.constant, w)
+        q = 0.0
+        for i in range(place.shape[0]):
+            for j in range(w.shape[1]):
+                q += place[i] * (out[0, i, j] * w[0, j] - out[1, i, j] * w[1, j])
+        block[first + k] = q
 
 
 @jit

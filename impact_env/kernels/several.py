@@ -20,7 +20,7 @@ from impact_env.kernels.jit import jit, jit_room
 from impact_env.kernels.next_event import end_of_flight, end_of_hold
 from impact_env.kernels.observers import DONE, MOTION, NOT_FINITE
 from impact_env.kernels.rigid_contact import JOINED, Body, Walls, add_friction_loss, end_phase, new_now
-from impact_env.kernels.segments import Losses, Stretch, Work, last_sample, new_work, sample_state, sample_tip, window_count, window_of
+from impact_env.kernels.segments import Losses, Stretch, Work, last_sample, new_work, sample_level, sample_state, window_count, window_of
 from impact_env.kernels.sets import (
     Absorbers,
     Flow,
@@ -127,7 +127,7 @@ def observe_stretch(scene, window, s, offset, room, observe):  # type: ignore[no
         motion.q = now.offset if joined else now.q
         motion.v, motion.a = 0.0 if joined else now.v, 0.0 if joined else now.a
     stretch = Stretch(regime, forced, window, room.work, 1.0, room.bent[n], room.motion, tau, tau + offset)
-    sample_tip(stretch, observe.clock, observe.level)
+    sample_level(stretch, observe.clock, observe.level, observe.place)
     sample_state(stretch, observe.clock, observe.series)
     add_energy(stretch, scene.losses, room.scratch, s, observe.energy)
 

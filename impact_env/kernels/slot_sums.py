@@ -139,6 +139,21 @@ def third_to_fifth(typing_context, rows, size, u):  # type: ignore[no-untyped-de
 
 
 @intrinsic
+def copy_slots(typing_context, size, z, w):  # type: ignore[no-untyped-def]
+    """Write z to w: as vectors, since what reads w as vectors would have to wait for single numbers to be stored."""
+
+    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        code = Code(context, builder, signature.args, values)
+        size, z, w = code.arguments
+        for j in code.slots(size):
+            other = code.plus(j, size)
+            code.store_complex(code.complex(z, j, other), w, j, other)
+        return context.get_dummy_value()
+
+    return types.void(INTEGER, z, w), build
+
+
+@intrinsic
 def multiply_row(typing_context, rows, row, size, z, u):  # type: ignore[no-untyped-def]
     """Write u = w z with the complex weights w in ``row`` and the row behind it."""
 

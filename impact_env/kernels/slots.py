@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit, jit_inline
-from impact_env.kernels.slot_sums import add_row, multiply_row, sum_and_bounds, sum_one, sum_three, third_to_fifth, turn_to
+from impact_env.kernels.slot_sums import add_row, copy_slots, multiply_row, sum_and_bounds, sum_one, sum_three, third_to_fifth, turn_to
 
 TAYLOR_TERMS = 7  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
 TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
@@ -90,9 +90,7 @@ def sum_and_bound(rows, table, u, d1, d2, d3, x):  # type: ignore[no-untyped-def
 @jit
 def copy(z, w):  # type: ignore[no-untyped-def]
     """Write z to w, both (2, J)."""
-    for j in range(z.shape[1]):
-        w[0, j] = z[0, j]
-        w[1, j] = z[1, j]
+    copy_slots(z.shape[1], z, w)
 
 
 @jit

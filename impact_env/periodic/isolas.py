@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 from impact_env.kernels.periodic.closed_form import line_of, phase_of
 from impact_env.parameters import require
+from impact_env.periodic.branch import STOPPED
 from impact_env.periodic.case import Case
+from impact_env.periodic.fold_map import closed_folds, level_places
 from impact_env.periodic.folds import Fold, fold_near, level_fold, mended_fold
 from impact_env.periodic.green import NoOrbit, solution_of
 from impact_env.periodic.orbit import Orbit, confirmed, consistent
+from impact_env.periodic.orbit_branches import orbit_branches
 from impact_env.periodic.survey import branches_from, closed_form_orbits
-from impact_env.periodic.symmetric import fold_force, fold_impulse, symmetric_schedule
+from impact_env.periodic.symmetric import fold_impulse, symmetric_schedule
+from impact_env.periodic.tracing import OrbitBranch
 
 Array = NDArray[np.float64]
-FEWEST, MOST = 1001, 100001  # points of a map
-FINE = 20  # points in the narrowest resonance
 MAPPED = ("gap", "restitution", "friction_limit", "mass_ratio")
-BIRTH, MERGER = "birth", "merger"
-STEP = 1e-4  # relative step of the differences by which a level place of the map is found
 NEAR = 0.01  # relative: how far reversals may move a level place
 SEEDS = 40  # frequencies at which branches are begun
 SAME = 1e-8  # of the first resonance: two folds of one response closer than this are one
@@ -48,70 +48,19 @@ class LocatedFold:
     orbit: Orbit | NoOrbit
 
 
-def map_frequencies(case: Case, low: float, high: float) -> Array:
-    """Return frequencies (M,) in rad/s between two ratios of the first resonance's, fine enough for the narrowest resonance."""
-    require(0 < low < high, "frequency range", (low, high), "two ratios of the first resonance above 0, the lower one first")
-    width = max(float(np.min(case.model.damping_ratio)), 1e-6) * low
-    points = int(np.clip(FINE * (high - low) / width, FEWEST, MOST))
-    return np.asarray(np.linspace(low, high, points) * float(case.model.omega[0]))
-
-
-def level_places(case: Case, low: float, high: float) -> tuple[tuple[str, float, float], ...]:
-    """Return kind, force (N) and frequency (rad/s) of the valleys and ridges of the closed form's fold force where the wall pushes."""
-    omegas = map_frequencies(case, low, high)
-    forces = fold_force(case, omegas)
-    rise = np.diff(forces)
-    found = []
-    for k in np.flatnonzero(rise[:-1] * rise[1:] < 0) + 1:
-        omega = _level(case, omegas[k - 1], omegas[k + 1])
-        at = case.changed(omega=omega)
-        if fold_impulse(at) > 0:
-            found.append((BIRTH if rise[k] > 0 else MERGER, float(fold_force(at, [omega])[0]), omega))
-    return tuple(found)
-
-
-def _level(case: Case, low: float, high: float) -> float:
-    """Return the frequency (rad/s) between two at which the fold force is level, by differences of fourth order."""
-
-    def slope(omega: float) -> float:
-        h = STEP * omega * min(1.0, (high - low) / (2 * STEP * omega))
-        f = fold_force(case, omega + h * np.array([-2.0, -1.0, 1.0, 2.0]))
-        return float(f[0] - 8 * f[1] + 8 * f[2] - f[3])
-
-    wide = 0.5 * (high - low)
-    low, high = low - 0.1 * wide, high + 0.1 * wide
-    if slope(low) * slope(high) > 0:
-        return 0.5 * (low + high)
-    return float(scipy.optimize.brentq(slope, low, high, xtol=1e-14 * high))
-
-
-def closed_folds(case: Case, low: float, high: float) -> tuple[float, ...]:
-    """Return the frequencies (rad/s) of the closed form's folds at the case's force: the level set of the fold force, where the wall pushes."""
-    omegas = map_frequencies(case, low, high)
-    above = fold_force(case, omegas) - case.force
-
-    def excess(omega: float) -> float:
-        return float(fold_force(case, [omega])[0]) - case.force
-
-    found = []
-    for k in np.flatnonzero(above[:-1] * above[1:] < 0):
-        omega = float(scipy.optimize.brentq(excess, omegas[k], omegas[k + 1], xtol=1e-15 * omegas[k], rtol=1e-15))
-        if fold_impulse(case.changed(omega=omega)) > 0:
-            found.append(omega)
-    return tuple(found)
-
-
 def _fold_start(case: Case) -> Array:
     """Return the unknowns (2,) of the closed form's fold at the case's frequency."""
     line, impulse = line_of(case.structure, case.point), fold_impulse(case)
     return np.array([phase_of(line, case.force, impulse), impulse / case.scale.impulse])
 
 
-def folds(case: Case, low: float, high: float) -> tuple[LocatedFold, ...]:
+def folds(case: Case, low: float, high: float, branches: Iterable[OrbitBranch] | None = None) -> tuple[LocatedFold, ...]:
     """Return the folds of symmetric two-impact orbits at the case's force between two frequency ratios, those that are no orbits too.
 
     They are those of the closed form, where friction is taken as one-signed. With friction each of them is found again with its reversals, and the
-    branches beside it are followed: where reversals come and go a branch may fold more than once.
+    branches beside it are followed: where reversals come and go a branch may fold more than once, and as the order of events changes at a point of
+    the branch, how finely it is followed decides which of these are met. So it is done with steps of two sizes. ``branches``: those of
+    `orbit_branches` where they are known; None: they are followed here. Ctrl-C breaks it off.
     """
     found, reach = [], (low * float(case.model.omega[0]), high * float(case.model.omega[0]))
     for omega in closed_folds(case, low, high):
@@ -119,7 +68,10 @@ def folds(case: Case, low: float, high: float) -> tuple[LocatedFold, ...]:
         found += [_located(at, fold) for fold in _both_folds(at, "omega")]
     if case.friction_limit > 0:
         seeds = [closed_form_orbits(case.changed(omega=float(omega))) for omega in np.linspace(*reach, SEEDS)]
-        for branch in branches_from(seeds, *reach):
+        fine = orbit_branches(case, *reach) if branches is None else branches
+        for branch in chain(fine, branches_from(seeds, *reach)):
+            if branch.branch.ended == STOPPED:
+                raise KeyboardInterrupt
             found += [_located(case, fold) for fold in branch.folds() if not isinstance(fold, NoOrbit)]
     return tuple(sorted(_apart(found), key=lambda fold: fold.omega_ratio))
 

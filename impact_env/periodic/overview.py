@@ -1,9 +1,10 @@
-"""What a frequency response shows: curves of periodic responses, the linear ones, and sweeps over them."""
+"""What a frequency response shows: curves of periodic responses, the linear ones, sweeps over them, and the stationary responses of many runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,15 @@ from impact_env.periodic.balance_branches import balance_branches
 from impact_env.periodic.branch import STOPPED
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import Balance
-from impact_env.periodic.orbit_branches import orbit_branches
+from impact_env.periodic.isolas import LocatedFold, folds
+from impact_env.periodic.keeping import Keep, anew
+from impact_env.periodic.motion import Motion
+from impact_env.periodic.offspring import descendants
+from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.orbit_branches import distance, orbit_branches, place, places_of
 from impact_env.periodic.response_curve import ResponseCurve, balance_curve, orbit_curve
-from impact_env.periodic.switching import asymmetric_branches
+from impact_env.periodic.stationary import Stationary, StationaryRuns
+from impact_env.periodic.tracing import OrbitBranch
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -45,6 +52,15 @@ class SweepEnvelope:
     omega_ratio: Real
     tip_max: Real
 
+    def to_plain(self) -> dict[str, Any]:
+        """Return lists; keys with their units."""
+        return {"omega_ratio": self.omega_ratio.tolist(), "tip_max_m": self.tip_max.tolist()}
+
+    @staticmethod
+    def from_plain(plain: dict[str, Any]) -> SweepEnvelope:
+        """Return the sweep of `to_plain`."""
+        return SweepEnvelope(np.array(plain["omega_ratio"], dtype=np.float64), np.array(plain["tip_max_m"], dtype=np.float64))
+
 
 @dataclass(frozen=True, eq=False)
 class Overview:
@@ -56,11 +72,12 @@ class Overview:
     curves: tuple[ResponseCurve, ...]
     linear: LinearCurves
     sweeps: tuple[SweepEnvelope, ...]
+    stationary: tuple[Stationary, ...]
     complete: bool
 
     def to_plain(self) -> dict[str, Any]:
         """Return lists, numbers and strings."""
-        linear, sweeps = self.linear, self.sweeps
+        linear = self.linear
         return {
             "scene": str(self.scene),
             "force_N": self.force,
@@ -68,7 +85,8 @@ class Overview:
             "complete": self.complete,
             "curves": [curve.to_plain() for curve in self.curves],
             "linear": {"omega_ratio": linear.omega_ratio.tolist(), "alone_m": linear.alone.tolist(), "stuck_m": linear.stuck.tolist()},
-            "sweeps": [{"omega_ratio": s.omega_ratio.tolist(), "tip_max_m": s.tip_max.tolist()} for s in sweeps],
+            "sweeps": [sweep.to_plain() for sweep in self.sweeps],
+            "stationary": [at.to_plain() for at in self.stationary],
         }
 
 
@@ -117,18 +135,34 @@ def exact_curves(
 ) -> Iterator[ResponseCurve]:
     """Yield the curves of symmetric orbits with one impact a wall between two ratios; none for an absorber without rigid walls.
 
-    ``pairs``: with those of the pairs without symmetry that leave them.
+    Their folds are those of `isolas.folds`. ``pairs``: with the orbits without symmetry that leave them, and those of doubled periods.
     """
-    if isinstance(sliding(scene).walls, RigidWalls):
-        case = case_of(scene, force, low * reference)
-        for branch in orbit_branches(case, low * reference, high * reference, progress=progress):
-            yield orbit_curve(branch, reference)
-            if branch.branch.ended == STOPPED:
+    if not isinstance(sliding(scene).walls, RigidWalls):
+        return
+    case, limits = case_of(scene, force, low * reference), (low * reference, high * reference)
+    branches = orbit_branches(case, *limits, progress=progress)
+    first = float(case.model.omega[0])
+    stopped = any(branch.branch.ended == STOPPED for branch in branches)
+    located = [] if stopped else _by_branch(branches, folds(case, limits[0] / first, limits[1] / first, branches))
+    for k, branch in enumerate(branches):
+        yield orbit_curve(branch, reference, located[k] if located else None)
+    if stopped:
+        raise KeyboardInterrupt
+    for pair in descendants(branches, limits) if pairs else ():
+        if isinstance(pair, OrbitBranch):
+            yield orbit_curve(pair, reference)
+            if pair.branch.ended == STOPPED:
                 raise KeyboardInterrupt
-            for pair in asymmetric_branches(branch, (low * reference, high * reference)) if pairs else ():
-                yield orbit_curve(pair, reference)
-                if pair.branch.ended == STOPPED:
-                    raise KeyboardInterrupt
+
+
+def _by_branch(branches: tuple[OrbitBranch, ...], found: tuple[LocatedFold, ...]) -> list[list[Motion]]:
+    """Return the folds that are orbits, each with the branch that it lies next to."""
+    places, groups = [places_of(branch) for branch in branches], list[list[Motion]]([] for _ in branches)
+    for fold in found:
+        if isinstance(fold.orbit, Orbit) and isinstance(fold.orbit.motion, Motion) and branches:
+            point = place(fold.orbit.solution)
+            groups[int(np.argmin([distance(rows, point) for rows in places]))].append(fold.orbit.motion)
+    return groups
 
 
 def balance_curves(balance: Balance, reference: float, low: float, high: float, progress: Progress | None = None) -> Iterator[ResponseCurve]:
@@ -151,27 +185,47 @@ def overview(
     percent_per_100_periods: float = PAPER_RATE,
     progress: Progress | None = None,
     pairs: bool = False,
+    runs: StationaryRuns | None = None,
+    keep: Keep = anew,
 ) -> Overview:
     """Return the frequency response of a scene between two ratios of ``reference`` (rad/s) under a force in N.
 
-    ``exact``: with exact orbits, ``pairs``: also those without symmetry; ``balance``: with harmonic balance, None:
-    without; ``sweeps``: pairs of ratios, from and to. Ctrl-C ends it with
+    ``exact``: with exact orbits, ``pairs``: also those without symmetry; ``balance``: with harmonic balance, None: without; ``sweeps``: pairs of
+    ratios, from and to; ``runs``: the stationary responses, None: without. ``keep`` takes finished pieces and gives them back. Ctrl-C ends it with
     what is known so far. Raises ParameterError for bad values.
     """
     finite("force", force)
     require(0 < low < high, "frequency range", (low, high), "two ratios of the resonance frequency above 0, the lower one first")
     curves: list[ResponseCurve] = []
     envelopes: list[SweepEnvelope] = []
+    stationary: list[Stationary] = []
     linear, complete = linear_curves(scene, force, reference, low, high), True
+
+    def swept(start: float, stop: float) -> Iterator[SweepEnvelope]:
+        if progress is not None:
+            progress(f"sweep {start:g} to {stop:g}", 0, start * reference)
+        yield sweep_envelope(scene, force, reference, start, stop, percent_per_100_periods)
+
+    def settled(runs: StationaryRuns, ratio: float) -> Iterator[Stationary]:
+        if progress is not None:
+            progress(f"{runs.members} runs", 0, ratio * reference)
+        yield runs.at(scene, force, reference, ratio)
+
     try:
         if exact:
-            curves.extend(exact_curves(scene, force, reference, low, high, pairs, progress))
+            name = {"piece": "exact", "range": [low, high], "pairs": pairs}
+            curves.extend(keep(name, lambda: exact_curves(scene, force, reference, low, high, pairs, progress), ResponseCurve.from_plain))
         if balance is not None:
-            curves.extend(balance_curves(balance, reference, low, high, progress))
+            damper = getattr(balance.linear, "grounded_damper", None)
+            name = {"piece": "balance", "range": [low, high], "harmonics": balance.linear.harmonics, "law": repr(balance.law), "damper": damper}
+            curves.extend(keep(name, lambda: balance_curves(balance, reference, low, high, progress), ResponseCurve.from_plain))
         for start, stop in sweeps:
-            if progress is not None:
-                progress(f"sweep {start:g} to {stop:g}", 0, start * reference)
-            envelopes.append(sweep_envelope(scene, force, reference, start, stop, percent_per_100_periods))
+            name = {"piece": "sweep", "from": start, "to": stop, "rate": percent_per_100_periods}
+            envelopes.extend(keep(name, partial(swept, start, stop), SweepEnvelope.from_plain))
+        for ratio in () if runs is None else runs.ratios(low, high):
+            assert runs is not None
+            name = {"piece": "stationary", "at": ratio, **runs.settings}
+            stationary.extend(keep(name, partial(settled, runs, ratio), Stationary.from_plain))
     except KeyboardInterrupt:
         complete = False
-    return Overview(scene, force, reference, tuple(curves), linear, tuple(envelopes), complete)
+    return Overview(scene, force, reference, tuple(curves), linear, tuple(envelopes), tuple(stationary), complete)

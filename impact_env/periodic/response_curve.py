@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from impact_env.periodic.branch import Branch
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import OMEGA, Balance
 from impact_env.periodic.locating import FOLD
+from impact_env.periodic.motion import Motion
 from impact_env.periodic.orbit import confirmed
 from impact_env.periodic.tracing import OrbitBranch
 
@@ -83,6 +84,16 @@ class ResponseCurve:
             plain[name] = None if truths is None else truths.tolist()
         return plain
 
+    @staticmethod
+    def from_plain(plain: dict[str, Any]) -> ResponseCurve:
+        """Return the curve of `to_plain`; raises KeyError, TypeError or ValueError where it is something else."""
+        names = ("omega_ratio", "tip_max_m", "tip_rms_m")
+        ratio, largest, rms = (np.array([np.nan if x is None else x for x in plain[name]], dtype=np.float64) for name in names)
+        marks = tuple(CurvePoint(mark["kind"], mark["omega_ratio"], mark["tip_max_m"]) for mark in plain["located"])
+        stable, slowly = (None if plain[name] is None else np.array(plain[name], dtype=np.bool_) for name in ("stable", "slowly_stable"))
+        refused = tuple((each["reason"], each["points"]) for each in plain["refused"])
+        return ResponseCurve(plain["method"], ratio, largest, rms, marks, plain["closed"], plain["ended"], stable, slowly, refused)
+
     def rows(self, number: int) -> Iterator[tuple[object, ...]]:
         """Yield a row of `COLUMNS` for each point that is a solution."""
         for k in np.flatnonzero(np.isfinite(self.tip_max)):
@@ -98,15 +109,18 @@ def balance_curve(balance: Balance, branch: Branch, reference: float) -> Respons
     return ResponseCurve(HARMONIC_BALANCE, branch.parameters / reference, largest, rms, marks, branch.closed, branch.message)
 
 
-def orbit_curve(orbits: OrbitBranch, reference: float) -> ResponseCurve:
-    """Return the frequency response of a branch of exact orbits; each point is propagated by the exact method, and left out if that refuses it."""
+def orbit_curve(orbits: OrbitBranch, reference: float, folds: Iterable[Motion] | None = None) -> ResponseCurve:
+    """Return the frequency response of a branch of exact orbits; each point is propagated by the exact method, and left out if that refuses it.
+
+    ``folds``: motions at the branch's folds where they are known; None: those that were met on the branch.
+    """
     found = list(orbits.orbits())
     values = np.array([(np.nan, np.nan, 0, 0) if isinstance(o, NoOrbit) else _values(o) for o in found])
     refused: dict[str, int] = {}
     for orbit in found:
         if isinstance(orbit, NoOrbit):
             refused[orbit.reason] = refused.get(orbit.reason, 0) + 1
-    marks = [CurvePoint(kind, motion.solution.case.omega / reference, motion.tip_max) for kind, motion in _marks(orbits)]
+    marks = [CurvePoint(kind, motion.solution.case.omega / reference, motion.tip_max) for kind, motion in _marks(orbits, folds)]
     truths = values[:, 2:].astype(np.bool_)
     branch = orbits.branch
     return ResponseCurve(
@@ -127,11 +141,16 @@ def _values(orbit: Any) -> tuple[float, float, bool, bool]:
     return orbit.motion.tip_max, orbit.motion.tip_rms, orbit.stability.stable, orbit.stability.slowly_stable
 
 
-def _marks(orbits: OrbitBranch) -> Iterator[tuple[str, Any]]:
+def _marks(orbits: OrbitBranch, folds: Iterable[Motion] | None) -> Iterator[tuple[str, Motion]]:
     """Yield kind and motion of what was located and is an orbit; folds as Newton's method finishes them."""
-    for fold in orbits.folds():
-        if not isinstance(fold, NoOrbit) and not isinstance(confirmed(fold.motion), NoOrbit):
-            yield FOLD, fold.motion
+    for motion in _met(orbits) if folds is None else folds:
+        yield FOLD, motion
     for kind in sorted({event.kind for event in orbits.branch.located} - {FOLD, "kink"}):
         for motion in orbits.of(kind):
             yield kind, motion
+
+
+def _met(orbits: OrbitBranch) -> Iterator[Motion]:
+    for fold in orbits.folds():
+        if not isinstance(fold, NoOrbit) and not isinstance(confirmed(fold.motion), NoOrbit):
+            yield fold.motion

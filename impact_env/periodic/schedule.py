@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -85,18 +85,18 @@ class EventSchedule:
         """Phase of the force over the events listed, in rad."""
         return self.period_multiple * math.pi * (1 if self.symmetric else 2)
 
-    @property
+    @cached_property
     def impacts(self) -> int:
         """Number of impacts among the events listed."""
         return sum(event.is_impact for event in self.events)
 
-    @property
+    @cached_property
     def reversals(self) -> int:
         """Number of friction reversals among the events listed; the end of a joined segment is none."""
         pairs = zip((self.events[-1], *self.events[:-1]), self.events, strict=True)
         return sum(event.regime is Regime.SLIDING and event.wall == 0 and before.regime is not Regime.JOINED for before, event in pairs)
 
-    @property
+    @cached_property
     def flies(self) -> bool:
         """Whether absorber and beam are never joined."""
         return all(event.regime is not Regime.JOINED for event in self.events)
@@ -106,24 +106,19 @@ class EventSchedule:
         """Number of unknowns of a flying orbit: phases, impulses, and the mean distance unless the orbit is symmetric."""
         return len(self.events) + self.impacts + (0 if self.symmetric else 1)
 
-    @property
+    @cached_property
     def order(self) -> Order:
         """The events as arrays, for the kernels; ParameterError if there is a joined segment or no impact."""
-        return _order(self)
+        if not self.flies:
+            raise ParameterError("schedule with joined segments is not allowed here: Green's function is that of a free or sliding absorber")
+        require(self.events[0].is_impact, "schedule", str(self), "one that begins with an impact")
+        wall, sign = (np.array([getattr(event, name) for event in self.events], dtype=np.int64) for name in ("wall", "sign"))
+        return Order(wall, sign, self.turn, -1.0 if self.symmetric else 1.0)
 
     def __str__(self) -> str:
         words = f"{self.impacts} impact{'s' * (self.impacts != 1)} and {self.reversals} reversal{'s' * (self.reversals != 1)} in "
         whole = "period" if self.period_multiple == 1 else f"{self.period_multiple} periods"
         return words + (f"half of {'a' if self.period_multiple == 1 else ''} {whole}".replace("  ", " ") if self.symmetric else whole)
-
-
-@lru_cache(maxsize=256)
-def _order(schedule: EventSchedule) -> Order:
-    if not schedule.flies:
-        raise ParameterError("schedule with joined segments is not allowed here: Green's function is that of a free or sliding absorber")
-    require(schedule.events[0].is_impact, "schedule", str(schedule), "one that begins with an impact")
-    wall, sign = (np.array([getattr(event, name) for event in schedule.events], dtype=np.int64) for name in ("wall", "sign"))
-    return Order(wall, sign, schedule.turn, -1.0 if schedule.symmetric else 1.0)
 
 
 def flying_schedule(walls: Sequence[int], friction: bool, symmetric: bool = False, period_multiple: int = 1) -> EventSchedule:

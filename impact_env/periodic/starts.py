@@ -118,7 +118,7 @@ def orbit_of_simulation(
         return _shot_from(case, response, here, symmetric, multiple)
     try:
         found = orbit_at(case, *read_schedule(case, response, here, multiple, symmetric))
-        shorter = multiple if isinstance(found, NoOrbit) else _least_multiple(found)
+        shorter = multiple if isinstance(found, NoOrbit) else least_multiple(found)
         found = found if shorter == multiple else orbit_at(case, *read_schedule(case, response, here, shorter, symmetric))
     except ParameterError:  # reversals between two samples: what was read is no order of events
         return _shot_from(case, response, here, symmetric, multiple)
@@ -135,7 +135,7 @@ def _shot_from(case: Case, response: Response, here: float, symmetric: bool, mul
         return NoOrbit(case, _blank(case), "friction holds the absorber all the time", np.zeros(1))
     phase, state = here + case.omega * section[0], section[1]
     found = shot_orbit(case, phase, state, symmetric, multiple)
-    shorter = multiple if isinstance(found, NoOrbit) else _least_multiple(found)
+    shorter = multiple if isinstance(found, NoOrbit) else least_multiple(found)
     return found if shorter == multiple else shot_orbit(case, phase, state, symmetric, shorter)
 
 
@@ -157,7 +157,7 @@ def flight_of(response: Response) -> tuple[float, Array] | None:
     return float(time[k]), np.concatenate([displacement, [history.absorber_displacement[k]], velocity, [history.absorber_velocity[k]]])
 
 
-def _least_multiple(orbit: Orbit) -> int:
+def least_multiple(orbit: Orbit) -> int:
     """Return the multiple of the force's period after which an orbit really comes again: a slow approach may look like a long period."""
     whole, start = orbit.schedule.period_multiple, orbit.motion.mid_flight()[0]
     first = orbit.motion.state_at(start)

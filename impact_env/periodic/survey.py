@@ -13,7 +13,7 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.corrector import NoConvergenceError
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at
-from impact_env.periodic.starts import SETTLE, initial_of, orbit_of_simulation
+from impact_env.periodic.starts import MOST_MULTIPLE, SETTLE, initial_of, least_multiple, orbit_of_simulation
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
 from impact_env.periodic.tracing import OrbitBranch, orbit_branch
 from impact_env.scene import InitialState
@@ -111,32 +111,45 @@ def lies_on(orbit: Orbit, branch: OrbitBranch) -> bool:
     return any(isinstance(other, Orbit) and same(orbit, other) for other in crossings(branch, orbit.case.omega))
 
 
-def orbits_over(case: Case, ratios: Array, progress: Progress | None = None) -> Iterator[Found]:
-    """Yield the symmetric two-impact orbits of a case at each of rising frequency ``ratios`` (M,).
-
-    Without friction the closed form has them all. With friction its starts miss some, so branches are followed between the first and the last ratio,
-    through every orbit found; ``progress`` is told how many frequencies are done.
-    """
+def closed_form_over(case: Case, ratios: Array, progress: Progress | None = None) -> list[Found]:
+    """Return `closed_form_orbits` at each of rising frequency ``ratios`` (M,); ``progress`` is told how many are done."""
     require(len(ratios) > 0 and bool(np.all(np.diff(ratios) > 0)), "ratios", ratios, "one or more frequency ratios, rising")
     first, found = float(case.model.omega[0]), []
     for k, ratio in enumerate(ratios, 1):
         found.append(closed_form_orbits(case.changed(omega=float(ratio) * first)))
         if progress is not None:
             progress(k, len(ratios))
+    return found
+
+
+def joined_by(group: Found, branches: Iterable[OrbitBranch]) -> Found:
+    """Return what was found at a frequency together with the orbits of branches there, and their mirror images where they have no symmetry."""
+    more = [orbit for branch in branches for orbit in crossings(branch, group.case.omega)]
+    good = [orbit for orbit in more if isinstance(orbit, Orbit) and least_multiple(orbit) == orbit.schedule.period_multiple]
+    images = [orbit for one in good if not one.schedule.symmetric and isinstance(orbit := mirrored(one), Orbit)]
+    refused = tuple(orbit for orbit in more if isinstance(orbit, NoOrbit)) if more else group.refused
+    return Found(group.case, tuple(different([*group.orbits, *good, *images])), refused)
+
+
+def orbits_over(case: Case, ratios: Array, progress: Progress | None = None) -> Iterator[Found]:
+    """Yield the symmetric two-impact orbits of a case at each of rising frequency ``ratios`` (M,).
+
+    Without friction the closed form has them all. With friction its starts miss some, so branches are followed between the first and the last ratio,
+    through every orbit found; ``progress`` is told how many frequencies are done.
+    """
+    found = closed_form_over(case, ratios, progress)
     if case.friction_limit == 0 or len(ratios) < 2:
         yield from found
         return
+    first = float(case.model.omega[0])
     branches = list(branches_from(found, float(ratios[0]) * first, float(ratios[-1]) * first))
-    for group in found:
-        more = [orbit for branch in branches for orbit in crossings(branch, group.case.omega)]
-        orbits = different([*group.orbits, *(orbit for orbit in more if isinstance(orbit, Orbit))])
-        yield Found(group.case, tuple(orbits), tuple(orbit for orbit in more if isinstance(orbit, NoOrbit)) if more else group.refused)
+    yield from (joined_by(group, branches) for group in found)
 
 
-def attractors(case: Case, near: Iterable[Orbit], settle: float = SETTLE) -> Iterator[Orbit | NoOrbit]:
+def attractors(case: Case, near: Iterable[Orbit], settle: float = SETTLE, most_multiple: int = MOST_MULTIPLE) -> Iterator[Orbit | NoOrbit]:
     """Yield what runs settle to: one from rest, and one from beside each unstable orbit in ``near``; with the mirror image where it differs.
 
-    A symmetric orbit that loses its symmetry so leads to the pair of orbits that took over from it. ``settle`` in periods of the force.
+    A symmetric orbit that loses its symmetry so leads to the pair of orbits that took over from it. See `orbit_of_simulation`.
     """
     starts: list[tuple[InitialState | None, float]] = [(None, 0.0)]
     for orbit in near:
@@ -145,7 +158,7 @@ def attractors(case: Case, near: Iterable[Orbit], settle: float = SETTLE) -> Ite
             state[-1] += NUDGE * case.gap * case.omega
             starts.append((initial_of(case, state), phase))
     for initial, phase in starts:
-        found = orbit_of_simulation(case, settle, initial=initial, phase=phase)
+        found = orbit_of_simulation(case, settle, most_multiple, initial, phase)
         yield found
         if isinstance(found, Orbit) and not found.schedule.symmetric:
             yield mirrored(found)

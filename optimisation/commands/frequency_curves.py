@@ -9,12 +9,18 @@ from typing import Any
 
 from tqdm import tqdm
 
+from impact_env.drive import default_rate
 from impact_env.parameters import RigidWalls, positive, require
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, harmonic_balance
 from impact_env.periodic.overview import Overview, overview, sliding
 from impact_env.periodic.response_curve import COLUMNS
+from impact_env.periodic.stationary import StationaryRuns
+from impact_env.plain import from_scene
+from optimisation.command_line import BadInput
+from optimisation.commands.structure_option import is_given
 from optimisation.commands.sweep_scene import make_scene
 from optimisation.files import replacing, write_csv, write_json
+from optimisation.pieces import Pieces
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 FIGURES = (".png", ".pdf", ".svg")
@@ -47,8 +53,23 @@ def computed(given: dict[str, Any]) -> Overview:
         balance = harmonic_balance(scene, low * reference, given["force"], given["harmonics"], given["weight"], grounded_damper=damper)
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
     rate = given["percent_per_100_periods"]
+    rate = default_rate(scene.model, (given["resonance"],)) if rate is None else rate
+    runs = stationary_runs(given)
+    keep = Pieces(given["resume"], {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference})
     with following(reference) as show:
-        return overview(scene, given["force"], reference, low, high, given["method"] != BALANCE, balance, sweeps, rate, show, given["pairs"])
+        return overview(
+            scene, given["force"], reference, low, high, given["method"] != BALANCE, balance, sweeps, rate, show, given["pairs"], runs, keep
+        )
+
+
+def stationary_runs(given: dict[str, Any]) -> StationaryRuns | None:
+    """Return what the options say of the stationary responses, None if there are none; BadInput for options of theirs without --envelope."""
+    if given["envelope"] is None:
+        for name in ("members", "settle", "window", "approach", "threads"):
+            if is_given(name):
+                raise BadInput(f"--{name} does not go without --envelope: it is about the runs of the envelope")
+        return None
+    return StationaryRuns(given["envelope"], given["members"], given["settle"], given["window"], given["approach"], threads=given["threads"])
 
 
 def written(result: Overview, given: dict[str, Any]) -> list[Path]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from impact_env.modes import ModalModel
 from impact_env.parameters import SlidingAbsorber, positive
 from optimisation.bounds import LARGE_REACH, SMALL_REACH, design_gap, expected_gap, require_reach
+from optimisation.executors import workers
 from optimisation.files import replacing, write_csv, write_json
 from optimisation.gap_check import GapCheck, check_gap, gap_factors, sweep_limits
 from optimisation.progress import sweeps_bar
@@ -26,10 +27,11 @@ def simulated(
     seed: int,
     rate: float,
     threads: int | None,
+    cluster: str | None = None,
 ) -> GapCheck:
-    """Simulate the rule's gap and its neighbours under a bar; arguments as in `check_gap`."""
+    """Simulate the rule's gap and its neighbours under a bar, on a ``cluster`` (host:port) if there is one; the rest as in `check_gap`."""
     factors = gap_factors(gaps)
-    with sweeps_bar("simulating") as show:
+    with workers(threads, cluster) as executor, sweeps_bar("simulating") as show:
         return check_gap(
             model,
             force,
@@ -41,6 +43,7 @@ def simulated(
             percent_per_100_periods=rate,
             threads=threads,
             progress=show,
+            executor=executor,
         )
 
 

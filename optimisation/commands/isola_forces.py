@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.parameters import ParameterError
-from impact_env.periodic.case import case_of
+from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.isola_map import COLUMNS, IsolaMap, isola_map
-from optimisation.commands.sweep_scene import make_scene
+from impact_env.plain import from_scene
+from optimisation.commands.sweep_scene import make_scene, option_name
 from optimisation.files import replacing, write_csv, write_json
+from optimisation.pieces import Pieces
 from optimisation.progress import counting_bar
 
 
@@ -24,11 +26,23 @@ def numbers(option: str, text: str, kind: type) -> tuple[Any, ...]:
 def computed(given: dict[str, Any]) -> IsolaMap:
     """Do what the options ask for. Raises BadInput or ParameterError before anything long is done."""
     modes = numbers("--map-modes", given["map_modes"], int)
-    restitutions = numbers("--map-restitutions", given["map_restitutions"], float)
+    restitutions, limits = (numbers(option_name(name), given[name], float) for name in ("map_restitutions", "map_friction_limits"))
     scene, _ = make_scene(given)
     case = case_of(scene, 1.0, float(scene.model.omega[0]))
+    modes, restitutions = whole_map(case, modes, restitutions, limits)
     with counting_bar("isolas", "cells", leave=False) as show:
-        return isola_map(case, given["start"], given["stop"], modes, restitutions, show)
+        return isola_map(
+            case, given["start"], given["stop"], modes, restitutions, show, limits, Pieces(given["resume"], {"scene": from_scene(scene)})
+        )
+
+
+def whole_map(
+    case: Case, modes: tuple[int, ...], restitutions: tuple[float, ...], limits: tuple[float, ...]
+) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Return modes and restitutions of a map, the case's own where only the other ones, or friction limits, are given."""
+    if not (modes or restitutions or limits):
+        return (), ()
+    return modes or (case.model.modes,), restitutions or (case.restitution,)
 
 
 def written(found: IsolaMap, given: dict[str, Any]) -> list[Path]:

@@ -4,27 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from impact_env.parameters import Beam, count, positive
+from impact_env.parameters import count, positive
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import folds, thresholds
+from impact_env.periodic.offspring import all_orbits_over
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.survey import Found, attractors, different, orbits_over
 from optimisation.bounds import design_force
 from optimisation.command_line import BadInput, check_target
 from optimisation.commands.structure_option import model_of, refuse_beside
-from optimisation.progress import counting_bar
+from optimisation.progress import stages_bar
 from optimisation.report.orbit_tables import fold_text, orbit_table, plain_fold, plain_orbit, plain_threshold, refusals, threshold_text
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure by the design rule]"
 FROM, TO = 0.9, 1.06  # of the first resonance, the paper's range
 POINTS, AROUND, RANGE = 81, 21, 0.02  # frequencies listed, and those from which branches lead to a single one, with its neighbourhood
-Told = Callable[[int, int], None]
+Told = Callable[[str, int, int], None]
+Array = NDArray[np.float64]
 
 
 @contextmanager
@@ -36,24 +40,38 @@ def kept(complete: list[bool]) -> Iterator[None]:
         complete[0] = False
 
 
+def searched(case: Case, ratios: Array, symmetric: bool, told: Told, settle: bool = True) -> Iterator[Found]:
+    """Yield the orbits at each ratio (M,): the symmetric ones only, or also what leaves their branches and, with ``settle``, what runs come to."""
+    if symmetric:
+        return orbits_over(case, ratios, lambda done, total: told("frequencies", done, total))
+    return all_orbits_over(case, ratios, told, settle=settle)
+
+
 def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) -> list[Found]:
-    """Orbits at the frequencies asked for. At a single one branches come from its neighbourhood, and a run adds what it settles to."""
+    """Orbits at the frequencies asked for. At a single one branches come from its neighbourhood, and runs add what they settle to."""
     found: list[Found] = []
-    at = given["at"]
     with kept(complete):
-        if at is None:
-            found += orbits_over(case, np.linspace(given["start"], given["stop"], given["points"]), told)
+        if given["at"] is None:
+            found += searched(case, np.linspace(given["start"], given["stop"], given["points"]), given["symmetric"], told)
             return found
-        low, high = max(given["start"], at - RANGE), min(given["stop"], at + RANGE)
-        ratios = np.union1d(np.linspace(low, high, AROUND), [at])
-        here = next(group for group in orbits_over(case, ratios, told) if abs(group.case.omega_ratio - at) < 1e-12)
-        found.append(here)
-        for settled in attractors(here.case, here.orbits):
+        around(case, given, told, found)
+        here = found[0]
+        for settled in () if given["symmetric"] else attractors(here.case, here.orbits):
             if isinstance(settled, NoOrbit):
-                found[0] = Found(here.case, found[0].orbits, (*found[0].refused, settled))
+                found[0] = replace(found[0], refused=(*found[0].refused, settled))
             else:
-                found[0] = Found(here.case, tuple(different([*found[0].orbits, settled])), found[0].refused)
+                found[0] = replace(found[0], orbits=tuple(different([*found[0].orbits, settled])))
     return found
+
+
+def around(case: Case, given: dict[str, Any], told: Told, found: list[Found]) -> None:
+    """Add the orbits at the single frequency asked for to ``found``, even after Ctrl-C; its neighbours are where branches begin."""
+    at, groups = given["at"], list[Found]()
+    low, high = max(given["start"], at - RANGE), min(given["stop"], at + RANGE)
+    try:
+        groups += searched(case, np.union1d(np.linspace(low, high, AROUND), [at]), given["symmetric"], told, settle=False)
+    finally:
+        found += [group for group in groups if abs(group.case.omega_ratio - at) < 1e-12]
 
 
 def check(given: dict[str, Any]) -> None:
@@ -73,7 +91,7 @@ def check(given: dict[str, Any]) -> None:
 def case_of(given: dict[str, Any]) -> Case:
     """Return structure and absorber at the first resonance; on a structure from a file the force follows from the gap by the design rule."""
     refuse_beside(given["structure"], "modes", "damping")
-    model = model_of(given["structure"], Beam(modes=given["modes"], damping_ratio=given["damping"]))
+    model = model_of(given["structure"], modes=given["modes"], damping_ratio=given["damping"])
     force, gap, ratio = given["force"], positive("gap", given["gap"]), positive("mass_ratio", given["mass_ratio"])
     if force is None:
         force = FORCE if given["structure"] is None else design_force(model, ratio * model.beam_mass, gap, 1)
@@ -92,7 +110,7 @@ def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
         located = folds(case, low, high)
         return fold_text(located), [plain_fold(fold) for fold in located if isinstance(fold.orbit, Orbit)], True
     complete = [True]
-    with counting_bar("orbits", "frequencies", leave=False) as told:
+    with stages_bar("orbits", leave=False) as told:
         found = listed(case, given, told, complete)
     orbits = [orbit for group in found for orbit in group.orbits]
     notes = refusals([orbit for group in found for orbit in group.refused], "solutions or runs are")

@@ -17,7 +17,7 @@ from optimisation.command_line import BadInput
 from optimisation.mounting import mounted
 
 Command = Callable[..., Any]
-POSITION_HELP = "Place of absorber and response, over the length; of a beam from a file the absorber's only."
+POSITION_HELP = "Place of absorber and response, over the length; of a beam from a file the absorber's only; of modes the number of a place."
 RESONANCES_HELP = "Two resonances to look at, counted from 1; twice the same: one."
 
 
@@ -40,16 +40,15 @@ def read_structure(path: Path) -> Structure:
     return structure
 
 
-def model_of(path: Path | None, beam: Beam) -> ModalModel:
-    """Return the modal model of a file's structure, or of the beam that the options describe; --position moves the absorber on a beam from a file."""
+def model_of(path: Path | None, position: float = Beam.absorber_position, **options: Any) -> ModalModel:
+    """Return the modal model of a file's structure, or of the beam that the ``options`` describe, with the absorber where --position says, if given.
+
+    On modes a position is the number of one of the file's places for absorbers.
+    """
     if path is None:
-        return modal_model(beam)
+        return modal_model(Beam(absorber_position=position, **options))
     structure = read_structure(path)
-    if not is_given("position"):
-        return mounted(structure)
-    if not isinstance(structure, Beam):
-        raise BadInput(f"--position does not go with {path}: its absorber is where its shapes say, since it has no length")
-    return mounted(structure, beam.absorber_position)
+    return mounted(structure, position) if is_given("position") else mounted(structure)
 
 
 def is_given(name: str) -> bool:

@@ -7,12 +7,13 @@ import statistics
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TypeVar
 
 from tqdm import tqdm
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.ensemble import Lane, draw_members, run_lanes
+from impact_env.ensemble import Executor, Lane, draw_members, run_lanes
 from impact_env.methods import Method, check_supported
 from impact_env.parameters import Beam, count
 from impact_env.response import Record, Response
@@ -27,9 +28,11 @@ from optimisation.commands.sweep_scene import (
     make_schedule,
     refuse_contradictions,
 )
+from optimisation.executors import workers
 from optimisation.files import replacing
 from optimisation.report.sweep_report import Result, contract, describe_run, summary
 from optimisation.studies.timing import Timed
+from optimisation.sweep_rate import sweep_ratio
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 SHORT = 2.0  # s: a run below this is timed three times
@@ -81,17 +84,27 @@ def recorded(scene: Scene, drive: Drive, method: Method, plotted: bool, most_eve
         return simulate(scene, drive, method, record=record, most_events=most_events, progress=show)
 
 
-def compute(scene: Scene, drives: list[Drive], method: Method, plotted: bool, most_events: int | None = None) -> Result:
-    """Run all members; the first is recorded and, by itself, timed."""
+def compute(
+    scene: Scene, drives: list[Drive], method: Method, plotted: bool, most_events: int | None = None, executor: Executor | None = None
+) -> Result:
+    """Run all members, those after the first by an executor if there is one; the first is recorded and, by itself, timed."""
     response, others = recorded(scene, drives[0], method, plotted, most_events), None
     with tqdm(total=len(drives), desc="integrating", unit="run", delay=1, leave=False, disable=None) as bar:
         if len(drives) > 1:
             lanes = [Lane(scene, drive) for drive in drives[1:]]
-            others = run_lanes(lanes, method, progress=lambda _done, _total: bar.update(), most_events=most_events)
+            others = run_lanes(lanes, method, progress=lambda _done, _total: bar.update(), most_events=most_events, executor=executor)
             if not others.complete:
                 raise KeyboardInterrupt
         bar.set_description("timing")
         return Result(response, others, heard(lambda: integration_time(scene, drives[0], method, most_events), bar))
+
+
+def ratio_of(given: Options, scene: Scene, schedule: FrequencySchedule) -> float | None:
+    """Return what such sweeps without absorber show of the stationary level; None at a constant frequency, where nothing is swept."""
+    low, high = sorted(schedule.omegas / schedule.reference)
+    if low == high:
+        return None
+    return sweep_ratio(scene.model, 1e4 * (high - low) / schedule.periods, given["resonance"], (float(low), float(high)))
 
 
 def refuse_long_plot(scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
@@ -124,12 +137,15 @@ def run(given: Options) -> str:
     (scene, beam), method = make_scene(given), make_method(given)
     check_supported(scene, method)
     schedule = make_schedule(given, scene)
-    count("members", given["members"], 1)
+    if count("members", given["members"], 1) == 1 and given["cluster"] is not None:
+        raise BadInput("--cluster needs --members above 1: the first member runs here")
     if given["plot"] is not None:
         refuse_long_plot(scene, schedule, Record().samples_per_period)
     first = Drive(given["force"], schedule, given["phase"])
     drives = draw_members(given["members"], given["seed"]).drives(first.amplitude, schedule, first.phase)
-    result = compute(scene, drives, method, given["plot"] is not None, given["most_events"])
+    with workers(None, given["cluster"]) as executor:
+        result = compute(scene, drives, method, given["plot"] is not None, given["most_events"], executor)
+    result = replace(result, sweep_ratio=ratio_of(given, scene, schedule))
     write(result, given, beam)
     return summary(result, given["resonance"])
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from impact_env.drive import FrequencySchedule, constant_frequency, linear_sweep
+from impact_env.drive import FrequencySchedule, constant_frequency, default_rate, linear_sweep
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
-from impact_env.modes import ModalModel, modal_model
+from impact_env.modes import ModalModel
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Absorber,
@@ -27,6 +27,7 @@ from optimisation.bounds import design_force, design_gap
 from optimisation.command_line import BadInput
 from optimisation.commands.structure_option import read_structure
 from optimisation.friction_rule import best_friction
+from optimisation.mounting import mounted
 from optimisation.tuned import minimax
 
 Options = dict[str, Any]  # the options of the command line; None: not given
@@ -152,7 +153,7 @@ def make_scene(given: Options) -> tuple[Scene, Beam | None]:
         return to_scene(plain, folder), to_beam(plain)
     if given["structure"] is not None:
         structure = read_structure(given["structure"])
-        model = modal_model(structure)
+        model = mounted(structure)
         if given["force"] is None:
             given["force"] = force_by_rule(given, model)
         return Scene(model, make_absorber(given, model)), structure if isinstance(structure, Beam) else None
@@ -174,4 +175,5 @@ def make_schedule(given: Options, scene: Scene) -> FrequencySchedule:
         return constant_frequency(omega, start, given["periods"])
     if given["down"]:
         start, stop = stop, start
-    return linear_sweep(omega, start, stop, **chosen(given, percent_per_100_periods="percent_per_100_periods"))
+    rate = given["percent_per_100_periods"]
+    return linear_sweep(omega, start, stop, default_rate(scene.model, (given["resonance"],)) if rate is None else rate)

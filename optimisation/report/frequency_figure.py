@@ -10,12 +10,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env.parameters import CompliantWalls, RigidWalls, SlidingAbsorber
+from impact_env.periodic.envelope import QUANTILES
 from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, ResponseCurve
 
 MM = 1e3
 DPI = 160
-STABLE, FAST, SLOW, BALANCE, UP, DOWN = "#0072B2", "#56B4E9", "#D55E00", "#555555", "#009E73", "#CC79A7"
+STABLE, FAST, SLOW, BALANCE, UP, DOWN, RUNS = "#0072B2", "#56B4E9", "#D55E00", "#555555", "#009E73", "#CC79A7", "#E69F00"
 LOOKS = {  # exact orbits: colour, dashes, width, label
     "stable": (STABLE, "-", 2.4, "exact orbit, stable"),
     "fast": (FAST, (0, (6, 1.5)), 2.0, "unstable by fast multipliers only"),
@@ -28,6 +29,7 @@ def save_figure(path: Path, overview: Overview) -> None:
     figure = Figure(figsize=(10, 6), layout="constrained")
     axes = figure.subplots()
     _sweeps(axes, overview)
+    _stationary(axes, overview)
     _linear(axes, overview)
     for curve in overview.curves:
         if curve.method == EXACT:
@@ -38,6 +40,7 @@ def save_figure(path: Path, overview: Overview) -> None:
     low, high = overview.linear.omega_ratio[[0, -1]]
     tops = [curve.peak.tip_max for curve in overview.curves if curve.peak is not None]
     tops += [float(np.max(sweep.tip_max)) for sweep in overview.sweeps]
+    tops += [float(np.max(at.tip_max)) for at in overview.stationary]
     axes.set(xlim=(low, high), ylim=(0, 1.15 * MM * max([*tops, _gap(overview)], default=float(np.max(overview.linear.alone)))))
     axes.set_xlabel(f"frequency of the force over {overview.reference / (2 * np.pi):.2f} Hz")
     axes.set_ylabel("largest displacement of the tip in mm")
@@ -58,6 +61,17 @@ def _sweeps(axes: Axes, overview: Overview) -> None:
         up = sweep.omega_ratio[-1] > sweep.omega_ratio[0]
         label = f"sweep {'up' if up else 'down'}, maximum of each period"
         axes.plot(sweep.omega_ratio, MM * sweep.tip_max, color=UP if up else DOWN, lw=0.7, alpha=0.8, zorder=1, label=label)
+
+
+def _stationary(axes: Axes, overview: Overview) -> None:
+    """Draw the median of the stationary responses, and a band between the lowest and the highest of their quantiles."""
+    if not overview.stationary:
+        return
+    ratio = np.array([at.omega_ratio for at in overview.stationary])
+    rows = MM * np.array([at.tip_max for at in overview.stationary]).T
+    percent = [f"{100 * q:g}" for q in QUANTILES]
+    axes.fill_between(ratio, rows[0], rows[-1], color=RUNS, alpha=0.3, lw=0, zorder=1.5, label=f"stationary runs, {percent[0]} to {percent[-1]} %")
+    axes.plot(ratio, rows[len(rows) // 2], color=RUNS, lw=1.4, marker=".", ms=4, zorder=3.5, label="stationary runs, median")
 
 
 def _linear(axes: Axes, overview: Overview) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -69,9 +70,9 @@ def refusals(refused: list[NoOrbit], what: str) -> list[str]:
     """Say how many are no orbit, and why, the commonest reasons first; nothing if there are none."""
     if not refused:
         return []
-    lines = [f"{len(refused)} {what} no orbit:"]
-    seen = sorted({orbit.reason for orbit in refused}, key=lambda reason: -sum(reason == orbit.reason for orbit in refused))
-    return lines + [f"  {sum(reason == orbit.reason for orbit in refused)} x {reason}" for reason in seen[:8]] + (["  ..."] if len(seen) > 8 else [])
+    seen = Counter(orbit.reason.split(" (")[0] for orbit in refused)  # what is in brackets are numbers, each time others
+    lines = [f"  {number} x {reason}" for reason, number in seen.most_common(8)]
+    return [f"{len(refused)} {what} no orbit:", *lines, *(["  ..."] if len(seen) > 8 else [])]
 
 
 def fold_text(located: tuple[LocatedFold, ...]) -> str:

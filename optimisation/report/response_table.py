@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from impact_env.periodic.envelope import QUANTILES
 from impact_env.periodic.overview import Overview
 from optimisation.report.markdown import markdown
 
@@ -18,4 +19,11 @@ def text(result: Overview) -> str:
         notes += [f"Curve {number}: {curve.message}." if not curve.closed else ""]
         notes += [f"Curve {number}: {points} points are no orbit: {reason}." for reason, points in curve.refused]
     header = ("curve", "method", "", "points", "peak, mm", "at", "folds", "stable, %")
-    return "\n".join([str(result.scene) + f", {result.force:g} N", "", markdown(header, rows), "", *[note for note in notes if note]])
+    blocks = [str(result.scene) + f", {result.force:g} N", "", markdown(header, rows), "", *[note for note in notes if note]]
+    return "\n".join([*blocks, *(["", runs_table(result)] if result.stationary else [])])
+
+
+def runs_table(result: Overview) -> str:
+    """Return a line for each frequency of the stationary responses."""
+    rows = [[f"{at.omega_ratio:.5f}", *(f"{1e3 * tip:.4f}" for tip in at.tip_max), f"{at.impacts:.2f}"] for at in result.stationary]
+    return markdown(("runs at", *(f"{100 * q:g} %, mm" for q in QUANTILES), "impacts a period"), rows)

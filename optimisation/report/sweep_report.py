@@ -11,15 +11,20 @@ from impact_env.parameters import Beam
 from impact_env.plain import from_scene
 from impact_env.response import Response
 from impact_env.wording import absorber_words, number_of_modes
+from optimisation.sweep_rate import LEAST_RATIO
 
 
 @dataclass(frozen=True)
 class Result:
-    """The recorded run of member 0, levels of the members after it (None: there are none), and the time of one bare integration in s."""
+    """The recorded run of member 0, levels of the members after it (None: there are none), and the time of one bare integration in s.
+
+    ``sweep_ratio``: level of such sweeps without absorber over the stationary one; None at a constant frequency.
+    """
 
     response: Response
     others: LaneLevels | None
     wall_time: float
+    sweep_ratio: float | None = None
 
     @property
     def levels(self) -> list[float]:
@@ -51,6 +56,7 @@ def contract(result: Result, beam: Beam | None) -> dict[str, object]:
         "stuck_time_s": response.stuck_time,
         "energy_balance_relative_error": energy.relative_error,
         "pseudo_periods": response.drive.schedule.periods,
+        "sweep_over_stationary_level": result.sweep_ratio,
         "wall_s": result.wall_time,
         "omega_rad_s": response.scene.model.omega.tolist(),
         "scene": from_scene(response.scene, beam),
@@ -84,5 +90,9 @@ def summary(result: Result, resonance: int) -> str:
         ("energy balance, relative", f"{energy.relative_error:.1e}", f"work of the force {energy.work:.4g} J"),
         ("integration alone", f"{1e3 * result.wall_time:.4g} ms", f"{1e6 * result.wall_time / schedule.periods:.3g} us a pseudo period"),
     ]
+    if result.sweep_ratio is not None:
+        rate = 1e4 * abs(float(schedule.omegas[-1] - schedule.omegas[0])) / schedule.reference / schedule.periods
+        fast = "" if result.sweep_ratio >= LEAST_RATIO else ": too fast for shares"
+        rows.append(("sweep over stationary", f"{result.sweep_ratio:.3f}", f"without absorber, at {rate:.3g} % per 100 pseudo periods{fast}"))
     lines = [f"  {name:<26}{value:>12}   {note}".rstrip() for name, value, note in rows]
     return "\n".join([absorber_words(response.scene.absorber), describe_run(response, resonance), *lines])

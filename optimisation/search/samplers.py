@@ -22,7 +22,7 @@ from optimisation.designs import DesignSpace
 
 with optional():
     import optuna
-    from optuna.distributions import BaseDistribution, FloatDistribution
+    from optuna.distributions import BaseDistribution, FloatDistribution, IntDistribution
     from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, NSGAIISampler, RandomSampler
     from optuna.samplers import nsgaii as genetic
     from optuna.trial import FrozenTrial, TrialState
@@ -39,7 +39,7 @@ def seed_of(seed: int, *numbers: int) -> int:
 
 def distributions(space: DesignSpace) -> dict[str, BaseDistribution]:
     """Return the free variables as Optuna's distributions."""
-    return {v.name: FloatDistribution(v.low, v.high, log=v.log) for v in space.free}
+    return {v.name: IntDistribution(int(v.low), int(v.high)) if v.whole else FloatDistribution(v.low, v.high, log=v.log) for v in space.free}
 
 
 def check_sampler(name: str, space: DesignSpace, objectives: int) -> None:

@@ -141,7 +141,10 @@ class DesignStudy:
             else:  # killed between two of its parameters
                 half = Trial(self._study, trial._trial_id)
                 for v in self.problem.space.free:
-                    half.suggest_float(v.name, v.low, v.high, log=v.log)
+                    if v.whole:
+                        half.suggest_int(v.name, int(v.low), int(v.high))
+                    else:
+                        half.suggest_float(v.name, v.low, v.high, log=v.log)
         self._study.sampler = RandomSampler()
         return sorted(self._study.get_trials(deepcopy=False), key=lambda trial: trial.number)[first : first + size]
 

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.ensemble import Progress
+from impact_env.ensemble import Executor, Progress
 from impact_env.modes import modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, count
 from optimisation.bounds import LARGE_REACH, LEAST_REACH, SMALL_REACH, expected_factor
@@ -90,13 +90,16 @@ def factors(steps: int = STEPS) -> Array:
     return np.geomspace(1 / WIDEST, WIDEST, 2 * count("steps", steps, 1) + 1)
 
 
-def run_case(case: Case, members: int, steps: int, threads: int | None, progress: Progress | None = None) -> GapCheck:
+def run_case(
+    case: Case, members: int, steps: int, threads: int | None, progress: Progress | None = None, executor: Executor | None = None
+) -> GapCheck:
     """Simulate a case; arguments and interruption as in `check_gap`."""
     model = modal_model(case.beam)
     multiples = factors(steps)
     multiples[steps] = 1.0
     absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
-    return check_gap(model, FORCE, case.resonance, absorber, factors=multiples, members=members, everywhere=True, threads=threads, progress=progress)
+    where = {"threads": threads, "progress": progress, "executor": executor}
+    return check_gap(model, FORCE, case.resonance, absorber, factors=multiples, members=members, everywhere=True, **where)  # type: ignore[arg-type]
 
 
 def row_of(case: Case, check: GapCheck) -> Row:

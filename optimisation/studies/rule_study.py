@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from impact_env.ensemble import Executor
 from optimisation.bounds import expected_factor
 from optimisation.progress import runs_bar
 from optimisation.report.markdown import markdown
@@ -25,12 +26,13 @@ VERDICT, MACHINE = "rule:verdict", "rule:machine"
 
 
 class Settings(NamedTuple):
-    """Runs for each point, steps to either side of the rule's gap, whether it is a look only, and threads (None: all cores)."""
+    """Runs for each point, steps to either side of the rule's gap, whether it is a look only, and threads (None: all cores) or an executor."""
 
     members: int
     steps: int
     quick: bool
     threads: int | None
+    executor: Executor | None = None
 
     @property
     def told(self) -> Json:
@@ -42,14 +44,14 @@ class Settings(NamedTuple):
         return values if values["settings"] == self.told else {}
 
 
-def settings(quick: bool, members: int | None, threads: int | None) -> Settings:
-    """Return how much to simulate."""
-    return Settings(members or (QUICK_MEMBERS if quick else MEMBERS), rule.QUICK_STEPS if quick else rule.STEPS, quick, threads)
+def settings(quick: bool, members: int | None, threads: int | None, executor: Executor | None = None) -> Settings:
+    """Return how much to simulate, and where."""
+    return Settings(members or (QUICK_MEMBERS if quick else MEMBERS), rule.QUICK_STEPS if quick else rule.STEPS, quick, threads, executor)
 
 
 def _run(case: Case, given: Settings) -> list[Json]:
     with runs_bar(case.key) as show:
-        check = rule.run_case(case, given.members, given.steps, given.threads, show)
+        check = rule.run_case(case, given.members, given.steps, given.threads, show, given.executor)
     if not check.complete:
         raise KeyboardInterrupt
     return [as_json(row_of(case, check))]

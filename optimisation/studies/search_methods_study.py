@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optimisation.evaluation import Threads
+from optimisation.evaluation import Executor
 from optimisation.report.markdown import markdown
 from optimisation.search.bars import BARS
 from optimisation.studies import search_methods
@@ -26,14 +26,14 @@ Key = tuple[str, str, int]
 
 
 class Settings(NamedTuple):
-    """What is searched, and how large: designs a search, members, seeds, ``speed`` times the usual rate of the sweeps; threads (None: all cores)."""
+    """What is searched, and how large: designs a search, members, seeds, ``speed`` times the usual rate of the sweeps; and where it runs."""
 
     questions: tuple[str, ...]
     designs: int
     members: int
     seeds: int
     speed: float
-    threads: int | None
+    executor: Executor
 
     @property
     def told(self) -> Json:
@@ -54,15 +54,15 @@ FULL: dict[str, float] = {"designs": DESIGNS, "members": MEMBERS, "seeds": SEEDS
 QUICK: dict[str, float] = {"designs": 40, "members": 4, "seeds": 2, "speed": 4.0}
 
 
-def settings(quick: bool, questions: Sequence[str], threads: int | None) -> Settings:
+def settings(quick: bool, questions: Sequence[str], executor: Executor) -> Settings:
     """Return how much to search; no question is all of them."""
     size = QUICK if quick else FULL
     designs, members, seeds = (int(size[name]) for name in ("designs", "members", "seeds"))
-    return Settings(tuple(questions) or tuple(QUESTIONS), designs, members, seeds, size["speed"], threads)
+    return Settings(tuple(questions) or tuple(QUESTIONS), designs, members, seeds, size["speed"], executor)
 
 
 def _run(key: Key, given: Settings) -> list[Json]:
-    one = search_methods.trial(*key, given.designs, given.members, Threads(given.threads), given.speed, BARS)
+    one = search_methods.trial(*key, given.designs, given.members, given.executor, given.speed, BARS)
     if one is None:
         raise KeyboardInterrupt
     return [as_json(one)]

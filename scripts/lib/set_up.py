@@ -26,6 +26,7 @@ EXPECTED = {
     "offline": "half a minute",
     "optimise": "about a minute",
     "cluster": "about a minute",
+    "examples": "about a minute, beside that of rl",
 }
 
 

@@ -15,9 +15,9 @@ from impact_env.modes import modal_model
 from impact_env.parameters import Beam
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps
+from impact_env.periodic.fold_map import FEWEST, closed_folds, level_places, map_frequencies
 from impact_env.periodic.folds import fold_near
 from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
-from impact_env.periodic.isolas import FEWEST, closed_folds, level_places, map_frequencies
 from impact_env.periodic.motion import motion_of
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.schedule import EventSchedule, flying_schedule

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from impact_env.kernels.forced import Forced, Window, new_forced, solve_forced
+from impact_env.kernels.forced import Forced, Window, fill_carrier, new_forced, solve_forced
 from impact_env.kernels.segments import Regime
 from impact_env.kernels.signals import Signal, at_offset, new_signal
 from impact_env.kernels.slots import advance
@@ -39,6 +39,7 @@ def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     begin_orders(slots.rows, room.signal.u, w, size)  # type: ignore[call-arg]
     first, at, h, total = level * size * 2 * POINTS, 2 * POINTS * level, slots.steps[level, 0], 0
     waves, signals, carrier = slots.waves, room.forced.signals, room.forced.carrier
+    fill_carrier(slots.steps, room.window.omega, level, carrier)  # type: ignore[call-arg]
     for k in range(calls):
         w[0] = 1e-3 + 1e-12 * k
         walls, _ = scan_walls(waves, first, w, size, size, signals, carrier, at, 1.0, 0.0, 0.0, h, 0.0, p, b, -1.0, 1.0, 0.0, 1e-9, 1e-9)

@@ -83,7 +83,7 @@ class Rhythm:
     def __call__(self, lane: Lane) -> tuple[float, float]:
         """Return both of a lane."""
         schedule = lane.drive.schedule
-        response = simulate(lane.scene, lane.drive, self.method, record=Record(level=False, events=True))
+        response = simulate(lane.scene, lane.drive, self.method, record=Record(events=True))
         assert response.impacts is not None
         since = schedule.times[-1] - WINDOW * 2 * np.pi / schedule.omegas[-1]
         walls = np.sign(response.impacts.impulse[response.impacts.time > since])

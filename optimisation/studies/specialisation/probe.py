@@ -59,7 +59,7 @@ def functions(lane: Any) -> list[dict[str, Any]]:
                     entry["calls"] += 1
                     called = notes.typemap[value.func.name]
                     if isinstance(called, types.Dispatcher):
-                        walk(called.dispatcher, notes.calltypes[value].args)
+                        walk(getattr(called.dispatcher, "part", called.dispatcher), notes.calltypes[value].args)
 
     walk(lane, lane.signatures[0])
     return list(seen.values())

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 
+from optimisation.studies.one_part import one_part
 from optimisation.studies.page import published
 from optimisation.studies.specialisation.page import MARKERS, said, sections
 from optimisation.studies.specialisation.results import Results, claims, left, measure
-from optimisation.studies.study import Json, Measured, Part, Saver, Study, Table, unpack
+from optimisation.studies.study import Json, Study
 
 NAME = "specialisation"
 QUICK_OUT = Path("results/specialisation")
@@ -23,41 +24,25 @@ def _steps(quick: bool, known: Json) -> int:
     return 2 * len(variants) + len(pairs)
 
 
-def _tables(measured: Measured) -> list[Table]:
-    return [Table(NAME, COLUMNS, [[entry[name] for name in COLUMNS] for entry in measured.values["own"].values()])]
-
-
-def _figures(measured: Measured) -> dict[str, Saver]:
+def _figure() -> Callable[[Path, Results], None]:
     from optimisation.studies.specialisation.figure import save_figure  # matplotlib is slow to import
 
-    return {NAME: partial(save_figure, results=Results(**measured.values))}
-
-
-def _failures(measured: Measured) -> list[str]:
-    return [claim.text for claim in claims(Results(**measured.values)) if not claim.holds]
-
-
-def _unpack(name: str, content: Json) -> Measured:
-    measured = unpack(name, content)
-    return Measured(vars(Results(**measured.values)), measured.conditions, measured.complete)
+    return save_figure
 
 
 # settings: whether it is a quick look
-STUDY: Study[bool] = Study(
-    (
-        Part(
-            NAME,
-            "what each scene leaves out",
-            measure=measure,
-            markers=MARKERS,
-            sections=sections,
-            steps=_steps,
-            tables=_tables,
-            figures=_figures,
-            said=said,
-            failures=_failures,
-        ),
-    ),
+STUDY: Study[bool] = one_part(
+    NAME,
+    "what each scene leaves out",
+    Results,
+    measure=measure,
+    steps=_steps,
+    markers=MARKERS,
+    sections=sections,
+    said=said,
+    columns=COLUMNS,
+    rows=lambda results: list(results.own.values()),
+    figure=_figure,
+    failures=lambda results: [claim.text for claim in claims(results) if not claim.holds],
     notes=lambda quick: {"quick": quick},
-    unpack=_unpack,
 )

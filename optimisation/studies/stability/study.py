@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
 
+from optimisation.studies.one_part import one_part
 from optimisation.studies.page import published
 from optimisation.studies.stability.page import CELL_COLUMNS, MARKERS, said, sections
 from optimisation.studies.stability.tasks import Results, finished, gather, tasks
-from optimisation.studies.study import Json, Measured, Part, Saver, Steps, Study, Table, unpack
+from optimisation.studies.study import Json, Steps, Study
 from optimisation.workers import Pool
 
 NAME = "stability"
@@ -43,40 +43,24 @@ def _steps(settings: Settings, known: Json) -> int:
     return len(order) - len(finished(order, known))
 
 
-def _tables(measured: Measured) -> list[Table]:
-    return [Table(NAME, CELL_COLUMNS, [[cell[name] for name in CELL_COLUMNS] for cell in measured.values["cells"]])]
-
-
-def _figures(measured: Measured) -> dict[str, Saver]:
+def _figure() -> Callable[[Path, Results], None]:
     from optimisation.studies.stability.figure import save_figure  # matplotlib is slow to import
 
-    return {NAME: partial(save_figure, results=Results(**measured.values))}
+    return save_figure
 
 
-def _failures(measured: Measured) -> list[str]:
-    return list(Results(**measured.values).failures())
-
-
-def _unpack(name: str, content: dict[str, Any]) -> Measured:
-    measured = unpack(name, content)
-    return Measured(vars(Results(**measured.values)), measured.conditions, measured.complete)
-
-
-STUDY: Study[Settings] = Study(
-    (
-        Part(
-            NAME,
-            "stiff and extreme cases",
-            measure=_measure,
-            markers=MARKERS,
-            sections=sections,
-            steps=_steps,
-            tables=_tables,
-            figures=_figures,
-            said=said,
-            failures=_failures,
-        ),
-    ),
+STUDY: Study[Settings] = one_part(
+    NAME,
+    "stiff and extreme cases",
+    Results,
+    measure=_measure,
+    steps=_steps,
+    markers=MARKERS,
+    sections=sections,
+    said=said,
+    columns=CELL_COLUMNS,
+    rows=lambda results: results.cells,
+    figure=_figure,
+    failures=lambda results: results.failures(),
     notes=lambda settings: {"workers": settings.workers, "quick": settings.quick},
-    unpack=_unpack,
 )

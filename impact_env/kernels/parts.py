@@ -1,0 +1,208 @@
+"""A kernel that Python calls is compiled in one piece with all the kernels that it calls.
+
+numba optimises every function with what it calls, and makes machine code of it, before its caller does the same once more: with calls a dozen deep
+most of that is thrown away. Here a kernel that is met while another is compiled stays LLVM's intermediate code, a `Part`; only the kernel called from
+Python, a `Kernel`, is optimised and becomes machine code, with all its parts at once. So its code also does not depend on what else a process has
+compiled. And two things are left out before types are inferred, which numba would compile and LLVM then drop: branches for an argument that is None
+where it is not, and a function compiled once more for each constant that it is called with.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from numba.core import types
+from numba.core.codegen import CodeLibrary, JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import register_pass
+from numba.core.dispatcher import _FunctionCompiler
+from numba.core.registry import CPUDispatcher
+from numba.core.untyped_passes import DeadBranchPrune, InlineInlinables
+
+_nested = 0  # kernels under way, one within the other; changed under the compiler's lock
+
+
+@contextmanager
+def _compiling() -> Iterator[None]:
+    """Count a kernel that is being compiled. Meanwhile no garbage is looked for: a compiler's many small objects are an eighth of the time."""
+    global _nested
+    with global_compiler_lock:
+        collects = gc.isenabled()
+        gc.disable()
+        _nested += 1
+        try:
+            yield
+        finally:
+            _nested -= 1
+            if collects:
+                gc.enable()
+
+
+class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """The code of one part, as it is before LLVM's module passes; what it calls is kept beside it."""
+
+    def finalize(self) -> None:
+        """End it without machine code."""
+        self._raise_if_finalized()
+        self._finalize_dynamic_globals()
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "external":
+                function.linkage = "linkonce_odr"  # as numba's own for linking: may be there twice, inlined and dropped
+        self._shared_module = self._final_module
+        self._finalized = True
+
+
+class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """A kernel's code with that of all its parts."""
+
+    def finalize(self) -> None:
+        """Link all parts, also those of parts, each once; optimise, and make machine code."""
+        self._linking_libraries = with_parts(self._linking_libraries)
+        super().finalize()
+
+
+def with_parts(libraries: Sequence[CodeLibrary]) -> list[CodeLibrary]:
+    """Return libraries and all that their parts link, each after every one that uses it: LLVM's linker passes over what nothing asks for yet."""
+    seen: set[CodeLibrary] = set()
+    backwards: list[CodeLibrary] = []
+
+    def visit(library: CodeLibrary) -> None:
+        if library in seen:
+            return
+        seen.add(library)
+        if isinstance(library, PartLibrary):
+            for used in reversed(library._linking_libraries):
+                visit(used)
+        backwards.append(library)
+
+    for library in reversed(libraries):
+        visit(library)
+    return backwards[::-1]
+
+
+class _Present:
+    """Stands for the type of an argument that is not None, as numba's pass sees it."""
+
+    literal_type = "present"
+
+
+def _known(kind: Any) -> Any:
+    return kind if isinstance(kind, types.NoneType | types.Optional | types.Omitted | types.Literal) else _Present
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class PrunePresent(DeadBranchPrune):  # type: ignore[misc]
+    """numba's pass drops the branch for a part that is there where the argument is None; this one also that for None where it is there."""
+
+    _name = "impact_env_prune_present"
+
+    def run_pass(self, state: Any) -> bool:
+        """Run numba's pass with types that cannot be None marked as such."""
+        args, state.args = state.args, tuple(map(_known, state.args))
+        try:
+            return bool(super().run_pass(state))
+        finally:
+            state.args = args
+
+
+class _Pipeline(Compiler):  # type: ignore[misc]
+    """numba's passes and `PrunePresent`, with a library of its own kind."""
+
+    library_class: type[JITCodeLibrary]
+
+    def __init__(self, typingctx: Any, targetctx: Any, library: Any, *others: Any) -> None:
+        if library is None:
+            library = self.library_class(targetctx.codegen(), self.library_class.__name__)
+            library.enable_object_caching()
+        super().__init__(typingctx, targetctx, library, *others)
+
+    def define_pipelines(self) -> list[Any]:
+        """Return numba's passes with the one more."""
+        managers: list[Any] = super().define_pipelines()
+        for manager in managers:
+            manager.add_pass_after(PrunePresent, InlineInlinables)
+            manager.finalize()
+        return managers
+
+
+class _PartPipeline(_Pipeline):
+    library_class = PartLibrary
+
+
+class _WholePipeline(_Pipeline):
+    library_class = WholeLibrary
+
+
+class _PartCompiler(_FunctionCompiler):  # type: ignore[misc]
+    """Compiles without machine code, and without the wrapper for callers in Python."""
+
+    def _customize_flags(self, flags: Any) -> Any:
+        flags.no_compile = flags.no_cpython_wrapper = True
+        return flags
+
+    def _compile_core(self, args: Any, return_type: Any) -> Any:
+        result = super()._compile_core(args, return_type)
+        name = object()  # what callers find the part by, in place of a function of machine code
+        result.library._ensure_finalized()
+        result.target_context.insert_user_function(name, result.fndesc, [result.library])
+        return result._replace(entry_point=name)
+
+
+class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
+    def _compile_core(self, args: Any, return_type: Any) -> Any:
+        result = super()._compile_core(args, return_type)
+        for environment in result._find_referenced_environments():  # those of the parts, which no machine code of their own has set
+            result.codegen.set_env(environment.env_name, environment)
+        return result
+
+
+class Part(CPUDispatcher):  # type: ignore[misc]
+    """A kernel as other kernels call it."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        super().__init__(function, {}, options, _PartPipeline)
+        self._compiler = _PartCompiler(function, self.targetdescr, options, {}, _PartPipeline)
+
+    def add_overload(self, result: Any) -> None:
+        """Keep a result for callers in kernels: Python cannot call it."""
+        self.overloads[tuple(result.signature.args)] = result
+
+
+class Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A kernel as Python calls it; what its callers in kernels get is its `part`."""
+
+    def __init__(self, function: Callable[..., Any], _locals: Any, options: dict[str, Any]) -> None:
+        super().__init__(function, {}, options, _WholePipeline)
+        self._compiler = _WholeCompiler(function, self.targetdescr, options, {}, _WholePipeline)
+        self._part: Part | None = None
+
+    @property
+    def part(self) -> Part:
+        """What other kernels call."""
+        if self._part is None:
+            self._part = Part(self.py_func, self.targetoptions)
+        return self._part
+
+    def compile(self, signature: Any) -> Any:
+        """Compile for a caller in Python, or in a function that is no kernel."""
+        with _compiling():
+            return super().compile(signature)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return what a caller's types are inferred from; within kernels constants are passed as numbers, so that one part serves all."""
+        if not _nested:
+            return super().get_call_template(args, kws)
+        return self.part.get_call_template(tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()})
+
+    def get_overload(self, signature: Any) -> Any:
+        """Return what the caller's code calls."""
+        return self.part.get_overload(signature) if _nested else super().get_overload(signature)
+
+
+def kernel(function: Callable[..., Any], **options: Any) -> Kernel:
+    """Return a kernel that is compiled when it is first called."""
+    return Kernel(function, {}, {"nopython": True, "boundscheck": None, **options})

@@ -1,0 +1,28 @@
+"""How finished pieces of long work are kept: the caller may hand in something that has them, such as a file that an earlier run wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol, TypeVar
+
+
+class Plain(Protocol):
+    """A piece that can be written."""
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return plain values."""
+
+
+P = TypeVar("P", bound=Plain)
+
+
+class Keep(Protocol):
+    """Finished pieces by name."""
+
+    def __call__(self, name: dict[str, Any], make: Callable[[], Iterator[P]], read: Callable[[dict[str, Any]], P], /) -> Iterator[P]:
+        """Yield what ``make`` yields, or what it has yielded before to its end for the same ``name``, ``read`` from its `to_plain`."""
+
+
+def anew(_name: dict[str, Any], make: Callable[[], Iterator[P]], _read: Callable[[dict[str, Any]], P], /) -> Iterator[P]:
+    """Keep nothing: make each piece."""
+    return make()

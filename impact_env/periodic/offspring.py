@@ -1,0 +1,157 @@
+"""Orbits beyond the symmetric ones over a range of frequencies: pairs without symmetry, doubled periods, and what runs settle to.
+
+Each comes from a branch known before: a pair leaves a symmetric branch where its symmetry breaks, a doubled period leaves the pair, and so on; what
+no such way leads to, as a period of three, comes from runs of the exact method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.periodic.branch import STOPPED
+from impact_env.periodic.case import Case
+from impact_env.periodic.continuation import Steps
+from impact_env.periodic.corrector import NoConvergenceError
+from impact_env.periodic.green import NoOrbit, Solution
+from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.orbit_branches import mirrors, places_of
+from impact_env.periodic.starts import MOST_MULTIPLE
+from impact_env.periodic.survey import Found, attractors, branches_from, closed_form_over, different, joined_by
+from impact_env.periodic.switching import leaving
+from impact_env.periodic.tracing import PERIOD_DOUBLING, SYMMETRY_BREAKING, OrbitBranch, orbit_branch
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]  # what is done, how many frequencies or branches of how many (0: not known)
+MOST_EVENTS = 100  # on a branch: Newton's method takes the third power of them
+STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=400)
+MARGIN = 0.02  # of the first resonance: how far beyond the range branches are followed, since a pair may leave there
+
+
+def descendants(branches: Iterable[OrbitBranch], limits: tuple[float, float], longest: int = MOST_MULTIPLE) -> Iterator[OrbitBranch | NoOrbit]:
+    """Yield the branches in frequency, within limits in rad/s, that leave ``branches`` by broken symmetry or doubled periods, and so on.
+
+    ``longest``: the largest multiple of the force's period. Of two branches that mirror each other one is followed, and none with more than
+    `MOST_EVENTS`: for that what comes is the reason. The last one has ended as `STOPPED` after Ctrl-C.
+    """
+    queue = list(branches)
+    known: list[tuple[OrbitBranch, Array]] = []
+    while queue:
+        branch = queue.pop(0)
+        multiple = branch.schedules[0].period_multiple
+        for kind in (SYMMETRY_BREAKING, *((PERIOD_DOUBLING,) if 2 * multiple <= longest else ())):
+            for solution in leaving(branch, kind):
+                new = solution.schedule.period_multiple
+                if any(mirrors(places, solution) for other, places in known if other.schedules[0].period_multiple == new):
+                    continue
+                found = followed(solution, limits)
+                if isinstance(found, NoOrbit):
+                    yield found
+                    continue
+                known.append((found, places_of(found)))
+                queue.append(found)
+                yield found
+                if found.branch.ended == STOPPED:
+                    return
+
+
+def followed(solution: Solution, limits: tuple[float, float]) -> OrbitBranch | NoOrbit:
+    """Return the branch in frequency through a solution, or why it is not followed."""
+    events = len(solution.schedule.events)
+    if events > MOST_EVENTS:
+        return NoOrbit(solution.case, solution.schedule, f"a branch of more than {MOST_EVENTS} events is not followed", solution.phases)
+    try:
+        return orbit_branch(solution, "omega", limits, STEPS)
+    except NoConvergenceError as error:
+        return NoOrbit(solution.case, solution.schedule, str(error), solution.phases)
+
+
+def all_orbits_over(
+    case: Case, ratios: Array, progress: Progress | None = None, longest: int = MOST_MULTIPLE, settle: bool = True
+) -> Iterator[Found]:
+    """Yield the orbits of a case at each of rising frequency ratios (M,): symmetric, without symmetry, and of up to ``longest`` periods of the force.
+
+    ``settle``: where none of them is stable runs show what is, one from rest and one from beside each orbit; those with impacts count, and their
+    branches are followed. Ctrl-C yields what is known so far and goes on to the caller. Raises ParameterError for ratios that do not rise.
+    """
+    search = _Search(case, ratios, longest, progress)
+    try:
+        search.symmetric()
+        search.leave(search.branches)
+        if settle:
+            search.settle()
+    except KeyboardInterrupt:
+        yield from search.groups
+        raise
+    yield from search.groups
+
+
+@dataclass(eq=False)
+class _Search:
+    """What is known so far: a group of orbits for each frequency, and the branches that they lie on."""
+
+    case: Case
+    ratios: Array
+    longest: int
+    progress: Progress | None
+    groups: list[Found] = field(default_factory=list)
+    branches: list[OrbitBranch] = field(default_factory=list)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Frequencies in rad/s between which branches are followed."""
+        first = float(self.case.model.omega[0])
+        return max(float(self.ratios[0]) - MARGIN, 0.5 * float(self.ratios[0])) * first, (float(self.ratios[-1]) + MARGIN) * first
+
+    def _tell(self, what: str, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(what, done, total)
+
+    def symmetric(self) -> None:
+        """Find the symmetric orbits and their branches."""
+        self.groups += closed_form_over(self.case, self.ratios, lambda done, total: self._tell("closed form", done, total))
+        self._join(branches_from(self.groups, *self.limits))
+
+    def leave(self, branches: Iterable[OrbitBranch]) -> None:
+        """Follow what leaves some branches, and what leaves that."""
+        self._join(descendants(branches, self.limits, self.longest))
+
+    def _join(self, branches: Iterable[OrbitBranch | NoOrbit]) -> None:
+        """Follow branches, and add their orbits at each frequency."""
+        new: list[OrbitBranch] = []
+        for branch in branches:
+            if isinstance(branch, NoOrbit):
+                self.groups[0] = replace(self.groups[0], refused=(*self.groups[0].refused, branch))
+                continue
+            new.append(branch)
+            self._tell("branches", len(self.branches) + len(new), 0)
+            if branch.branch.ended == STOPPED:
+                raise KeyboardInterrupt
+        self.branches += new
+        for k, group in enumerate(self.groups):
+            self.groups[k] = joined_by(group, new)
+
+    def settle(self) -> None:
+        """Run from rest and from beside the orbits where none is stable, and follow what is found."""
+        for k in range(len(self.groups)):
+            self._tell("runs", k, len(self.groups))
+            group = self.groups[k]
+            if not any(orbit.stability.stable for orbit in group.orbits):
+                for found in attractors(group.case, group.orbits, most_multiple=self.longest):
+                    self._add(k, found)
+
+    def _add(self, k: int, found: Orbit | NoOrbit) -> None:
+        group = self.groups[k]
+        if isinstance(found, NoOrbit):
+            self.groups[k] = replace(group, refused=(*group.refused, found))
+            return
+        if len(found.impacts) == 0 or len(orbits := different([*group.orbits, found])) == len(group.orbits):
+            return
+        self.groups[k] = replace(group, orbits=tuple(orbits))
+        if found.schedule.flies:
+            branch = followed(found.solution, self.limits)
+            self._join([branch])
+            self.leave([] if isinstance(branch, NoOrbit) else [branch])

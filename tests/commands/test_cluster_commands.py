@@ -1,0 +1,70 @@
+"""Commands with --cluster give what they give without: the same numbers from the workers of a scheduler in this process."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from sweep_command import SHORT
+from sweep_command import call as sweep
+
+pytest.importorskip("distributed")
+pytest.importorskip("optuna")
+
+import design_gap
+import design_rule
+import distributed
+import search_methods as search_methods_script
+
+from optimisation.evaluation import Threads
+from optimisation.search.cluster import Workers
+from optimisation.studies import rule, search_methods
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50) as local:
+        yield local.scheduler_address
+
+
+def test_members_of_a_sweep(address: str, tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("here.json", "there.json")]
+    for file, where in zip(files, ([], ["--cluster", address]), strict=True):
+        result = sweep(*SHORT, "--absorber", "impact", "--force", "20", "--members", "3", "--json", str(file), *where)
+        assert result.exit_code == 0, result.output
+    here, there = (json.loads(file.read_text()) for file in files)
+    assert len(there["response_level_m"]) == 3
+    assert {k: x for k, x in here.items() if k != "wall_s"} == {k: x for k, x in there.items() if k != "wall_s"}
+    alone = sweep(*SHORT, "--cluster", address)
+    assert alone.exit_code == 2
+    assert "--cluster needs --members above 1" in alone.output
+
+
+def test_gaps_around_the_rule(address: str, tmp_path: Path) -> None:
+    line = ["--force", "3.5", "--modes", "2", "--rate", "100", "--gaps", "3", "--members", "2"]
+    for name, where in (("here", ["--threads", "1"]), ("there", ["--cluster", address])):
+        result = CliRunner().invoke(design_gap.main, [*line, *where, "--out", str(tmp_path / name)])
+        assert result.exit_code == 0, result.output
+    assert (tmp_path / "here" / "levels.csv").read_text() == (tmp_path / "there" / "levels.csv").read_text()
+
+
+def test_a_case_of_the_rule_study_and_a_search(address: str) -> None:
+    case = next(case for case in rule.cases() if case.varied == rule.DAMPING and case.value == 0.05)
+    with Workers(address) as workers:
+        here, there = (rule.row_of(case, rule.run_case(case, 1, 1, **where)) for where in ({"threads": 1}, {"threads": None, "executor": workers}))
+        assert here == there
+        first, second = (search_methods.trial("paper, first", "random", 0, 4, 1, where, 100.0) for where in (Threads(1), workers))
+    assert first is not None
+    assert first == second
+
+
+@pytest.mark.parametrize("command", [design_rule.main, search_methods_script.main], ids=["design_rule", "search_methods"])
+def test_threads_and_no_scheduler_are_refused(command: object, tmp_path: Path) -> None:
+    line = ["--quick", "--out", str(tmp_path), "--cluster", "127.0.0.1:1"]
+    result = CliRunner().invoke(command, [*line, "--threads", "2"])  # type: ignore[arg-type]
+    assert result.exit_code == 2
+    assert "--threads = 2 is not allowed: with --cluster" in result.output
+    assert list(tmp_path.iterdir()) == []

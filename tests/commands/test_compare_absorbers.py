@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+
+import compare_absorbers
+import numpy as np
+import pytest
+from commands import call
+
+from impact_env import Beam
+from optimisation.comparison import FORCE_SPAN, IMPACT, LTVA_PAPER, NONE, Comparison, compare, force_grid
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
+from optimisation.tuned import den_hartog
+
+FILES = {"runs.csv", "curves.csv", "summary.json", "comparison.png"}
+KEYS = ["none", "impact", "friction", "ltva_paper", "ltva_tuned", "ltva_paper_wide", "ltva_tuned_wide"]
+small = partial(compare, Beam(modes=2), percent_per_100_periods=40.0)  # fast: the numbers do not matter here
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quickly_tuned() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("optimisation.comparison.minimax", den_hartog)  # in closed form, and as good here
+        yield
+
+
+@pytest.fixture(scope="module")
+def study() -> Comparison:
+    return small(forces=4, members=3, seed=1)
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.setattr("optimisation.commands.comparison_run.compare", small)
+    return compare_absorbers
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_forces_cover_the_range_and_gather_at_the_design_force() -> None:
+    forces = force_grid(3.5, 24)
+    assert len(forces) == 24
+    assert forces[[0, -1]] == pytest.approx(3.5 * np.array(FORCE_SPAN))
+    assert np.all(np.diff(forces) > 0)
+    assert np.sum((forces > 1.75) & (forces < 5.6)) >= 9
+
+
+def test_study_holds_every_concept_near_both_resonances(study: Comparison) -> None:
+    assert study.complete
+    assert [part.resonance for part in study.resonances] == [1, 2]
+    for part in study.resonances:
+        assert list(part.curves) == KEYS == [concept.key for concept in study.concepts]
+        assert all(curve.level.shape == (4, 3, 2) for curve in part.curves.values())
+        assert part.limit.shape == (4,)
+        assert part.limit[0] == 0
+        np.testing.assert_allclose(part.curves[NONE].median / part.forces, part.curves[NONE].median[0] / part.forces[0])
+    assert study.resonances[0].design_force < study.resonances[1].design_force
+
+
+def test_tables_hold_every_run(study: Comparison) -> None:
+    runs = [dict(zip(RUN_COLUMNS, row, strict=True)) for row in run_rows(study)]
+    assert len(runs) == 2 * len(KEYS) * 4 * 3 * 2
+    assert {run["direction"] for run in runs} == {"up", "down"}
+    curve = study.resonances[1].curves[IMPACT]
+    run = next(
+        r for r in runs if (r["resonance"], r["concept"], r["member"], r["direction"]) == (2, IMPACT, 2, "down") and r["force_n"] == curve.forces[3]
+    )
+    assert run["response_level_m"] == curve.level[3, 2, 1]
+    assert (run["phase_rad"], run["force_factor"]) == (curve.members.phases[2], curve.members.factors[2])
+    rows = [dict(zip(CURVE_COLUMNS, row, strict=True)) for row in curve_rows(study)]
+    assert len(rows) == 2 * (len(KEYS) + 1) * 4
+    assert {row["concept"] for row in rows} == {*KEYS, "limit"}
+    assert all(row["relative_median"] == 1.0 for row in rows if row["concept"] == NONE)
+
+
+def test_summary_names_optimum_and_parameters(study: Comparison) -> None:
+    content = json.loads(json.dumps(summary(study), allow_nan=False))
+    assert content["complete"] is True
+    part = content["resonances"]["1"]
+    assert list(part["concepts"]) == KEYS
+    impact, tuned = part["concepts"][IMPACT], part["concepts"][LTVA_PAPER]
+    assert impact["absorber"] == {"mass_ratio": 0.02, "walls": {"gap": 1e-3, "restitution": 0.7}, "friction": {"limit": 0.1}}
+    assert impact["optimum"]["force_n"] in part["forces_n"]
+    low, high = impact["optimum"]["relative_5_to_95_percent"]
+    assert 0 < low <= impact["optimum"]["relative_to_no_absorber"] <= high < 1
+    assert tuned["absorber"] == {"mass_ratio": 0.02, "stiffness": 701.8, "damping": 0.728}
+    assert tuned["optimum"]["force_n"] is None
+    assert tuned["at_best_force_of_impact_absorber"]["force_n"] == impact["optimum"]["force_n"]
+    assert part["concepts"]["friction"]["absorber"] == {"mass_ratio": 0.02, "friction": {"limit": 0.5}}
+
+
+def test_table_to_read_is_aligned(study: Comparison) -> None:
+    blocks = text_table(study).split("\n\n")
+    assert len(blocks) == 3
+    for block in blocks[:2]:
+        lines = block.splitlines()
+        column = lines[1].index("best force")
+        assert all(line[column - 2 : column] == "  " for line in lines[1:9])
+        assert all(concept.label in block for concept in study.concepts)
+
+
+def test_quick_look_writes_all_files(script: ModuleType, tmp_path: Path) -> None:
+    result = call(script, "--quick", "--seed", 4, "--out", tmp_path / "new" / "folder")
+    assert result.exit_code == 0, result.output
+    out = tmp_path / "new" / "folder"
+    assert {file.name for file in out.iterdir()} == FILES
+    assert (out / "comparison.png").read_bytes().startswith(b"\x89PNG")
+    content = json.loads((out / "summary.json").read_text())
+    assert {"versions", "threads", "wall_s", "complete", "settings", "resonances"} <= set(content)
+    assert content["settings"] | {"members": 2, "seed": 4} == content["settings"]
+    assert len(content["resonances"]["2"]["forces_n"]) == 10
+    assert tuple(read(out / "runs.csv")[0]) == RUN_COLUMNS
+    assert tuple(read(out / "curves.csv")[0]) == CURVE_COLUMNS
+    assert "impact absorber" in result.stdout
+
+
+@pytest.mark.slow
+def test_result_follows_from_the_seed_alone(script: ModuleType, tmp_path: Path) -> None:
+    for name, seed, threads in (("a", 1, 1), ("b", 1, 3), ("c", 2, 3)):
+        assert call(script, "--forces", 2, "--members", 2, "--seed", seed, "--threads", threads, "--out", tmp_path / name).exit_code == 0
+    a, b, c = ((tmp_path / name / "runs.csv").read_text() for name in "abc")
+    assert a == b != c
+
+
+def interrupted_after(lanes: int) -> Callable[..., Comparison]:
+    def stop(done: int, _total: int) -> None:
+        if done == lanes:
+            raise KeyboardInterrupt
+
+    return lambda **options: small(**options | {"progress": stop, "threads": 1})
+
+
+@pytest.mark.parametrize("lanes", [1, 60])
+def test_interrupt_leaves_what_is_finished(script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lanes: int) -> None:
+    monkeypatch.setattr("optimisation.commands.comparison_run.compare", interrupted_after(lanes))
+    result = call(script, "--forces", 4, "--members", 4, "--out", tmp_path)
+    assert result.exit_code == 130
+    assert "Stopped early" in result.output
+    assert {file.name for file in tmp_path.iterdir()} == FILES
+    assert json.loads((tmp_path / "summary.json").read_text())["complete"] is False
+    runs = read(tmp_path / "runs.csv")
+    assert len(runs) < 2 * len(KEYS) * 4 * 4 * 2
+    assert all(float(run["response_level_m"]) > 0 for run in runs)
+    if lanes == 60:  # the first member is whole
+        assert {run["concept"] for run in runs if run["member"] == "0"} == set(KEYS)
+
+
+def test_break_while_writing_leaves_no_part_of_a_file(script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "comparison.png").write_text("the last result")
+
+    def save(path: Path, _comparison: Comparison) -> None:
+        path.write_text("half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("optimisation.report.comparison_figure.save_figure", save)
+    result = call(script, "--forces", 2, "--members", 1, "--out", tmp_path)
+    assert result.exit_code == 130
+    assert {file.name for file in tmp_path.iterdir()} == FILES
+    assert (tmp_path / "comparison.png").read_text() == "the last result"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["--members", 0], ["--members", "0", "x>=1"]),
+        (["--members", "many"], ["--members", "many"]),
+        (["--forces", 1], ["--forces", "1", "x>=2"]),
+        (["--seed", -1], ["--seed", "-1", "x>=0"]),
+        (["--threads", 0], ["--threads", "0", "x>=1"]),
+        (["--no-such-option"], ["--no-such-option"]),
+        (["--out", __file__], ["--out", __file__, "folder"]),
+    ],
+)
+def test_bad_input_is_named(script: ModuleType, monkeypatch: pytest.MonkeyPatch, arguments: list[object], names: list[str]) -> None:
+    monkeypatch.setattr("optimisation.commands.comparison_run.compare", lambda **_options: pytest.fail("computed"))
+    result = call(script, *arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert all(name in result.stderr for name in names)
+
+
+def test_files_are_whole_or_absent(tmp_path: Path) -> None:
+    write_csv(tmp_path / "a.csv", ["x", "y"], [[1, 0.1], [2, ""]])
+    assert (tmp_path / "a.csv").read_text() == "x,y\n1,0.1\n2,\n"
+
+    def rows() -> object:
+        yield [1, 2]
+        raise RuntimeError
+
+    for write in (lambda: write_csv(tmp_path / "a.csv", ["x"], rows()), lambda: write_json(tmp_path / "a.json", [float("nan")])):  # type: ignore[arg-type]
+        with pytest.raises((RuntimeError, ValueError)):
+            write()
+    with contextlib.suppress(OSError), replacing(tmp_path / "b.txt") as temporary:
+        temporary.write_text("half")
+        raise OSError("disk full")
+    assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
+    assert (tmp_path / "a.csv").read_text() == "x,y\n1,0.1\n2,\n"
+    with pytest.raises(ValueError, match="--out"):
+        require_writable("--out", tmp_path / "a.csv" / "under")

@@ -1,0 +1,253 @@
+"""scripts/tune_ltva and scripts/design_gap: files, tables, interruption, bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from commands import call, load
+from places import ROOT
+
+from impact_env.modes import modal_model
+from impact_env.parameters import Beam, ParameterError, friction_damper
+from optimisation.bounds import design_gap
+from optimisation.commands import gap_answer
+from optimisation.gap_check import GapCheck, check_gap, gap_factors, sweep_limits
+from optimisation.tuned import den_hartog, undamped_h2
+
+
+@pytest.fixture
+def tune(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.setattr("optimisation.tuned.table.minimax", lambda model, mass, resonance, *_range: den_hartog(model, mass, resonance))
+    monkeypatch.setattr("optimisation.tuned.table.minimum_h2", lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance))
+    return load("tune_ltva", monkeypatch)
+
+
+@pytest.fixture
+def gap(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    return load("design_gap", monkeypatch)
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_tunings_are_proved_and_written(tune: ModuleType, tmp_path: Path) -> None:
+    pytest.importorskip("cvxpy")
+    result = call(tune, "--modes", 2, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert {file.name for file in tmp_path.iterdir()} == {"tunings.csv", "summary.json", "tunings.png"}
+    assert (tmp_path / "tunings.png").read_bytes().startswith(b"\x89PNG")
+    table = {row["tuning"]: row for row in read(tmp_path / "tunings.csv")}
+    assert float(table["paper"]["stiffness_n_m"]) == 701.8
+    assert float(table["none"]["peak_relative"]) == 1.0
+    assert table["none"]["stiffness_n_m"] == ""
+    for row in table.values():
+        assert float(row["certified_amplitude_m_n"]) == pytest.approx(float(row["peak_m_n"]), rel=1e-4)
+        assert float(row["certified_amplitude_m_n"]) >= float(row["peak_m_n"]) * (1 - 1e-9)
+    content = json.loads((tmp_path / "summary.json").read_text())
+    assert content["tunings"]["den_hartog"]["stiffness_n_m"] == float(table["den_hartog"]["stiffness_n_m"])
+    assert content["settings"]["scoring_range"] == [0.5, 1.6]
+    assert "times the smallest one" in result.stdout
+    assert "Proved" in result.stdout
+
+
+def test_quick_look_has_no_proof(tune: ModuleType, tmp_path: Path) -> None:
+    result = call(tune, "--modes", 2, "--quick", "--mass-ratio", 0.03, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert all(row["certified_amplitude_m_n"] == "" for row in read(tmp_path / "tunings.csv"))
+    assert "paper's rule" in result.stdout
+    assert "Proved" not in result.stdout
+
+
+def test_table_goes_between_the_markers_of_a_page(tune: ModuleType, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("no markers\n")
+    refused = call(tune, "--modes", 2, "--quick", "--out", tmp_path, "--page", page)
+    assert refused.exit_code == 2
+    assert "one pair of markers" in refused.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["page.md"]
+    page.write_text("before\n<!-- tunings -->\nold\n<!-- /tunings -->\nafter\n")
+    result = call(tune, "--modes", 2, "--quick", "--out", tmp_path, "--page", page)
+    assert result.exit_code == 0, result.output
+    table = result.stdout.partition("\n\n")[0]
+    assert page.read_text().startswith(f"before\n<!-- tunings -->\n{table}\n\n")
+    assert page.read_text().endswith(".\n<!-- /tunings -->\nafter\n")
+
+
+def test_programme_without_an_optimum_leaves_its_cell_empty(tune: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cvxpy = pytest.importorskip("cvxpy")
+    monkeypatch.setattr(cvxpy.Problem, "status", property(lambda _self: "optimal_inaccurate"))
+    result = call(tune, "--modes", 1, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "Not proved" in result.stderr
+    assert "optimal_inaccurate" in result.stderr
+    assert (tmp_path / "tunings.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["--low", 0.9, "--high", 1.06], ["scoring range", "(0.9, 1.06)", "both peaks"]),
+        (["--mass-ratio", 0], ["mass_ratio", "0"]),
+        (["--resonance", 3, "--modes", 2], ["resonance", "3"]),
+        (["--resonance", 0], ["--resonance", "x>=1"]),
+        (["--position", 1.5], ["absorber_position", "1.5"]),
+        (["--damping", 0], ["damping_ratio"]),
+        (["--out", __file__], ["--out", "folder"]),
+    ],
+)
+def test_bad_input_of_the_tuning_is_named(tune: ModuleType, arguments: list[object], names: list[str], tmp_path: Path) -> None:
+    result = call(tune, "--out", tmp_path, *arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert all(name in result.stderr for name in names)
+
+
+def test_rule_answers_before_the_simulation(gap: ModuleType, tmp_path: Path) -> None:
+    result = call(gap, "--force", 3.5, "--modes", 2, "--rate", 40, "--quick", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    model = modal_model(Beam(modes=2))
+    rule = design_gap(model, 0.02 * model.beam_mass, 3.5)
+    assert result.stdout.startswith(f"Design rule: a clearance of {1e3 * rule:.4g} mm")
+    assert {file.name for file in tmp_path.iterdir()} == {"levels.csv", "summary.json", "levels.png"}
+    assert (tmp_path / "levels.png").read_bytes().startswith(b"\x89PNG")
+    table = read(tmp_path / "levels.csv")
+    assert len(table) == 5
+    assert float(table[2]["gap_m"]) == rule
+    assert table[2]["share_of_possible_reduction"] == ""  # the test's sweeps are too fast to tell
+    content = json.loads((tmp_path / "summary.json").read_text())
+    assert content["complete"] is True
+    assert content["rule_gap_m"] == rule
+    assert content["at_rule"]["level_median_m"] == float(table[2]["level_median_m"])
+    assert content["best"]["level_median_m"] == min(float(row["level_median_m"]) for row in table)
+    assert content["settings"]["members"] == 2
+
+
+def test_rule_is_warned_of_and_refused_where_the_structure_hardly_moves(gap: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    result = call(gap, "--force", 35, "--resonance", 2, "--position", 0.8, "--quick", "--out", tmp_path)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert all(part in result.stderr for part in ("4.937 is not allowed", "0.2396 mm", "no wall would be touched"))
+    result = call(gap, "--force", 3.5, "--mass-ratio", 0.005, "--gaps", 3, "--members", 1, "--rate", 3, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "Free amplitude over that gap: 1.23." in result.stdout
+    assert result.stdout.count("Warning") == 2  # of the gap, and of sweeps that are too fast
+    with monkeypatch.context() as patch:
+        patch.setattr(gap, "simulated", lambda *arguments: pytest.fail(f"rate {arguments[-2]}"))
+        with pytest.raises(pytest.fail.Exception, match=r"rate 0\.25"):  # the default, a quarter for half the damping
+            gap.main(["--force", "3.5", "--damping", "0.005", "--out", str(tmp_path)], standalone_mode=False)
+
+
+def test_interrupt_leaves_what_is_finished(gap: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(done: int, _total: int) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(gap_answer, "check_gap", lambda *arguments, **options: check_gap(*arguments, **options | {"progress": stop, "threads": 1}))
+    result = call(gap, "--force", 3.5, "--modes", 2, "--gaps", 9, "--members", 6, "--rate", 40, "--out", tmp_path)
+    assert result.exit_code == 130
+    assert "Stopped early" in result.output
+    assert json.loads((tmp_path / "summary.json").read_text())["complete"] is False
+    assert len(read(tmp_path / "levels.csv")) == 9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        ([], ["--force"]),
+        (["--force", 0], ["force", "0"]),
+        (["--force", -3], ["force", "-3"]),
+        (["--force", "nan"], ["force", "nan"]),
+        (["--force", 3, "--gaps", 4], ["gaps", "4", "odd"]),
+        (["--force", 3, "--members", 0], ["--members", "x>=1"]),
+        (["--force", 3, "--mass-ratio", -1], ["mass_ratio", "-1"]),
+        (["--force", 3, "--restitution", 2], ["restitution", "2"]),
+        (["--force", 3, "--friction-limit", -1], ["friction_limit", "-1"]),
+        (["--force", 3, "--resonance", 11], ["resonance", "11"]),
+        (["--force", 3, "--rate", 0], ["--rate", "0"]),
+        (["--force", 3, "--damping", -1], ["damping_ratio", "-1"]),
+        (["--force", 3, "--out", __file__], ["--out", "folder"]),
+    ],
+)
+def test_bad_input_of_the_gap_is_named(
+    gap: ModuleType, arguments: list[object], names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gap_answer, "check_gap", lambda *_arguments, **_options: pytest.fail("computed"))
+    result = call(gap, "--out", tmp_path, *arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert all(name in result.stderr for name in names)
+
+
+@pytest.fixture(scope="module")
+def check() -> GapCheck:
+    return check_gap(modal_model(Beam(modes=3)), 6.0, factors=[0.5, 1.0, 2.0], members=2, percent_per_100_periods=10.0)
+
+
+def test_check_scales_with_the_force(check: GapCheck) -> None:
+    """Twice the force, and twice the friction: the rule's gap and all levels double, the same phases given."""
+    absorber = check.absorber
+    assert absorber.friction is not None
+    doubled = check_gap(
+        check.model,
+        12.0,
+        absorber=type(absorber)(absorber.mass_ratio, absorber.walls, type(absorber.friction)(2 * absorber.friction.limit)),
+        factors=[0.5, 1.0, 2.0],
+        members=2,
+        percent_per_100_periods=10.0,
+    )
+    np.testing.assert_allclose(doubled.gaps, 2 * check.gaps, rtol=1e-12)
+    np.testing.assert_allclose(doubled.limit, 2 * check.limit, rtol=1e-9)
+    np.testing.assert_allclose(doubled.level, 2 * check.level, rtol=0.1)  # chaos: members differ after some impacts
+    np.testing.assert_allclose(doubled.without.level, 2 * check.without.level, rtol=1e-12)
+
+
+def test_check_knows_rule_best_and_shares(check: GapCheck) -> None:
+    assert check.gaps[check.at_rule] == check.rule
+    assert check.best is not None
+    assert check.level[check.best] == check.level.min()
+    assert check.sweep_ratio < 0.95
+    assert np.all(np.isnan(check.share))  # sweeps ten times as fast as the paper's tell no share
+    slow = check_gap(check.model, 6.0, factors=[1.0], members=1)
+    assert slow.rate == 1.0
+    assert 0.98 < slow.sweep_ratio < 1.0
+    assert 0.4 < slow.share[0] < 1.05
+    assert check.limit[0] > check.limit[2] == 0
+    assert check.complete
+    assert sweep_limits(check.model, check.mass) == (0.9, 1.06)
+    assert sweep_limits(check.model, 10 * check.mass)[0] < 0.85
+
+
+def test_bad_checks() -> None:
+    model = modal_model(Beam(modes=2))
+    for call_, name in (
+        (lambda: check_gap(model, 3.5, absorber=friction_damper()), "rigid walls"),
+        (lambda: check_gap(model, 3.5, factors=[0.5, 2.0]), "factors"),
+        (lambda: check_gap(model, 3.5, factors=[-1.0, 1.0]), "factors"),
+        (lambda: check_gap(model, 0.0), "force"),
+        (lambda: gap_factors(1), "gaps"),
+    ):
+        with pytest.raises(ParameterError, match=name):
+            call_()
+    factors = gap_factors(7)
+    assert factors[3] == 1.0
+    np.testing.assert_allclose(factors * factors[::-1], 1.0)
+
+
+def test_cvxpy_is_loaded_only_where_it_is_needed() -> None:
+    code = (
+        "import sys\n"
+        "import optimisation, optimisation.comparison, optimisation.bounds, optimisation.tuned.table, optimisation.gap_check\n"
+        "import optimisation.report.tuning_report, optimisation.report.gap_report\n"
+        "print('cvxpy' in sys.modules)"
+    )
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "False"

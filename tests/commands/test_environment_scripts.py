@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import call
+
+pytest.importorskip("stable_baselines3")
+import benchmark_envs
+import render_episode
+from PIL import Image
+
+from optimisation.studies.benchmarks import environments
+
+
+def test_film_moves_and_is_whole(tmp_path: Path) -> None:
+    target = tmp_path / "film.gif"
+    result = call(render_episode.main, "--gif", target, "--frames", 6, "--force", 2)
+    assert result.exit_code == 0, result.output
+    assert "6 frames" in result.output
+    with Image.open(target) as film:
+        assert film.n_frames == 6
+        frames = []
+        for k in range(6):
+            film.seek(k)
+            frames.append(np.asarray(film.convert("RGB")))
+    assert all(np.any(a != b) for a, b in pairwise(frames))
+    assert [file.name for file in tmp_path.iterdir()] == ["film.gif"]
+
+
+def test_random_film_follows_from_the_seed(tmp_path: Path) -> None:
+    files = [tmp_path / f"{name}.gif" for name in "abc"]
+    for file, seed in zip(files, (1, 1, 2), strict=True):
+        assert (
+            call(render_episode.main, "--env", "gapchoice", "--random", "--seed", seed, "--gif", file, "--frames", 4, "--interval", 1).exit_code == 0
+        )
+    first, again, other = (file.read_bytes() for file in files)
+    assert first == again != other
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--gif", "no/such/folder/a.gif"), "--gif"),
+        (("--gif", "film.mp4"), ".gif"),
+        (("--action", 2), "--action"),
+        (("--env", "nothing"), "--env"),
+        (("--gif", "{here}/a.gif", "--interval", 0.01), "interval = 0.01"),
+        (("--gif", "{here}/a.gif", "--force", -1), "force = -1"),
+    ],
+)
+def test_bad_options_are_named(tmp_path: Path, arguments: tuple[object, ...], words: str) -> None:
+    result = call(render_episode.main, *(str(argument).format(here=tmp_path) for argument in arguments))
+    assert result.exit_code == 2
+    assert words in result.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(environments, "QUICK_SECONDS", 0.02)
+    monkeypatch.setattr(environments, "SETTLE", 2)
+    monkeypatch.setattr(
+        environments,
+        "cases",
+        lambda: [
+            environments.single,
+            lambda seconds, advance: environments.vector("native vector", "vector_entry_point", 64, seconds, advance),
+            lambda seconds, advance: environments.vector("Gymnasium's SyncVectorEnv", "sync", 2, seconds, advance),
+        ],
+    )
+    target, page = tmp_path / "speed.json", tmp_path / "page.md"
+    page.write_text("<!-- speeds -->\n<!-- /speeds -->\n")
+    result = call(benchmark_envs.main, "--quick", "--json", target, "--page", page)
+    assert result.exit_code == 0, result.output
+    values = json.loads(target.read_text())
+    speeds = {speed["name"]: speed for speed in values["speeds"]}
+    assert all(len(speed["each"]) == environments.REPEATS and min(speed["each"]) > 0 for speed in speeds.values())
+    native, own = speeds["native vector"]["steps_per_s"], speeds["Gymnasium's SyncVectorEnv"]["steps_per_s"]
+    shown = environments.table(values["speeds"])
+    assert shown in result.output
+    assert f"<!-- speeds -->\n{shown}\n\n" in page.read_text()
+    assert f" {native / own:.1f} |" in shown
+    assert native > own
+    assert 0 < values["make_and_first_step_s"] < 60

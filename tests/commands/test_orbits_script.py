@@ -1,0 +1,151 @@
+"""scripts/orbits.py: its JSON contract, what it prints, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orbits
+import pytest
+from click.testing import CliRunner, Result
+
+from optimisation.commands import orbit_list
+
+KEYS = {"omega_ratio", "period_multiple", "symmetric", "impacts", "tip_max_m", "tip_rms_m", "stable", "residual"}
+PAPER = ["--modes", "3", "--friction-limit", "0.01", "--restitution", "1", "--force", "1.5"]
+ONE_MODE = ["--modes", "1", "--restitution", "0.75", "--force", "1.5"]
+
+
+def call(*arguments: str) -> Result:
+    return CliRunner().invoke(orbits.main, list(arguments))
+
+
+def listed(tmp_path: Path, *arguments: str) -> tuple[str, list[dict[str, Any]]]:
+    target = tmp_path / "orbits.json"
+    result = call(*arguments, "--json", str(target))
+    assert result.exit_code == 0, result.output
+    content = json.loads(target.read_text(encoding="utf-8"))
+    assert isinstance(content, list)
+    return result.output, content
+
+
+def test_the_orbits_over_a_range_have_exactly_the_promised_keys(tmp_path: Path) -> None:
+    output, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--points", "4")
+    assert [orbit["omega_ratio"] for orbit in found] == pytest.approx([0.94, 0.94, 0.95, 0.95], abs=1e-12)
+    for orbit in found:
+        assert set(orbit) == KEYS | {"half_multipliers"}
+        assert orbit["symmetric"] is True
+        assert [set(impact) for impact in orbit["impacts"]] == [{"phase_rad", "impulse_Ns", "wall"}] * 2
+        assert all(impact["impulse_Ns"] * impact["wall"] < 0 and 0 <= impact["phase_rad"] < 2 * np.pi for impact in orbit["impacts"])
+        assert orbit["stable"] == (max(np.hypot(*pair) for pair in orbit["half_multipliers"]) < 1)
+        assert len(orbit["half_multipliers"]) == 8
+        assert orbit["residual"] < 1e-10
+        assert 0 < orbit["tip_rms_m"] < orbit["tip_max_m"]
+    assert "4 orbits, 0 of them stable." in output
+
+
+def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:
+    _, found = listed(tmp_path, *ONE_MODE, "--at", "0.93")
+    assert {orbit["omega_ratio"] for orbit in found} == {0.93}
+    sided = [orbit for orbit in found if not orbit["symmetric"]]
+    assert len(sided) == 2
+    for orbit in sided:
+        assert set(orbit) == KEYS | {"multipliers"}
+        assert orbit["stable"] is True
+        assert orbit["period_multiple"] == 1
+    one, other = (sorted((impact["wall"], impact["phase_rad"], impact["impulse_Ns"]) for impact in orbit["impacts"]) for orbit in sided)
+    for (wall, phase, impulse), (_, there, back) in zip(one, other[::-1], strict=True):
+        assert back == pytest.approx(-impulse, rel=1e-8), wall
+        assert np.exp(1j * there) == pytest.approx(-np.exp(1j * phase), abs=1e-8)
+
+
+def test_a_range_has_pairs_and_doubled_periods_unless_symmetric_ones_alone_are_wanted(tmp_path: Path) -> None:
+    """N_m = 1, e = 0.8: between 0.9307 and 0.9353 a stable orbit has two periods of the force, which runs settle to (test_switching)."""
+    arguments = ["--modes", "1", "--restitution", "0.8", "--force", "1.5", "--from", "0.932", "--to", "0.934", "--points", "3"]
+    output, found = listed(tmp_path, *arguments)
+    assert "one-sided, period 2" in output
+    kinds = {(orbit["symmetric"], orbit["period_multiple"]) for orbit in found}
+    assert kinds == {(True, 1), (False, 1), (False, 2)}
+    doubled = [orbit for orbit in found if orbit["period_multiple"] == 2]
+    assert any(orbit["stable"] for orbit in doubled)
+    for orbit in doubled:
+        assert len(orbit["impacts"]) == 4
+        assert set(orbit) == KEYS | {"multipliers"}
+        assert all(0 <= impact["phase_rad"] < 4 * np.pi for impact in orbit["impacts"])
+    _, symmetric = listed(tmp_path, *arguments, "--symmetric")
+    assert {(orbit["symmetric"], orbit["period_multiple"]) for orbit in symmetric} == {(True, 1)}
+    assert [orbit["tip_max_m"] for orbit in symmetric] == pytest.approx([orbit["tip_max_m"] for orbit in found if orbit["symmetric"]])
+
+
+def test_complete_chatter_and_held_phases_are_listed_too(tmp_path: Path) -> None:
+    arguments = ["--modes", "1", "--restitution", "0.3", "--friction-limit", "0.05", "--force", "20", "--from", "0.89", "--to", "0.91", "--at", "0.9"]
+    output, (orbit,) = listed(tmp_path, *arguments)
+    assert "symmetric, held" in output
+    assert set(orbit) == KEYS | {"half_multipliers"}
+    assert orbit["stable"] is True
+    assert orbit["residual"] < 3e-10
+    upper = [impact for impact in orbit["impacts"] if impact["wall"] == 1]
+    assert len(upper) == len(orbit["impacts"]) / 2 == 13
+    sizes = [abs(impact["impulse_Ns"]) for impact in upper]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[-1] < 1e-6 * sizes[0]
+
+
+def test_folds_and_thresholds(tmp_path: Path) -> None:
+    _, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--folds")
+    assert all(set(fold) == {"omega_ratio", "force_N", "tip_max_m"} for fold in found)
+    assert [fold["omega_ratio"] for fold in found] == pytest.approx([0.9336128203, 0.9336233427, 0.9552754578], abs=1e-9)
+    assert {fold["force_N"] for fold in found} == {1.5}
+    _, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "1", "--thresholds")
+    assert all(set(threshold) == {"kind", "force_N", "omega_ratio"} for threshold in found)
+    assert [threshold["kind"] for threshold in found] == ["birth", "merger"]
+    assert [threshold["force_N"] for threshold in found] == pytest.approx([1.221955, 2.370284], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--modes", "0"], "modes = 0"),
+        (["--restitution", "2"], "restitution = 2"),
+        (["--friction-limit", "-1"], "friction limit = -1"),
+        (["--gap", "0"], "gap = 0"),
+        (["--force", "nan"], "force amplitude = nan"),
+        (["--from", "1", "--to", "0.9"], "--from = 1"),
+        (["--from", "nan"], "--from = nan"),
+        (["--at", "2"], "--at = 2"),
+        (["--at", "nan"], "--at = nan"),
+        (["--folds", "--thresholds"], "--folds does not go with --thresholds"),
+        (["--folds", "--at", "0.95"], "--at does not go with --folds"),
+        (["--points", "1"], "points = 1"),
+        (["--json", "nowhere/orbits.json"], "--json = nowhere/orbits.json"),
+        (["--json", "orbits.txt"], "--json = orbits.txt"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], named: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    target = [] if "--json" in arguments else ["--json", "orbits.json"]
+    result = call("--modes", "1", *arguments, *target)
+    assert result.exit_code == 2, result.output
+    assert named in result.output
+    assert result.output.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("name", "option"), [("all_orbits_over", []), ("orbits_over", ["--symmetric"])])
+def test_an_interrupt_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, option: list[str]) -> None:
+    whole = getattr(orbit_list, name)
+
+    def broken_off(*given: Any, **named: Any) -> Any:
+        groups = whole(*given, **named)
+        yield next(groups)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(orbit_list, name, broken_off)
+    target = tmp_path / "orbits.json"
+    result = call(*ONE_MODE, *option, "--from", "0.92", "--to", "0.94", "--points", "3", "--json", str(target))
+    assert result.exit_code == 130
+    ratios = [orbit["omega_ratio"] for orbit in json.loads(target.read_text(encoding="utf-8"))]
+    assert ratios
+    assert ratios == pytest.approx([0.92] * len(ratios))

@@ -1,0 +1,175 @@
+"""Commands and environments on a structure from a file, with sweeps so fast that the numbers do not matter."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from commands import load
+from places import EXAMPLES, ROOT, SCRIPTS
+
+from impact_env import Beam, load_structure, modal_model
+from impact_env.periodic.case import Case
+from impact_env.periodic.survey import closed_form_orbits
+from optimisation.bounds import design_force, design_gap
+from optimisation.commands.page_of_commands import BLOCK, PAGE
+from optimisation.friction_rule import best_friction
+from optimisation.tuned import den_hartog, undamped_h2
+
+STEEL, FRAME, MEASURED = (str(EXAMPLES / f"{name}.toml") for name in ("steel_beam_tip", "frame", "measured"))
+WITHOUT_FOLDER = ("sweep", "orbits", "isola", "frequency_response")
+
+
+@pytest.fixture(autouse=True)
+def quickly_tuned(monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = lambda model, mass, resonance=1, *_range: den_hartog(model, mass, resonance)  # noqa: E731
+    monkeypatch.setattr("optimisation.comparison.minimax", closed)
+    monkeypatch.setattr("optimisation.tuned.table.minimax", closed)
+    monkeypatch.setattr("optimisation.tuned.table.minimum_h2", lambda model, mass, resonance, *_range: undamped_h2(model, mass, resonance))
+
+
+def call(name: str, monkeypatch: pytest.MonkeyPatch, line: str) -> Result:
+    return CliRunner().invoke(load(name, monkeypatch).main, shlex.split(line))
+
+
+@pytest.mark.parametrize("structure", [STEEL, FRAME, MEASURED])
+def test_every_example_runs_from_rule_to_comparison(structure: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    if structure == MEASURED:
+        pytest.importorskip("pyuff")
+    model = modal_model(load_structure(structure))
+    result = call("design_gap", monkeypatch, f"--structure {structure} --mass-ratio 0.01 --force 2 --rate 40 --gaps 3 --members 1 --out {tmp_path}")
+    assert result.exit_code == 0, result.output
+    assert f"{1e3 * design_gap(model, 0.01 * model.beam_mass, 2.0):.4g} mm" in result.output
+    line = f"--structure {structure} --mass-ratio 0.01 --force 2 --resonances 1 1 --rate 40 --forces 2 --members 1 --out {tmp_path}"
+    result = call("compare_absorbers", monkeypatch, line)
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["settings"]["gap_m"] == pytest.approx(design_gap(model, 0.01 * model.beam_mass, 2.0))
+    assert list(summary["resonances"]) == ["1"]
+    concepts = summary["resonances"]["1"]["concepts"]
+    assert concepts["friction"]["absorber"]["friction"]["limit"] == pytest.approx(best_friction(model, 0.01 * model.beam_mass, 2.0)[0])
+    assert concepts["ltva_tuned"]["absorber"]["stiffness"] == pytest.approx(den_hartog(model, 0.01).stiffness)
+
+
+def test_tunings_are_of_the_structure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    result = call("tune_ltva", monkeypatch, f"--structure {STEEL} --mass-ratio 0.01 --quick --out {tmp_path}")
+    assert result.exit_code == 0, result.output
+    assert f"{den_hartog(modal_model(load_structure(STEEL)), 0.01).stiffness:.6g}" in result.output
+
+
+def test_a_sweep_has_the_rule_gap_and_writes_its_scene(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    model, target = modal_model(load_structure(STEEL)), tmp_path / "sweep.json"
+    options = "--percent-per-100-periods 40 --mass-ratio 0.01"
+    result = call("sweep", monkeypatch, f"--structure {STEEL} --force 0.3 {options} --json {target}")
+    assert result.exit_code == 0, result.output
+    found = json.loads(target.read_text())
+    assert found["scene"]["beam"]["response_position"] == 0.9
+    assert found["scene"]["absorber"]["walls"]["gap_m"] == pytest.approx(design_gap(model, 0.01 * model.beam_mass, 0.3))
+    np.testing.assert_array_equal(found["omega_rad_s"], model.omega)
+    result = call("sweep", monkeypatch, f"--structure {FRAME} {options} --json {target}")
+    assert result.exit_code == 0, result.output
+    assert json.loads(target.read_text())["scene"]["absorber"]["walls"]["gap_m"] == 1e-3  # for the force that the rule gives
+    again = call("sweep", monkeypatch, f"--scene {target.with_name('scene.json')} --percent-per-100-periods 40 --force 0.3")
+    assert again.exit_code == 2
+    target.with_name("scene.json").write_text(json.dumps(found["scene"]))
+    again = call("sweep", monkeypatch, f"--scene {target.with_name('scene.json')} --percent-per-100-periods 40 --force 0.3 --json {target}")
+    assert json.loads(target.read_text())["response_level_m"] == found["response_level_m"]
+
+
+def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    target = tmp_path / "periodic.json"
+    for structure in (STEEL, FRAME):
+        model = modal_model(load_structure(structure))
+        mass, first = 0.01 * model.beam_mass, float(model.omega[0])
+        force = design_force(model, mass, 1e-3, 1)
+        line = f"--structure {structure} --mass-ratio 0.01 --from 0.97 --to 0.99 --json {target}"
+        result = call("frequency_response", monkeypatch, f"{line} --method balance --harmonics 3 --no-sweeps")
+        assert result.exit_code == 0, result.output
+        found = json.loads(target.read_text())
+        assert found["force_N"] == pytest.approx(force)
+        result = call("orbits", monkeypatch, f"{line} --points 2")
+        assert result.exit_code == 0, result.output
+        for orbit in json.loads(target.read_text()):
+            case = Case(model, orbit["omega_ratio"] * first, force, 1e-3, mass_ratio=0.01)
+            known = [o.motion.tip_max for o in closed_form_orbits(case).orbits]
+            assert min(abs(orbit["tip_max_m"] / tip - 1) for tip in known) < 1e-6
+
+
+def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    short = "--rate 40 --members 1 --designs 4 --no-screening --no-figures --audit 0 --threads 1"
+    line = f"--structure {STEEL} --fix mass_ratio 0.01 --resonances 1 3 {short} --out {tmp_path}"
+    result = call("optimise_design", monkeypatch, line)
+    assert result.exit_code == 0, result.output
+    problem = json.loads((tmp_path / "impact" / "summary.json").read_text())["problem"]
+    assert problem["beam"]["length"] == 1.2
+    assert [c["resonance"] for c in problem["conditions"]] == [1, 3]
+    model = modal_model(load_structure(STEEL))
+    for condition in problem["conditions"]:  # about the forces that a gap of 1 mm is for, as 3.5 and 35 N are on the paper's beam
+        assert design_gap(model, 0.01 * model.beam_mass, condition["force"], condition["resonance"]) == pytest.approx(1e-3, rel=0.1)
+    result = call("pareto", monkeypatch, f"--structure {FRAME} --rate 40 --members 1 --designs 4 --batch 2 --threads 1 --out {tmp_path / 'front'}")
+    assert result.exit_code == 0, result.output
+    assert "warning: at resonance 2 the free amplitude is" in result.output
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "message"),
+    [
+        ("design_gap", "--structure {steel} --force 1 --modes 3", "--modes does not go with --structure"),
+        ("design_gap", "--structure {frame} --force 1 --position 0.5", "--position does not go with"),
+        ("tune_ltva", "--structure {steel} --damping 0.1", "--damping does not go with --structure"),
+        ("orbits", "--structure {steel} --modes 3", "--modes does not go with --structure"),
+        ("isola", "--structure {steel} --damping 0.1", "--damping does not go with --structure"),
+        ("frequency_response", "--structure {steel} --scene x.toml", "--scene does not go with --structure"),
+        ("sweep", "--structure {steel} --scene x.toml", "--scene does not go with --structure"),
+        ("sweep", "--structure none.toml", "file = 'none.toml' is not allowed: TOML that can be read"),
+        ("compare_absorbers", "--structure {steel} --gap 1e-3 --force 1", "gap = 0.001 is not allowed: left out beside a force"),
+        ("compare_absorbers", "--structure {steel} --resonances 1 99", "resonance = 99 is not allowed: a mode of the model, 1 to 10"),
+        ("optimise_design", "--structure {steel} --at 1:1 --resonances 1 2", "--resonances = (1, 2) is not allowed: beside --at"),
+        ("optimise_design", "--structure {frame} --free position", "position = 1.0 is not allowed: left out on a modal model"),
+    ],
+)
+def test_bad_input_is_one_line(name: str, line: str, message: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    out = "" if name in WITHOUT_FOLDER else f" --out {tmp_path}"
+    result = call(name, monkeypatch, line.format(steel=STEEL, frame=FRAME) + out)
+    assert result.exit_code == 2, result.output
+    assert message in result.output
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_warnings_of_a_file_are_lines(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "percent.toml").write_text((EXAMPLES / "steel_beam_tip.toml").read_text().replace("0.005", "0.5"))
+    result = call("tune_ltva", monkeypatch, f"--structure {tmp_path / 'percent.toml'} --quick --out {tmp_path / 'out'}")
+    assert "percent.toml: a damping ratio of 0.5 is 50 %: was it given in percent?" in result.output
+
+
+def test_an_environment_takes_a_structure() -> None:
+    pytest.importorskip("gymnasium")
+    from impact_env.envs.settings import Settings
+
+    settings = Settings(structure=STEEL, absorber_options={"gap": 1e-3, "mass_ratio": 0.01})
+    model = modal_model(load_structure(STEEL))
+    np.testing.assert_array_equal(settings.scene.model.omega, model.omega)
+    np.testing.assert_array_equal(settings.scene.model.level_shape, model.level_shape)
+    assert settings.scene.model.response_shape is not None
+    assert settings.scene is Settings(structure=STEEL, absorber_options={"mass_ratio": 0.01, "gap": 1e-3}).scene
+    assert isinstance(settings.beam_parameters, Beam)
+    assert Settings(structure=FRAME).beam_parameters is None
+    for bad in ({"structure": 3}, {"structure": "none.toml"}, {"structure": STEEL, "beam": {"length": 1.0}}):
+        with pytest.raises(ValueError, match="is not allowed"):
+            Settings(**bad)  # type: ignore[arg-type]
+
+
+def test_the_page_has_what_its_commands_print() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    blocks = list(BLOCK.finditer(page))
+    assert len(blocks) == page.count("scripts/run ") - page.count("`scripts/run ")
+    for block in blocks:
+        _, name, *arguments = shlex.split(block["command"])
+        assert (SCRIPTS / f"{name}.py").is_file()
+        assert (ROOT / arguments[arguments.index("--structure") + 1]).is_file()
+        assert block["printed"].strip()

@@ -1,0 +1,276 @@
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sweep_command import SHORT, call, sweep
+
+from impact_env.drive import PAPER_LIMITS
+from impact_env.methods import Exact, Moreau, RungeKutta
+from impact_env.parameters import (
+    Beam,
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    friction_damper,
+    impact_absorber,
+)
+from impact_env.plain import from_scene
+from impact_env.scene import beam_scene
+from optimisation.commands import sweep_run, sweep_scene
+
+STRONG = [*SHORT, "--force", "20"]
+CONSTANT = ["--modes", "2", "--from", "1", "--to", "1"]
+KEYS = {
+    "impact_time_s": list,
+    "impact_relative_velocity_m_s": list,
+    "response_level_m": list,
+    "level_frequency_ratio": list,
+    "max_tip_m": float,
+    "impacts": int,
+    "stuck_time_s": float,
+    "energy_balance_relative_error": float,
+    "pseudo_periods": float,
+    "sweep_over_stationary_level": float,
+    "wall_s": float,
+    "omega_rad_s": list,
+    "scene": dict,
+}
+
+
+def results(folder: Path, *arguments: str) -> dict[str, Any]:
+    target = folder / "sweep.json"
+    result = call(*arguments, "--json", str(target))
+    assert result.exit_code == 0, result.output
+    return json.loads(target.read_text())
+
+
+@pytest.fixture
+def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the timing, whose kernels would have to be compiled for each scene."""
+    monkeypatch.setattr(sweep_run, "integration_time", lambda *_: 1.0)
+
+
+def options(*arguments: str) -> dict[str, Any]:
+    with sweep.main.make_context("sweep", list(arguments)) as context:
+        return dict(context.params)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--absorber", "impact"],
+        ["--absorber", "impact", "--restitution", "0.7", "--friction-limit", "0.1"],
+        ["--absorber", "friction"],
+        ["--absorber", "tuned"],
+        ["--absorber", "stuck"],
+        ["--absorber", "none"],
+        ["--absorber", "impact", "--contact-stiffness", "1e6"],
+        ["--absorber", "impact", "--friction-limit", "0.1", "--method", "moreau", "--steps-per-period", "40"],
+        ["--absorber", "impact", "--contact-stiffness", "1e6", "--method", "runge-kutta"],
+        ["--absorber", "none", "--method", "runge-kutta", "--steps-per-period", "100"],
+    ],
+    ids=" ".join,
+)
+@pytest.mark.usefixtures("untimed")
+def test_json_keeps_the_contract(arguments: list[str], tmp_path: Path) -> None:
+    values = results(tmp_path, *STRONG, *arguments)
+    assert set(values) == set(KEYS)
+    for key, kind in KEYS.items():
+        assert isinstance(values[key], kind), key
+        if kind is dict:
+            continue
+        for number in values[key] if kind is list else [values[key]]:
+            assert isinstance(number, int | float), key
+            assert math.isfinite(number), key
+    assert len(values["impact_time_s"]) == len(values["impact_relative_velocity_m_s"]) == values["impacts"]
+    assert len(values["response_level_m"]) == len(values["level_frequency_ratio"]) == 1
+    assert len(values["omega_rad_s"]) == 2
+    assert (values["impacts"] > 0) == ("impact" in arguments)
+    assert values["pseudo_periods"] == pytest.approx(20)
+    assert 0 < values["response_level_m"][0] < values["max_tip_m"]
+    assert 0.98 <= values["level_frequency_ratio"][0] <= 1
+    assert values["energy_balance_relative_error"] < (1e-9 if "--method" not in arguments else 0.1)
+    assert list(tmp_path.iterdir()) == [tmp_path / "sweep.json"]
+
+
+@pytest.mark.usefixtures("untimed")
+@pytest.mark.parametrize("method", ["exact", "runge-kutta"])
+def test_stuck_absorber_is_stuck_all_the_time(method: str, tmp_path: Path) -> None:
+    values = results(tmp_path, *CONSTANT, "--periods", "5", "--absorber", "stuck", "--method", method)
+    assert values["stuck_time_s"] == pytest.approx(5 * 2 * math.pi / values["omega_rad_s"][0])
+
+
+def test_wall_time_is_that_of_a_bare_integration(tmp_path: Path) -> None:
+    values = results(tmp_path, *CONSTANT, "--periods", "200", "--absorber", "none")
+    assert 0 < values["wall_s"] < 1
+
+
+@pytest.mark.usefixtures("untimed")
+def test_constant_frequency(tmp_path: Path) -> None:
+    values = results(tmp_path, "--modes", "2", "--from", "0.97", "--to", "0.97", "--periods", "12.5", "--absorber", "none")
+    assert values["pseudo_periods"] == pytest.approx(12.5)
+    assert values["level_frequency_ratio"] == pytest.approx([0.97])
+    assert values["sweep_over_stationary_level"] is None
+
+
+@pytest.mark.usefixtures("untimed")
+@pytest.mark.parametrize(("damping", "periods", "ratio"), [("0.01", 1600, 0.989), ("0.005", 6400, 0.990), ("0.03", 1600, 0.999)])
+def test_rate_follows_the_damping_and_the_ratio_is_told(damping: str, periods: float, ratio: float, tmp_path: Path) -> None:
+    given = ["--modes", "2", "--absorber", "none", "--damping", damping]
+    values = results(tmp_path, *given)
+    assert values["pseudo_periods"] == pytest.approx(periods)
+    assert values["sweep_over_stationary_level"] == pytest.approx(ratio, abs=2e-3)
+    fast = results(tmp_path, *given, "--percent-per-100-periods", "10")
+    assert fast["pseudo_periods"] == pytest.approx(160)
+    assert fast["sweep_over_stationary_level"] < ratio
+    text = call(*given).output
+    assert f"{values['sweep_over_stationary_level']:.3f}   without absorber, at" in text
+    assert "too fast" not in text
+
+
+@pytest.mark.usefixtures("untimed")
+def test_what_was_swept_too_fast_is_said_and_nothing_where_nothing_is_swept() -> None:
+    assert "sweep over stationary" not in call(*CONSTANT, "--periods", "5", "--absorber", "none").output
+    assert "too fast for shares" in call(*SHORT, "--absorber", "none").output
+    undamped = call(*SHORT, "--absorber", "none", "--damping", "0")  # its stationary level has no end
+    assert "0.000   without absorber, at 10 % per 100 pseudo periods: too fast" in undamped.output
+
+
+@pytest.mark.usefixtures("untimed")
+def test_down_swaps_the_limits(tmp_path: Path) -> None:
+    down, swapped = results(tmp_path, *STRONG, "--down"), results(tmp_path, *STRONG, "--from", "1", "--to", "0.98")
+    assert down == swapped
+    assert down != results(tmp_path, *STRONG)
+
+
+@pytest.mark.usefixtures("untimed")
+def test_frequencies_are_in_units_of_the_chosen_resonance(tmp_path: Path) -> None:
+    values = results(tmp_path, *CONSTANT, "--resonance", "2", "--periods", "10", "--absorber", "stuck")
+    assert values["pseudo_periods"] == pytest.approx(10)
+    assert values["stuck_time_s"] == pytest.approx(10 * 2 * math.pi / values["omega_rad_s"][1])
+
+
+@pytest.mark.usefixtures("untimed")
+def test_members_are_reproducible_from_the_seed(tmp_path: Path) -> None:
+    several = [*SHORT, "--absorber", "none", "--members", "5"]
+    alone, first = results(tmp_path, *SHORT, "--absorber", "none"), results(tmp_path, *several)
+    again, other = results(tmp_path, *several), results(tmp_path, *several, "--seed", "1")
+    assert first == again
+    assert len(first["response_level_m"]) == len(first["level_frequency_ratio"]) == 5
+    assert len(set(first["response_level_m"])) == 5
+    assert first["response_level_m"][0] == alone["response_level_m"][0] == other["response_level_m"][0]
+    assert first["response_level_m"][1:] != other["response_level_m"][1:]
+    assert {key: value for key, value in first.items() if key in ("max_tip_m", "impacts")} == {key: alone[key] for key in ("max_tip_m", "impacts")}
+
+
+@pytest.mark.usefixtures("untimed")
+def test_phase_shifts_the_force(tmp_path: Path) -> None:
+    plain, shifted = (results(tmp_path, *SHORT, "--absorber", "none", "--phase", phase) for phase in ("0", "1"))
+    half = results(tmp_path, *SHORT, "--absorber", "none", "--phase", str(math.pi))
+    assert plain["response_level_m"] != shifted["response_level_m"]
+    assert half["response_level_m"] == pytest.approx(plain["response_level_m"], rel=1e-12)  # the mirrored motion
+
+
+@pytest.mark.usefixtures("untimed")
+def test_a_run_that_is_given_up_leaves_no_file(tmp_path: Path) -> None:
+    result = call(*STRONG, "--most-events", "9", "--json", str(tmp_path / "sweep.json"))
+    assert result.exit_code == 1
+    assert "more events than its budget" in result.output
+    assert "10 events of 9 allowed" in result.output
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("untimed")
+def test_summary_names_scene_run_and_level() -> None:
+    result = call(*SHORT, "--absorber", "none", "--members", "3")
+    assert result.exit_code == 0
+    for text in ("no absorber", "from 0.98 to 1", "20 pseudo periods", "response level", "median of 3 members", " mm", " us a pseudo period"):
+        assert text in result.output
+    assert max(map(len, result.output.splitlines())) < 120
+
+
+@pytest.mark.usefixtures("untimed")
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+@pytest.mark.parametrize("arguments", [["--absorber", "none", *SHORT], ["--absorber", "none", *CONSTANT, "--periods", "0.02", "--force", "0"]])
+def test_plot_is_written(arguments: list[str], suffix: str, tmp_path: Path) -> None:
+    target = tmp_path / f"sweep.{suffix}"
+    target.write_text("an older figure")
+    result = call(*arguments, "--plot", str(target))
+    assert result.exit_code == 0, result.output
+    assert target.read_bytes()[:5] in (b"\x89PNG\r", b"<?xml")
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.usefixtures("untimed")
+def test_plot_of_impacts_has_cavity_and_energies(tmp_path: Path) -> None:
+    target = tmp_path / "sweep.svg"
+    assert call(*STRONG, "--plot", str(target)).exit_code == 0
+    text = target.read_text()
+    for label in ("cavity walls", "response level", "absorber, kinetic", "damping, other modes", "tip displacement in mm"):
+        assert label in text
+
+
+@pytest.mark.usefixtures("untimed")
+def test_scene_from_a_file_is_the_scene_of_the_options(tmp_path: Path) -> None:
+    options_alone = results(tmp_path, *SHORT, "--absorber", "stuck", "--mass-ratio", "0.03")
+    assert options_alone["scene"] == from_scene(beam_scene(Beam(modes=2), StuckAbsorber(0.03)), Beam(modes=2))
+    as_toml, as_json, modes = tmp_path / "a.toml", tmp_path / "a.json", tmp_path / "modes.json"
+    as_toml.write_text('[beam]\nmodes = 2\n[absorber]\nkind = "stuck"\nmass_ratio = 0.03\n')
+    as_json.write_text(json.dumps(options_alone["scene"]))
+    modes.write_text(json.dumps(from_scene(beam_scene(Beam(modes=2), StuckAbsorber(0.03)))))
+    for file in (as_toml, as_json):
+        assert results(tmp_path, "--scene", str(file), *SHORT[2:]) == options_alone
+    of_modes = results(tmp_path, "--scene", str(modes), *SHORT[2:])
+    assert of_modes.pop("scene") == json.loads(modes.read_text())
+    assert of_modes == {key: value for key, value in options_alone.items() if key != "scene"}
+
+
+def test_options_become_the_librarys_parameters() -> None:
+    cases = {
+        (): impact_absorber(),
+        ("--gap", "2e-3", "--restitution", "0.5", "--friction-limit", "0.1", "--mass-ratio", "0.05"): impact_absorber(2e-3, 0.5, 0.1, 0.05),
+        ("--friction-limit", "0"): impact_absorber(),
+        ("--absorber", "friction"): friction_damper(),
+        ("--absorber", "friction", "--friction-limit", "2"): friction_damper(2.0),
+        ("--absorber", "friction", "--friction-limit", "2", "--friction-stiffness", "1e4"): SlidingAbsorber(
+            friction=ElasticCoulombFriction(2.0, 1e4)
+        ),
+        ("--contact-stiffness", "1e5"): SlidingAbsorber(walls=CompliantWalls(1e5)),
+        ("--contact-stiffness", "1e5", "--friction-limit", "0.1"): SlidingAbsorber(
+            walls=CompliantWalls(1e5), friction=ElasticCoulombFriction(0.1, 1e5)
+        ),
+        ("--contact-stiffness", "1e5", "--gap", "2e-3", "--friction-limit", "0.1", "--friction-stiffness", "3"): SlidingAbsorber(
+            walls=CompliantWalls(1e5, 2e-3), friction=ElasticCoulombFriction(0.1, 3.0)
+        ),
+        ("--absorber", "tuned"): TunedAbsorber(),
+        ("--absorber", "tuned", "--stiffness", "600", "--absorber-damping", "0"): TunedAbsorber(stiffness=600, damping=0),
+        ("--absorber", "stuck", "--mass-ratio", "0.1"): StuckAbsorber(0.1),
+        ("--absorber", "none"): None,
+    }
+    for arguments, absorber in cases.items():
+        assert sweep_scene.make_absorber(options(*arguments)) == absorber
+    both = sweep_scene.make_absorber(options("--friction-limit", "0.2"))
+    assert isinstance(both, SlidingAbsorber)
+    assert both == SlidingAbsorber(walls=RigidWalls(), friction=CoulombFriction(0.2))
+
+
+def test_defaults_are_the_papers() -> None:
+    given = options()
+    scene, beam = sweep_scene.make_scene(given)
+    assert beam == Beam()
+    schedule = sweep_scene.make_schedule(given, scene)
+    assert scene.model.modes == Beam.modes
+    assert set(scene.model.damping_ratio) == {Beam.damping_ratio}
+    assert tuple(schedule.omegas / schedule.reference) == pytest.approx(PAPER_LIMITS)
+    assert schedule.periods == pytest.approx(1600)
+    assert sweep_scene.make_method(given) == Exact()
+    assert sweep_scene.make_method(options("--method", "moreau")) == Moreau()
+    assert sweep_scene.make_method(options("--method", "runge-kutta", "--steps-per-period", "50")) == RungeKutta(50)

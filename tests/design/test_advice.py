@@ -1,0 +1,169 @@
+"""What is said of noisy values: ratios with intervals, two branches, a design in service."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from impact_env import Drive, ParameterError, Scene
+from impact_env.drive import constant_frequency
+from impact_env.ensemble import Lane
+from impact_env.verification import dense
+from optimisation.branches import branches
+from optimisation.designs import design_space
+from optimisation.evaluation import Threads, measured_chunks
+from optimisation.insight import SHOWN, levels, member_levels
+from optimisation.measures import RMS, Chunk, stress_shape
+from optimisation.objectives import Condition
+from optimisation.problem import Problem
+from optimisation.report.service_tables import service_lines, service_summary
+from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
+from optimisation.statistics import ratio_of_quantiles, standard_error
+from optimisation.studies.friction import LIMITS, rows
+from optimisation.studies.rule import STRUCTURES
+
+STEEL = replace(STRUCTURES["steel"], modes=2)
+
+
+def steel(concept: str = "impact", **changes: object) -> Problem:
+    given = {"space": design_space(concept), "conditions": (Condition(1, 0.5),), "beam": STEEL, "members": 3, "rate": 40.0}
+    return Problem(**(given | changes))  # type: ignore[arg-type]
+
+
+def test_interval_covers_the_ratio_as_often_as_it_says() -> None:
+    generator = np.random.default_rng(1)
+    covered = 0
+    for _ in range(200):
+        first, second = np.exp(generator.normal(np.log(0.8), 0.1, 16)), np.exp(generator.normal(0.0, 0.1, 16))
+        gain = ratio_of_quantiles(first, second)
+        covered += gain.low <= 0.8 <= gain.high
+    assert 0.90 * 200 <= covered <= 200
+
+
+def test_ratio_of_medians_pairs_nothing() -> None:
+    """Members in another order are the same members; a pairing, by which each ratio here is 2, is not looked at."""
+    second = np.arange(1.0, 17.0)
+    gain = ratio_of_quantiles(2 * second, second)
+    shuffled = ratio_of_quantiles(2 * second, second[::-1])
+    assert gain.ratio == shuffled.ratio == 2
+    assert gain.low < 1.5 < 2.5 < gain.high
+    assert not gain.clear or gain.low > 1
+    assert ratio_of_quantiles([1.0], [2.0]).low == 0.5
+    assert np.isnan(ratio_of_quantiles([1.0, np.nan], [2.0, 1.0]).ratio)
+    assert np.isnan(ratio_of_quantiles([1.0, 1.0], [0.0, 0.0]).ratio)
+    assert ratio_of_quantiles(second, second, 0.9).ratio == 1
+    with pytest.raises(ParameterError, match="first"):
+        ratio_of_quantiles([], [1.0])
+
+
+def test_standard_error_of_a_median() -> None:
+    sample = np.random.default_rng(0).normal(size=400)
+    assert standard_error(sample) == pytest.approx(np.sqrt(np.pi / 2 / 400), rel=0.25)
+    assert np.isnan(standard_error([1.0]))
+
+
+def test_two_branches_are_told_and_one_is_not() -> None:
+    generator = np.random.default_rng(0)
+    found = 0
+    for _ in range(100):
+        upper = generator.random(16) < 0.4
+        members = np.where(upper, 0.19, 0.14) * np.exp(generator.normal(0, 0.03, 16))
+        told = branches(members)
+        if told is not None:
+            found += 1
+            assert told.levels[0] == pytest.approx(0.14, rel=0.05)
+            assert told.levels[1] == pytest.approx(0.19, rel=0.05)
+            assert told.shares[1] == pytest.approx(upper.mean(), abs=0.07)
+            assert sum(told.shares) == pytest.approx(1)
+    assert found >= 90
+    single = sum(branches(np.exp(generator.normal(0, 0.05, 16))) is not None for _ in range(300))
+    assert single <= 6
+    assert branches([0.1] * 16) is None
+    assert branches([0.1, 0.105] * 8) is None  # two levels that no one can tell apart in use
+    assert branches([0.1, 0.2] * 3) is None  # too few members
+    assert branches([0.1, np.nan] * 8) is None
+    assert branches([0.1, 0.2] * 8) is not None
+    assert "14 % (50 % of the members)" in branches([0.14, 0.19] * 8).text(100, " %")  # type: ignore[union-attr]
+
+
+def test_all_that_is_shown_is_run_on_fresh_members() -> None:
+    problem = steel(members=4)
+    (worse, without) = member_levels(problem, [problem.space.default], problem.conditions, 4, Threads(1))
+    fresh = problem.fresh_ensemble(4, SHOWN)
+    reference = problem.reference(fresh, problem.rate)[..., 0].max(axis=2)
+    np.testing.assert_array_equal(without, reference)
+    assert not set(fresh.phases) & set(problem.ensemble.phases)
+    shown = levels(problem, [problem.space.default], problem.conditions, 4, Threads(1))
+    assert shown.median[0, 0] == np.median(worse[0, :, 0])
+
+
+def test_lasting_vibration_of_a_linear_absorber_is_its_receptance() -> None:
+    """A tuned absorber's largest stationary level over the frequencies that are tried, from the modal sum with the attachment's force."""
+    problem = steel("tuned", conditions=(Condition(1, 0.5, (0.5, 1.6)),))
+    design = problem.space.default
+    (found,) = lasting_levels(problem, design, Threads(1))
+    scene = design.scene(STEEL)
+    model, absorber = scene.model, scene.absorber
+    best = 0.0
+    for omega in model.omega[0] * np.linspace(0.5, 1.6, FREQUENCIES):
+        terms = model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega
+        spring = absorber.stiffness + 1j * omega * absorber.damping  # type: ignore[union-attr]
+        inertia = scene.absorber_masses[0] * omega**2
+        force = spring * inertia / (spring - inertia)
+        matrix = np.diag(terms) - force * np.outer(model.tip_shape, model.tip_shape)
+        best = max(best, abs(model.tip_shape @ np.linalg.solve(matrix, 0.5 * model.force_shape)) / np.sqrt(2))
+    assert found == pytest.approx(best, rel=2e-3)
+
+
+def test_service_of_an_impact_absorber_on_another_beam() -> None:
+    problem = steel(rate=10.0)
+    design = problem.space.default
+    found = service(problem, design, Threads(), members=2, draws=6)
+    without = np.median(problem.reference(problem.fresh_ensemble(3, SHOWN), problem.rate)[..., 0].max(axis=2))
+    assert 0.05 * without < found.level[0] < 0.7 * without
+    assert set(found.single) == {"gap", "restitution", "friction_limit", "damping ratio", "frequency"}
+    assert np.all(np.diff(found.joint[:, 0]) >= 0)
+    low, high = found.forces[:, 0]
+    assert 0.5 * FORCES[0] <= low < 0.5 <= high <= 0.5 * FORCES[-1]
+    half = {name: values[1, 0] for name, values in found.watched.items()}
+    assert half["stroke"] == pytest.approx(design.values["gap"], rel=1e-3)
+    # power, rate and speed hang together: an impact loses at most half the reduced mass times (1 - e^2) times the fastest speed squared
+    mass = 0.02 * problem.model.beam_mass
+    assert half["impact_power"] < half["impact_rate"] * 0.5 * mass * (1 - 0.7**2) * half["impact_speed"] ** 2
+    assert 0.3 * without < found.lasting[0] / found.level[0] * without < 3 * without
+    text = "\n".join(service_lines(found))
+    assert all(word in text for word in ("impact speed", "friction heat", "halves the level", "gap off by -+10 %", "all of them off", "lasting"))
+    content = service_summary(found)
+    assert set(content["tolerances"]) == set(found.single)  # type: ignore[call-overload]
+
+
+def test_numbers_that_are_off_are_off_as_told() -> None:
+    """Twice the tolerance's factor on the frequency: the sweep follows the beam, and displacements go with one over its square."""
+    problem = steel("friction", conditions=(Condition(1, 0.5),), members=2, rate=20.0)
+    found = service(problem, problem.space.default, Threads(), members=1, draws=2)
+    low, high = found.single["frequency"][:, 0]
+    # a friction damper under the same force: frequencies times s mean displacements over s^2, exactly
+    assert low * 0.95**2 == pytest.approx(high * 1.05**2, rel=1e-4)
+    assert "gap" not in found.single
+    assert set(found.watched) == {"friction_heat", "stroke"}
+
+
+def test_constant_force_settles_before_it_is_watched() -> None:
+    """The root of the mean square of the second half of a linear run, against Duhamel's integral."""
+    problem = steel("tuned", conditions=(Condition(1, 0.5, (0.5, 1.6)),))
+    scene = Scene(problem.model)
+    drive = Drive(0.5, constant_frequency(float(scene.model.omega[0]), 0.97, 60.0))
+    times = np.linspace(0, 60 * 2 * np.pi / scene.model.omega[0], 60 * 32 + 1)
+    motion = dense.follow(scene, drive, None, times, long_steps=True).tip
+    chunk = Chunk((Lane(scene, drive),), (RMS,), stress_shape(STEEL), 5.0)
+    (found,) = measured_chunks([chunk], Threads(1))
+    assert found[0, 0] == pytest.approx(np.sqrt(np.mean(motion[len(motion) // 2 :] ** 2)), rel=1e-3)
+
+
+def test_friction_table_on_another_beam() -> None:
+    found = list(rows(0.005, 1.4, 2, Threads(), 40.0, beam=replace(STEEL, damping_ratio=0.005)))
+    assert [row.limit for row in found] == list(LIMITS)
+    assert all(0 < row.low <= row.median <= row.high < 1.1 for row in found)
+    assert all(row.branches is None for row in found)  # two members tell none

@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+from places import ROOT, SUPPORT
+
+pytest.importorskip("distributed")
+pytest.importorskip("optuna")
+
+import distributed
+from cluster_check import problem
+from design_studies import Array
+
+from optimisation.measures import Chunk
+from optimisation.search.cluster import ClusterError, Workers
+
+
+def test_workers_and_studies_give_what_threads_give_though_a_worker_is_killed() -> None:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SUPPORT), str(ROOT)])}
+    command = [sys.executable, str(SUPPORT / "cluster_check.py")]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=580)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.splitlines() == ["killed True", "runs True", "killed at once True True", "lanes True", "studies True"], (
+        result.stdout + result.stderr
+    )
+
+
+def test_no_scheduler_and_no_worker_are_clear_errors() -> None:
+    with pytest.raises(ClusterError, match=r"--cluster = 127\.0\.0\.1:1 is not allowed"):
+        Workers("127.0.0.1:1", patience=1.0)
+    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", silence_logs=50) as empty:
+        given = problem()
+        chunks = given.chunks(given.space.default, given.ensemble, given.rate)
+        with Workers(empty.scheduler_address, patience=1.0) as workers, pytest.raises(ClusterError, match="one or more workers"):
+            list(workers.run(chunks))
+
+
+def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(tmp_path: Path) -> None:
+    """A worker whose copy of the project measures a tenth less: it must not have a part in the result, which would not show it."""
+    for package in ("impact_env", "optimisation"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    measures = tmp_path / "optimisation" / "measures.py"
+    before = measures.read_text()
+    measures.write_text(before.replace("return response.level.value\n", "return 0.9 * response.level.value\n"))
+    assert measures.read_text() != before
+    given = problem()
+    chunks = given.chunks(given.space.default, given.ensemble, given.rate)
+    assert len(chunks) > 1
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    with distributed.LocalCluster(n_workers=0, processes=False, protocol="tcp://", dashboard_address=":0", silence_logs=50) as local:
+        address = local.scheduler_address
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard"]
+        worker = subprocess.Popen(command, env=environment, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            with Workers(address, patience=120.0) as workers, pytest.raises(ClusterError, match=r"worker = tcp://.* same version .*sources\.code is"):
+                list(workers.run(chunks))
+        finally:
+            worker.kill()
+            worker.wait()
+
+
+class Closing(Workers):
+    """Closes the whole cluster when the first results are there."""
+
+    cluster: object = None
+
+    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
+        for count, result in enumerate(super().run(chunks)):
+            if count == 2:
+                self.cluster.close()  # type: ignore[attr-defined]
+            yield result
+
+
+def test_scheduler_that_dies_is_a_clear_error() -> None:
+    given = problem()
+    chunks = [chunk for x in (0.2, 0.4, 0.6, 0.8) for chunk in given.chunks(given.space.at([x, 0.5, 0.5]), given.ensemble, given.rate)]
+    local = distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50)
+    with Closing(local.scheduler_address, patience=2.0) as workers:
+        workers.cluster = local
+        with pytest.raises(ClusterError, match="the study keeps what is finished"):
+            list(workers.run(chunks))

@@ -1,0 +1,272 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core import drive_of, scene_of
+from hypothesis import given
+from hypothesis import strategies as st
+
+from impact_env import Beam, ParameterError, Record, Scene, impact_absorber, modal_model, simulate
+from impact_env.level import response_level
+from optimisation.bounds import design_gap
+from optimisation.designs import Design, design_space
+from optimisation.evaluation import Threads, evaluate
+from optimisation.measures import MEASURES, Chunk, _value, fatigue_damage, rainflow_amplitudes, stress_shape, turning_points
+from optimisation.mounting import mounted
+from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score, range_width
+from optimisation.problem import FAILED, PENALTY, Problem
+from optimisation.tuned import HIGH, LOW
+
+FIRST = Condition(1, 3.5)
+BOTH = (FIRST, Condition(2, 35.0))
+
+
+def small(**changes: object) -> Problem:
+    """A problem whose runs take milliseconds: two modes, and sweeps forty times as fast as the paper's."""
+    given = {"space": design_space("impact"), "conditions": BOTH, "beam": Beam(modes=2), "members": 3, "rate": 40.0}
+    return Problem(**(given | changes))  # type: ignore[arg-type]
+
+
+def test_rainflow_counts_the_textbook_example() -> None:
+    amplitudes, counts = rainflow_amplitudes(np.array([-2, 1, -3, 5, -1, 3, -4, 4, -2], dtype=float))
+    found: dict[float, float] = {}
+    for amplitude, number in zip(2 * amplitudes, counts, strict=True):
+        found[float(amplitude)] = found.get(float(amplitude), 0.0) + float(number)
+    assert found == {3.0: 0.5, 4.0: 1.5, 6.0: 0.5, 8.0: 1.0, 9.0: 0.5}  # ranges and counts of ASTM E1049's example
+
+
+def test_damage_of_a_cosine_is_amplitude_to_the_exponent_a_cycle() -> None:
+    t = np.linspace(0, 20, 20 * 64 + 1)
+    assert fatigue_damage(2 * np.cos(2 * np.pi * t), 5.0) == pytest.approx(20 * 2**5)
+    assert fatigue_damage(np.zeros(5), 5.0) == 0
+
+
+@given(st.lists(st.floats(-100, 100), min_size=1, max_size=60))
+def test_rainflow_loses_no_range(values: list[float]) -> None:
+    series = np.array(values)
+    amplitudes, counts = rainflow_amplitudes(series)
+    turns = turning_points(series)
+    assert np.sum(counts) == (len(turns) - 1) / 2
+    assert np.max(amplitudes, initial=0.0) == pytest.approx(np.ptp(series) / 2)
+    assert 4 * np.sum(amplitudes * counts) == pytest.approx(np.sum(np.abs(np.diff(turns))), abs=1e-9)
+
+
+def test_moment_at_the_clamp_of_a_load_at_the_end() -> None:
+    beam = Beam(modes=60)
+    model, moment = modal_model(beam), stress_shape(beam)
+    assert moment is not None
+    still = model.tip_shape * 7.0 / model.omega**2
+    assert moment @ still == pytest.approx(7.0 * beam.length, rel=1e-6)
+    off = mounted(beam, 0.4)
+    assert off.level_shape @ still == pytest.approx(7.0 * beam.length**3 / (3 * beam.bending_stiffness), rel=1e-6)
+    np.testing.assert_array_equal(off.level_shape, model.tip_shape)
+    assert stress_shape(Beam(ends="pinned-pinned", absorber_position=0.5)) is None
+    assert stress_shape(model) is None
+
+
+def test_measures_agree_with_the_energy_account_and_the_events() -> None:
+    scene, drive = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1)), drive_of(3.5, 0.95, 1.0, periods=40)
+    response = simulate(scene, drive, record=Record(events=True, series=True, energy=True))
+    chunk = Chunk((), tuple(MEASURES), stress_shape(Beam(modes=3)), 5.0)
+    found = {name: _value(name, chunk, response) for name in MEASURES}
+    energy, history, impacts = response.energy, response.history, response.impacts
+    assert energy is not None
+    assert history is not None
+    assert impacts is not None
+    duration = response.drive.schedule.times[-1]
+    assert len(impacts.time) > 20
+    assert found["impact_power"] == pytest.approx(energy.impact_loss / duration, rel=1e-9)
+    assert found["friction_heat"] == pytest.approx(energy.friction_loss / duration, rel=0.02)
+    assert found["impact_speed"] == np.max(np.abs(impacts.relative_velocity))
+    assert 0.99e-3 < found["stroke"] <= 1e-3 * (1 + 1e-9)
+    assert found["level"] == pytest.approx(response_level(history.tip_displacement, 32)[0], rel=1e-12)
+    assert found["damage"] > 0
+
+
+def test_only_what_is_needed_is_recorded() -> None:
+    def record(*measures: str) -> Record:
+        return Chunk((), measures, stress_shape(Beam(modes=2)), 5.0).record
+
+    assert record("level") == Record()
+    assert record("level", "impact_power") == Record(events=True)
+    assert record("level", "damage") == Record(series=True)
+    with pytest.raises(ParameterError, match="measure = 'colour'"):
+        record("colour")
+
+
+@pytest.mark.parametrize(
+    ("levels", "limit", "decades"),
+    [
+        ([0.2, 0.2, 0.2], 0.3, 2.0),
+        ([0.5, 0.5, 0.5], 0.3, 0.0),
+        ([0.2, 0.4, 0.4], 0.3, 0.5),
+        ([0.4, 0.2, 0.4], 0.3, 1.0),
+        ([0.2, 0.4, 0.2], 0.3, 0.5),
+        ([0.3, 0.3, 0.4], 0.3, 1.0),
+    ],
+)
+def test_width_of_a_range(levels: list[float], limit: float, decades: float) -> None:
+    assert range_width(np.array([1.0, 10.0, 100.0]), np.array(levels), limit) == pytest.approx(decades)
+
+
+def test_conditions_directions_and_members_join_as_told() -> None:
+    values = np.array([[[1.0, 2.0], [5.0, 3.0]], [[4.0, 1.0], [1.0, 1.0]], [[2.0, 2.0], [3.0, 3.0]]])  # member, condition, direction
+    np.testing.assert_array_equal(Objective().per_member(values, BOTH), [5.0, 4.0, 3.0])
+    np.testing.assert_array_equal(Objective(over="mean").per_member(values, BOTH), [3.5, 2.5, 2.5])
+    np.testing.assert_array_equal(Objective(resonance=2).per_member(values, BOTH), [5.0, 1.0, 3.0])
+    assert Objective().of(values, BOTH) == 4.0
+    assert Objective(quantile=1.0).of(values, BOTH) == 5.0
+
+
+def test_quantile_is_the_share_that_meets_the_value_in_both_directions() -> None:
+    forces = tuple(Condition(1, f) for f in (1.0, 10.0, 100.0))
+    wide = Objective("range", limit=0.3, quantile=1.0)
+    values = np.repeat(np.array([[0.2, 0.2, 0.2], [0.2, 0.4, 0.4]])[..., None], 2, axis=2)
+    assert wide.maximise
+    assert wide.of(values, forces) == pytest.approx(0.5)  # what every member reaches
+    assert replace(wide, quantile=0.5).of(values, forces) == pytest.approx(1.25)
+
+
+def test_score_is_relative_to_the_same_members_without_absorber() -> None:
+    problem = small()
+    design = problem.space.default
+    ((_, measured),) = evaluate(problem, [design], problem.ensemble, problem.rate, Threads(1))
+    reference = problem.reference(problem.ensemble, problem.rate)
+    assert measured.shape == reference.shape == (3, 2, 2, 1)
+    expected = np.median(np.max(measured[..., 0].max(axis=2) / reference[..., 0].max(axis=2), axis=1))
+    score = problem.score(design, measured, problem.ensemble, problem.rate)
+    assert score.values[0] == pytest.approx(expected)
+    assert 0 < score.values[0] < 1
+    assert score.feasible
+
+
+def test_results_do_not_depend_on_threads_or_company() -> None:
+    problem = small()
+    designs = [problem.space.at([x, 0.5, 0.5]) for x in (0.3, 0.5, 0.7)]
+    alone = [dict(evaluate(problem, [design], problem.ensemble, problem.rate, Threads(1)))[0] for design in designs]
+    together = dict(evaluate(problem, designs, problem.ensemble, problem.rate, Threads(3)))
+    for k, expected in enumerate(alone):
+        np.testing.assert_array_equal(together[k], expected)
+
+
+def test_scaling_law_makes_scaled_designs_alike() -> None:
+    """Gap, friction limit and force times 2: displacements times 2, so that the relative level of the paper's optimum stays."""
+    here = small(conditions=(Condition(1, 1.75),), members=1)
+    there = small(conditions=(Condition(1, 3.5),), members=1)
+    design = here.space.design({"gap": 5e-4, "restitution": 0.7, "friction_limit": 0.05})
+    scaled = there.space.design({"gap": 1e-3, "restitution": 0.7, "friction_limit": 0.1})
+    scores = []
+    for problem, own in ((here, design), (there, scaled)):
+        ((_, measured),) = evaluate(problem, [own], problem.ensemble, problem.rate, Threads(1))
+        scores.append(problem.score(own, measured, problem.ensemble, problem.rate).values[0])
+    assert scores[0] == pytest.approx(scores[1], rel=1e-9)
+
+
+def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
+    """The scaling law as an oracle: twice the force, twice the best gap and friction, with the same scores; and the design rule near it."""
+    model = modal_model(Beam(modes=3))
+    rule = design_gap(model, 0.02 * model.beam_mass, 3.5)
+    factors, found = np.geomspace(1 / 2.5, 2.5, 9), []
+    for scale in (1, 2):
+        problem = small(conditions=(Condition(1, 3.5 * scale),), beam=Beam(modes=3), members=1, rate=10.0)
+        values = {"restitution": 0.7, "friction_limit": 0.05 * scale, "mass_ratio": 0.02, "position": 1.0}
+        designs = [Design("impact", {"gap": rule * factor * scale, **values}) for factor in factors]
+        scores = dict(evaluate(problem, designs, problem.ensemble, problem.rate, Threads(1)))
+        found.append([problem.score(d, scores[k], problem.ensemble, problem.rate).values[0] for k, d in enumerate(designs)])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
+    assert 0.75 < factors[np.argmin(found[0])] < 1.35
+    assert min(found[0]) < 0.6 * max(found[0])
+
+
+def test_level_is_that_of_the_free_end_wherever_the_absorber_sits() -> None:
+    """An absorber that slides freely and meets no wall is not there: the level is that without absorber, and not the smaller one at its place."""
+    space = design_space("impact", ["gap", "position"], {"gap": (1e-3, 1.0)}, {"friction_limit": 1e-9})
+    problem = small(space=space, conditions=(FIRST,), members=1)
+    for position in (0.6, 1.0):
+        design = space.design({"gap": 1.0, "position": position})
+        ((_, measured),) = evaluate(problem, [design], problem.ensemble, problem.rate, Threads(1))
+        assert problem.score(design, measured, problem.ensemble, problem.rate).values[0] == pytest.approx(1.0, rel=1e-5)
+        chunk = problem.chunks(design, problem.ensemble, problem.rate)[0]
+        scene = chunk.lanes[0].scene
+        at_its_place = simulate(Scene(replace(scene.model, response_shape=None), scene.absorber), chunk.lanes[0].drive).level
+        assert at_its_place is not None
+        assert (at_its_place.value < 0.6 * measured[0, 0, 0, 0]) == (position < 1)
+
+
+def test_detuning_shifts_the_beam_and_not_the_absorber() -> None:
+    space = design_space("tuned")
+    wide = (LOW, HIGH)
+    problem = small(space=space, conditions=tuple(Condition(1, 1.0, wide, d) for d in (-0.1, 0.0, 0.1)), members=1)
+    chunks = problem.chunks(space.default, problem.ensemble, problem.rate)
+    omegas = [chunk.lanes[0].scene.model.omega[0] for chunk in chunks]
+    assert omegas / omegas[1] == pytest.approx([0.9, 1.0, 1.1])
+    assert all(chunk.lanes[0].scene.absorber == space.default.absorber() for chunk in chunks)
+    assert chunks[0].lanes[0].drive.schedule.reference == pytest.approx(omegas[0])
+
+
+def test_fresh_members_are_others() -> None:
+    problem = small(members=5)
+    sets = [set(drawn.phases) for drawn in (problem.ensemble, problem.fresh_ensemble(5, 0), problem.fresh_ensemble(5, 1))]
+    assert all(len(phases) == 5 for phases in sets)
+    assert len(set.union(*sets)) == 15
+    assert set(replace(problem, seed=1).ensemble.phases) & sets[0] == {0.0}
+
+
+def test_constraints_are_the_worst_of_all_runs() -> None:
+    problem = small(constraints=(Constraint("mass_ratio", 0.01), Constraint("stroke", 1e-3)))
+    assert problem.measures == ("level", "stroke")
+    measured = np.full((3, 2, 2, 2), 1e-3)
+    measured[1, 1, 0, 1] = 2e-3
+    score = problem.score(problem.space.default, measured, problem.ensemble, problem.rate)
+    assert score.violations == pytest.approx((1.0, 1.0))
+    assert not score.feasible
+    assert problem.cost(score) == np.inf
+    assert PENALTY < problem.penalised_cost(score) < FAILED
+    failed = problem.score(problem.space.default, np.full((3, 2, 2, 2), np.nan), problem.ensemble, problem.rate)
+    assert failed.failed
+    assert problem.penalised_cost(failed) > problem.penalised_cost(score)
+
+
+@pytest.mark.parametrize(
+    ("make", "names"),
+    [
+        (lambda: Objective("beauty"), ["objective = 'beauty'", ", ".join(KINDS)]),
+        (lambda: Objective(over="sum"), ["over", "worst or mean"]),
+        (lambda: Objective(quantile=0.0), ["quantile"]),
+        (lambda: Objective("range"), ["limit of the relative level"]),
+        (lambda: Objective(limit=0.5), ["limit"]),
+        (lambda: Condition(0, 1.0), ["resonance = 0"]),
+        (lambda: Condition(1, -1.0), ["force = -1.0"]),
+        (lambda: Condition(1, 1.0, (1.1, 0.9)), ["limits of the sweep"]),
+        (lambda: Condition(1, 1.0, detuning=0.7), ["detuning = 0.7"]),
+        (lambda: Constraint("noise", 1.0), ["constraint = 'noise'", "stroke"]),
+        (lambda: Constraint("stroke", 0.0), ["limit of stroke"]),
+        (lambda: small(conditions=()), ["conditions"]),
+        (lambda: small(conditions=(Condition(3, 1.0),)), ["resonance = 3"]),
+        (lambda: small(objectives=(Objective(resonance=4),)), ["resonance of an objective"]),
+        (lambda: small(objectives=(Objective("range", limit=0.3),)), ["forces of the objective range"]),
+        (lambda: small(constraints=(Constraint("stroke", 1.0), Constraint("stroke", 2.0))), ["constraints", "once"]),
+        (lambda: small(rate=0.0), ["rate = 0.0"]),
+        (lambda: small(members=0), ["members = 0"]),
+        (lambda: Threads(0), ["threads = 0"]),
+    ],
+)
+def test_bad_problem_is_named(make: object, names: list[str]) -> None:
+    with pytest.raises(ParameterError) as error:
+        make()  # type: ignore[operator]
+    assert all(name in str(error.value) for name in names), error.value
+
+
+def test_tuned_absorber_is_not_scored_on_one_peak() -> None:
+    space = design_space("tuned")
+    with pytest.raises(ParameterError, match="holds both peaks"):
+        small(space=space, conditions=(FIRST,))
+    assert small(space=space, conditions=(Condition(1, 3.5, (LOW, HIGH)),)).members == 3
+
+
+def test_score_adds_up_what_is_broken() -> None:
+    assert Score((1.0,), (-0.5, 0.0)).feasible
+    assert Score((1.0,), (0.5, -2.0, 0.25)).violation == 0.75
+    assert Score((1.0,), failed=True).violation == np.inf

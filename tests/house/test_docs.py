@@ -1,0 +1,92 @@
+"""Pages: links lead somewhere, indexes are complete, and blocks that commands fill have their markers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from places import ROOT, SCRIPTS
+
+from optimisation.studies.page import has_markers
+
+KERNELS = ROOT / "impact_env" / "kernels"
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), KERNELS / "README.md"]
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+MARKED = {
+    "README.md": ["benchmark"],
+    "docs/agents.md": ["policies", "sweep table", "gap table"],
+    "docs/reference_levels.md": ["levels"],
+    "docs/cost.md": ["cost"],
+    "docs/environments.md": ["speeds"],
+    "docs/limits.md": ["tunings"],
+}
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the names that a page's headings have in links."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in LINK.findall(page.read_text(encoding="utf-8")):
+        path, _, anchor = link.partition("#")
+        if not link.startswith("http"):
+            target = page.parent / path if path else page
+            assert target.exists(), link
+            assert not anchor or anchor in anchors(target), link
+
+
+def test_the_index_has_every_page_and_names_real_commands() -> None:
+    text = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    assert {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"} == {link for link in LINK.findall(text) if "/" not in link}
+    listed = re.findall(r"^\| \[[^\]]*\]\(([^)]*)\)", text, re.MULTILINE)
+    assert len(listed) == len(set(listed))
+    scripts = {script.stem for script in (SCRIPTS).glob("[!_]*.py")}
+    named = {name for row in re.findall(r"^\| .* \|$", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", row.rsplit(" | ", 1)[1])}
+    assert named <= scripts
+    assert {"findings", "stability", "evaluate_policies"} <= named
+
+
+def test_the_map_of_the_kernels_names_every_file_and_real_functions() -> None:
+    text, sources = (
+        (KERNELS / "README.md").read_text(encoding="utf-8"),
+        {file.name: file.read_text(encoding="utf-8") for file in KERNELS.glob("[!_]*.py")},
+    )
+    order = re.findall(r"`(\w+\.py)`", text[text.index("| how it is compiled") : text.index("## One event's way")])
+    assert set(order) >= set(sources)
+    for place, function in re.findall(r"`(\w+\.py)` \(`(\w+)`", text.partition("## The paper's equations")[2]):
+        assert re.search(rf"^def {function}\b", sources[place], re.MULTILINE), function
+    assert {f"`periodic/{file.name}`" for file in (KERNELS / "periodic").glob("[!_]*.py")} <= set(re.findall(r"`[\w/]+\.py`", text))
+    # to be read from top to bottom: nothing needs what comes later
+    known: set[str] = set()
+    for name in dict.fromkeys(order):
+        known.add(name)
+        needed = re.findall(r"^from impact_env\.kernels\.(\w+) import", sources[name], re.MULTILINE)
+        assert {f"{module}.py" for module in needed} <= known, name
+
+
+@pytest.mark.parametrize("name", MARKED)
+def test_blocks_have_their_markers(name: str) -> None:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    for block in MARKED[name]:
+        assert has_markers(text, block)
+        assert f"<!-- {block} -->\n|" in text
+
+
+def test_tables_are_written_by_the_commands_that_pages_name() -> None:
+    """No page says that a command prints what stands there, and each command that a page asks to fill it can do so."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(r"prints th(is|e) table", text), page.name
+        for command, target in re.findall(r"scripts/run (\w+) --page ([\w./]+)", text):
+            assert (ROOT / target).resolve() == page
+            assert target in (SCRIPTS / f"{command}.py").read_text(encoding="utf-8")
+
+
+def test_files_of_tests_that_pages_name_exist() -> None:
+    named = {name for page in PAGES for name in re.findall(r"`(tests/[\w/]+(?:\.py)?)`", page.read_text(encoding="utf-8"))}
+    assert len(named) > 10
+    assert not [name for name in named if not (ROOT / name).exists()]

@@ -1,0 +1,140 @@
+"""What an import says where an optional package is missing, in fresh processes that cannot import it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+
+import pytest
+from places import ROOT, SCRIPTS
+
+from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install, optional
+
+SOLD_AS = {
+    "stable_baselines3": "stable-baselines3",
+    "sb3_contrib": "sb3-contrib",
+    "h5py": "minari[hdf5]",
+    "yaml": "PyYAML",
+    "PIL": "pillow",
+    "pygame": "pygame-ce",
+}
+IMPORTS = {
+    "optimisation.search.samplers": ("optuna", "optimise"),
+    "optimisation.search.study": ("optuna", "optimise"),
+    "optimisation.search.journal": ("optuna", "optimise"),
+    "optimisation.search.cluster": ("distributed", "cluster"),
+    "optimisation.convex": ("cvxpy", "optimise"),
+    "optimisation.bounds.relaxation": ("cvxpy", "optimise"),
+    "optimisation.tuned.certificate": ("cvxpy", "optimise"),
+    "optimisation.rl.families": ("gymnasium", "env"),
+    "optimisation.rl.play": ("gymnasium", "env"),
+    "optimisation.rl.hyperparameters": ("yaml", "rl"),
+    "optimisation.rl.vec_env": ("gymnasium", "env"),
+    "optimisation.rl.models": ("gymnasium", "env"),
+    "optimisation.rl.training": ("gymnasium", "env"),
+    "optimisation.rl.demonstrations": ("gymnasium", "env"),
+    "impact_env.envs.sweep_rate_v1": ("gymnasium", "env"),
+    "impact_env.envs.sweep_and_gap": ("gymnasium", "env"),
+    "impact_env.envs.sweep_rate": ("gymnasium", "env"),
+    "impact_env.envs.gap_choice": ("gymnasium", "env"),
+    "impact_env.envs.passive": ("gymnasium", "env"),
+    "impact_env.envs.drawing": ("PIL", "env"),
+    "optimisation.studies.accuracy.heyoka_peer": ("heyoka", "peers"),
+    "impact_env.verification.digits": ("mpmath", "peers"),
+}
+TRY = """
+import importlib, sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name in {packages}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Missing())
+for module in {modules}:
+    try:
+        importlib.import_module(module)
+        print(module, "came through")
+    except ImportError as error:
+        print(module, type(error).__name__, error)
+"""
+HUMAN = """
+import sys
+sys.modules["pygame"] = None
+import gymnasium, impact_env
+env = gymnasium.make("ImpactAbsorber/Passive-v0", render_mode="human")
+try:
+    env.reset(seed=0)
+    env.render()
+except impact_env.ParameterError as error:
+    print(error)
+"""
+
+
+def fresh(code: str) -> list[str]:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(SCRIPTS)])}
+    return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+def expected(module: str, package: str, extra: str) -> str:
+    return f'{module} ModuleNotFoundError {package} is not installed; it comes with: pip install "{DISTRIBUTION}[{extra}]"'
+
+
+def test_an_import_names_the_extra() -> None:
+    lines = fresh(TRY.format(packages=list(EXTRAS), modules=list(IMPORTS)))
+    assert lines == [expected(module, *which) for module, which in IMPORTS.items()]
+
+
+@pytest.mark.parametrize(
+    ("module", "package", "extra"),
+    [
+        ("optimisation.rl.models", "torch", "rl"),
+        ("optimisation.rl.vec_env", "stable_baselines3", "rl"),
+        ("optimisation.rl.tuning", "cmaes", "optimise"),
+    ],
+)
+def test_one_of_several_packages_is_missing(module: str, package: str, extra: str) -> None:
+    pytest.importorskip("gymnasium")
+    assert fresh(TRY.format(packages=[package], modules=[module])) == [expected(module, package, extra)]
+
+
+def test_a_window_without_its_package_names_the_extra() -> None:
+    pytest.importorskip("gymnasium")
+    (line,) = fresh(HUMAN)
+    assert line.endswith(how_to_install("pygame"))
+
+
+def test_the_environments_need_nothing_that_learns() -> None:
+    """A step in each with the packages of other extras out of reach, in a process that cannot import them."""
+    pytest.importorskip("gymnasium")
+    others = [package for package, extra in EXTRAS.items() if extra != "env"]
+    code = TRY.format(packages=others, modules=[]) + "import gymnasium, impact_env\nfor name in impact_env.envs.ENVIRONMENTS:\n"
+    code += "    env = gymnasium.make(name, interval=1.0, render_mode='rgb_array')\n    env.reset(seed=0)\n"
+    code += "    env.step(env.action_space.sample())\n    print(env.render().shape)\n"
+    assert fresh(code) == ["(420, 640, 3)"] * 7
+
+
+@pytest.mark.parametrize(
+    ("call", "package", "extra"), [("recurrent()", "sb3_contrib", "rl"), ("_minari(Path('.')).__enter__()", "minari", "offline")]
+)
+def test_what_only_one_function_needs_is_named_by_it(call: str, package: str, extra: str) -> None:
+    pytest.importorskip("stable_baselines3")
+    code = TRY.format(packages=[package], modules=[]) + "from pathlib import Path\nfrom optimisation.rl.models import recurrent\n"
+    code += f"from optimisation.rl.demonstrations import _minari\ntry:\n    {call}\nexcept ImportError as error:\n    print(error)\n"
+    (line,) = fresh(code)
+    assert line == f'{package} is not installed; it comes with: pip install "{DISTRIBUTION}[{extra}]"' or "h5py" in line
+
+
+def test_extras_are_those_of_the_package() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["name"] == DISTRIBUTION
+    for package, extra in EXTRAS.items():
+        name = SOLD_AS.get(package, package)
+        assert any(requirement.startswith(name) for requirement in project["optional-dependencies"][extra]), package
+
+
+def test_other_failures_pass_as_they_are() -> None:
+    with pytest.raises(ModuleNotFoundError, match="No module named 'no_such_package'"), optional():
+        import no_such_package  # noqa: F401
+    with pytest.raises(ImportError, match="cannot import name"), optional():
+        from impact_env.extras import no_such_name  # noqa: F401

@@ -1,0 +1,226 @@
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from places import ROOT, SCRIPTS
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def _installed_version() -> str | None:
+    try:
+        return importlib.metadata.version(PROJECT["name"])
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _pins(name: str) -> dict[str, str]:
+    lines = (ROOT / "requirements" / f"{name}.txt").read_text().splitlines()
+    return dict(line.split("==") for line in lines if line and not line.startswith("#"))
+
+
+def _set_up_module() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("set_up", SCRIPTS / "lib" / "set_up.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.skipif(_installed_version() is None, reason="the project is not installed here")
+def test_installed_version_is_the_projects() -> None:
+    assert _installed_version() == PROJECT["version"]
+
+
+def test_simulator_imports_no_heavy_library() -> None:
+    """Gymnasium is imported where it is installed, to register the environments, and everything else works without it."""
+    code = (
+        "import sys, pkgutil, importlib\n"
+        "sys.modules['gymnasium'] = None\n"
+        "import impact_env\n"
+        "for m in pkgutil.iter_modules(impact_env.__path__, 'impact_env.'): importlib.import_module(m.name)\n"
+        "heavy = {'matplotlib', 'torch', 'pygame', 'PIL', 'stable_baselines3', 'cvxpy', 'optuna', 'optimisation'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
+
+
+def test_kernels_import_only_numpy_numba_its_compiler_and_a_lock_for_their_cache() -> None:
+    allowed = {"numpy", "numba", "llvmlite", "impact_env.kernels"}
+    foreign = []
+    for file in (ROOT / "impact_env" / "kernels").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = ["impact_env.kernels" if node.level else node.module or ""]
+            else:
+                continue
+            for name in names:
+                inside = any(name == package or name.startswith(package + ".") for package in allowed)
+                locks = (file.name, name) == ("cache.py", "filelock")
+                if not inside and not locks and name.split(".")[0] not in sys.stdlib_module_names:
+                    foreign.append((file.name, name))
+    assert foreign == []
+
+
+def test_wheel_holds_both_packages(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling")
+    subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)], cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    names = set(zipfile.ZipFile(wheel).namelist())
+    assert {
+        "impact_env/py.typed",
+        "optimisation/py.typed",
+        "impact_env/parameters.py",
+        "impact_env/kernels/jit.py",
+        "optimisation/rl/hyperparameters.yaml",
+        "optimisation/shipped/scripts/sweep.py",
+        "optimisation/shipped/scripts/error_vs_runtime.py",
+        "optimisation/studies/study.py",
+        "optimisation/shipped/docs/findings.md",
+    } <= names
+    assert not [name for name in names if "/scripts/lib/" in name or name.endswith(("scripts/run", ".pyc"))]
+    assert {name.split("/")[0] for name in names if ".dist-info" not in name} == {"impact_env", "optimisation"}
+
+
+def test_every_dependency_is_pinned_once() -> None:
+    main = _pins("main")
+    for dependency in PROJECT["dependencies"]:
+        assert dependency.split(">")[0] in main
+    layers = [file.stem for file in (ROOT / "requirements").glob("*.txt")]
+    chosen: dict[str, str] = {}
+    for layer in layers:
+        for name, version in _pins(layer).items():
+            assert chosen.setdefault(name, version) == version, f"{name} has two versions in requirements/"
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A checkout with one script and an environment whose python only tells how it was called."""
+    root = tmp_path.resolve() / "a checkout"
+    shutil.copytree(ROOT / "requirements", root / "requirements")
+    shutil.copytree(SCRIPTS / "lib", root / "scripts" / "lib", ignore=shutil.ignore_patterns("__pycache__"))
+    for file in ("pyproject.toml", "scripts/run"):
+        shutil.copy2(ROOT / file, root / file)
+    (root / "scripts" / "show.py").write_text('"""Show one thing.\n\nMore words.\n"""\n')
+    stub = root / ".venv" / "bin" / "python"
+    stub.parent.mkdir(parents=True)
+    stub.write_text('#!/bin/sh\necho "$MPLBACKEND|$IMPACT_ENV_CACHE|$*"\nexit 7\n')
+    stub.chmod(0o755)
+    stamps = root / ".venv" / "stamps"
+    stamps.mkdir()
+    set_up = _set_up_module()
+    for layer in ("main", "rl"):
+        (stamps / layer).write_bytes(set_up.stamp_text(root, layer))
+    return root
+
+
+def _run(root: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    environment = {name: value for name, value in os.environ.items() if name not in {"IMPACT_ENV_CACHE", "PYTHON"}} | variables
+    return subprocess.run(
+        [root / "scripts" / "run", *arguments], env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60
+    )
+
+
+@pytest.mark.parametrize("arguments", [(), ("no_such_script",), ("../lib/set_up",), ("lib/set_up",), ("--force",)])
+def test_unknown_script_lists_the_scripts(checkout: Path, arguments: tuple[str, ...]) -> None:
+    result = _run(checkout, *arguments)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert "show                     Show one thing." in result.stderr
+    assert all(argument in result.stderr for argument in arguments)
+
+
+def test_help_lists_the_scripts(checkout: Path) -> None:
+    result = _run(checkout, "--help")
+    assert result.returncode == 0
+    assert "Show one thing." in result.stdout
+
+
+def test_unknown_script_of_this_checkout() -> None:
+    result = _run(ROOT, "no_such_script")
+    assert result.returncode == 2
+    for file in (SCRIPTS).glob("[!_]*.py"):
+        assert file.stem in result.stderr
+
+
+def test_script_runs_without_set_up_when_nothing_changed(checkout: Path) -> None:
+    result = _run(checkout, "show", "--force", "a b", PYTHON="/nonexistent", PATH="/usr/bin:/bin")
+    assert result.returncode == 7
+    assert result.stdout == f"Agg|{checkout}/.venv/kernel-cache|{checkout}/scripts/lib/start.py {checkout}/scripts/show.py --force a b\n"
+    assert result.stderr == ""
+
+
+def test_quick_tests_need_neither_torch_nor_a_cluster(checkout: Path) -> None:
+    shutil.copy2(ROOT / "scripts" / "test", checkout / "scripts" / "test")
+    for layer in ("test", "files", "optimise", "env"):
+        (checkout / ".venv" / "stamps" / layer).write_bytes(_set_up_module().stamp_text(checkout, layer))
+    quick, whole = (subprocess.run([checkout / "scripts" / "test", *words], capture_output=True, text=True) for words in (["--quick", "-x"], ["-x"]))
+    assert quick.returncode == 7, quick.stderr
+    assert "-m pytest" in quick.stdout
+    assert quick.stdout.endswith(" --quick -x\n")
+    assert whole.returncode != 7  # it would have to install the others first
+
+
+def test_extra_layer_has_its_own_stamp(checkout: Path) -> None:
+    script = checkout / "scripts" / "show.py"
+    script.write_text(script.read_text() + "# needs: rl\n")
+    assert _run(checkout, "show").returncode == 7
+    script.write_text(script.read_text().replace("# needs: rl", "# needs: nothing_known"))
+    result = _run(checkout, "show")
+    assert result.returncode == 1
+    assert "requirements/nothing_known.txt" in result.stderr
+
+
+@pytest.mark.parametrize("change", ["requirements", "project", "interrupted", "moved", "no stamp"])
+def test_set_up_is_due_again(checkout: Path, change: str) -> None:
+    if change == "requirements":
+        (checkout / "requirements" / "main.txt").open("a").write("# changed\n")
+    elif change == "project":
+        (checkout / "pyproject.toml").open("a").write("# changed\n")
+    elif change == "interrupted":
+        (checkout / ".venv" / "incomplete").touch()
+    elif change == "moved":
+        checkout = checkout.rename(checkout.with_name("elsewhere"))
+    else:
+        (checkout / ".venv" / "stamps" / "main").unlink()
+    # the set-up itself is replaced: here it only matters that it is called, and that its failure ends the run
+    (checkout / "scripts" / "lib" / "set_up.py").write_text("import sys; print('set-up', *sys.argv[1:]); sys.exit(3)")
+    result = _run(checkout, "show", PYTHON=sys.executable)
+    assert result.returncode == 3
+    assert result.stdout == ""
+    assert result.stderr == "set-up main kernels\n"
+
+
+def test_missing_python_is_a_clear_error(checkout: Path, tmp_path: Path) -> None:
+    (checkout / ".venv" / "stamps" / "main").unlink()
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for tool in ("bash", "env", "dirname", "basename", "sed", "cat", "cmp", "find"):
+        (tools / tool).symlink_to(str(shutil.which(tool)))
+    result = _run(checkout, "show", PATH=str(tools))
+    assert result.returncode == 1
+    assert "no Python 3.11" in result.stderr
+
+
+def test_set_up_rebuilds_what_was_left_half_made(checkout: Path) -> None:
+    set_up = _set_up_module().SetUp(checkout)
+    assert set_up.usable()
+    assert set_up.is_current("main")
+    assert not set_up.is_current("test")
+    (checkout / ".venv" / "incomplete").touch()
+    assert not set_up.usable()

@@ -1,0 +1,259 @@
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from core import run, scene_of, still
+from places import ROOT
+
+from impact_env import (
+    CompliantWalls,
+    Drive,
+    Exact,
+    FrequencySchedule,
+    InitialState,
+    IntegrationError,
+    Moreau,
+    ParameterError,
+    Record,
+    RungeKutta,
+    Scene,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    constant_frequency,
+    impact_absorber,
+    simulate,
+)
+from impact_env.controlled import ControlledRuns
+from impact_env.curve import performance_curve
+from impact_env.ensemble import Lane, run_lanes
+from impact_env.kernels import observers
+from impact_env.kernels.budget import FIRST_EVENTS, LONG_SEARCH, progress
+from impact_env.kernels.forced import Window
+from impact_env.kernels.observers import new_counters
+from impact_env.methods import Method
+from impact_env.parameters import Absorber
+
+FORCE = 3.5
+ABSORBERS: dict[str, Absorber] = {
+    "rigid": impact_absorber(restitution=0.7, friction_limit=0.1),
+    "compliant": SlidingAbsorber(walls=CompliantWalls(1e5)),
+    "several": SeveralAbsorbers((impact_absorber(mass_ratio=0.01), impact_absorber(mass_ratio=0.01, restitution=0.5)), (0.7, 1.0)),
+}
+
+
+def drive_for(scene: Scene, periods: float = 40.0) -> Drive:
+    return Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, periods))
+
+
+def cut(drive: Drive, end: float) -> Drive:
+    schedule = drive.schedule
+    return Drive(drive.amplitude, FrequencySchedule(np.array([0.0, end]), schedule.omega_at(np.array([0.0, end])), schedule.reference), drive.phase)
+
+
+# --- what a run may use ------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ABSORBERS)
+def test_a_run_that_is_given_up_says_when_and_keeps_what_it_has(name: str) -> None:
+    """What it has is what a run gives that ends there."""
+    scene, most = scene_of(ABSORBERS[name], modes=2), 30  # few enough to be followed
+    drive = drive_for(scene)
+    record = Record(level=False, events=True, series=True, energy=True)
+    with pytest.raises(IntegrationError, match=rf"more events than its budget.*31 events of {most} allowed.*raise most_events") as caught:
+        simulate(scene, drive, record=record, most_events=most)
+    at, part = caught.value.time, caught.value.response
+    assert at is not None
+    assert part is not None
+    assert 0 < at < 0.9 * drive.schedule.times[-1]
+    assert f"at {at:.9g} s ({at / drive.schedule.pseudo_period:.6g} of 40 pseudo periods)" in str(caught.value)
+    whole = run(scene, cut(drive, at))
+    assert part.impacts is not None
+    assert whole.impacts is not None
+    assert part.history is not None
+    assert whole.history is not None
+    assert part.energy is not None
+    several = len(part.impacts.time) - len(whole.impacts.time)  # the impact at the end belongs to the run that was given up
+    assert several in (0, 1)
+    assert part.impact_count == len(part.impacts.time) > 3
+    np.testing.assert_allclose(part.impacts.time[: len(whole.impacts.time)], whole.impacts.time, rtol=1e-9)
+    modes = scene.model.modes
+    np.testing.assert_allclose(part.end_state[:modes], whole.end_state[:modes], rtol=1e-7)
+    assert part.history.time[-1] <= at < part.history.time[-1] + 2 * drive.schedule.pseudo_period / 32
+    count = len(part.history.time)
+    np.testing.assert_allclose(part.history.modal_displacement, whole.history.modal_displacement[:count], rtol=0, atol=1e-11)
+    assert part.energy.relative_error < 1e-9
+
+
+def test_a_budget_that_is_enough_changes_nothing() -> None:
+    scene = scene_of(impact_absorber(), modes=2)
+    one, other = (simulate(scene, drive_for(scene), most_events=most) for most in (None, 1000))
+    np.testing.assert_array_equal(one.end_state, other.end_state)
+    assert one.level == other.level
+
+
+def test_level_so_far() -> None:
+    scene = scene_of(impact_absorber(), modes=2)
+    with pytest.raises(IntegrationError) as caught:
+        simulate(scene, drive_for(scene), most_events=20)
+    part = caught.value.response
+    assert part is not None
+    assert part.level is not None
+    whole = simulate(scene, cut(drive_for(scene), caught.value.time or 0.0))
+    assert whole.level is not None
+    assert part.level.max_tip == pytest.approx(whole.level.max_tip, rel=1e-6)
+    assert part.level.value == pytest.approx(whole.level.value, rel=1e-2)
+
+
+def test_impacts_so_far_are_all_there_whatever_room_they_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("impact_env.sweep.FIRST_CAPACITY", 4)
+    scene = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1), modes=2)
+    with pytest.raises(IntegrationError) as caught:
+        simulate(scene, drive_for(scene), record=Record(level=False, events=True, series=True, energy=True), most_events=60)
+    part = caught.value.response
+    assert part is not None
+    assert part.impacts is not None
+    assert len(part.impacts.time) == part.impact_count > 4
+
+
+def pressed() -> tuple[Scene, InitialState]:
+    """A static load presses the absorber to its wall, which it leaves and hits without loss in very small bounces."""
+    scene = scene_of(impact_absorber(restitution=1.0, mass_ratio=1e-3), modes=1)
+    tip = -2e-3 * float(scene.model.tip_shape[0])
+    return scene, InitialState(np.array([-2e-3]), absorber_displacement=tip - 1e-3, absorber_velocity=2e-7)
+
+
+def test_bounces_without_end_use_up_the_default_budget() -> None:
+    scene, start = pressed()
+    drive = still(0.2 * 2 * np.pi / scene.model.resonance_omega(1), scene.model.resonance_omega(1))
+    with pytest.raises(IntegrationError, match="more events than its budget") as caught:
+        simulate(scene, drive, initial=start)
+    assert caught.value.response is not None
+    assert caught.value.response.impact_count > 0.9 * FIRST_EVENTS
+
+
+def test_a_control_interval_has_a_budget() -> None:
+    scene, start = pressed()
+    omega = scene.model.resonance_omega(1)
+    runs = ControlledRuns(scene, 2, omega, 0.25, samples_per_period=64)
+    runs.orders["omega_start"] = runs.orders["omega_stop"] = omega
+    runs.state[1] = start.vector(scene)
+    with pytest.raises(IntegrationError, match=r"lane 1.*more events than its budget"):
+        runs.advance()
+
+
+def test_lanes_have_budgets() -> None:
+    scene = scene_of(impact_absorber(), modes=2)
+    lane = Lane(scene, drive_for(scene))
+    with pytest.raises(IntegrationError, match=r"lane 0 \(3.5 N, .*20 allowed") as caught:
+        run_lanes([lane, lane], threads=1, most_events=20)
+    assert caught.value.response is not None
+    assert caught.value.time == pytest.approx(caught.value.response.drive.schedule.times[-1], rel=1.0)
+    with pytest.raises(IntegrationError, match="lane 0"):
+        performance_curve(scene, [FORCE], members=1, threads=1, limits=(0.98, 1.0), most_events=5)
+
+
+@pytest.mark.parametrize("value", [0, -1, 1.5, math.nan, True, "many"])
+def test_bad_budgets(value: object) -> None:
+    scene = scene_of(impact_absorber(), modes=2)
+    with pytest.raises(ParameterError, match="most_events"):
+        simulate(scene, drive_for(scene), most_events=value)  # type: ignore[arg-type]
+    with pytest.raises(ParameterError, match="most_events"):
+        run_lanes([], most_events=value)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "tau", "status"),
+    [
+        ("evaluations", 10.0, 0.5, observers.DONE),
+        ("evaluations", 41.0, 0.5, observers.TOO_MANY_EVALUATIONS),
+        ("evaluations", 10.0, math.nan, observers.NOT_FINITE),
+        ("evaluations", float(LONG_SEARCH), math.nan, observers.SEARCH_GAVE_UP),
+        ("events", 10.0, 0.5, observers.DONE),
+        ("events", 19.0, 0.5, observers.TOO_MANY_EVENTS),
+        ("stop", True, 0.5, observers.STOPPED),
+    ],
+)
+def test_why_a_run_ends(name: str, value: float, tau: float, status: int) -> None:
+    counters = new_counters(events=10, events_per_s=1.0, evaluations=20, evaluations_per_s=2.0)
+    counters.counts[name] = value
+    window = Window(8.5, 1.0, 1.0, 0.0, 0.0, 0.0)
+    assert progress(counters, window, tau, 0.0, 0)[1] == status
+    assert counters.counts["reached"] == (9.0 if tau == tau else 0.0)
+
+
+# --- progress and interrupts -------------------------------------------------------------------------------------------------------------------
+
+LONG = 1e6  # pseudo periods
+
+
+@pytest.mark.parametrize(
+    ("method", "absorber"), [(Exact(), impact_absorber()), (Exact(), None), (Moreau(), impact_absorber()), (RungeKutta(), None)], ids=str
+)
+def test_progress_goes_on_to_the_end(method: Method, absorber: Absorber | None) -> None:
+    scene, told = scene_of(absorber, modes=2), list[tuple[float, float]]()
+    drive = drive_for(scene, 3e4)
+    response = simulate(scene, drive, method, progress=lambda at, end: told.append((at, end)))
+    end = float(drive.schedule.times[-1])
+    assert {b for _, b in told} == {end}
+    times = [a for a, _ in told]
+    assert times[-1] == end
+    assert times == sorted(times)
+    assert len(times) > min(2, response.wall_time / 0.2)
+    np.testing.assert_array_equal(response.end_state, simulate(scene, drive, method).end_state)
+
+
+@pytest.mark.parametrize(
+    ("method", "absorber"), [(Exact(), impact_absorber()), (Exact(), None), (Moreau(), impact_absorber()), (RungeKutta(), None)], ids=str
+)
+def test_an_error_in_progress_ends_the_run(method: Method, absorber: Absorber | None) -> None:
+    scene = scene_of(absorber, modes=2)
+    simulate(scene, drive_for(scene, 1.0), method)  # compiles
+
+    def stop(at: float, _: float) -> None:
+        raise ValueError(f"at {at}")
+
+    began = time.perf_counter()
+    with pytest.raises(ValueError, match="at "):
+        simulate(scene, drive_for(scene, 1e8), method, record=Record(samples_per_period=64), progress=stop)
+    assert time.perf_counter() - began < 2.0
+
+
+def test_progress_of_a_run_that_is_given_up() -> None:
+    scene, told = scene_of(impact_absorber(), modes=2), list[float]()
+    with pytest.raises(IntegrationError, match="20 allowed"):
+        simulate(scene, drive_for(scene), most_events=20, progress=lambda at, _: told.append(at))
+    assert not told or told[-1] < drive_for(scene).schedule.times[-1]
+
+
+COMMAND = f"""
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from impact_env import Beam, Drive, beam_scene, constant_frequency, impact_absorber, simulate
+scene = beam_scene(Beam(modes=2), impact_absorber())
+omega = scene.model.resonance_omega(1)
+simulate(scene, Drive({FORCE}, constant_frequency(omega, 1.0, {LONG})), progress=lambda at, end: at > 0 and print(at / end, flush=True))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_ends_a_very_long_run() -> None:
+    scene = scene_of(impact_absorber(), modes=2)
+    simulate(scene, drive_for(scene, 1.0))  # compiles
+    root = ROOT
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])}
+    with subprocess.Popen([sys.executable, "-c", COMMAND], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout is not None
+        assert 0 < float(process.stdout.readline()) < 1
+        process.send_signal(signal.SIGINT)
+        began = time.perf_counter()
+        _, errors = process.communicate(timeout=60)
+    assert time.perf_counter() - began < 2.0
+    assert process.returncode == -signal.SIGINT
+    assert errors.rstrip().endswith("KeyboardInterrupt")

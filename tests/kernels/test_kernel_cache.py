@@ -1,0 +1,166 @@
+"""Where compiled kernels are kept, in fresh processes that must obey permissions, each with a real run."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+from places import ROOT
+
+from impact_env.kernels import cache
+from impact_env.kernels.cache import Folders, choose, digest
+
+DAC_OVERRIDE, DAC_READ_SEARCH = 1, 2
+LIBC = ctypes.CDLL(None) if os.name == "posix" else None
+RUN = """
+import impact_env
+from impact_env import Beam, Drive, beam_scene, constant_frequency, simulate
+from impact_env.kernels.cache import folders
+from impact_env.kernels.linear import linear_lane as kernel
+scene = beam_scene(Beam(modes=2))
+level = simulate(scene, Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0))).level.value
+stats = kernel.stats
+print(folders().write, folders().read, level, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), sep="|")
+"""
+NOWHERE = """
+import tempfile
+def refuse():
+    raise FileNotFoundError
+tempfile.gettempdir = refuse
+"""
+
+
+def obey_permissions() -> None:
+    """Take from root, in a process that is about to start, the right to pass over permissions (prctl's PR_CAPBSET_DROP)."""
+    if os.getuid() == 0:
+        for capability in DAC_OVERRIDE, DAC_READ_SEARCH:
+            assert LIBC.prctl(24, capability, 0, 0, 0) == 0
+
+
+def run(before: str = "", **variables: object) -> dict[str, str]:
+    kept = {
+        name: value for name, value in os.environ.items() if name not in {"IMPACT_ENV_CACHE", "XDG_CACHE_HOME", "HOME", "TMPDIR", "NUMBA_CACHE_DIR"}
+    }
+    environment = kept | {"PYTHONPATH": str(ROOT)} | {name: str(value) for name, value in variables.items()}
+    done = subprocess.run([sys.executable, "-c", before + RUN], env=environment, cwd="/", capture_output=True, text=True, preexec_fn=obey_permissions)
+    assert done.returncode == 0, done.stderr
+    words = dict(zip(("write", "read", "level", "hits", "misses"), done.stdout.strip().split("|"), strict=True))
+    return words | {"error": done.stderr}
+
+
+def folder(path: Path, mode: int = 0o755) -> Path:
+    path.mkdir(exist_ok=True)
+    path.chmod(mode)
+    return path
+
+
+posix = pytest.mark.skipif(os.name != "posix", reason="needs the permissions of POSIX")
+
+
+@posix
+def test_a_named_folder_is_filled_and_then_read_where_nothing_can_be_written(tmp_path: Path) -> None:
+    """An image with kernels compiled beforehand: first filled, then read only, without and with a temporary folder."""
+    named, temporary = folder(tmp_path / "named", 0o777), folder(tmp_path / "tmp", 0o1777)
+    first = run(IMPACT_ENV_CACHE=named, TMPDIR=temporary)
+    assert (first["write"], first["read"], first["misses"]) == (str(named / digest()), "None", "1")
+    for path in [named, *named.rglob("*")]:
+        path.chmod(0o555 if path.is_dir() else 0o444)
+
+    second = run(IMPACT_ENV_CACHE=named, TMPDIR=temporary)
+    assert second["read"] == str(named / digest())
+    assert second["write"].startswith(str(temporary / "impact_env-"))
+    assert (second["hits"], second["misses"]) == ("1", "0")
+    assert second["level"] == first["level"]
+    assert not list(Path(second["write"]).rglob("*.nbc"))  # nothing was compiled
+
+    third = run(NOWHERE, IMPACT_ENV_CACHE=named)
+    assert (third["write"], third["read"], third["level"]) == ("None", str(named / digest()), first["level"])
+    assert (third["hits"], third["misses"]) == ("1", "0")
+    assert "no folder can be written to" in third["error"]
+
+
+@posix
+def test_a_home_that_cannot_be_written_to_leaves_the_temporary_folder(tmp_path: Path) -> None:
+    home, temporary = folder(tmp_path / "home", 0o555), folder(tmp_path / "tmp", 0o1777)
+    (home / ".cache").mkdir()
+    (home / ".cache").chmod(0o555)
+    first = run(HOME=home, TMPDIR=temporary)
+    (private,) = temporary.glob("impact_env-*")
+    assert (first["write"], first["read"], first["misses"]) == (str(private / digest()), "None", "1")
+    assert private.stat().st_mode & 0o777 == 0o700
+    second = run(HOME=home, TMPDIR=temporary)
+    assert (second["hits"], second["misses"], second["level"]) == ("1", "0", first["level"])
+
+
+@posix
+def test_a_folder_of_someone_else_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is read from the cache is run, and everyone can make a folder among the temporary files."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    foreign = folder(tmp_path / f"impact_env-{os.getuid()}")
+    assert choose(None, "x") == Folders(foreign / "x", None)
+    foreign.chmod(0o777)
+    chosen = choose(None, "x").write
+    assert chosen is not None
+    assert chosen.parent != foreign
+    assert chosen.parent.stat().st_mode & 0o777 == 0o700
+
+
+@posix
+def test_a_run_needs_no_cache(tmp_path: Path) -> None:
+    named = folder(tmp_path / "named", 0o555)
+    alone = run(NOWHERE, IMPACT_ENV_CACHE=named)
+    assert (alone["write"], alone["read"], alone["misses"]) == ("None", "None", "1")
+    assert float(alone["level"]) > 0
+
+
+@posix
+def test_nothing_can_be_written_at_all(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def refuse(*_arguments: object, **_options: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(cache.Path, "mkdir", refuse)
+    monkeypatch.setattr(cache.tempfile, "gettempdir", refuse)
+    assert choose(tmp_path, "x") == Folders(None, None)
+
+
+def test_the_hash_sees_every_source(tmp_path: Path) -> None:
+    (tmp_path / "below").mkdir()
+    seen = {digest(tmp_path)}
+    for name, text in (("a.py", ""), ("a.py", "1"), ("below/b.py", ""), ("below/b.py", "1"), ("below/c.txt", "1")):
+        (tmp_path / name).write_text(text)
+        seen.add(digest(tmp_path))
+    assert len(seen) == 5  # all but the last, which is no source
+
+
+FILLED = """
+import sys
+import numpy as np
+from impact_env.kernels.jit import jit
+
+@jit
+def size(a, b):
+    return a.ndim + b.ndim
+
+for k in map(int, sys.argv[1:]):
+    assert size(np.zeros((1,) * (1 + k % 6)), np.zeros((1,) * (1 + k // 6))) == 2 + k % 6 + k // 6
+print(sum(size.stats.cache_hits.values()), sum(size.stats.cache_misses.values()))
+"""
+
+
+def test_two_processes_that_fill_one_folder_lose_nothing(tmp_path: Path) -> None:
+    """numba reads an index, adds to it and writes it back; 18 variants each of one function make the two meet in that again and again."""
+    script = tmp_path / "filled.py"
+    script.write_text(FILLED)
+    environment = os.environ | {"IMPACT_ENV_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+
+    def start(variants: range) -> subprocess.Popen[str]:
+        return subprocess.Popen([sys.executable, script, *map(str, variants)], env=environment, stdout=subprocess.PIPE, text=True)
+
+    both = [start(range(0, 36, 2)), start(range(1, 36, 2))]
+    assert [process.communicate()[0].split() for process in both] == [["0", "18"]] * 2
+    assert start(range(36)).communicate()[0].split() == ["36", "0"]

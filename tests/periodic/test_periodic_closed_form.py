@@ -1,0 +1,249 @@
+"""The symmetric orbit in closed form and by Green's function, against dense matrices that share nothing with them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from periodic_truth import Truth, matched
+
+from impact_env import Beam, ModalModel, ParameterError, StuckAbsorber, beam_scene, modal_model
+from impact_env.parameters import impact_absorber
+from impact_env.periodic.case import Case, case_of
+from impact_env.periodic.fold_map import BIRTH, MERGER, closed_folds, level_places, map_frequencies
+from impact_env.periodic.green import Conditions, NoOrbit, Solution, linear_states, residual_and_jacobian, solve, unknowns_of
+from impact_env.periodic.motion import motion_of
+from impact_env.periodic.schedule import Event, EventSchedule, Regime, flying_schedule
+from impact_env.periodic.stability import derivative_of, stability_of
+from impact_env.periodic.symmetric import closed_form, closed_form_branches, fold_force, fold_impulse, symmetric_schedule
+
+
+def other_model() -> ModalModel:
+    """Not the paper's beam: few modes close together, damped below, at and above the critical ratio, shapes of both signs."""
+    return ModalModel([31.0, 40.0, 95.0, 210.0], [0.03, 0.004, 1.0, 1.7], [0.8, -0.5, 0.4, 0.2], [1.1, 0.9, -0.7, 0.5], 1.4)
+
+
+def beam_model(modes: int, **beam: object) -> ModalModel:
+    return modal_model(Beam(modes=modes, **beam))  # type: ignore[arg-type]
+
+
+CASES = [
+    Case(beam_model(1), 236.0, 1.5, restitution=0.75),
+    Case(beam_model(1, damping_ratio=0.2), 300.0, 9.0, restitution=1.0, friction_limit=0.02),
+    Case(beam_model(3), 239.0, 1.5, friction_limit=0.01),
+    Case(beam_model(10), 241.0, 3.5, restitution=0.7, friction_limit=0.1),
+    Case(other_model(), 36.0, 20.0, gap=3e-3, restitution=0.4, friction_limit=0.05, mass_ratio=0.06),
+    Case(other_model(), 71.0, -40.0, gap=2e-3, restitution=0.9, mass_ratio=0.3),
+]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_both_branches_are_those_of_dense_matrices(case: Case) -> None:
+    truth, found = Truth(case).orbits(), closed_form(case)
+    assert len(found) == len(truth) == 2
+    for branch, (phase, impulse, _) in zip(found, truth, strict=True):
+        assert branch.impulse == pytest.approx(impulse, rel=1e-9)
+        assert abs(np.exp(1j * branch.phase) - np.exp(1j * phase)) < 1e-9
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_fold_force_is_that_of_dense_matrices(case: Case) -> None:
+    for omega in case.omega * np.array([0.8, 1.0, 1.3]):
+        assert fold_force(case, [omega])[0] == pytest.approx(Truth(case.changed(omega=omega)).fold_force(), rel=1e-10)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_multipliers_are_those_of_dense_saltation_matrices(case: Case) -> None:
+    schedule = symmetric_schedule(case.friction_limit > 0)
+    for branch, (phase, _, state) in zip(closed_form(case), Truth(case).orbits(), strict=True):
+        solution = solve(case, schedule, [branch.phase, branch.impulse / case.scale.impulse])
+        assert isinstance(solution, Solution)
+        motion = motion_of(solution)
+        stability = stability_of(motion, derivative_of(motion)[0])
+        truth = Truth(case).half_multipliers(phase, state)
+        assert stability.half
+        assert matched(stability.multipliers, truth) < 1e-8 * max(1.0, float(np.max(np.abs(truth))))
+        assert matched(stability.full, truth**2) < 1e-7 * max(1.0, float(np.max(np.abs(truth)))) ** 2
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_state_after_the_impact_is_that_of_dense_matrices(case: Case) -> None:
+    for branch, (_, _, state) in zip(closed_form(case), Truth(case).orbits(), strict=True):
+        solution = solve(case, symmetric_schedule(case.friction_limit > 0), [branch.phase, branch.impulse / case.scale.impulse])
+        assert isinstance(solution, Solution)
+        got = motion_of(solution).state_at(float(solution.phases[0]) + 1e-13)
+        n = case.model.modes + 1
+        assert np.allclose(got[:n], state[:n], rtol=0, atol=1e-9 * case.gap)
+        assert np.allclose(got[n:], state[n:], rtol=0, atol=1e-8 * case.gap * float(np.max(case.model.omega)))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_greens_function_finds_the_closed_form_again(case: Case) -> None:
+    """From the closed form's phase alone, and over a whole period without the symmetry."""
+    friction = case.friction_limit > 0
+    for branch in closed_form(case):
+        if not branch.pushes:
+            continue
+        half = solve(case, symmetric_schedule(friction), [branch.phase + 1e-4])
+        whole = solve(case, flying_schedule([-1, 1], friction), [branch.phase, branch.phase + np.pi])
+        assert isinstance(half, Solution)
+        assert isinstance(whole, Solution)
+        for solution in (half, whole):
+            assert solution.impulses[0] == pytest.approx(branch.impulse, rel=1e-10)
+            assert abs(np.exp(1j * solution.phases[0]) - np.exp(1j * branch.phase)) < 1e-10
+        assert whole.impulses[1] == pytest.approx(-branch.impulse, rel=1e-10)
+        assert abs(whole.offset) < 1e-10 * case.gap
+
+
+SCHEDULES = [
+    flying_schedule([-1], True, symmetric=True),
+    flying_schedule([-1, 0, 0], True, symmetric=True, period_multiple=3),
+    flying_schedule([-1, 0, 0, 1, 0, 0], True),
+    flying_schedule([1, 0, 1, -1, 1, -1], True, period_multiple=2),
+]
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES, ids=str)
+def test_the_jacobian_is_the_derivative_of_the_conditions(schedule: EventSchedule) -> None:
+    rng = np.random.default_rng(3)
+    case, n = CASES[4].changed(restitution=0.6), len(schedule.events)
+    z = np.concatenate([np.sort(rng.uniform(0, schedule.turn, n)), rng.normal(size=schedule.unknowns - n)])
+    _, jacobian = residual_and_jacobian(case, schedule, z)
+    for k in range(len(z)):
+        step = 1e-6 * np.eye(len(z))[k]
+        slope = (residual_and_jacobian(case, schedule, z + step)[0] - residual_and_jacobian(case, schedule, z - step)[0]) / 2e-6
+        assert np.allclose(jacobian[:, k], slope, rtol=1e-6, atol=1e-6)
+    for name, unit in (("omega", case.omega), ("force", 1.0), ("gap", case.gap), ("restitution", 1.0), ("friction_limit", 0.05)):
+        conditions, value, step = Conditions(case, schedule, name), getattr(case, name), 1e-6 * unit
+        slope = (conditions(z, value + step)[0] - conditions(z, value - step)[0]) / (2 * step)
+        assert np.allclose(conditions(z, value)[1][:, -1] * unit, slope * unit, rtol=1e-6, atol=1e-6)
+
+
+def test_impulses_are_linear_in_what_the_times_leave_open() -> None:
+    case, schedule = CASES[2], symmetric_schedule(True)
+    branch = closed_form(case)[1]
+    z = linear_states(case, schedule, [branch.phase])
+    assert z[1] * case.scale.impulse == pytest.approx(branch.impulse, rel=1e-10)
+
+
+@pytest.mark.parametrize("case", CASES[2:5])
+def test_scaling_gap_friction_and_force_scales_the_orbit(case: Case) -> None:
+    factor = 3.7
+    scaled = case.changed(gap=factor * case.gap, friction_limit=factor * case.friction_limit, force=factor * case.force)
+    for one, other in zip(closed_form(case), closed_form(scaled), strict=True):
+        assert other.impulse == pytest.approx(factor * one.impulse, rel=1e-12)
+        assert other.phase == pytest.approx(one.phase, rel=1e-12)
+    omegas = case.omega * np.linspace(0.9, 1.1, 5)
+    assert np.allclose(fold_force(scaled, omegas), factor * fold_force(case, omegas), rtol=1e-12)
+
+
+def test_the_vectorised_branches_are_the_single_ones() -> None:
+    case, omegas = CASES[2], CASES[2].omega * np.array([0.9, 0.99, 1.0, 1.4])
+    table = closed_form_branches(case, omegas)
+    for row, omega in zip(table, omegas, strict=True):
+        single = closed_form(case.changed(omega=float(omega)))
+        wanted = [value for branch in single for value in (branch.impulse, branch.phase)] or [np.nan] * 4
+        assert np.array_equal(row, wanted, equal_nan=True)
+
+
+def test_the_level_set_of_the_fold_force_has_the_folds_and_its_valleys_the_births() -> None:
+    """At a fold both branches meet; below a birth's force there is no orbit next to it, above a merger's no gap."""
+    case = CASES[0]
+    for omega in closed_folds(case, 0.85, 1.2):
+        assert fold_force(case, [omega])[0] == pytest.approx(case.force, rel=1e-12)
+        small, large = closed_form(case.changed(omega=omega, force=case.force * (1 + 1e-9)))
+        assert large.impulse - small.impulse < 1e-3 * large.impulse
+        assert fold_impulse(case.changed(omega=omega)) > 0
+    for kind, force, omega in level_places(case, 0.85, 1.2):
+        beside = fold_force(case, omega * np.array([1 - 1e-3, 1 + 1e-3]))
+        assert np.all(beside > force) if kind == BIRTH else np.all(beside < force)
+    assert [kind for kind, _, _ in level_places(case, 0.85, 1.2)] == [BIRTH, MERGER, BIRTH]
+
+
+def test_the_map_is_as_fine_as_the_narrowest_resonance_needs() -> None:
+    assert len(map_frequencies(CASES[0], 0.9, 1.0)) == 1001
+    assert len(map_frequencies(Case(beam_model(1, damping_ratio=1e-4), 240.0, 1.0), 0.9, 1.1)) > 30000
+
+
+def test_below_the_fold_force_there_is_no_orbit_and_newton_says_so() -> None:
+    case = CASES[0]
+    low = case.changed(force=0.9 * float(fold_force(case, [case.omega])[0]))
+    assert closed_form(low) == ()
+    found = solve(low, symmetric_schedule(False), [1.0])
+    assert isinstance(found, NoOrbit)
+    assert found.reason
+
+
+def test_a_light_absorber_leaves_the_linear_response() -> None:
+    model = beam_model(3)
+    case = Case(model, 1.02 * float(model.omega[0]), 2.0, mass_ratio=1e-9)
+    below = model.omega**2 - case.omega**2 + 2j * model.damping_ratio * model.omega * case.omega
+    linear = case.force * abs(np.sum(model.tip_shape * model.force_shape / below))
+    for branch in closed_form(case):
+        solution = solve(case, symmetric_schedule(False), [branch.phase, branch.impulse / case.scale.impulse])
+        assert isinstance(solution, Solution)
+        motion = motion_of(solution)
+        assert motion.tip_max == pytest.approx(linear, rel=1e-6)
+        assert motion.tip_rms == pytest.approx(linear / np.sqrt(2), rel=1e-6)
+
+
+def test_unknowns_go_to_a_solution_and_back() -> None:
+    case, schedule = CASES[4], flying_schedule([-1, 1], True)
+    branch = closed_form(case)[1]
+    solution = solve(case, schedule, [branch.phase, branch.phase + np.pi])
+    assert isinstance(solution, Solution)
+    again = solve(case, schedule, unknowns_of(solution))
+    assert isinstance(again, Solution)
+    assert again.steps == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"omega": 0.0}, "frequency"),
+        ({"omega": float("nan")}, "frequency"),
+        ({"gap": 0.0}, "gap"),
+        ({"gap": float("inf")}, "gap"),
+        ({"restitution": 1.2}, "restitution"),
+        ({"friction_limit": -0.1}, "friction limit"),
+        ({"mass_ratio": 0.0}, "mass_ratio"),
+        ({"force": float("inf")}, "force amplitude"),
+    ],
+)
+def test_values_out_of_range_are_named(change: dict[str, float], name: str) -> None:
+    with pytest.raises(ParameterError, match=rf"^{name} = "):
+        CASES[0].changed(**change)
+
+
+def test_only_an_impact_absorber_with_rigid_contact_is_a_case() -> None:
+    scene = beam_scene(Beam(modes=2), impact_absorber(restitution=0.6, friction_limit=0.02))
+    case = case_of(scene, 1.0, 250.0)
+    assert (case.restitution, case.friction_limit, case.model) == (0.6, 0.02, scene.model)
+    for absorber in (None, StuckAbsorber(), impact_absorber(gap=0.0)):
+        with pytest.raises(ParameterError, match=r"^absorber = "):
+            case_of(beam_scene(Beam(modes=2), absorber), 1.0, 250.0)
+
+
+def test_an_order_of_events_that_cannot_come_again_is_refused() -> None:
+    sliding = Regime.SLIDING
+    with pytest.raises(ParameterError, match=r"^sign = "):
+        Event(sliding, 1, 1)
+    with pytest.raises(ParameterError, match=r"^sign = "):
+        Event(Regime.JOINED, 0, 1)
+    with pytest.raises(ParameterError, match=r"^period_multiple = "):
+        EventSchedule((Event(sliding, -1, 1),), symmetric=True, period_multiple=2)
+    with pytest.raises(ParameterError, match=r"^events = "):
+        EventSchedule((Event(sliding, -1, 1), Event(sliding, 0, 1)), symmetric=True)
+    with pytest.raises(ParameterError, match=r"^events = "):
+        EventSchedule((), symmetric=True)
+
+
+def test_joined_segments_and_schedules_without_impact_are_not_for_greens_function() -> None:
+    joined = EventSchedule((Event(Regime.SLIDING, -1, 1), Event(Regime.JOINED, 0, 0), Event(Regime.SLIDING, 0, 1)), symmetric=True)
+    assert not joined.flies
+    with pytest.raises(ParameterError, match="joined"):
+        solve(CASES[2], joined, [0.0, 1.0, 2.0])
+    with pytest.raises(ParameterError, match="begins with an impact"):
+        flying_schedule([0, -1, 0], True)
+    turning = EventSchedule((Event(Regime.SLIDING, 0, 1),), symmetric=True)
+    with pytest.raises(ParameterError, match="begins with an impact"):
+        solve(CASES[2], turning, [0.0])

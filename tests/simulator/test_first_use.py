@@ -1,0 +1,145 @@
+"""What a first use from Python tells: one line after two seconds of compiling, and nothing in a warm run."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from places import ROOT
+
+from impact_env import Beam, Drive, Record, __version__, beam_scene, constant_frequency, friction_damper, impact_absorber, impact_absorbers, simulate
+
+RUN = """
+from impact_env import Beam, Drive, beam_scene, constant_frequency, first_use, simulate
+first_use.PATIENCE = 0.3  # s: the smallest kernel is compiled in a few seconds
+scene = beam_scene(Beam(modes=2))
+simulate(scene, Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0)))
+"""
+WARM_UP = """
+from impact_env import first_use, warm_up
+first_use.PATIENCE = 0.3
+warm_up.ABSORBERS = {"linear scenes": lambda: None}
+warm_up.main([], lambda line: None)
+"""
+LOGGED = "import logging; logging.basicConfig(level=logging.INFO, format='LOG %(name)s: %(message)s')"
+OWN = """
+import time
+import numba
+from impact_env import first_use
+first_use.PATIENCE = 0
+@numba.njit
+def f(x):
+    return x + 1
+f(1)
+time.sleep(0.1)
+"""
+pty = pytest.importorskip("pty")
+
+
+def on_a_terminal(code: str, folder: Path) -> str:
+    """Run code in a fresh process whose stderr is a terminal, and return what it wrote there."""
+    ours, theirs = pty.openpty()
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(folder)}
+    process = subprocess.Popen([sys.executable, "-c", code], env=environment, stderr=theirs)
+    os.close(theirs)
+    text = b""
+    while True:
+        try:
+            piece = os.read(ours, 1024)
+        except OSError:  # Linux's way to tell that the other end is closed
+            piece = b""
+        if not piece:
+            break
+        text += piece
+    os.close(ours)
+    assert process.wait() == 0, text.decode()
+    return text.decode()
+
+
+@pytest.fixture(scope="module")
+def first_use(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """What was told when everything had to be compiled, and where it is kept."""
+    folder = tmp_path_factory.mktemp("kernels")
+    return folder, on_a_terminal(RUN, folder)
+
+
+@pytest.fixture
+def lacking(first_use: tuple[Path, str], tmp_path: Path) -> Path:
+    """A folder in which the kernel that calls all others is missing."""
+    folder = tmp_path / "kernels"
+    shutil.copytree(first_use[0], folder)
+    lanes = list(folder.rglob("linear.linear_lane*"))
+    assert len(lanes) == 2  # an index and a kernel
+    for file in lanes:
+        file.unlink()
+    return folder
+
+
+def test_the_first_use_is_told_once_and_a_warm_one_not_at_all(first_use: tuple[Path, str]) -> None:
+    folder, told = first_use
+    text = " ".join(told.split())
+    assert text.count("impact_env: compiling") == 1
+    assert text.startswith("impact_env: compiling the kernels of: 2 modes, no absorber, Exact")
+    assert "python -m impact_env.warm_up" in text
+    assert on_a_terminal(RUN, folder) == ""
+
+
+def test_a_log_takes_the_place_of_the_line(lacking: Path) -> None:
+    text = on_a_terminal(LOGGED + RUN, lacking)
+    assert text.count("compiling") == 1
+    assert text.startswith("LOG impact_env: impact_env: compiling the kernels of: 2 modes")
+
+
+def test_nothing_is_told_where_nobody_looks(lacking: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(lacking)}
+    done = subprocess.run([sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+
+
+def test_nothing_is_told_where_the_caller_tells(lacking: Path) -> None:
+    assert on_a_terminal(WARM_UP, lacking) == ""
+
+
+def test_functions_of_others_are_not_ours(tmp_path: Path) -> None:
+    assert on_a_terminal(OWN, tmp_path) == ""
+
+
+def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
+    scene = beam_scene(Beam(modes=2))
+    assert repr(scene) == "Scene(2 modes, no absorber)"
+    run = simulate(scene, Drive(1.5, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0)))
+    assert run.level is not None
+    first, second = repr(run).splitlines()
+    assert first == "Response(2 modes, no absorber"
+    assert second.strip().startswith(f"1.5 N from 0 to {run.drive.schedule.times[-1]:.4g} s, level {1e3 * run.level.value:.4g} mm at ")
+    assert second.endswith(", 0 impacts)")
+    assert "level" not in repr(simulate(scene, run.drive, record=Record(level=False)))
+    words = {
+        impact_absorber(0.5e-3, 0.7, 0.1): "impact absorber, mass ratio 0.02, gap 0.5 mm, restitution 0.7, friction limit 0.1 N",
+        friction_damper(): "friction damper, mass ratio 0.02, friction limit 0.5 N",
+    }
+    for absorber, expected in words.items():
+        assert repr(beam_scene(Beam(modes=1), absorber)) == f"Scene(1 mode, {expected})"
+    two = repr(beam_scene(Beam(), impact_absorbers([1e-3, 2e-3], [0.5, 1.0])))
+    assert "at 0.5 of the length impact absorber, mass ratio 0.01, gap 1 mm" in two
+    assert "at 1 of the length impact absorber, mass ratio 0.01, gap 2 mm" in two
+
+
+def test_the_version_is_known() -> None:
+    assert __version__[0].isdigit()
+
+
+def test_telling_costs_nothing_in_a_warm_run() -> None:
+    """Far below a microsecond's worth of a run's tens."""
+    from impact_env.first_use import CompilingFor
+
+    began = time.perf_counter()
+    for _ in range(10_000):
+        with CompilingFor(None, None):
+            pass
+    assert (time.perf_counter() - began) / 10_000 < 2e-5

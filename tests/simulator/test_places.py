@@ -1,0 +1,183 @@
+"""Structures whose file lists several places for absorbers, and what fatigues in them: as matrices they do what the same beam does."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from places import EXAMPLES
+from sweep_command import call as sweep
+
+from impact_env import Beam, ModalModel, ParameterError, beam_scene, impact_absorber, impact_absorbers, load_structure, modal_model
+from impact_env.beam import deflection_row, matrices
+from impact_env.plain import from_scene, to_scene
+from optimisation.bounds import design_gap
+from optimisation.designs import Design, design_space
+from optimisation.evaluation import Threads, evaluate
+from optimisation.insight import neighbourhood, varied
+from optimisation.mounting import mounted
+from optimisation.objectives import Condition, Objective
+from optimisation.problem import Problem
+from optimisation.search.find import Plan, find
+
+BEAM = Beam(modes=2, response_position=0.6)
+PLACES = (1.0, 0.8)  # nodes of the mesh
+THREADS = Threads(1)
+
+
+def row(position: float) -> int:
+    """The row of the matrices that is the deflection at a node."""
+    return int(np.argmax(deflection_row(BEAM, position)))
+
+
+def write(folder: Path, **more: Any) -> Path:
+    """Write the paper's beam as matrices, with two places for absorbers, and the curvature at the clamp of the first Hermite element."""
+    mass, stiffness = matrices(BEAM)
+    np.savez(folder / "beam.npz", M=mass, K=stiffness)
+    strain = [{"row": 0, "weight": 6.0}, {"row": 1, "weight": -2.0}]  # deflection, and rotation times the element's length, of the first node
+    keys = {"mass": "beam.npz", "stiffness": "beam.npz", "units": "kg, m, s", "modes": 2, "damping_ratio": 0.01, "mass_kg": BEAM.mass}
+    places = {"force": row(0.4), "absorber": [row(x) for x in PLACES], "response": row(0.6), "stress": strain}
+    path = folder / "structure.json"
+    path.write_text(json.dumps({"matrices": {k: x for k, x in {**keys, **places, **more}.items() if x is not None}}))
+    return path
+
+
+@pytest.fixture
+def structure(tmp_path: Path) -> ModalModel:
+    found = load_structure(write(tmp_path))
+    assert isinstance(found, ModalModel)
+    return found
+
+
+def problem(structure: Beam | ModalModel, concept: str = "impact", free: list[str] | None = None, **more: Any) -> Problem:
+    given: dict[str, Any] = {"members": 2, "rate": 100.0} | more
+    return Problem(design_space(concept, free), (Condition(1, 3.5),), beam=structure, **given)
+
+
+def measured(own: Problem, design: Design) -> np.ndarray:
+    ((_, found),) = evaluate(own, [design], own.ensemble, own.rate, THREADS)
+    return found
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_place_of_the_file_is_that_of_the_beam(number: int, structure: ModalModel) -> None:
+    own, beam = problem(structure, free=["gap", "position"]), problem(BEAM, free=["gap", "position"])
+    found = own.space.decoded({"gap": 1.0, "position": float(number)})
+    known = beam.space.decoded({"gap": 1.0, "position": PLACES[number - 1]})
+    assert found.values["position"] == number
+    assert found.values["gap"] == pytest.approx(known.values["gap"], rel=1e-9)  # the unit is that of the place
+    model, truth = found.scene(structure).model, known.scene(BEAM).model
+    assert model.absorber_shapes is None
+    np.testing.assert_allclose(np.abs(model.tip_shape), np.abs(truth.tip_shape), rtol=1e-9)
+    np.testing.assert_allclose(np.abs(model.level_shape), np.abs(truth.level_shape), rtol=1e-9)
+    np.testing.assert_allclose(measured(own, found), measured(beam, known), rtol=1e-6)
+
+
+def test_several_absorbers_are_at_the_chosen_places_and_the_level_where_the_file_says(structure: ModalModel) -> None:
+    values = {"gap_1": 5e-4, "gap_2": 4e-4, "share": 0.5}
+    own, beam = (problem(s, "several", ["gap_1", "gap_2", "position_2", "share"]) for s in (structure, BEAM))
+    found, known = (Design("several", {**p.space.default.values, **values, "position_2": x}) for p, x in ((own, 2.0), (beam, 0.8)))
+    scene = found.scene(structure)
+    assert scene.model.response_shape is None
+    np.testing.assert_allclose(np.abs(scene.model.tip_shape), np.abs(modal_model(BEAM).level_shape), rtol=1e-9)
+    for k, position in enumerate(PLACES):
+        at = np.abs(modal_model(replace(BEAM, absorber_position=position)).tip_shape)
+        np.testing.assert_allclose(np.abs(scene.absorber_shapes[k]), at, rtol=1e-9)
+    np.testing.assert_allclose(measured(own, found), measured(beam, known), rtol=1e-3)  # impacts amplify rounding
+    same = Design("several", {**found.values, "position_1": 2.0})
+    np.testing.assert_array_equal(same.scene(structure).absorber_shapes[0], same.scene(structure).absorber_shapes[1])
+
+
+def test_one_absorber_is_at_the_first_place_and_not_where_the_level_is_read(structure: ModalModel, tmp_path: Path) -> None:
+    own = beam_scene(structure, impact_absorber())
+    np.testing.assert_allclose(np.abs(own.absorber_shapes[0]), np.abs(modal_model(BEAM).tip_shape), rtol=1e-9)
+    np.testing.assert_allclose(np.abs(own.model.level_shape), np.abs(modal_model(BEAM).level_shape), rtol=1e-9)
+    assert design_gap(mounted(structure), 0.01, 3.5) == pytest.approx(design_gap(mounted(BEAM), 0.01, 3.5), rel=1e-9)
+    pair = beam_scene(structure, impact_absorbers((1e-3, 5e-4), PLACES))
+    again = to_scene(from_scene(pair))
+    assert again.model.absorber_shapes is not None
+    np.testing.assert_array_equal(again.model.absorber_shapes, structure.absorber_shapes)
+    np.testing.assert_array_equal(again.model.tip_shape, structure.response_shape)
+    result = sweep("--structure", str(write(tmp_path)), "--percent-per-100-periods", "100", "--json", str(tmp_path / "run.json"))
+    assert result.exit_code == 0, result.output
+    model = json.loads((tmp_path / "run.json").read_text())["scene"]["model"]
+    np.testing.assert_array_equal(model["tip_shape_per_sqrt_kg"], structure.tip_shape)
+    assert "absorber_shapes_per_sqrt_kg" not in model
+
+
+def test_damage_of_the_files_strain_is_that_of_the_moment_at_the_clamp(structure: ModalModel) -> None:
+    objective = (Objective("damage"),)
+    own, beam = (problem(s, objectives=objective) for s in (structure, BEAM))
+    F, G = (p.evaluate([list(p.space.coordinates(p.space.default).values())], executor=THREADS).F for p in (own, beam))
+    np.testing.assert_allclose(F, G, rtol=1e-4)  # impacts amplify rounding; relative to no absorber: the strain's unit and scale do not matter
+    assert 0 < F[0, 0] < 1
+
+
+def test_strain_of_a_universal_file_is_a_weighted_sum_of_its_shapes(tmp_path: Path) -> None:
+    pytest.importorskip("pyuff")
+    (tmp_path / "measured.uff").write_bytes((EXAMPLES / "measured.uff").read_bytes())
+    at = {"direction": "z"}
+    places = [{"node": 5, **at}, {"node": 3, **at}]
+    keys = {"file": "measured.uff", "force": {"node": 2, **at}, "absorber": places, "mass_kg": 2.0}
+    path = tmp_path / "structure.json"
+    path.write_text(json.dumps({"universal": {**keys, "stress": [{"node": 3, **at, "weight": 2.0}, {"node": 5, **at, "weight": -1.0}]}}))
+    model = load_structure(path)
+    assert isinstance(model, ModalModel)
+    assert model.stress_shape is not None
+    np.testing.assert_allclose(model.stress_shape, 2 * model.places[1] - model.places[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("sampler", ["cma", "random", "map"])
+def test_a_search_chooses_among_the_places(sampler: str, structure: ModalModel) -> None:
+    pytest.importorskip("optuna")
+    own = problem(structure, free=["gap", "position"], members=1)
+    found = find(own, Plan(10, sampler, seed=1, from_scratch=True, audit=0), None, THREADS)
+    tried = {e.design.values["position"] for e in found.told}  # a map tells of its finalists only
+    assert tried <= {1.0, 2.0} if sampler == "map" else tried == {1.0, 2.0}
+    assert found.verdict is not None
+    assert found.verdict.winner.design.values["position"] in (1.0, 2.0)
+    assert own.space.at_bounds(found.verdict.winner.design) == [line for line in own.space.at_bounds(found.verdict.winner.design) if "gap" in line]
+
+
+def test_a_choice_has_equal_shares_and_no_neighbourhood(structure: ModalModel) -> None:
+    own = problem(structure, free=["gap", "position"])
+    (position,) = (v for v in own.space.free if v.name == "position")
+    assert [position.value_at(x) for x in (0.0, 0.49, 0.5, 1.0)] == [1, 1, 2, 2]
+    assert [position.value_at(position.share_of(x)) for x in (1.0, 2.0)] == [1, 2]
+    assert own.space.describe()["free"]["position"] == {"low": 1.0, "high": 2.0, "log": False, "unit": "", "start": 1.0, "whole": True}  # type: ignore[index]
+    assert [v.name for v in varied(own.space)] == ["gap"]
+    low, high = neighbourhood(own.space, own.space.default)
+    assert low.shape == high.shape == (1,)
+    assert problem(structure, free=["gap"]).space.default.values["position"] == 1
+    fixed = Problem(design_space("impact", ["gap"], fixed={"position": 2}), (Condition(1, 3.5),), beam=structure, rate=100.0)
+    np.testing.assert_array_equal(fixed.space.default.scene(structure).model.tip_shape, structure.places[1])
+
+
+def test_what_a_file_with_places_cannot_do_is_refused(structure: ModalModel, tmp_path: Path) -> None:
+    def small(space: Any, beam: Any = structure) -> Problem:
+        return Problem(space, (Condition(1, 3.5),), beam=beam, rate=100.0)
+
+    places = "the number of one of the structure's places for absorbers, 1 to 2"
+    for space, beam, message in (
+        (design_space("impact", ["gap"], fixed={"position": 3}), structure, f"position = 3.0 is not allowed: {places}"),
+        (design_space("impact", ["gap"], fixed={"position": 0.5}), structure, f"position = 0.5 is not allowed: {places}"),
+        (design_space("impact", ["gap"], fixed={"position": 2}), BEAM, "position = 2.0 is not allowed"),
+        (design_space("impact", ["position"], {"position": (1, 4)}), structure, r"bounds of position = \(1.0, 4.0\) is not allowed"),
+        (design_space("several", fixed={"position_1": 3}), structure, "position_1 = 3.0 is not allowed"),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            small(space, beam)
+    with pytest.raises(ParameterError, match="absorber_position"):
+        design_space("impact", ["position"], {"position": (1, 1.5)})
+    with pytest.raises(ParameterError, match="position = 3 is not allowed"):
+        mounted(structure, 3)
+    with pytest.raises(ParameterError, match=r"structure.json: .*stress.*row = 99 is not allowed"):
+        load_structure(write(tmp_path, stress=[{"row": 99, "weight": 1.0}]))
+    with pytest.raises(ParameterError, match=r"stress\[0\] = .*the key weight must be given"):
+        load_structure(write(tmp_path, stress=[{"row": 1}]))
+    with pytest.raises(ParameterError, match=r"a modal model whose file gives the stress"):
+        problem(load_structure(write(tmp_path, stress=None)), objectives=(Objective("damage"),))

@@ -1,0 +1,277 @@
+from __future__ import annotations
+
+import json
+import math
+import re
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from places import ROOT
+
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    CoulombFriction,
+    Drive,
+    ElasticCoulombFriction,
+    Exact,
+    FrequencySchedule,
+    ModalModel,
+    Moreau,
+    ParameterError,
+    RigidWalls,
+    RungeKutta,
+    Scene,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    beam_scene,
+    friction_damper,
+    impact_absorber,
+    impact_absorbers,
+    linear_sweep,
+)
+from impact_env.envs.settings import Settings
+from impact_env.parameters import Absorber, friction_law
+from impact_env.plain import from_drive, from_method, from_scene, to_beam, to_drive, to_method, to_scene
+from impact_env.plain_files import read_plain
+from optimisation.designs import design_space
+
+INF, NAN = math.inf, math.nan
+PAGE = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+KINDS: dict[str, Absorber | None] = {
+    "none": None,
+    "stuck": StuckAbsorber(0.1),
+    "tuned": TunedAbsorber(0.03, 600.1, 0.0),
+    "impact": impact_absorber(),
+    "impact and friction": impact_absorber(3e-4, 0.7, 0.1, 0.05),
+    "no clearance": impact_absorber(0.0),
+    "walls out of reach": impact_absorber(INF, friction_limit=0.2),
+    "nothing in reach": impact_absorber(INF),
+    "friction": friction_damper(),
+    "elastic friction": friction_damper(0.3, 0.05, 1e4),
+    "compliant": SlidingAbsorber(walls=CompliantWalls(1e5)),
+    "compliant and friction": SlidingAbsorber(0.01, CompliantWalls(1e5, 0.0), ElasticCoulombFriction(0.1, 3.3)),
+    "several": impact_absorbers((1e-3, 3e-4), (1.0, 0.6), (0.7, 0.0), (None, 0.05), 0.04, (0.3, 0.7)),
+    "several without walls": SeveralAbsorbers((friction_damper(), impact_absorber(INF, 0.5, 0.1), impact_absorber()), (1.0, 0.5, 0.25)),
+}
+
+
+def through_json(plain: dict[str, Any]) -> dict[str, Any]:
+    """Return plain data after it was text, which by standard JSON has no infinite number."""
+    return json.loads(json.dumps(plain, allow_nan=False))
+
+
+def assert_same(one: Scene, other: Scene) -> None:
+    """Both scenes hold the same bits."""
+    for name in ("omega", "damping_ratio", "force_shape", "tip_shape", "absorber_shapes"):
+        left, right = getattr(one.model, name), getattr(other.model, name)
+        assert (left is None) == (right is None), name
+        if left is not None:
+            assert left.shape == right.shape, name
+            assert left.tobytes() == right.tobytes(), name
+    assert one.model.beam_mass == other.model.beam_mass
+    assert one.absorber == other.absorber
+    assert type(one.absorber) is type(other.absorber)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_comes_back_bit_for_bit(kind: str) -> None:
+    beam = Beam(modes=3)
+    scene = beam_scene(beam, KINDS[kind])
+    for plain in (from_scene(scene), from_scene(scene, beam)):
+        assert_same(to_scene(through_json(plain)), scene)
+    assert to_beam(from_scene(scene, beam)) == beam
+    assert to_beam(from_scene(scene)) is None
+
+
+def random_absorber(rng: np.random.Generator) -> Absorber | None:
+    mass, gap, restitution, limit, stiffness = (float(x) for x in rng.uniform(0.0, 1.0, 5) + [1e-6, 1e-6, 0.0, 1e-6, 1e-6])
+    soft, hard = ElasticCoulombFriction(limit, 1e5 * stiffness), CoulombFriction(limit)
+    some = [
+        None,
+        StuckAbsorber(mass),
+        TunedAbsorber(mass, 1e3 * stiffness, limit),
+        SlidingAbsorber(mass, RigidWalls(gap, min(restitution, 1.0)), None if rng.random() < 0.5 else hard),
+        SlidingAbsorber(mass, CompliantWalls(1e7 * stiffness, gap), None if rng.random() < 0.5 else soft),
+        SlidingAbsorber(mass, None, hard if rng.random() < 0.5 else soft),
+    ]
+    return some[rng.integers(len(some))]
+
+
+def random_beam(rng: np.random.Generator) -> Beam:
+    modes, elements = int(rng.integers(1, 5)), int(rng.integers(3, 6))
+    length, stiffness, mass, force, place = (float(x) for x in rng.uniform(0.1, 1.0, 5))
+    damping = tuple(rng.uniform(0, 0.1, modes).tolist()) if rng.random() < 0.5 else float(rng.uniform(0, 0.1))
+    ratios = {mode: float(rng.uniform(1, 30)) for mode in range(2, modes + 1) if rng.random() < 0.4}
+    return Beam(length, stiffness, mass, elements, modes, damping, force, place, ratios)
+
+
+def test_random_scenes_come_back_bit_for_bit() -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(300):
+        beam = random_beam(rng)
+        scene = beam_scene(beam, random_absorber(rng))
+        for plain in (from_scene(scene), from_scene(scene, beam)):
+            assert_same(to_scene(through_json(plain)), scene)
+        assert to_beam(through_json(from_scene(scene, beam))) == beam
+
+
+def test_random_several_absorbers_come_back_bit_for_bit() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(100):
+        beam, n = replace(random_beam(rng), absorber_position=1.0), int(rng.integers(2, 5))
+        every = [
+            SlidingAbsorber(*rng.uniform(0.01, 1, 1), RigidWalls(*rng.uniform(0.01, 1, 2)), CoulombFriction(rng.random() + 0.1)) for _ in range(n)
+        ]
+        every[0] = replace(every[0], walls=None)
+        every[1] = replace(every[1], friction=None)
+        scene = beam_scene(beam, SeveralAbsorbers(tuple(every), tuple(rng.uniform(0.1, 1, n))))
+        for plain in (from_scene(scene), from_scene(scene, beam)):
+            assert_same(to_scene(through_json(plain)), scene)
+
+
+def test_a_model_of_any_structure_comes_back() -> None:
+    shapes = np.array([[0.1, -0.0], [1 / 3, 1e-300]])
+    for absorber_shapes in (None, shapes):
+        model = ModalModel([1e-6, 1e6], [0.0, 2.0], [-0.0, 5e-324], [1.0, 1 / 3], 1 / 7, absorber_shapes)
+        assert_same(to_scene(through_json(from_scene(Scene(model)))), Scene(model))
+
+
+def test_defaults_are_those_of_the_classes() -> None:
+    cases: list[tuple[dict[str, Any], Absorber]] = [
+        ({"kind": "impact"}, impact_absorber()),
+        ({"kind": "impact", "friction": None}, impact_absorber()),
+        ({"kind": "impact", "walls": {"restitution": 0.5}}, impact_absorber(restitution=0.5)),
+        ({"kind": "impact", "friction": {"limit_n": 1}}, impact_absorber(friction_limit=1)),
+        ({"kind": "impact", "walls": {"kind": "compliant", "stiffness_n_m": 1e5}}, SlidingAbsorber(walls=CompliantWalls(1e5))),
+        ({"kind": "friction"}, friction_damper()),
+        ({"kind": "tuned"}, TunedAbsorber()),
+        ({"kind": "tuned", "damping_n_s_m": 0}, TunedAbsorber(damping=0)),
+        ({"kind": "stuck"}, StuckAbsorber()),
+    ]
+    for plain, absorber in cases:
+        assert_same(to_scene({"absorber": plain}), beam_scene(absorber=absorber))
+    assert_same(to_scene({}), beam_scene())
+    assert_same(to_scene({"beam": {}, "absorber": None}), beam_scene())
+    assert to_beam({}) == Beam()
+    assert to_method({}) == Exact()
+
+
+def test_several_absorbers_have_masses_of_their_own_or_share_one() -> None:
+    places: list[dict[str, Any]] = [{"position": 1}, {"position": 0.5, "walls": {"gap_m": 2e-3}}]
+
+    def several(*masses: dict[str, Any], **common: Any) -> Absorber | None:
+        members = [place | mass for place, mass in zip(places, masses, strict=True)]
+        return to_scene({"absorber": {"kind": "several", "absorbers": members, **common}}).absorber
+
+    gaps, positions = (RigidWalls.gap, 2e-3), (1.0, 0.5)
+    assert several({}, {}) == impact_absorbers(gaps, positions)
+    assert several({}, {}, mass_ratio=0.1) == impact_absorbers(gaps, positions, mass_ratio=0.1)
+    assert several({"share": 0.3}, {"share": 0.7}) == impact_absorbers(gaps, positions, shares=(0.3, 0.7))
+    own = several({"mass_ratio": 0.3}, {"mass_ratio": 0.1})
+    assert isinstance(own, SeveralAbsorbers)
+    assert [absorber.mass_ratio for absorber in own.absorbers] == [0.3, 0.1]
+    for masses, common in (
+        (({"mass_ratio": 0.3}, {}), {}),
+        (({"share": 0.3}, {}), {}),
+        (({"mass_ratio": 0.3, "share": 0.5}, {"mass_ratio": 0.1, "share": 0.5}), {}),
+        (({"mass_ratio": 0.3}, {"mass_ratio": 0.1}), {"mass_ratio": 0.4}),
+    ):
+        with pytest.raises(ParameterError, match="either a mass_ratio for each, or for none"):
+            several(*masses, **common)
+
+
+def test_drives_come_back_bit_for_bit() -> None:
+    schedule = FrequencySchedule([0, 1 / 3, 2.0], [100, 0.0, 1e3 / 7], 252.3)
+    for drive in (Drive(3.5, linear_sweep(250)), Drive(-1 / 3, schedule, 1.1)):
+        back = to_drive(through_json(from_drive(drive)))
+        assert (back.amplitude, back.phase, back.schedule.reference) == (drive.amplitude, drive.phase, drive.schedule.reference)
+        assert back.schedule.times.tobytes() == drive.schedule.times.tobytes()
+        assert back.schedule.omegas.tobytes() == drive.schedule.omegas.tobytes()
+
+
+def test_methods_come_back_and_bad_ones_are_named() -> None:
+    for method in (Exact(), Moreau(), Moreau(50), RungeKutta(30, 40)):
+        assert to_method(through_json(from_method(method))) == method
+    for plain, message in (({"kind": "euler"}, "method.kind = 'euler'"), ({"kind": "moreau", "steps_per_period": 3}, "method.steps_per_period = 3")):
+        with pytest.raises(ParameterError, match=message):
+            to_method(plain)
+    with pytest.raises(ParameterError, match="steps_per_period = 20 is not allowed"):
+        to_method({"steps_per_period": 20})
+
+
+def test_no_friction_is_a_limit_of_zero_everywhere() -> None:
+    for zero in (0, 0.0, -0.0):
+        assert friction_law(zero) is None
+        assert impact_absorber(friction_limit=zero) == impact_absorber()
+        assert impact_absorbers((1e-3, 1e-3), (1, 0.5), friction_limit=(zero, 0.1)) == impact_absorbers(
+            (1e-3, 1e-3), (1, 0.5), friction_limit=(None, 0.1)
+        )
+        assert impact_absorbers((1e-3, 1e-3), (1, 0.5), friction_limit=zero) == impact_absorbers((1e-3, 1e-3), (1, 0.5))
+        assert Settings(absorber_options={"friction_limit": zero}).scene.absorber == impact_absorber()
+        compliant = {"contact_stiffness": 1e5}
+        assert Settings(absorber_options={**compliant, "friction_limit": zero}).scene.absorber == Settings(absorber_options=compliant).scene.absorber
+        for kind in ("coulomb", "elastic"):
+            friction = {"kind": kind, "limit_n": zero, **({"stiffness_n_m": 1e5} if kind == "elastic" else {})}
+            assert to_scene({"absorber": {"kind": "impact", "friction": friction}}).absorber == impact_absorber()
+        assert design_space("impact", ["gap"], fixed={"friction_limit": zero}).default.absorber() == impact_absorber(restitution=0.7)
+    for limit in (-1e-300, NAN, "0", False):
+        with pytest.raises(ParameterError, match="friction limit"):
+            friction_law(limit)  # type: ignore[arg-type]
+
+
+def test_a_damper_without_friction_is_nothing() -> None:
+    for make in (
+        lambda: friction_damper(0),
+        lambda: friction_damper(0.0, friction_stiffness=1e4),
+        lambda: Settings(absorber="friction", absorber_options={"friction_limit": 0}),
+        lambda: design_space("friction", ["mass_ratio"], fixed={"friction_limit": 0}),
+    ):
+        with pytest.raises(ParameterError, match=r"friction limit = 0.* is not allowed: above 0 for a friction damper: without friction"):
+            make()
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+
+
+def test_examples_of_the_page_are_the_same_scene_in_both_languages() -> None:
+    toml, (*scenes, drive) = blocks("toml"), blocks("json")
+    assert len(toml) == len(scenes) == 3
+    for one, other in zip(toml, scenes, strict=True):
+        assert tomllib.loads(one) == json.loads(other)
+        to_scene(json.loads(other))
+    assert to_scene(tomllib.loads(toml[0])).absorber == impact_absorber(1e-3, 0.7, 0.1)
+    assert to_scene(tomllib.loads(toml[1])).absorber == impact_absorbers((1e-3, 3e-4), (1.0, 0.6), friction_limit=(0.05, None), shares=(0.75, 0.25))
+    assert to_drive(json.loads(drive)).phase == 0
+
+
+def test_page_names_every_key_with_its_default() -> None:
+    described = set(re.findall(r"`(?:\"?)([a-z_0-9]+)(?:\"?)`", PAGE))
+    beam = from_scene(beam_scene(), Beam())["beam"]
+    for key, value in beam.items():
+        assert key in described
+        if not isinstance(value, dict):
+            shown = f"{value:g}" if isinstance(value, float) else str(value)
+            assert f"`{key}` ({shown}" in PAGE or f"`{key}` ({value}" in PAGE, key
+    tuned = from_scene(beam_scene(absorber=TunedAbsorber()))["absorber"]
+    assert f"`stiffness_n_m` ({tuned['stiffness_n_m']})" in PAGE
+    assert f"`damping_n_s_m` ({tuned['damping_n_s_m']})" in PAGE
+    model = from_scene(beam_scene(absorber=KINDS["several"]))
+    keys = {*model["model"], *model["absorber"], *model["absorber"]["absorbers"][0], "share", *from_drive(Drive(1.0, linear_sweep(1.0)))}
+    keys |= {*from_scene(beam_scene(absorber=KINDS["compliant and friction"]))["absorber"]["friction"], "gap_m", "restitution", "steps_per_contact"}
+    assert keys <= described, keys - described
+
+
+def test_files_are_toml_or_json(tmp_path: Path) -> None:
+    wanted = {"beam": {"modes": 2}}
+    for name, text in (("a.toml", "[beam]\nmodes = 2\n"), ("a.json", '{"beam": {"modes": 2}}'), ("A.JSON", '{"beam": {"modes": 2}}')):
+        (tmp_path / name).write_text(text)
+        assert read_plain(tmp_path / name) == wanted
+        assert read_plain(str(tmp_path / name)) == wanted

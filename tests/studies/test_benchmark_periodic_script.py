@@ -1,0 +1,32 @@
+"""scripts/benchmark_periodic.py: its accuracy lines keep their bars on any machine; times are looked at by a person."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import benchmark_periodic
+from click.testing import CliRunner
+
+
+def test_every_line_is_measured_and_the_accuracy_lines_keep_their_bars(tmp_path: Path) -> None:
+    target = tmp_path / "periodic.json"
+    result = CliRunner().invoke(benchmark_periodic.main, ["--quick", "--json", str(target)])
+    assert result.exit_code == 0, result.output
+    lines = json.loads(target.read_text(encoding="utf-8"))["lines"]
+    assert len(lines) == 18
+    assert all(line["what"] in result.output and line["median"] > 0 and len(line["each"]) >= 2 for line in lines)
+    accuracy = [line for line in lines if line["unit"] == ""]
+    assert [line["bar"] for line in accuracy] == [1e-10, 3e-10, 1e-9, 1e-6, 1e-4]
+    assert all(line["median"] <= line["bar"] for line in accuracy)
+    assert [line["what"].split(",")[0] for line in lines if line["bar"] is None] == [
+        "orbit with complete chatter by shooting",
+        "orbit with a stuck phase by shooting",
+    ]
+    assert len(accuracy[0]["each"]) > 100
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured() -> None:
+    result = CliRunner().invoke(benchmark_periodic.main, ["--json", "nowhere/periodic.json"])
+    assert result.exit_code == 2
+    assert "--json = nowhere/periodic.json" in result.output

@@ -1,0 +1,377 @@
+"""The script that measures error against run time: its statistics, and a tiny run of each part."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+pytest.importorskip("mpmath")
+import error_vs_runtime
+
+from impact_env import Exact, Moreau
+from impact_env.sweep import IntegrationError
+from optimisation.command_line import INTERRUPTED
+from optimisation.studies.accuracy import bands, cost, distribution, growth, jumps, settings, study, tables, trajectory
+from optimisation.studies.accuracy.cases import case, kind_named
+from optimisation.studies.accuracy.statistics import (
+    between_groups,
+    bootstrap,
+    clopper_pearson,
+    distance_at_size,
+    kolmogorov_smirnov,
+    mean_difference,
+    relative_distance,
+    wasserstein,
+    wilson,
+)
+from optimisation.studies.runner import measure
+from optimisation.studies.study import Measured, left, rows_by_case
+
+TINY = settings.Settings(
+    quick=True,
+    modes=(1,),
+    kinds=("impact, e = 1",),
+    steps=(20, 200),
+    scipy_tolerances=(1e-6,),
+    heyoka_tolerances=(1e-9,),
+    starts=2,
+    repeats=1,
+    timed_seconds=0.001,
+    sweep=(0.95, 0.952),
+    sweep_steps=(20,),
+    truth_members=6,
+    members=4,
+    band_members=4,
+    band_phases=2,
+    band_repeats=2,
+    stretches=30,
+    twins=2,
+    jump_rates=(2.0, 4.0),
+    jump_steps=(20,),
+    jump_members=3,
+    cost_modes=(1, 2),
+    cost_lanes=(1, 2),
+    cost_periods=(5, 10),
+)
+
+
+def call(*arguments: object) -> Result:
+    return CliRunner().invoke(error_vs_runtime.main, [str(argument) for argument in arguments])
+
+
+# --- statistics --------------------------------------------------------------------------------------------------------------------------------
+
+
+def test_intervals_of_a_share_are_the_published_ones() -> None:
+    assert wilson(50, 100) == pytest.approx((0.4038, 0.5962), abs=1e-4)
+    assert wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert clopper_pearson(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)
+    assert clopper_pearson(50, 100) == pytest.approx((0.3983, 0.6017), abs=1e-4)
+
+
+@pytest.mark.parametrize("interval", [wilson, clopper_pearson])
+def test_intervals_of_a_share_mirror_and_hold_it(interval) -> None:  # type: ignore[no-untyped-def]
+    for hits in range(21):
+        low, high = interval(hits, 20)
+        assert 0 <= low <= hits / 20 <= high <= 1
+        assert (1 - high, 1 - low) == pytest.approx(interval(20 - hits, 20))
+
+
+def test_exact_interval_covers_at_least_its_level() -> None:
+    """The definition, by adding up the binomial distribution."""
+    from scipy.stats import binom
+
+    for share in (0.03, 0.2, 0.5, 0.77):
+        covered = sum(binom.pmf(k, 15, share) for k in range(16) if clopper_pearson(k, 15)[0] <= share <= clopper_pearson(k, 15)[1])
+        assert covered >= 0.95
+
+
+def test_impossible_counts_are_refused() -> None:
+    for hits, runs in ((1, 0), (-1, 5), (6, 5)):
+        with pytest.raises(ValueError, match="not allowed"):
+            wilson(hits, runs)
+    with pytest.raises(ValueError, match="level"):
+        clopper_pearson(1, 2, 1.0)
+
+
+def test_distances_of_shifted_samples() -> None:
+    sample = np.random.default_rng(1).normal(3.0, 0.2, 500)
+    assert wasserstein(sample + 0.5, sample) == pytest.approx(0.5)
+    assert relative_distance(sample + 0.3, sample) == pytest.approx(0.3 / sample.mean())
+    assert mean_difference(1.1 * sample, sample) == pytest.approx(0.1)
+    low, high = bootstrap(mean_difference, 1.1 * sample, sample)
+    assert 0.08 < low < 0.1 < high < 0.12
+
+
+def test_more_runs_come_closer_to_the_truth_down_to_the_bias() -> None:
+    truth = np.random.default_rng(2).normal(1.0, 0.1, 4000)
+    right = [distance_at_size(truth, truth, size) for size in (1, 4, 16, 64)]
+    wrong = [distance_at_size(truth + 0.2, truth, size) for size in (1, 4, 16, 64)]
+    assert all(a > 1.5 * b for a, b in pairwise(right))
+    assert wrong[-1] == pytest.approx(0.2, rel=0.05)
+    with pytest.raises(ValueError, match="size"):
+        distance_at_size(truth, truth, 0)
+
+
+def test_share_between_groups_is_that_of_the_model() -> None:
+    generator = np.random.default_rng(4)
+    groups = 0.5 * generator.normal(size=(400, 1)) + generator.normal(size=(400, 20))
+    share, low, high = between_groups(groups)
+    assert share == pytest.approx(0.2, abs=0.03)  # 0.25 / (0.25 + 1)
+    assert low < 0.2 < high
+    assert high - low < 0.08
+    assert abs(between_groups(generator.normal(size=(400, 20)))[0]) < 0.02
+    # six ratings of four judges, table 2 of Shrout and Fleiss: ICC(1,1) = 0.17
+    ratings = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]]
+    assert between_groups(ratings)[0] == pytest.approx(0.17, abs=0.005)
+    with pytest.raises(ValueError, match="groups"):
+        between_groups([[1.0, 2.0]])
+
+
+def test_samples_of_one_distribution_are_told_from_others() -> None:
+    one, other = np.random.default_rng(5).normal(size=(2, 300))
+    assert kolmogorov_smirnov(one, other)[1] > 0.05
+    distance, chance = kolmogorov_smirnov(one, other + 0.6)
+    assert 0.15 < distance < 0.4
+    assert chance < 1e-6
+    assert kolmogorov_smirnov([1.0, 2.0, 3.0, 4.0], [3.5, 4.5])[0] == pytest.approx(0.75)
+
+
+# --- parts -------------------------------------------------------------------------------------------------------------------------------------
+
+
+def test_trajectories_show_who_is_exact() -> None:
+    (measure,) = trajectory.cases(TINY).values()
+    rows = measure()
+    by_name = {(row["method"], row["setting"]): row for row in rows}
+    assert not any(row["note"] for row in rows)
+    assert by_name["Exact", None]["state_error"] < 1e-9
+    assert by_name["Exact", None]["first_impact_error_periods"] < 1e-13
+    assert 1e-6 < by_name["Moreau", 200]["first_impact_error_periods"] < by_name["Moreau", 20]["first_impact_error_periods"] < 0.1
+    assert by_name["SciPy", 1e-6]["state_error"] < by_name["Moreau", 20]["state_error"]
+    assert all(row["us_per_period"] > 0 and row["balance_error"] < 0.1 for row in rows)
+    assert {trajectory.key(row) for row in rows} == set(trajectory.cases(TINY))
+
+
+def test_error_of_a_state_is_relative_and_blind_to_an_absent_absorber() -> None:
+    it = case(kind_named("no absorber"), 1)
+    true = np.array([1e-3, 0.0, 0.2, 0.0])
+    assert trajectory.state_error(it, 1.01 * true, true) == pytest.approx(0.01)
+    assert trajectory.state_error(it, true + [0, 1.0, 0, 1.0], true) == 0
+
+
+def test_impacts_make_errors_grow_and_friction_does_not() -> None:
+    exponent = {}
+    for name in ("impact, e = 1", "friction damper"):
+        (measure,) = growth.cases(replace(TINY, modes=(3,), kinds=(name,))).values()
+        found, *twins = measure()
+        exponent[name] = found
+        assert found["exponent_low"] <= found["exponent_per_period"] <= found["exponent_high"]
+        assert bool(twins) == (name == "impact, e = 1")
+    assert 1.3 < exponent["impact, e = 1"]["factor_per_impact"] < 10
+    assert exponent["friction damper"]["exponent_per_period"] < 0.2
+
+
+def level_row(method: str, setting: float | None, level: float, seconds: float) -> settings.Row:
+    return {"scene": "s", "modes": 3, "method": method, "setting": setting, "level_m": level, "wall_s": seconds}
+
+
+def test_distribution_sees_a_bias_and_its_cost() -> None:
+    levels = np.random.default_rng(0).normal(1.0, 0.05, 60)
+    rows = [level_row(distribution.TRUTH, None, x, 1.0) for x in levels]
+    rows += [level_row("Exact", None, x, 0.1) for x in levels[:30]] + [level_row("Moreau", 20, 1.2 * x, 0.4) for x in levels[:30]]
+    exact, moreau = distribution.compared(rows)
+    assert (exact.method, moreau.setting) == ("Exact", 20)
+    low, high = moreau.mean_interval()
+    assert 0.1 < low < moreau.mean_difference < high < 0.3
+    assert exact.distance < 0.05 < moreau.distance
+    assert exact.at_cost(3.0) < exact.at_cost(0.1)
+    table = tables.distribution_table(rows)
+    assert "Moreau, 20 steps" in table
+    assert distribution.TRUTH not in table
+
+
+def band_row(kind: str, member: int, level: float, group: int) -> settings.Row:
+    return {"direction": "up", "kind": kind, "member": member, "group": group, "phase_rad": 0.0, "force_factor": 1.0, "level_m": level}
+
+
+def test_bands_compare_the_kinds_of_members() -> None:
+    generator = np.random.default_rng(6)
+    rows = [band_row("phase", k, x, k) for k, x in enumerate(generator.normal(1.0, 0.1, 80))]
+    rows += [band_row("rounding", k, x, k) for k, x in enumerate(generator.normal(1.2, 0.1, 80))]
+    rows += [band_row("both", k, x, k) for k, x in enumerate(generator.normal(1.0, 0.1, 80))]
+    rows += [
+        band_row(bands.CROSSED, k, x, k // 8) for k, x in enumerate(np.repeat(generator.normal(1.0, 0.1, 10), 8) + generator.normal(0, 0.01, 80))
+    ]
+    both, phase, rounding = bands.bands(rows)
+    assert [band.kind for band in (both, phase, rounding)] == list(bands.KINDS)
+    assert phase.against("rounding")[1] < 1e-9 < 0.01 < both.against("phase")[1]
+    low, middle, high = rounding.quantiles
+    assert low < 1.1 < middle < 1.3 < high
+    assert both.between is not None
+    assert both.between[0] > 0.9
+    assert phase.between is None
+    assert tables.band_table(rows).count("(") > 6
+
+
+def test_members_of_a_band_are_of_their_kind() -> None:
+    found = [measure() for measure in bands.cases(TINY).values()]
+    assert [bands.key(step[0]) for step in found] == list(bands.cases(TINY))
+    assert len(found) == 8
+    assert {row["direction"] for step in found[:4] for row in step} == {"up"}
+    for kind, step in zip((*bands.KINDS, bands.CROSSED), found, strict=False):
+        assert {row["kind"] for row in step} == {kind}
+        phases, factors = {row["phase_rad"] for row in step}, {row["force_factor"] for row in step}
+        assert (len(phases), len(factors)) == {"phase": (4, 1), "rounding": (1, 4), "both": (4, 4), bands.CROSSED: (2, 4)}[kind]
+        assert len({row["level_m"] for row in step}) == 4
+    assert [row["group"] for row in found[3]] == [0, 0, 1, 1]
+
+
+def test_shares_count_the_high_branch() -> None:
+    shared = {"periods_per_percent": 100.0, "method": "Exact", "setting": None}
+    levels = (0.5e-3, 0.52e-3, 0.8e-3, 1.0e-3)
+    (share,) = jumps.shares([{**shared, "member": k, "level_m": level} for k, level in enumerate(levels)])
+    assert (share.hits, share.runs, share.between, share.share) == (2, 4, 1, 0.5)
+    assert share.wilson == wilson(2, 4)
+
+
+# --- the script --------------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(error_vs_runtime, "QUICK", TINY)
+    monkeypatch.setattr(cost, "OVER_MODES", (("impact, e = 1", Exact()), ("impact, e = 1", Moreau())))
+    monkeypatch.setattr(cost, "LANE_PERIODS", 2.0)
+
+
+@pytest.mark.usefixtures("tiny")
+def test_tiny_run_writes_files_figures_and_page(tmp_path: Path) -> None:
+    out, page = tmp_path / "study", tmp_path / "study.md"
+    page.write_text("".join(f"text\n<!-- {name} -->\nold\n<!-- /{name} -->\n" for name in study.PARTS))
+    result = call("--quick", "--out", out)
+    assert result.exit_code == 0, result.output
+    for name in study.PARTS:
+        content = json.loads((out / f"{name}.json").read_text())
+        assert content["complete"]
+        assert content["quick"]
+        assert content["versions"]["numba"]
+        assert content["machine"]
+        with (out / f"{name}.csv").open() as file:
+            assert len(list(csv.DictReader(file))) == len(content["rows"]) > 0
+    figures = {"trajectory_error", "energy_balance", "main", "distribution", "growth", "jumps", "cost"}
+    assert {file.stem for file in out.glob("*.png")} == figures
+    text = page.read_text()
+    assert "old" not in text
+    assert text.count("| ") > 50
+    assert text.count("A quick look") == len(study.PARTS)
+
+    (out / "jumps.png").unlink()
+    (out / "cost.json").unlink()
+    before = (out / "jumps.json").read_bytes()
+    again = call("--redraw", "--out", out)
+    assert again.exit_code == 0, again.output
+    assert (out / "jumps.png").stat().st_size > 1000
+    assert (out / "jumps.json").read_bytes() == before
+    assert page.read_text() == text
+
+
+@pytest.mark.usefixtures("tiny")
+def test_an_interrupted_part_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    row = {"over": "threads", "value": 1, "scene": "s", "modes": 3, "method": "Exact", "us_per_period": 2.0}
+
+    measured, later = [], row | {"value": 2}
+
+    def ending(error: type[BaseException] | None):  # type: ignore[no-untyped-def]
+        def second() -> list[settings.Row]:
+            if error is not None:
+                raise error("at the second")
+            return [later]
+
+        def first() -> list[settings.Row]:
+            measured.append(row)
+            return [row]
+
+        return lambda _: {cost.key(row): first, cost.key(later): second}
+
+    def stored() -> dict[str, Any]:
+        return dict(json.loads((tmp_path / "cost.json").read_text()))
+
+    monkeypatch.setattr(cost, "cases", ending(KeyboardInterrupt))
+    result = call("--quick", "--only", "cost", "--out", tmp_path)
+    assert result.exit_code == INTERRUPTED
+    assert stored()["rows"] == [row]
+    assert not stored()["complete"]
+    assert "Stopped early" in result.output
+    # going on measures the rest alone, and one that breaks down keeps what there is as well
+    monkeypatch.setattr(cost, "cases", ending(IntegrationError))
+    result = call("--quick", "--only", "cost", "--out", tmp_path, "--resume")
+    assert result.exit_code == 1
+    assert "cost is not complete: at the second" in result.stderr
+    monkeypatch.setattr(cost, "cases", ending(None))
+    refused = call("--quick", "--only", "cost", "--out", tmp_path, "--resume", "--seed", 1)
+    assert refused.exit_code == 2
+    assert "seed" in refused.stderr
+    assert call("--quick", "--only", "cost", "--out", tmp_path, "--resume").exit_code == 0
+    assert stored()["rows"] == [row, later]
+    assert stored()["complete"]
+    assert measured == [row]
+    whole = (tmp_path / "cost.json").read_bytes()
+    assert call("--quick", "--only", "cost", "--out", tmp_path, "--resume").exit_code == 0
+    assert (tmp_path / "cost.json").read_bytes() == whole
+
+
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
+    assert call("--only", "everything").exit_code == 2
+    empty = call("--redraw", "--out", tmp_path)
+    assert empty.exit_code == 2
+    assert str(tmp_path) in empty.output
+    (tmp_path / "jumps.json").write_text('{"part": "cost", "rows": []}')
+    broken = call("--redraw", "--only", "jumps", "--out", tmp_path)
+    assert broken.exit_code == 2
+    assert "jumps.json" in broken.output
+    file = tmp_path / "file"
+    file.write_text("")
+    assert call("--out", file / "below", "--only", "jumps").exit_code == 2
+
+
+# --- one scene anew ----------------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_scene_that_is_measured_anew_replaces_its_rows_only() -> None:
+    def rows(modes: int, time: float, scene: str = "a") -> list[settings.Row]:
+        return [{"scene": scene, "modes": modes, "method": method, "us_per_period": time} for method in ("x", "y")]
+
+    known = trajectory.without_scenes({"rows": rows(1, 1.0, "b") + rows(3, 1.0)}, ("a",))
+    cases = {("a", 3): lambda: rows(3, 2.0), ("a", 1): lambda: rows(1, 2.0)}
+    *_, merged = rows_by_case(cases, trajectory.key, known, [("a", 1), ("a", 3), ("b", 1)])
+    assert merged["rows"] == rows(1, 2.0) + rows(3, 2.0) + rows(1, 1.0, "b")
+    assert left([*cases, ("b", 1), ("b", 3)], trajectory.key, merged) == [("b", 3)]
+
+
+def test_times_of_runs_that_went_on_are_added() -> None:
+    part = replace(study.STUDY.parts[0], measure=lambda _, known: iter_of(known), steps=lambda *_: 1)
+    earlier = Measured({"rows": []}, {"wall_s": 1000.0}, complete=False)
+    assert 1000 <= measure(study.STUDY, part, TINY, earlier).conditions["wall_s"] < 1010
+
+
+def iter_of(known: dict[str, Any]):  # type: ignore[no-untyped-def]
+    yield known
+
+
+def test_one_scene_on_the_command_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(error_vs_runtime, "QUICK", TINY)
+    out = tmp_path / "out"
+    assert call("--quick", "--only", "trajectory", "--no-peers", "--out", out).exit_code == 0
+    assert call("--quick", "--scene", "no absorber", "--no-peers", "--out", out).exit_code == 0
+    scenes = [row["scene"] for row in json.loads((out / "trajectory.json").read_text())["rows"]]
+    assert list(dict.fromkeys(scenes)) == ["no absorber", "impact, e = 1"]
+    assert call("--scene", "no such", "--out", out).exit_code == 2

@@ -1,0 +1,150 @@
+"""scripts/findings: every part from studies to figures and page, redrawing, interruption, bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from commands import call, load
+
+pytest.importorskip("optuna")
+pytest.importorskip("cmaes")
+
+from impact_env import Beam, modal_model
+from optimisation.designs import VARIABLES
+from optimisation.evaluation import Clocked
+from optimisation.friction_rule import best_friction
+from optimisation.memory import peak_memory
+from optimisation.problem import Problem
+
+PARTS = ("concepts", "optima", "place", "robustness", "front", "scaling", "full")
+PAGE = "# Findings\n" + "".join(f"<!-- findings:{part} -->\n<!-- /findings:{part} -->\n" for part in PARTS)
+
+
+@pytest.fixture
+def findings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
+    module = load("findings", monkeypatch)
+    from optimisation.studies import study as pattern
+    from optimisation.studies.findings import parts, study
+
+    def small(self: object, concept: str, at: object, free: object = None, bounds: object = None, members: int | None = None) -> Problem:
+        space, conditions = parts.design_space(concept, free, bounds), parts.make_conditions(concept, list(at))  # type: ignore[call-overload]
+        return Problem(space, conditions, beam=Beam(modes=2), members=members or self.members, rate=40.0)  # type: ignore[attr-defined]
+
+    monkeypatch.setattr(parts.Settings, "problem", small)
+    for name, value in (("QUICK_DESIGNS", 4), ("QUICK_POINTS", 3), ("JOURNALS", tmp_path / "journals")):
+        monkeypatch.setattr(study, name, value)
+    monkeypatch.setattr(pattern, "DOCS", tmp_path / "docs")
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "findings.md").write_text(PAGE)
+    return module
+
+
+def result(folder: Path, part: str) -> dict[str, object]:
+    return dict(json.loads((folder / "findings" / f"{part}.json").read_text())["result"])
+
+
+def test_parts_write_numbers_figures_and_page(findings: ModuleType, tmp_path: Path) -> None:
+    chosen, before = [part for part in PARTS if part != "scaling"], peak_memory()  # which other tests have filled
+    run = call(findings, "--quick", "--out", tmp_path, *[word for part in chosen for word in ("--part", part)])
+    assert run.exit_code == 0, run.output
+    data, page = tmp_path / "findings", (tmp_path / "findings.md").read_text()
+    for part in chosen[:-1]:
+        assert (data / f"{part}.png").read_bytes().startswith(b"\x89PNG")
+    for concept in VARIABLES:
+        assert f"\n| {concept} " in page
+    concepts = result(tmp_path, "concepts")
+    assert set(concepts) == set(VARIABLES)
+    with (data / "concepts.csv").open(newline="") as file:
+        assert len(list(csv.DictReader(file))) == len(VARIABLES) * 2 * 2 * 3
+    assert page.count("| resonance 1") == 2
+    assert len(result(tmp_path, "robustness")["designs"]) == 2 * len(VARIABLES) + 1  # type: ignore[arg-type]
+    full = result(tmp_path, "full")
+    assert full["designs"] == 41
+    assert 0 <= full["overhead"] < 1  # type: ignore[operator]
+    assert before <= full["memory_bytes"] < before + 2**31  # type: ignore[operator]
+    before = page
+    (tmp_path / "findings" / "optima.png").unlink()
+    again = call(findings, "--redraw", "--out", tmp_path, "--part", "optima")
+    assert again.exit_code == 0, again.output
+    assert (tmp_path / "findings" / "optima.png").exists()
+    assert (tmp_path / "findings.md").read_text() == before
+
+
+def test_what_is_missing_is_named(findings: ModuleType, tmp_path: Path) -> None:
+    for arguments in (["--redraw", "--part", "place"], ["--quick", "--part", "robustness"]):
+        run = call(findings, "--out", tmp_path, *arguments)
+        assert run.exit_code == 2, run.output
+        assert "an earlier run of this command wrote" in run.stderr
+    (tmp_path / "docs" / "findings.md").write_text("no markers\n")
+    assert "pair of markers" in call(findings, "--quick", "--out", tmp_path, "--part", "full").stderr
+    assert call(findings, "--part", "colour").exit_code == 2
+
+
+def test_interrupt_keeps_finished_parts(findings: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("optimisation.studies.findings.parts.place", stop)
+    run = call(findings, "--quick", "--out", tmp_path, "--part", "optima", "--part", "place")
+    assert run.exit_code == 130
+    assert "goes on from here" in run.stderr
+    assert (tmp_path / "findings" / "optima.json").exists()
+    assert not (tmp_path / "findings" / "place.json").exists()
+
+
+def test_scaling_compares_one_worker_with_two(findings: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from optimisation.studies.findings import measured
+
+    class Slow(measured.Threads):
+        def run(self, chunks):  # type: ignore[no-untyped-def]
+            time.sleep(0.2 / self.threads)
+            return super().run(chunks)
+
+    @contextmanager
+    def cluster(workers: int) -> Iterator[object]:
+        yield Slow(workers)
+
+    monkeypatch.setattr(measured, "Threads", Slow)
+    monkeypatch.setattr(measured, "_cluster", cluster)
+    run = call(findings, "--quick", "--out", tmp_path, "--part", "scaling")
+    assert run.exit_code == 0, run.output
+    found = result(tmp_path, "scaling")
+    assert [(row["kind"], row["workers"], len(row["all_s"])) for row in found["rows"]] == [  # type: ignore[index, attr-defined]
+        ("threads", 1, 3), ("threads", 2, 3), ("cluster", 1, 3), ("cluster", 2, 3),
+    ]  # fmt: skip
+    assert found["speedup"]["threads"] > 1  # type: ignore[index]
+    assert f"{found['speedup']['cluster']:.2f} |" in run.stdout  # type: ignore[index]
+
+
+def test_energy_argument_scales_and_balances() -> None:
+    model = modal_model(Beam(modes=3))
+    mass = 0.02 * model.beam_mass
+    limit, level = best_friction(model, mass, 3.5)
+    twice = best_friction(model, mass, 7.0)
+    assert twice == pytest.approx((2 * limit, 2 * level))
+    omega, tip, at_force, damping = (float(x[0]) for x in (model.omega, model.tip_shape, model.force_shape, model.damping_ratio))
+    square, q = omega**2 / (1 + mass * tip**2 / 2), np.sqrt(2) * level
+    relative = np.sqrt(q**2 - (4 * limit / np.pi / (mass * square)) ** 2)
+    assert relative == pytest.approx(q / np.sqrt(2))
+    lost = 4 * limit * relative + 2 * np.pi * damping * square * (q / tip) ** 2
+    assert np.pi * 3.5 * at_force / tip * q == pytest.approx(lost)  # work of the force in a cycle
+
+
+def test_clock_counts_the_time_of_the_runs() -> None:
+    class Waiting:
+        def run(self, _chunks: object):  # type: ignore[no-untyped-def]
+            for k in range(3):
+                time.sleep(0.01)
+                yield k, np.zeros((1, 1))
+
+    clocked = Clocked(Waiting())
+    assert [k for k, _ in clocked.run([])] == [0, 1, 2]
+    assert clocked.seconds >= 0.03

@@ -1,0 +1,185 @@
+"""The paper's study: figures that are kept or made again, one alone, the claims, and bad input. And cheap claims of its figures."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from places import ROOT, SCRIPTS
+
+from impact_env.parameters import ParameterError
+from optimisation.studies.paper import study
+from optimisation.studies.paper.claim import Claim, Verdict, from_plain, judged
+from optimisation.studies.paper.claims import CLAIMS, claims_part, reasons, table
+from optimisation.studies.paper.frame import figure_part, in_turn, marker
+from optimisation.studies.paper.settings import Settings
+from optimisation.studies.study import Json, Measured, Steps
+
+SCRIPT = SCRIPTS / "reproduce_paper.py"
+
+
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("reproduce_paper", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def call(module: ModuleType, *options: Any) -> Result:
+    return CliRunner().invoke(module.main, [str(option) for option in options])
+
+
+@dataclass
+class Figures:
+    """Two figures of two groups each, what was measured of them, and what happens before a group is."""
+
+    points: int = 3
+    measured: list[str] = field(default_factory=list)
+    events: dict[str, Callable[[], None]] = field(default_factory=dict)
+
+    def group(self, name: str, settings: Settings) -> dict[str, int]:
+        self.events.get(name, lambda: None)()
+        self.measured.append(name)
+        return {"sum": sum(range(self.points)) + settings.seed}
+
+    def module(self, label: str) -> Any:
+        def measure(settings: Settings, known: Json) -> Steps:
+            return in_turn({name: partial(self.group, f"{label} {name}", settings) for name in ("first", "second")}, known)
+
+        def claims(measured: Measured) -> list[Claim]:
+            verdict = judged(measured.values["first"]["sum"], measured.values["second"]["sum"], 3, 3)
+            return [Claim(f"{label} sum", "the sum is 3", "2.1", str(measured.values["second"]["sum"]), verdict, label, "It was another.")]
+
+        part = figure_part(label, f"figure {label}", measure, lambda values: f"{label}: {values}", lambda _: {label: lambda path: path.touch()})
+        return SimpleNamespace(__file__=__file__, PART=part, parameters=lambda _: {"points": self.points}, claims=claims)
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Figures:
+    made = Figures()
+    modules = tuple(made.module(label) for label in ("one", "two"))
+    monkeypatch.setattr(study, "FIGURES", modules)
+    monkeypatch.setattr(study, "LABELS", ("one", "two"))
+    monkeypatch.setattr(study, "STUDY", replace(study.STUDY, parts=tuple(module.PART for module in modules)))
+    monkeypatch.setattr(study, "CLAIMS", replace(study.CLAIMS, parts=(claims_part(modules),)))
+    page = tmp_path / "paper.md"
+    page.write_text("".join(f"<!-- {marker(name)} -->\n<!-- /{marker(name)} -->\n" for name in ("one", "two", CLAIMS)))
+    return made
+
+
+def claims_in(folder: Path) -> list[dict[str, str]]:
+    return json.loads((folder / "paper" / "claims.json").read_text())["claims"]
+
+
+def test_finished_figures_are_kept_until_their_parameters_change(figures: Figures, tmp_path: Path) -> None:
+    module = script()
+    result = call(module, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert figures.measured == ["one first", "one second", "two first", "two second"]
+    assert {"one.json", "two.json", "one.png", "two.png", "claims.json", "claims.csv"} <= {file.name for file in (tmp_path / "paper").iterdir()}
+    assert call(module, "--out", tmp_path).exit_code == 0
+    assert len(figures.measured) == 4
+    figures.points = 4
+    assert call(module, "--figure", "two", "--out", tmp_path).exit_code == 0
+    assert figures.measured[4:] == ["two first", "two second"]
+    assert [claim["verdict"] for claim in claims_in(tmp_path)] == ["holds", "does not hold"]
+    assert call(module, "--figure", "two", "--seed", 1, "--out", tmp_path).exit_code == 0
+    assert call(module, "--figure", "two", "--seed", 1, "--anew", "--out", tmp_path).exit_code == 0
+    assert len(figures.measured) == 10
+
+
+def test_one_figure_alone_and_the_claims_that_it_decides(figures: Figures, tmp_path: Path) -> None:
+    result = call(script(), "--figure", "two", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert figures.measured == ["two first", "two second"]
+    (claim,) = claims_in(tmp_path)
+    assert set(claim) == {"name", "statement", "section", "computed", "verdict", "figure", "why"}
+    assert (claim["verdict"], claim["figure"], claim["why"]) == ("holds", "two", "")
+    assert "1 statements; 1 holds." in (tmp_path / "paper.md").read_text()
+    assert not (tmp_path / "paper" / "one.json").exists()
+
+
+def test_stopped_run_keeps_its_groups_and_goes_on(figures: Figures, tmp_path: Path) -> None:
+    def stop() -> None:
+        raise KeyboardInterrupt
+
+    module = script()
+    figures.events["two second"] = stop
+    assert call(module, "--out", tmp_path).exit_code == 130
+    assert [claim["figure"] for claim in claims_in(tmp_path)] == ["one"]
+    figures.events.clear()
+    assert call(module, "--out", tmp_path).exit_code == 0
+    assert figures.measured == ["one first", "one second", "two first", "two second"]
+    assert [claim["figure"] for claim in claims_in(tmp_path)] == ["one", "two"]
+
+
+def test_redraw_reads_numbers_and_judges_again(figures: Figures, tmp_path: Path) -> None:
+    module = script()
+    assert call(module, "--redraw", "--out", tmp_path).exit_code == 2
+    assert call(module, "--figure", "one", "--out", tmp_path).exit_code == 0
+    (tmp_path / "paper" / "one.png").unlink()
+    (tmp_path / "paper" / "claims.json").unlink()
+    assert call(module, "--redraw", "--out", tmp_path).exit_code == 0
+    assert len(figures.measured) == 2
+    assert (tmp_path / "paper" / "one.png").exists()
+    assert len(claims_in(tmp_path)) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--figure", "three"], "'three' is not one of 'one', 'two'"),
+        (["--seed", -1], "-1 is not in the range"),
+        (["--threads", 1, "--cluster", "nowhere:1"], "--threads = 1 is not allowed"),
+    ],
+)
+def test_bad_input(figures: Figures, options: list[Any], words: str, tmp_path: Path) -> None:
+    result = call(script(), *options, "--out", tmp_path / "no")
+    assert result.exit_code == 2
+    assert words in result.output
+    assert not figures.measured
+    assert not (tmp_path / "no").exists()
+
+
+def test_verdicts_of_intervals() -> None:
+    assert judged(1.0, 2.0, 0.5, 2.0) is Verdict.HOLDS
+    assert judged(1.0, 2.0, 1.5, 3.0) is Verdict.SPREAD
+    assert judged(1.0, 2.0, 2.5, 3.0) is Verdict.NOT
+    with pytest.raises(ParameterError, match="interval"):
+        judged(2.0, 1.0, 0.0, 3.0)
+
+
+def test_a_claim_that_does_not_hold_says_why() -> None:
+    with pytest.raises(ParameterError, match="why of peak"):
+        Claim("peak", "the peak is low", "3", "high", Verdict.NOT, "one")
+    with pytest.raises(ParameterError, match="claim's computed"):
+        Claim("peak", "the peak is low", "3", " ", Verdict.HOLDS, "one")
+    claims = [Claim("a", "x | y", "3", "1", Verdict.HOLDS, "one", "hidden"), Claim("b", "z", "3", "2", Verdict.STEP, "one", "The step errs.")]
+    assert [from_plain(claim.to_plain()) for claim in claims] == [replace(claims[0], why=""), claims[1]]
+    assert "x \\| y" in table(claims)
+    assert reasons(claims) == "\n\n**Z: holds only at the paper's step.** The step errs."
+
+
+def test_files_of_something_else_are_refused(figures: Figures, tmp_path: Path) -> None:
+    (tmp_path / "paper").mkdir()
+    (tmp_path / "paper" / "one.json").write_text('{"rows": []}')
+    result = call(script(), "--figure", "one", "--out", tmp_path)
+    assert result.exit_code == 2
+    assert "one.json is not allowed: a file that an earlier run of this command wrote" in result.output
+    assert not figures.measured
+
+
+def test_the_page_has_a_section_for_each_figure() -> None:
+    text = (ROOT / "docs" / "paper.md").read_text()
+    for name in (*study.LABELS, CLAIMS):
+        assert text.count(f"<!-- {marker(name)} -->") == 1, name

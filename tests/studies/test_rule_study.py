@@ -1,0 +1,96 @@
+"""The study of where the design rule holds: a case on another beam, going on, the page, and the fitted factor."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import design_rule
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from impact_env.modes import modal_model
+from optimisation.bounds import design_gap, expected_factor, expected_gap, reach
+from optimisation.studies import rule
+from optimisation.studies.rule import STRUCTURES, Row, price_at, row_of, run_case, verdicts
+
+
+def a_row(reach: float, best: float) -> Row:
+    factors = tuple(np.geomspace(0.25, 4, 9).tolist())
+    relative = tuple((0.2 * (1 + np.log(np.array(factors) / best) ** 2)).tolist())
+    least = int(np.argmin(relative))
+    key = f"case {reach}"
+    return Row(key, "steel", "damping", reach, 1, reach, 1.0, 0.99, factors, relative, factors[least], relative[4] / relative[least])
+
+
+def test_light_damping_wants_a_wider_gap_on_the_steel_beam() -> None:
+    """A case of the page, run: 0.5 % damping at the second resonance, where the rule's gap lies on the steep side."""
+    (case,) = (c for c in rule.cases(quick=True) if c.key == "steel, resonance 2, damping 0.005")
+    check = run_case(case, 1, 2, None)
+    row = row_of(case, check)
+    assert row.rate == 0.25
+    assert row.sweep > 0.98
+    assert row.reach == pytest.approx(7.55, rel=0.01)
+    assert row.best > 1
+    assert row.price > 1.3
+    model = modal_model(case.beam)
+    assert expected_gap(model, 0.02 * model.beam_mass, 3.0, 2) == pytest.approx(1.4 * design_gap(model, 0.02 * model.beam_mass, 3.0, 2))
+    assert reach(model, 0.02 * model.beam_mass, 2) == row.reach
+    assert case.beam.length == STRUCTURES["steel"].length
+
+
+def test_expected_factor_is_one_where_the_rule_is_good() -> None:
+    assert [expected_factor(x) for x in (0.01, 3.0, 5.9, 6.1, 30.0)] == [0.25, 1.0, 1.0, 1.4, 1.4]
+    assert expected_factor(0.9) == pytest.approx((0.9 / 2.5) ** 0.6)
+
+
+def test_prices_and_classes() -> None:
+    row = a_row(3.0, 1.0)
+    assert price_at(row, 1.0) == pytest.approx(1.0)
+    assert price_at(row, 2.0) == pytest.approx(1 + np.log(2) ** 2)
+    assert price_at(row, 2**0.25 * 1.0) < price_at(row, 2**0.5)
+    found = verdicts([row, a_row(0.5, 0.354), a_row(20.0, 1.414), a_row(22.0, 2.0)])
+    assert [(v.label, v.cases) for v in found] == [("0 to 1", 1), ("1.5 to 6", 1), ("6 and more", 2)]
+    assert found[0].good == 0
+    assert found[0].expected == 1
+    assert found[2].low < found[2].median < found[2].high
+    assert found[2].worst == pytest.approx(price_at(a_row(22.0, 2.0), 1.0))
+
+
+def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    every = [case for case in rule.cases(quick=True) if case.structure == "steel" and case.resonance == 1]
+    some = [
+        next(c for c in every if c.varied == varied and c.value == value)
+        for varied, value in (("damping", 0.02), ("mass ratio", 0.02), ("place", 0.9))
+    ]
+    monkeypatch.setattr(rule, "cases", lambda _quick: some)
+    monkeypatch.setattr(rule, "QUICK_STEPS", 1)
+    ran: list[str] = []
+
+    def counted(case: object, *arguments: object) -> object:
+        if len(ran) == 2:
+            raise KeyboardInterrupt
+        ran.append(case.key)  # type: ignore[attr-defined]
+        return run_case(case, *arguments)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rule, "run_case", counted)
+        broken = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)])
+    assert broken.exit_code == 130
+    assert len(json.loads((tmp_path / "design_rule.json").read_text())["rows"]) == 2
+    assert (tmp_path / "design_rule.md").read_text().count("| steel |") == 2
+    assert (tmp_path / "design_rule.md").read_text().count("Not measured yet.") == 1
+    before = (tmp_path / "design_rule.json").read_text()
+    ran.clear()
+    monkeypatch.setattr(rule, "run_case", lambda case, *arguments: ran.append(case.key) or run_case(case, *arguments))
+    whole = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)])
+    assert whole.exit_code == 0, whole.output
+    assert ran == [some[2].key]
+    rows = json.loads((tmp_path / "design_rule.json").read_text())["rows"]
+    assert rows[:2] == json.loads(before)["rows"]
+    page = (tmp_path / "design_rule.md").read_text()
+    assert page.count("| steel |") == 3
+    assert "Measured on" in page
+    (tmp_path / "design_rule.json").write_text("{}")
+    assert "an earlier run of this command wrote" in CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)]).stderr

@@ -1,0 +1,59 @@
+"""Orbits that several tests look at: found once in a process."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from impact_env import Beam, ModalModel, modal_model
+from impact_env.periodic.case import Case
+from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.starts import orbit_of_simulation
+from impact_env.periodic.survey import attractors, closed_form_orbits
+from impact_env.periodic.tracing import OrbitBranch, orbit_branch
+
+Array = np.ndarray
+
+
+@cache
+def model_of(modes: int) -> ModalModel:
+    return modal_model(Beam(modes=modes))
+
+
+def paper_case(modes: int, ratio: float, force: float, restitution: float = 1.0, friction: float = 0.0) -> Case:
+    model = model_of(modes)
+    return Case(model, ratio * float(model.omega[0]), force, restitution=restitution, friction_limit=friction)
+
+
+def high_orbit(case: Case) -> Orbit:
+    return closed_form_orbits(case).orbits[0]
+
+
+@cache
+def isola() -> OrbitBranch:
+    case = paper_case(3, 0.9523, 1.5, friction=0.01)
+    first = float(case.model.omega[0])
+    return orbit_branch(high_orbit(case).solution, "omega", (0.85 * first, 1.2 * first))
+
+
+@cache
+def one_sided() -> Orbit:
+    """The orbit without symmetry that takes over where the symmetric high branch of one mode, e = 0.75, loses its stability."""
+    case = paper_case(1, 0.93, 1.5, 0.75)
+    found = [orbit for orbit in attractors(case, [high_orbit(case)]) if isinstance(orbit, Orbit)]
+    assert len(found) == 2
+    return found[0]
+
+
+@cache
+def many_reversals() -> Orbit:
+    found = orbit_of_simulation(paper_case(10, 0.97, 3.5, 0.7, 0.1))
+    assert isinstance(found, Orbit)
+    return found
+
+
+def other_case() -> Case:
+    """Not the paper's beam."""
+    model = ModalModel([31.0, 95.0, 210.0], [0.02, 0.01, 1.3], [0.8, 0.4, 0.2], [1.1, -0.7, 0.5], 1.4)
+    return Case(model, 33.0, 1.0, gap=3e-3, restitution=0.6, friction_limit=0.02, mass_ratio=0.05)

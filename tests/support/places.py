@@ -1,0 +1,11 @@
+"""Where tests find what they read and run: the checkout and its folders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+SUPPORT = Path(__file__).resolve().parent
+TRUTHS = SUPPORT.parent / "truths"
+ROOT = SUPPORT.parents[1]
+SCRIPTS = ROOT / "scripts"
+EXAMPLES = ROOT / "docs" / "examples"

@@ -1,0 +1,160 @@
+"""Cheap claims about the paper's frequency responses, its jump, its strongly modulated response and its compliant contact; and what measures them."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Callable, Generator, Hashable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+
+from impact_env import Beam, Exact, Moreau, beam_scene
+from impact_env.drive import linear_sweep
+from impact_env.ensemble import Lane, draw_members
+from impact_env.periodic.approach import Approach, hold
+from impact_env.periodic.jump import jumps
+from impact_env.periodic.residence import stays
+from optimisation.studies.paper import conv, high_low, high_low_claims, jump, jump_claims, smr
+from optimisation.studies.paper.claim import Claim, Verdict, from_plain
+from optimisation.studies.paper.settings import Settings
+from optimisation.studies.paper.study import FIGURES
+from optimisation.studies.paper.words import between, middle, spread
+from optimisation.studies.study import Measured
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+QUICK = Settings(Path("nowhere"), quick=True, threads=1)
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Elsewhere:
+    """An executor that sends all it is given through pickle, as a cluster does."""
+
+    def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
+        assert len(items) == len(kinds)
+        for k, item in reversed(list(enumerate(items))):
+            own: Callable[[T], R] = pickle.loads(pickle.dumps(function))
+            yield k, own(pickle.loads(pickle.dumps(item)))
+
+
+def named(claims: list[Claim], name: str) -> Claim:
+    return next(claim for claim in claims if claim.name == name)
+
+
+def test_births_and_mergers_of_the_isola_are_the_known_ones() -> None:
+    found = high_low._levels_of_isolas()
+    births, mergers = ([one["force_n"] for one in found if one["kind"] == kind] for kind in ("birth", "merger"))
+    assert min(births) == pytest.approx(1.221955, abs=1e-6)
+    assert max(mergers) == pytest.approx(2.370284, abs=1e-6)
+
+
+def test_the_sliding_absorber_drifts_at_the_papers_step_only() -> None:
+    """By the exact method whole periods of friction leave the absorber's place; a scheme that is late at each reversal moves it to a wall."""
+    scene, (start, stop, _) = jump.scene(), jump.DRIFT
+    drives = draw_members(3, 0, "phase").drives(1.5, linear_sweep(scene.model.resonance_omega(1), start, stop, 0.2))
+    drifts = {method: [jump.Drifted(method)(Lane(scene, drive))[0] for drive in drives] for method in (Exact(), Moreau())}
+    assert max(drifts[Exact()]) < 0.02e-3
+    assert min(drifts[Moreau()]) > 0.04e-3
+
+
+def test_one_mode_without_losses_at_its_contact_is_strongly_modulated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(smr, "sizes", lambda _: (3, 300))
+    (*_, values) = smr.PART.measure(QUICK, {})
+    claims = smr.claims(Measured(values))
+    for name in ("two impacts in the burst", "fewer impacts between", "lag near zero", "ninety per cent", "effective at resonance"):
+        assert named(claims, name).verdict in (Verdict.HOLDS, Verdict.SPREAD), named(claims, name)
+    assert all(0.5 < depth < 1 for depth in values["exact"]["depth"])
+    record = values["exact"]["record"]
+    assert np.max(np.abs(np.array(record["absorber_m"]) - record["tip_m"])) <= values["linear"]["gap_m"] * (1 + 1e-4)
+
+
+def test_friction_springs_and_walls_approach_the_rigid_laws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conv, "sizes", lambda _: (3, 4, 3))
+    for kind in (conv.WALLS, conv.FRICTION):
+        found = conv._over_stiffness(QUICK, kind, Exact())
+        ratio = np.median(found["level_m"], axis=1) / np.median(found["rigid_m"])
+        assert abs(ratio[-1] - 1) < 0.05
+        assert abs(ratio[0] - 1) > 0.1
+
+
+def test_a_sweep_is_followed_by_its_largest_displacements() -> None:
+    scene = beam_scene(Beam(modes=2), None)
+    drive = draw_members(1, 0).drives(0.5, linear_sweep(scene.model.resonance_omega(1), 1.06, 0.9, 10.0))[0]
+    binned, branch, resonance = jump.Followed(Exact())(Lane(scene, drive))
+    amplitude = 0.5 * 1.28115e-3  # resonant amplitude per newton without absorber
+    assert max(binned) == pytest.approx(amplitude, rel=0.2)
+    assert resonance <= amplitude
+    assert branch < 0.5 * amplitude
+
+
+def test_on_the_high_branch_the_absorber_visits_two_walls_a_period_and_is_struck_more_often() -> None:
+    scene = high_low.scene()
+    lane = Lane(scene, hold(Approach(scene.model.resonance_omega(1), 1.0), 3.0, 0.955, 400.0))
+    impacts, visits = high_low.Rhythm(Exact())(lane)
+    assert visits == pytest.approx(2.0, abs=0.1)
+    assert 3 < impacts < 6
+
+
+def test_waits_are_counted_between_the_largest_shares() -> None:
+    share = np.zeros(40)
+    share[[3, 4, 20, 33]] = [0.85, 0.9, 0.95, 0.85]
+    assert smr._waits(share) == [16, 13]
+    assert smr._waits(np.zeros(10)) == []
+
+
+def test_responses_at_a_frequency_are_counted() -> None:
+    line = {"omega_ratio": [0.88, 1.1], "closed": False}
+    loop = {"omega_ratio": [0.95, 0.97, 0.96], "closed": True}
+    counts = high_low_claims._counts({"balance": [line, loop]})
+    assert set(counts) == {1, 3}
+
+
+def test_verdict_on_a_share_that_only_the_step_makes_large() -> None:
+    exact, step = {"share": 0.5, "low": 0.4, "high": 0.6}, {"share": 0.9, "low": 0.8, "high": 0.95}
+    assert jump_claims._often(exact, step) is Verdict.STEP
+    assert jump_claims._often(step, exact) is Verdict.HOLDS
+    assert jump_claims._often(exact, exact) is Verdict.SPREAD
+    assert jump_claims._rarely(exact, {"share": 0.1, "low": 0.0, "high": 0.2}) is Verdict.STEP
+    assert jump_claims._rarely(step, step) is Verdict.NOT
+
+
+def test_stays_and_jumps_are_the_same_elsewhere() -> None:
+    scene, phases = jump.scene(), [0.0, 1.0, 2.0]
+    approach = Approach(scene.model.resonance_omega(1), 1.0, periods=60.0)
+    there = [stays(scene, 1.5, approach, 0.97, 400.0, phases, **where) for where in ({"threads": 1}, {"executor": Elsewhere()})]
+    np.testing.assert_array_equal(there[0].durations, there[1].durations)
+    for method in (Exact(), Moreau()):
+        found = [
+            jumps(scene, 1.5, approach, jump.OVER, 20.0, phases, high_level=jump.HIGH_LEVEL, method=method, **where)
+            for where in ({"threads": 1}, {"executor": Elsewhere()})
+        ]
+        assert found[0] == found[1]
+
+
+def test_numbers_in_words() -> None:
+    values = [1.0, 2.0, 3.0, float("nan")]
+    assert spread(values, "{:.1f}") == "2.0 [1.1, 2.9]"
+    assert between(values, "{:.0f}", 10) == "10 to 30"
+    assert between([1.001, 1.002], "{:.1f}") == "1.0"
+    assert middle(values) == pytest.approx((1.1, 2.9))
+
+
+@pytest.mark.parametrize("module", FIGURES, ids=lambda module: module.PART.name)
+def test_what_a_figure_depends_on_can_be_written_down(module: Any) -> None:
+    whole, quick = (json.dumps(module.parameters(Settings(Path("nowhere"), quick=quick))) for quick in (False, True))
+    assert whole != quick
+
+
+@pytest.mark.skipif(not (DOCS / "paper" / "claims.json").exists(), reason="the page has not been measured yet")
+def test_published_claims_are_on_the_page() -> None:
+    content = json.loads((DOCS / "paper" / "claims.json").read_text())
+    claims, page = [from_plain(plain) for plain in content["claims"]], (DOCS / "paper.md").read_text()
+    assert not content["missing"]
+    assert len(claims) >= 30
+    assert len({claim.name for claim in claims}) == len(claims)
+    for claim in claims:
+        assert claim.statement.replace("|", "\\|") in page
+        assert claim.figure in {module.PART.name for module in FIGURES}

@@ -1,0 +1,165 @@
+"""How kernels are compiled: one that Python calls in one piece with all that it calls, without what cannot be reached."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+from numba.core.caching import NullCache
+from numba.core.errors import TypingError
+
+from impact_env.kernels.jit import jit, jit_inline, jit_room
+
+
+def fresh(kernel: Any) -> Any:
+    """Give up a kernel's cache, so that it is compiled here."""
+    kernel._cache = NullCache()
+    return kernel
+
+
+def diamond() -> tuple[Any, ...]:
+    """Return kernels of which the last calls two that share the first, the one of them by way of another."""
+
+    @fresh
+    @jit
+    def cube(x):  # type: ignore[no-untyped-def]
+        return x * x * x
+
+    @fresh
+    @jit_inline
+    def half(x):  # type: ignore[no-untyped-def]
+        return 0.5 * cube(x)
+
+    @fresh
+    @jit
+    def third(x):  # type: ignore[no-untyped-def]
+        return half(x) + cube(x) / 3.0
+
+    @fresh
+    @jit_room
+    def both(x):  # type: ignore[no-untyped-def]
+        room = np.zeros(2)
+        room[0], room[1] = half(x), third(x)
+        return room.sum()
+
+    return cube, half, third, both
+
+
+def test_only_the_kernel_that_is_called_from_python_becomes_machine_code() -> None:
+    cube, half, third, both = diamond()
+    assert both(2.0) == pytest.approx(4.0 + 4.0 + 8.0 / 3.0)
+    assert [len(kernel.overloads) for kernel in (cube, half, third, both)] == [0, 0, 0, 1]
+    assert [len(kernel.part.overloads) for kernel in (cube, half, third, both)] == [1, 1, 1, 0]
+    (whole,) = both.overloads.values()
+    assert third(2.0) == pytest.approx(4.0 + 8.0 / 3.0)  # a part is compiled once more where Python asks for it
+    assert len(third.overloads) == 1
+    assert both(3.0) == pytest.approx(0.5 * 27 * 2 + 9.0)
+    assert list(both.overloads.values()) == [whole]
+
+
+def test_a_function_that_is_no_kernel_calls_kernels() -> None:
+    _, _, third, _ = diamond()
+
+    @numba.njit
+    def twice(x: float) -> Any:
+        return 2.0 * third(x)
+
+    assert twice(2.0) == pytest.approx(2.0 * (4.0 + 8.0 / 3.0))
+
+
+def test_a_branch_for_a_part_that_is_absent_is_not_typed_where_it_is_there() -> None:
+    @fresh
+    @jit
+    def force(x, limit):  # type: ignore[no-untyped-def]
+        if limit is None:
+            return x.nothing  # does not compile
+        return limit * x
+
+    @fresh
+    @jit
+    def other(x, limit):  # type: ignore[no-untyped-def]
+        return force(x, limit) if limit is not None else x
+
+    assert other(2.0, 3.0) == 6.0
+    assert other(2.0, None) == 2.0
+    with pytest.raises(TypingError, match="nothing"):
+        force(2.0, None)
+
+
+def test_an_argument_that_may_be_none_keeps_both_branches() -> None:
+    @numba.njit
+    def some(x):  # type: ignore[no-untyped-def]
+        return x if x > 0.0 else None
+
+    @fresh
+    @jit
+    def size(limit):  # type: ignore[no-untyped-def]
+        return -1.0 if limit is None else 1.0
+
+    @fresh
+    @jit
+    def of(x):  # type: ignore[no-untyped-def]
+        return size(some(x))
+
+    assert (of(2.0), of(-2.0)) == (1.0, -1.0)
+
+
+def test_constants_share_a_part() -> None:
+    @fresh
+    @jit
+    def power(x, n):  # type: ignore[no-untyped-def]
+        return x**n
+
+    @fresh
+    @jit
+    def sums(x):  # type: ignore[no-untyped-def]
+        return power(x, 2) + power(x, 3)
+
+    assert sums(2.0) == 12.0
+    assert len(power.part.overloads) == 1
+
+
+def fails(x):  # type: ignore[no-untyped-def]
+    return x.nothing
+
+
+def adds(x):  # type: ignore[no-untyped-def]
+    return x + 1.0
+
+
+@pytest.mark.parametrize("before", [True, False])
+@pytest.mark.parametrize("function", [fails, adds])
+def test_garbage_is_collected_afterwards_as_before(function: Callable[..., Any], before: bool) -> None:
+    kernel, was = fresh(jit(function)), gc.isenabled()
+    try:
+        (gc.enable if before else gc.disable)()
+        if function is fails:
+            with pytest.raises(TypingError):
+                kernel(1.0)
+        else:
+            assert kernel(1.0) == 2.0
+        assert gc.isenabled() == before
+    finally:
+        (gc.enable if was else gc.disable)()
+
+
+def test_an_error_in_a_part_reaches_python() -> None:
+    @fresh
+    @jit
+    def refuse(x):  # type: ignore[no-untyped-def]
+        if x < 0.0:
+            raise ValueError("below zero")
+        return x
+
+    @fresh
+    @jit
+    def outer(x):  # type: ignore[no-untyped-def]
+        return 2.0 * refuse(x)
+
+    assert outer(1.0) == 2.0
+    with pytest.raises(ValueError, match="below zero"):
+        outer(-1.0)
