@@ -175,7 +175,10 @@ def _words(values: Json) -> str:
             "left before the next, %",
             "left after half a period, %",
         )
-        blocks.append(f"5 N, {n} modes, {np.median(own['contacts']):.1f} contacts a pseudo period:\n\n{markdown(header, lines)}")
+        blocks.append(
+            f"5 N, {n} modes, {np.median(own['contacts']):.1f} contacts a pseudo period (of what a contact gives to a mode above the "
+            f"tenth, a part is gone within it):\n\n{markdown(header, lines)}"
+        )
     return "\n\n".join(blocks)
 
 
@@ -207,7 +210,8 @@ def claims(measured: Measured) -> list[Claim]:
     gain = 100 * (1 - np.concatenate([relative[n] for n in many]) / np.median(relative[1]))
     own = values[f"account, {accounts[0]}"]
     shares, left, passed = (np.array(own[key]) for key in ("shares", "left", "passed"))
-    spread, given = (np.max(array[:, SIXTH:], axis=1) / np.min(array[:, SIXTH:], axis=1) for array in (shares, passed))
+    spread = np.concatenate([_unevenness(np.array(values[f"account, {n}"]["shares"])) for n in accounts])
+    given = _unevenness(passed)
     largest = values[f"account, {accounts[-1]}"]
     complete = [i + 1 for i, share in enumerate(np.median(np.array(largest["left"]), axis=0)) if i and share < LEFT]
     influence = np.array([np.median(near[n]) for n in modes]) / np.median(near[1])
@@ -232,7 +236,9 @@ def claims(measured: Measured) -> list[Claim]:
              f"{np.median(own['contacts']):.1f} contacts a pseudo period, not evenly spaced, and "
              f"{_from(complete, accounts[-1])}.", about=f"{count}left of mode 6 before the next contact "),
         said("uniform", "modes 6 and higher dissipate nearly the same", "4.2", spread, (1.0, 1.5),
-             "The largest share of these modes over the smallest, in single members.", about=f"{count}largest over smallest share from mode 6 on "),
+             "The largest share of these modes over the smallest, in single members; half as much again is allowed. With more than ten modes their "
+             "shares differ more, and are smaller.",
+             about=f"{' and '.join(map(str, accounts))} modes: largest over smallest share from mode 6 on "),
         said("passed", "impacts pass about the same energy to each of modes 6 and higher", "4.2", given, (1.0, 1.5),
              "The net sum over all contacts of a window, largest over smallest.", about=f"{count}largest over smallest from mode 6 on "),
         said("near_one", "1.5 N, one mode: around omega_1 the level is reduced to about 20 %", "4.2", near[1], (0.15, 0.25),
@@ -244,6 +250,12 @@ def claims(measured: Measured) -> list[Claim]:
              f"Medians over the members: from {np.min(influence):.2f} to {np.max(influence):.2f} of one mode's.",
              about=f"{modes[0]} to {modes[-1]} modes, over one mode: "),
     ]  # fmt: skip
+
+
+def _unevenness(rows: Array) -> Array:
+    """Return the largest over the smallest of the sixth and higher modes' values, by member, (M,)."""
+    high = rows[:, SIXTH:]
+    return np.asarray(np.max(high, axis=1) / np.min(high, axis=1))
 
 
 def _from(complete: list[int], modes: int) -> str:

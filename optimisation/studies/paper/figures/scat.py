@@ -52,4 +52,5 @@ def _losses(axes: Axes, values: Json) -> None:
             dashes = look.dashes if key == "shares" else ":"
             axes.fill_between(number[kept], low[kept], high[kept], color=look.colour, alpha=0.18, lw=0)
             axes.plot(number[kept], middle[kept], color=look.colour, ls=dashes, marker=marker, lw=1.1, label=f"{modes} modes: {name}")
-    axes.set(yscale="log", ylim=(0.3, 150), xlabel="mode", ylabel="% (of all modes; of the mode)")
+    axes.legend(loc="lower left", fontsize=6.5)
+    axes.set(yscale="log", ylim=(0.01, 150), xlabel="mode", ylabel="% (of all modes; of the mode)")
