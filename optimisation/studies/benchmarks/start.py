@@ -23,15 +23,15 @@ from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
 from optimisation.report.markdown import markdown
 from optimisation.studies.one_table import table_study
-from optimisation.studies.specialisation.scenes import Variant
 from optimisation.studies.study import Json, Measured
+from optimisation.studies.variants import Variant
 
 NAME = "start"
 ROOT = Path(__file__).resolve().parents[3]
 FIRST_CALL = """
 import sys
 from impact_env import simulate
-from optimisation.studies.specialisation.scenes import METHODS, RECORDS, Variant
+from optimisation.studies.variants import METHODS, RECORDS, Variant
 variant = Variant(*sys.argv[1:])
 simulate(variant.scene(), variant.drive(1.0), METHODS[variant.method], record=RECORDS[variant.record])
 """

@@ -22,7 +22,7 @@ from typing import Any  # noqa: E402
 
 from impact_env import simulate  # noqa: E402
 from optimisation.memory import peak_memory  # noqa: E402
-from optimisation.studies.specialisation.scenes import METHODS, RECORDS, Variant  # noqa: E402
+from optimisation.studies.variants import METHODS, RECORDS, Variant  # noqa: E402
 
 LONGER = 10  # memory is compared between a run and one so many times longer
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.sweep import IntegrationError
-from optimisation.studies.specialisation.scenes import Pair, Variant, own, pairs
 from optimisation.studies.study import Json, Steps
+from optimisation.studies.variants import Pair, Variant, own, pairs
 
 PROBE = Path(__file__).with_name("probe.py")
 PACKAGES = PROBE.parents[3]  # the folder from which they are imported

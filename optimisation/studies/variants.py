@@ -1,4 +1,4 @@
-"""What the specialisation report runs: scenes with their observers, and more general scenes with a part switched off by its value."""
+"""Scenes with their observers, as studies of what is compiled run them, and more general scenes with a part switched off by its value."""
 
 from __future__ import annotations
 
