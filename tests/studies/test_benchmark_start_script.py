@@ -8,15 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import benchmark_start
 import pytest
 from click.testing import CliRunner
 
 from optimisation.studies.benchmarks import start
-
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "scripts"))
-
-import benchmark_start  # noqa: E402 - the scripts' folder is known only now
 
 SET_UP = """
 import os, sys, time
