@@ -39,7 +39,7 @@ def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     begin_orders(slots.rows, room.signal.u, w, size)  # type: ignore[call-arg]
     first, at, h, total = level * size * 2 * POINTS, 2 * POINTS * level, slots.steps[level, 0], 0
     waves, signals, carrier = slots.waves, room.forced.signals, room.forced.carrier
-    fill_carrier(slots.steps, room.window.omega, level, carrier)  # type: ignore[call-arg]
+    fill_carrier(slots.steps, room.window.omega, level, carrier)
     for k in range(calls):
         w[0] = 1e-3 + 1e-12 * k
         walls, _ = scan_walls(waves, first, w, size, size, signals, carrier, at, 1.0, 0.0, 0.0, h, 0.0, p, b, -1.0, 1.0, 0.0, 1e-9, 1e-9)
