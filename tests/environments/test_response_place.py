@@ -19,7 +19,7 @@ from impact_env.frequency import LinearAbsorber, receptance, tip_response  # noq
 from impact_env.methods import Method, Moreau  # noqa: E402
 from impact_env.modes import modal_model  # noqa: E402
 
-_, GAP, PASSIVE, *_ = ENVIRONMENTS
+GAP, PASSIVE = list(ENVIRONMENTS)[1:3]
 STEEL = str(EXAMPLES / "steel_beam_tip.toml")
 MODEL = modal_model(load_structure(STEEL))
 WAY = {"limits": (0.985, 0.995), "rate": 4.0, "interval": 5.0, "force": 0.3, "direction": "up"}  # short: impacts amplify rounding

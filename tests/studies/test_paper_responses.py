@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from impact_env import Beam, Exact, Moreau, beam_scene
 from impact_env.drive import linear_sweep
@@ -24,7 +25,7 @@ from optimisation.studies.paper.study import FIGURES
 from optimisation.studies.paper.words import between, middle, spread
 from optimisation.studies.study import Measured
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+DOCS = ROOT / "docs"
 QUICK = Settings(Path("nowhere"), quick=True, threads=1)
 T = TypeVar("T")
 R = TypeVar("R")
