@@ -271,6 +271,13 @@ def test_first_impacts_and_best_forces() -> None:
     assert dissinf.first_impacts(some).tolist() == [2.0, 2.0, np.inf]
 
 
+def test_force_at_which_a_curve_comes_to_a_level() -> None:
+    assert dissinf.forces_at(made(power(1, 1)), 3e-3) == pytest.approx([3.0])
+    assert np.isnan(dissinf.forces_at(made(power(1, 2)), 1.0)).all()
+    dipped = made(power(1, 1) * np.array([1, 1, 0.3, 1, 1])[:, None])
+    assert dissinf.forces_at(dipped, 0.8e-3)[0] > 2.0  # not where it first comes to it
+
+
 def test_decay_of_a_mode_over_half_a_period() -> None:
     scene = Scene(replace(beam_scene(Beam(modes=1)).model, force_shape=np.zeros(1)))
     start = InitialState(np.array([1e-3]))
