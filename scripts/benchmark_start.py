@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from optimisation.studies.benchmarks.start import NAME, QUICK, STUDY, WHOLE
+from optimisation.studies.specialisation.start import NAME, QUICK, STUDY, WHOLE
 from optimisation.studies.one_table import table_options, table_place
 from optimisation.studies.runner import run
 
