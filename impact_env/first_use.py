@@ -1,4 +1,4 @@
-"""The first use of a kind of scene compiles its kernels, for up to some minutes: one line says so, on a terminal and in the log."""
+"""The first use of a kind of scene compiles its kernels, for up to a minute: one line says so, on a terminal and in the log."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _line(purpose: tuple[object, object, str] | None) -> str:
     scene, method, words = purpose or (None, None, "")
     what = "kernels" if scene is None else f"the kernels of: {scene}, {method}"
     hint = f"{HINT} {words}".rstrip()
-    return f"impact_env: compiling {what}. Once for a kind of scene, up to some minutes; `{hint}` does the usual ones beforehand."
+    return f"impact_env: compiling {what}. Once for a kind of scene, up to a minute; `{hint}` does the usual ones beforehand."
 
 
 _ANNOUNCER = _Announcer()

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
-from optimisation.studies.benchmarks.start import NAME, QUICK, STUDY, WHOLE
 from optimisation.studies.one_table import table_options, table_place
 from optimisation.studies.runner import run
+from optimisation.studies.specialisation.start import NAME, QUICK, STUDY, WHOLE
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

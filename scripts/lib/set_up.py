@@ -114,7 +114,7 @@ class SetUp:
         ]
         if stamp.exists() and all(file.stat().st_mtime <= stamp.stat().st_mtime for file in files):
             return
-        say("Compiling the kernels (once for each version of the sources, about a minute on two cores) ...")
+        say("Compiling the kernels (once for each version of the sources, half a minute to a minute on two cores) ...")
         stamp.parent.mkdir(parents=True, exist_ok=True)
         command = [str(self.python), "-m", "impact_env.warm_up"]
         if subprocess.run(command, cwd=self.root, stdin=subprocess.DEVNULL, env={**os.environ, "IMPACT_ENV_CACHE": str(stamp.parent)}).returncode:

@@ -12,7 +12,7 @@ import benchmark_start
 import pytest
 from click.testing import CliRunner
 
-from optimisation.studies.benchmarks import start
+from optimisation.studies.specialisation import start
 
 SET_UP = """
 import os, sys, time
