@@ -8,10 +8,12 @@ from typing import Any
 
 import click
 
+from impact_env.ensemble import Executor
 from impact_env.parameters import positive, require
 from impact_env.periodic.jump import Range
 from optimisation.command_line import BadInput, plain_errors
 from optimisation.commands.sweep_scene import make_scene, refuse_parts
+from optimisation.executors import cluster_option, workers
 from optimisation.studies.regimes.cases import Case, Settings, cases, grid
 from optimisation.studies.regimes.study import JUMP, KINDS, OUT, QUICK_OUT, STUDY, place
 from optimisation.studies.runner import run
@@ -33,14 +35,16 @@ def own_case(given: dict[str, Any]) -> Case:
     return Case("own", str(scene), scene, given["force"], given["approach"] or first, ratios, given["slowness"], sweep, tuple(sorted(ratios)))
 
 
-def chosen_settings(given: dict[str, Any], own: bool) -> Settings:
+def chosen_settings(given: dict[str, Any], own: bool, executor: Executor | None) -> Settings:
     """Return what to compute."""
     picked = (own_case(given),) if own else cases()
     counts = {} if given["members"] is None else dict.fromkeys(("stay_members", "sweep_members", "kind_members"), given["members"])
     times = {} if given["silence"] is None else {"silence": given["silence"]}
     if given["quick"]:
         picked = tuple(picked) if own else tuple(_thinned(case) for case in picked)
-    return Settings(picked, **{**(QUICK if given["quick"] else {}), **counts, **times}, seed=given["seed"], threads=given["threads"])
+    return Settings(
+        picked, **{**(QUICK if given["quick"] else {}), **counts, **times}, seed=given["seed"], threads=given["threads"], executor=executor
+    )
 
 
 def _thinned(case: Case) -> Case:
@@ -68,6 +72,7 @@ def _thinned(case: Case) -> Case:
 @click.option("--quick", is_flag=True, help=f"A look: few frequencies and runs, into {QUICK_OUT} unless told otherwise.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the force's phases.")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the numbers do not depend on it.  [default: all cores]")
+@cluster_option
 @click.option("--redraw", is_flag=True, help="Draw figures and tables again from the numbers in --out; nothing is computed.")
 @click.option("--resume", is_flag=True, help="Go on from the files in --out where a run was stopped.")
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder.  [default: {OUT}; {QUICK_OUT} with --quick or a scene of your own]")
@@ -78,14 +83,13 @@ def main(**given: Any) -> None:
     jump.json and kinds.json, CSV files and figures go to --out. Ctrl-C keeps what is finished.
     """
     own = any(given[name] is not None for name in OWN)
-    with plain_errors():
+    small = own or given["quick"]
+    with plain_errors(), workers(given["threads"], None if given["redraw"] else given["cluster"]) as executor:
         if own:
             given |= dict.fromkeys(("absorber", "structure", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping"))
             refuse_parts(given)
-        settings = chosen_settings(given, own)
-    small = own or given["quick"]
-    where = place(given["out"] or (QUICK_OUT if small else OUT), small)
-    run(STUDY, settings, where, only=given["only"], redraw=given["redraw"], resume=given["resume"])
+        where = place(given["out"] or (QUICK_OUT if small else OUT), small)
+        run(STUDY, chosen_settings(given, own, executor), where, only=given["only"], redraw=given["redraw"], resume=given["resume"])
 
 
 if __name__ == "__main__":

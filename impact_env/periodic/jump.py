@@ -12,7 +12,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from impact_env.ensemble import Lane, Progress, each_lane
+from impact_env.ensemble import Executor, Lane, Progress, each_lane
 from impact_env.parameters import count, positive, require
 from impact_env.periodic.approach import Approach, passage
 from impact_env.periodic.residence import LEVEL, SILENCE, ExitRate, finished, first_silence
@@ -109,6 +109,25 @@ class Range:
         require(ok, "range", tuple(row.tolist()), "four ratios, start, first, last and stop, rising or falling")
 
 
+@dataclass(frozen=True)
+class _Sweep:
+    """What is measured of a sweep: present, jumped, response level in m; times in pseudo periods. Plain data, so that other processes can do it."""
+
+    period: float
+    first: float
+    last: float
+    silence: float
+
+    def __call__(self, lane: Lane) -> tuple[bool, bool, float]:
+        response = simulate(lane.scene, lane.drive, record=Record(events=True))
+        assert response.impacts is not None
+        assert response.level is not None
+        times = response.impacts.time / self.period
+        began = first_silence(times, self.first - self.silence, self.last + self.silence, self.silence).began
+        there = began is None or began > self.first
+        return there, there and (began is None or began > self.last), response.level.value
+
+
 def jumps(
     scene: Scene,
     force: float,
@@ -121,6 +140,7 @@ def jumps(
     *,
     threads: int | None = None,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> Jumps:
     """Sweep lanes, one for each initial phase (rad), and return how many jumped; interruption and errors as in `residence.stays`.
 
@@ -134,16 +154,7 @@ def jumps(
     begin = approach.lead + approach.ramp
     first, last = (begin + abs(ratio - over.start) * 100 * periods_per_percent for ratio in (over.first, over.last))
 
-    def measure(lane: Lane) -> tuple[bool, bool, float]:
-        response = simulate(lane.scene, lane.drive, record=Record(events=True))
-        assert response.impacts is not None
-        assert response.level is not None
-        times = response.impacts.time / period
-        present = first_silence(times, first - silence, last + silence, silence).began
-        there = present is None or present > first
-        return there, there and (present is None or present > last), response.level.value
-
     lanes = [Lane(scene, passage(approach, force, over.start, over.stop, periods_per_percent, phase)) for phase in phases]
-    found = finished(each_lane(lanes, measure, threads=threads, progress=progress))
+    found = finished(each_lane(lanes, _Sweep(period, first, last, silence), threads=threads, progress=progress, executor=executor))
     high = None if high_level is None else sum(level > high_level for _, _, level in found)
     return Jumps(sum(jumped for _, jumped, _ in found), sum(there for there, _, _ in found), len(found), high)

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from impact_env.ensemble import Lane, Progress, each_lane
+from impact_env.ensemble import Executor, Lane, Progress, each_lane
 from impact_env.parameters import non_negative, positive, require
 from impact_env.periodic.approach import Approach, hold
 from impact_env.response import Record
@@ -85,6 +85,21 @@ def stay_of(impacts: Array, begin: float, end: float, silence: float) -> tuple[f
     return stop - begin, found.began is not None and found.began < last, found.returned, pause
 
 
+@dataclass(frozen=True)
+class _Stay:
+    """What is measured of a lane: its stay between two times in pseudo periods, or nothing. Plain data, so that other processes can do it."""
+
+    period: float
+    begin: float
+    end: float
+    silence: float
+
+    def __call__(self, lane: Lane) -> tuple[float, bool, bool, float] | tuple[()]:
+        response = simulate(lane.scene, lane.drive, record=Record(events=True))
+        assert response.impacts is not None
+        return stay_of(response.impacts.time / self.period, self.begin, self.end, self.silence) or ()
+
+
 def stays(
     scene: Scene,
     force: float,
@@ -96,23 +111,18 @@ def stays(
     *,
     threads: int | None = None,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> Stays:
     """Return the stays at one frequency ratio, a lane for each initial phase of the force (rad), over at most ``periods`` pseudo periods.
 
-    Each lane comes from the state of impacts as ``approach`` says. A KeyboardInterrupt is raised again once the lanes under way are finished.
-    Raises ParameterError for a bad value, IntegrationError if a lane breaks down.
+    Each lane comes from the state of impacts as ``approach`` says; ``executor`` as in `run_lanes`. A KeyboardInterrupt is raised again once the lanes
+    under way are finished. Raises ParameterError for a bad value, IntegrationError if a lane breaks down.
     """
     positive("periods", periods)
     require(0 < silence < periods, "silence", silence, f"above 0 and below the {periods} pseudo periods of a stay")
-    begin, period = approach.lead, 2 * np.pi / approach.reference
-
-    def measure(lane: Lane) -> tuple[float, bool, bool, float] | tuple[()]:
-        response = simulate(lane.scene, lane.drive, record=Record(events=True))
-        assert response.impacts is not None
-        return stay_of(response.impacts.time / period, begin, begin + periods, silence) or ()
-
+    measure = _Stay(2 * np.pi / approach.reference, approach.lead, approach.lead + periods, silence)
     lanes = [Lane(scene, hold(approach, force, ratio, periods, phase)) for phase in phases]
-    found = finished(each_lane(lanes, measure, threads=threads, progress=progress))
+    found = finished(each_lane(lanes, measure, threads=threads, progress=progress, executor=executor))
     there = [stay for stay in found if stay]
     columns = list(zip(*there, strict=True)) or [(), (), (), ()]
     return Stays(
