@@ -6,17 +6,17 @@ from pathlib import Path
 
 import click
 
-from optimisation.studies.benchmarks.periodic import QUICK_REPEATS, REPEATS, STUDY
-from optimisation.studies.one_table import table_place
+from optimisation.studies.benchmarks.periodic import NAME, QUICK_REPEATS, REPEATS, STUDY
+from optimisation.studies.one_table import table_options, table_place
 from optimisation.studies.runner import run
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 @click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} repeats instead of {REPEATS}.")
-@click.option("--json", "target", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write all repeats too.")
-def main(quick: bool, target: Path | None) -> None:
+@table_options(NAME, "docs/frequency_domain.md")
+def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Measure periodic orbits against their bars: medians of repeats in one process, compilation apart."""
-    run(STUDY, QUICK_REPEATS if quick else REPEATS, table_place(target, None))
+    run(STUDY, QUICK_REPEATS if quick else REPEATS, table_place(target, page))
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import click
 
 from optimisation.command_line import plain_errors
 from optimisation.commands.regime_settings import chosen_settings, is_own
+from optimisation.executors import cluster_option, workers
 from optimisation.studies.regimes.study import JUMP, KINDS, OUT, QUICK_OUT, STUDY, place
 from optimisation.studies.runner import run
 
@@ -33,6 +34,7 @@ from optimisation.studies.runner import run
 @click.option("--quick", is_flag=True, help=f"A look: few frequencies and runs, into {QUICK_OUT} unless told otherwise.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the force's phases.")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the numbers do not depend on it.  [default: all cores]")
+@cluster_option
 @click.option("--redraw", is_flag=True, help="Draw figures and tables again from the numbers in --out; nothing is computed.")
 @click.option("--resume", is_flag=True, help="Go on from the files in --out where a run was stopped.")
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder.  [default: {OUT}; {QUICK_OUT} with --quick or a scene of your own]")
@@ -42,11 +44,10 @@ def main(**given: Any) -> None:
     Without options of a scene the cases of docs/regimes.md are computed and the page's tables and figures are written. With a scene of your own,
     jump.json and kinds.json, CSV files and figures go to --out. Ctrl-C keeps what is finished.
     """
-    with plain_errors():
-        settings = chosen_settings(given)
     small = is_own(given) or given["quick"]
-    where = place(given["out"] or (QUICK_OUT if small else OUT), small)
-    run(STUDY, settings, where, only=given["only"], redraw=given["redraw"], resume=given["resume"])
+    with plain_errors(), workers(given["threads"], None if given["redraw"] else given["cluster"]) as executor:
+        where = place(given["out"] or (QUICK_OUT if small else OUT), small)
+        run(STUDY, chosen_settings(given, executor), where, only=given["only"], redraw=given["redraw"], resume=given["resume"])
 
 
 if __name__ == "__main__":

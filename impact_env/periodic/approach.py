@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.parameters import non_negative, positive
+from impact_env.scene import InitialState, Scene
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -57,3 +61,11 @@ def passage(approach: Approach, force: float, start: float, stop: float, periods
     span = abs(stop - start) * 100 * positive("periods_per_percent", periods_per_percent)
     settle = approach.ramp  # at the start, so that the sweep begins as stays do
     return Drive(force, approach.to((settle, start), (positive("sweep", span), stop)), phase)
+
+
+def start_from(scene: Scene, state: Array) -> InitialState:
+    """Return a state (2 N_m + 2,) as a start; one that rounding put beyond a wall is put on it."""
+    n, cavity = scene.model.modes, scene.cavity(0)
+    tip = float(scene.model.tip_shape @ state[:n])
+    gap = np.inf if cavity is None else cavity.gap
+    return InitialState(state[:n], state[n + 1 : -1], tip + float(np.clip(state[n] - tip, -gap, gap)), float(state[-1]))

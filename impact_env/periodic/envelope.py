@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive, constant_frequency
 from impact_env.energy import EnergyAccount, mechanical_energy
-from impact_env.ensemble import Lane, Progress, each_lane
+from impact_env.ensemble import Executor, Lane, Progress, each_lane
 from impact_env.parameters import count, positive
-from impact_env.periodic.approach import Approach, hold
+from impact_env.periodic.approach import Approach, hold, start_from
 from impact_env.periodic.classify import Classified, Criteria, Kind, Window, classify
 from impact_env.periodic.residence import finished
 from impact_env.response import History, Record, Response
-from impact_env.scene import InitialState, Scene
+from impact_env.scene import Scene
 from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
@@ -86,14 +86,6 @@ def _energies(scene: Scene, history: History, account: EnergyAccount) -> Energie
     return Energies(float(np.mean(share)), float(np.max(share)), modal, impact, friction, damper)
 
 
-def start_from(scene: Scene, state: Array) -> InitialState:
-    """Return a state (2 N_m + 2,) as a start; one that rounding put beyond a wall is put on it."""
-    n, cavity = scene.model.modes, scene.cavity(0)
-    tip = float(scene.model.tip_shape @ state[:n])
-    gap = np.inf if cavity is None else cavity.gap
-    return InitialState(state[:n], state[n + 1 : -1], tip + float(np.clip(state[n] - tip, -gap, gap)), float(state[-1]))
-
-
 def stationary(scene: Scene, settled: Drive, periods: int, criteria: Criteria | None = None) -> Stationary:
     """Return the response over ``periods`` of the force after the run ``settled``, at the frequency that it ended with.
 
@@ -112,6 +104,17 @@ def stationary(scene: Scene, settled: Drive, periods: int, criteria: Criteria | 
     return Stationary(classify(window, criteria), _energies(scene, response.history, response.energy), window.peaks)
 
 
+@dataclass(frozen=True)
+class _Settled:
+    """What is measured of a lane: its stationary response. Plain data, so that other processes can do it."""
+
+    periods: int
+    criteria: Criteria | None
+
+    def __call__(self, lane: Lane) -> Stationary:
+        return stationary(lane.scene, lane.drive, self.periods, self.criteria)
+
+
 def stationary_members(
     scene: Scene,
     force: float,
@@ -124,13 +127,14 @@ def stationary_members(
     *,
     threads: int | None = None,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> list[Stationary]:
     """Return the stationary responses at one frequency ratio, one for each initial phase (rad) of the force (N).
 
     ``settle`` pseudo periods at the ratio come before the window of ``periods`` of the force. Interruption and errors as in `residence.stays`.
     """
     lanes = [Lane(scene, hold(approach, force, ratio, settle, phase)) for phase in phases]
-    return finished(each_lane(lanes, lambda lane: stationary(lane.scene, lane.drive, periods, criteria), threads=threads, progress=progress))
+    return finished(each_lane(lanes, _Settled(periods, criteria), threads=threads, progress=progress, executor=executor))
 
 
 def envelope(members: Sequence[Stationary], quantiles: Sequence[float] = QUANTILES) -> Array:

@@ -16,6 +16,7 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.fold_map import closed_folds, level_places
 from impact_env.periodic.folds import Fold, fold_near, level_fold, mended_fold
 from impact_env.periodic.green import NoOrbit, solution_of
+from impact_env.periodic.lowest_fold import lowest_level
 from impact_env.periodic.orbit import Orbit, confirmed, consistent
 from impact_env.periodic.orbit_branches import orbit_branches
 from impact_env.periodic.survey import branches_from, closed_form_orbits
@@ -110,7 +111,8 @@ def _same(one: LocatedFold, other: LocatedFold) -> bool:
 def thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...]:
     """Return births and mergers of isolas of symmetric two-impact orbits between two frequency ratios, those that are no orbits too.
 
-    They are valleys and ridges of the closed form's fold force, found again with all reversals where something turns.
+    They are valleys and ridges of the closed form's fold force, found again with all reversals where something turns: by Newton's method on the
+    fold's own conditions, and along branches over the force where that does not settle. Ctrl-C breaks it off.
     """
     found = []
     for kind, force, omega in level_places(case, low, high):
@@ -118,6 +120,9 @@ def thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...]:
         fold = _both_folds(at, "force")[0]
         if not isinstance(fold, NoOrbit) and fold.motion.solution.schedule.reversals:
             fold = level_fold(fold, NEAR * omega)
+        if isinstance(fold, NoOrbit) and case.friction_limit > 0:
+            again = lowest_level(at, kind, NEAR * omega)
+            fold = again if not isinstance(again, NoOrbit) else NoOrbit(at, fold.schedule, f"{fold.reason}; {again.reason}", fold.phases)
         here = at if isinstance(fold, NoOrbit) else fold.case
         found.append(Threshold(kind, here.force, here.omega_ratio, _orbit_of(fold)))
     return tuple(found)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import ParameterError, count, positive, require
+from impact_env.periodic.approach import start_from
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, orbit_at, shot_orbit
@@ -31,10 +32,8 @@ def state_after(case: Case, periods: float, initial: InitialState | None = None,
 
 
 def initial_of(case: Case, state: Array) -> InitialState:
-    """Return a state (2 N_m + 2,) as a start; one that rounding put beyond a wall is put on it."""
-    n = case.model.modes
-    tip = float(case.model.tip_shape @ state[:n])
-    return InitialState(state[:n], state[n + 1 : -1], tip + float(np.clip(state[n] - tip, -case.gap, case.gap)), float(state[-1]))
+    """Return a state (2 N_m + 2,) as a start of a case's scene, as `start_from`."""
+    return start_from(case.scene, state)
 
 
 def recorded(case: Case, state: Array, phase: float, periods: int) -> Response:

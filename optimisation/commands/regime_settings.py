@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from impact_env.ensemble import Executor
 from impact_env.parameters import positive, require
 from impact_env.periodic.jump import Range
 from optimisation.command_line import BadInput
@@ -36,15 +37,16 @@ def own_case(given: dict[str, Any]) -> Case:
     return Case("own", str(scene), scene, given["force"], given["approach"] or first, ratios, given["slowness"], sweep, tuple(sorted(ratios)))
 
 
-def chosen_settings(given: dict[str, Any]) -> Settings:
-    """Return what to compute. Raises BadInput or ParameterError."""
+def chosen_settings(given: dict[str, Any], executor: Executor | None = None) -> Settings:
+    """Return what to compute, by an executor as in `run_lanes`. Raises BadInput or ParameterError."""
     own = is_own(given)
     picked = (own_case(given),) if own else cases()
     counts = {} if given["members"] is None else dict.fromkeys(("stay_members", "sweep_members", "kind_members"), given["members"])
     times = {} if given["silence"] is None else {"silence": given["silence"]}
     if given["quick"] and not own:
         picked = tuple(_thinned(case) for case in picked)
-    return Settings(picked, **{**(QUICK if given["quick"] else {}), **counts, **times}, seed=given["seed"], threads=given["threads"])
+    chosen = {**(QUICK if given["quick"] else {}), **counts, **times}
+    return Settings(picked, **chosen, seed=given["seed"], threads=given["threads"], executor=executor)
 
 
 def _thinned(case: Case) -> Case:

@@ -7,9 +7,11 @@ import pytest
 from orbit_cases import Array, high_orbit, isola, many_reversals, one_sided, paper_case
 
 from impact_env.periodic.fold_map import BIRTH, MERGER
-from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.folds import beside
+from impact_env.periodic.green import NoOrbit, unknowns_of
 from impact_env.periodic.isolas import Threshold, folds, threshold_map, thresholds
-from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.lowest_fold import lowest_fold
+from impact_env.periodic.orbit import Orbit, orbit_at
 from impact_env.periodic.survey import closed_form_orbits, crossings, orbits_over, same
 from impact_env.periodic.tracing import PULLING, orbit_branch
 from impact_env.periodic.validation import BAR
@@ -130,3 +132,24 @@ def test_a_map_over_restitution_repeats_single_thresholds() -> None:
         single = thresholds(case.changed(restitution=value), 0.88, 1.0)
         assert [(t.kind, t.force, t.omega_ratio) for t in found] == [(t.kind, t.force, t.omega_ratio) for t in single]
         assert np.all((named(found, MERGER)[:, 0] > 2.34) & (named(found, MERGER)[:, 0] < 2.53))
+
+
+def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() -> None:
+    """N_m = 5, e = 0.7: Newton's method on the fold's conditions runs from one order of reversals to the other at the outer valley and ridge."""
+    case = paper_case(5, 1.0, 1.0, 0.7, 0.01)
+    birth, merger = thresholds(case, 0.91, 0.93)
+    for threshold, kind, side in ((birth, BIRTH, 1), (merger, MERGER, -1)):
+        assert threshold.kind == kind
+        assert isinstance(threshold.orbit, Orbit), threshold
+        assert threshold.orbit.schedule.reversals >= 4
+        assert threshold.orbit.residual < 1e-10
+        assert np.min(np.abs(threshold.orbit.stability.multipliers - 1)) < 1e-3  # a fold: half-period multiplier +1
+        for share in (-5e-4, 5e-4):
+            next_to = lowest_fold(threshold.orbit.case.changed(omega=threshold.orbit.case.omega * (1 + share)))
+            assert not isinstance(next_to, NoOrbit)
+            assert side * next_to.case.force > side * threshold.force
+    assert isinstance(birth.orbit, Orbit)
+    case, schedule, z = birth.orbit.case, birth.orbit.schedule, unknowns_of(birth.orbit.solution)
+    start = beside(case, schedule, z, 1.001)
+    assert isinstance(orbit_at(case.changed(force=1.001 * birth.force), schedule, start), Orbit)
+    assert isinstance(orbit_at(case.changed(force=0.999 * birth.force), schedule, start), NoOrbit)

@@ -13,11 +13,14 @@ from tqdm import tqdm
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam
+from impact_env.periodic.balance_branches import frequency_problem, start_of_orbit
+from impact_env.periodic.balance_error import BALANCE_STEPS
 from impact_env.periodic.case import Case
-from impact_env.periodic.continuation import Steps
+from impact_env.periodic.continuation import Steps, both_ways
 from impact_env.periodic.fold_map import FEWEST, closed_folds, level_places, map_frequencies
 from impact_env.periodic.folds import fold_near
 from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
+from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.motion import motion_of
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
@@ -25,7 +28,7 @@ from impact_env.periodic.shooting import shoot
 from impact_env.periodic.stability import derivative_of, stability_of
 from impact_env.periodic.starts import orbit_of_simulation
 from impact_env.periodic.survey import attractors, closed_form_orbits
-from impact_env.periodic.symmetric import closed_form_branches, symmetric_schedule
+from impact_env.periodic.symmetric import closed_form, closed_form_branches, symmetric_schedule
 from impact_env.periodic.tracing import orbit_branch
 from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
 from optimisation.report.markdown import markdown
@@ -35,6 +38,7 @@ from optimisation.studies.study import Json, Study
 NAME = "benchmark_periodic"
 REPEATS, QUICK_REPEATS = 21, 3
 BRANCH_POINTS = 200
+BALANCE_POINTS = 250
 MOVED = 1e-3  # rad, units of impulse: how far from the orbit Newton's method begins
 FINE_STEPS = Steps(first=0.005, least=1e-8, most=0.02, points=BRANCH_POINTS)
 DIFFERENCE = 2e-7  # of each coordinate's unit, by which a run is disturbed
@@ -140,6 +144,18 @@ def residual_line(orbits: dict[str, Orbit], reach: tuple[float, float]) -> Line:
     return Line(f"largest residual by propagation, {len(each)} orbits", BAR, max(each), "", tuple(each))
 
 
+def balance_line(repeats: int) -> Line:
+    """Harmonic balance as in the paper: the isola of three modes at 20 harmonics, folds located, for 250 points."""
+    case, harmonics = case_at(3, 0.95, 1.5, 1.0, 0.01), 20
+    first, best = float(case.model.omega[0]), closed_form(case)[-1]
+    balance = harmonic_balance(case.scene, case.omega, case.force, harmonics)
+    z = balance.solved(start_of_orbit(balance, best.impulse, best.phase))
+    problem = frequency_problem(balance, 0.85 * first, 1.0 * first)
+    points = len(both_ways(problem, z, case.omega, BALANCE_STEPS))
+    what = f"harmonic balance, {harmonics} harmonics, {BALANCE_POINTS} branch points, 3 modes"
+    return timed(what, 5.0, "s", repeats, lambda: both_ways(problem, z, case.omega, BALANCE_STEPS), points / BALANCE_POINTS)
+
+
 def fold_line() -> Line:
     """Folds by Newton's method on their own conditions, against the discriminant of the closed form."""
     each = []
@@ -224,6 +240,7 @@ def measure(repeats: int) -> list[Line]:
         lambda: branch_line(f"{BRANCH_POINTS}-point branch with friction, 10 modes", 5.0, many, (0.967, 0.9712), slow),
         lambda: shooting_line("orbit with complete chatter by shooting, 3 modes, 26 impacts", held["chatter"], slow),
         lambda: shooting_line("orbit with a stuck phase by shooting, 10 modes, period 3, 158 reversals", held["stuck"], slow),
+        lambda: balance_line(QUICK_REPEATS),
         lambda: residual_line(orbits, (0.9, 1.0)),
         lambda: held_residual_line(held),
         fold_line,

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 
+from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam, count, finite, impact_absorber, positive, require
 from impact_env.periodic.approach import Approach
@@ -49,7 +50,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Settings:
-    """How much to compute, the same for all cases: members of each kind, and times in pseudo periods (the window's in periods of the force)."""
+    """How much to compute, the same for all cases: members of each kind, and times in pseudo periods (the window's in periods of the force).
+
+    ``executor``: as in `run_lanes`.
+    """
 
     cases: tuple[Case, ...]
     stay_members: int = 200
@@ -62,6 +66,7 @@ class Settings:
     window: int = 300
     seed: int = 0
     threads: int | None = None
+    executor: Executor | None = None
     quick: bool = False
 
     def __post_init__(self) -> None:

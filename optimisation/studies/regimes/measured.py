@@ -43,7 +43,8 @@ def _phases(members: int, seed: int) -> list[float]:
 
 def _stay(case: Case, ratio: float, settings: Settings) -> list[Row]:
     drawn, length = _phases(settings.stay_members, settings.seed), settings.stay_periods
-    found = stays(case.scene, case.force, case.approach, ratio, length, drawn, settings.silence, threads=settings.threads)
+    at = (case.scene, case.force, case.approach, ratio)
+    found = stays(*at, length, drawn, settings.silence, threads=settings.threads, executor=settings.executor)
     rate, late = exit_rate(found, settings.burn_in), exit_rate(found, settings.burn_in + length / 8)
     pauses = found.longest_pauses
     return [
@@ -59,9 +60,8 @@ def _stay(case: Case, ratio: float, settings: Settings) -> list[Row]:
 def _sweep(case: Case, slowness: float, settings: Settings) -> list[Row]:
     assert case.sweep is not None
     drawn = _phases(settings.sweep_members, settings.seed + 1)
-    found = jumps(
-        case.scene, case.force, case.approach, case.sweep, slowness, drawn, settings.silence, case.high_level, threads=settings.threads
-    )  # fmt: skip
+    at, limits = (case.scene, case.force, case.approach, case.sweep, slowness, drawn), (settings.silence, case.high_level)
+    found = jumps(*at, *limits, threads=settings.threads, executor=settings.executor)
     low, high = found.interval()
     counts = {"runs": found.runs, "present": found.present, "jumped": found.jumped, "high_level": found.high}
     return [{"what": SWEEP, "case": case.name, "at": slowness, **counts, "share": _plain(found.share), "low": low, "high": high}]
@@ -69,9 +69,8 @@ def _sweep(case: Case, slowness: float, settings: Settings) -> list[Row]:
 
 def _responses(case: Case, ratio: float, settings: Settings) -> list[Row]:
     drawn = _phases(settings.kind_members, settings.seed)
-    members = stationary_members(
-        case.scene, case.force, case.approach, ratio, settings.settle, settings.window, drawn, threads=settings.threads
-    )  # fmt: skip
+    at, lengths = (case.scene, case.force, case.approach, ratio), (settings.settle, settings.window)
+    members = stationary_members(*at, *lengths, drawn, threads=settings.threads, executor=settings.executor)
     kinds = {kind.value: sum(member.found.kind is kind for member in members) for kind in Kind}
     multiples = [m for member in members if member.found.kind is Kind.PERIODIC and (m := member.found.multiple) is not None]
     peaks = dict(zip((f"peak_{100 * q:g}" for q in QUANTILES), envelope(members).tolist(), strict=True))
