@@ -149,7 +149,8 @@ def _structure(path: str, _changed: int) -> Structure:
 
 @lru_cache(maxsize=64)
 def _on_structure(path: str, changed: int, absorber: str, options: str) -> Scene:
-    model = replace(modal_model(_structure(path, changed)), response_shape=None)  # the environments read the level at the absorber's place
+    first = modal_model(_structure(path, changed)).with_absorber_at(1)
+    model = replace(first, response_shape=None)  # the environments read the level at the absorber's place
     return Scene(model, make_absorber(absorber, json.loads(options)))
 
 
