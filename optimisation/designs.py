@@ -160,7 +160,7 @@ class DesignSpace:
         """Return the space on a modal model with so many places for absorbers: a position is a choice among them."""
         at = [v.name for v in self.free if parts_of(v.name)[0] == POSITION]
         allowed = "left out on a modal model with one place: the absorber is where its shapes say, and its file lists no other place"
-        require(not at or number > 1, "position", at, allowed)
+        require(not at or number > 1, at[0] if at else POSITION, "free", allowed)
         for name, value in self.fixed.items():
             if parts_of(name)[0] == POSITION:
                 require(value in range(1, number + 1), name, value, f"the number of one of the structure's places for absorbers, 1 to {number}")

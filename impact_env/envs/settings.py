@@ -149,7 +149,7 @@ def _structure(path: str, _changed: int) -> Structure:
 
 @lru_cache(maxsize=64)
 def _on_structure(path: str, changed: int, absorber: str, options: str) -> Scene:
-    return Scene(modal_model(_structure(path, changed)), make_absorber(absorber, json.loads(options)))
+    return Scene(modal_model(_structure(path, changed)).with_absorber_at(1), make_absorber(absorber, json.loads(options)))
 
 
 @lru_cache(maxsize=64)

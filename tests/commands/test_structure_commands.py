@@ -120,7 +120,11 @@ def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyP
     ("name", "line", "message"),
     [
         ("design_gap", "--structure {steel} --force 1 --modes 3", "--modes does not go with --structure"),
-        ("design_gap", "--structure {frame} --force 1 --position 0.5", "--position does not go with"),
+        (
+            "design_gap",
+            "--structure {frame} --force 1 --position 0.5",
+            "position = 0.5 is not allowed: the number of one of the structure's places for absorbers, 1 to 1",
+        ),
         ("tune_ltva", "--structure {steel} --damping 0.1", "--damping does not go with --structure"),
         ("orbits", "--structure {steel} --modes 3", "--modes does not go with --structure"),
         ("isola", "--structure {steel} --damping 0.1", "--damping does not go with --structure"),
@@ -130,7 +134,7 @@ def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyP
         ("compare_absorbers", "--structure {steel} --gap 1e-3 --force 1", "gap = 0.001 is not allowed: left out beside a force"),
         ("compare_absorbers", "--structure {steel} --resonances 1 99", "resonance = 99 is not allowed: a mode of the model, 1 to 10"),
         ("optimise_design", "--structure {steel} --at 1:1 --resonances 1 2", "--resonances = (1, 2) is not allowed: beside --at"),
-        ("optimise_design", "--structure {frame} --free position", "position = 1.0 is not allowed: left out on a modal model"),
+        ("optimise_design", "--structure {frame} --free position", "position = 'free' is not allowed: left out on a modal model"),
     ],
 )
 def test_bad_input_is_one_line(name: str, line: str, message: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -109,6 +109,16 @@ def test_one_absorber_is_at_the_first_place_and_not_where_the_level_is_read(stru
     assert "absorber_shapes_per_sqrt_kg" not in model
 
 
+def test_an_environment_has_its_absorber_at_the_first_place(structure: ModalModel, tmp_path: Path) -> None:
+    pytest.importorskip("gymnasium")
+    from impact_env.envs.settings import Settings
+
+    model = Settings(structure=str(write(tmp_path)), absorber_options={"mass_ratio": 0.01}).scene.model
+    np.testing.assert_array_equal(model.level_shape, structure.places[0])
+    np.testing.assert_array_equal(model.tip_shape, structure.places[0])
+    assert model.absorber_shapes is None
+
+
 def test_damage_of_the_files_strain_is_that_of_the_moment_at_the_clamp(structure: ModalModel) -> None:
     objective = (Objective("damage"),)
     own, beam = (problem(s, objectives=objective) for s in (structure, BEAM))

@@ -8,6 +8,7 @@ from pathlib import Path
 import benchmark_periodic
 import pytest
 from click.testing import CliRunner
+from places import ROOT
 
 from optimisation.studies.benchmarks import periodic
 
