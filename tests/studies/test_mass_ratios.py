@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+import mass_ratios
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -13,9 +13,6 @@ from impact_env import Beam, modal_model
 from optimisation.bounds import design_gap, reach
 from optimisation.commands import mass_table
 from optimisation.gap_check import check_gap, scaled_absorber
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "scripts"))
-import mass_ratios
 
 MODEL = modal_model(Beam(modes=2))
 
