@@ -161,7 +161,7 @@ def _words(values: Json) -> str:
     if "friction" in values:
         tried = values["friction"]
         none_level = float(np.interp(PAPERS_BEST[1], read(first)[NONE].forces, read(first)[NONE].median))
-        lines = [(f"{x:g}", interval(np.array(row) / none_level, "{:.3f}")) for x, row in zip(tried["limit"], tried["level"], strict=True)]
+        lines = [(f"{x:.3g}", interval(np.array(row) / none_level, "{:.3f}")) for x, row in zip(tried["limit"], tried["level"], strict=True)]
         blocks.append(markdown((f"friction limit of the damper at {PAPERS_BEST[1]:g} N, N", "level over no absorber"), lines))
     return "\n\n".join(blocks)
 
@@ -262,7 +262,8 @@ def _second(values: Json) -> list[Claim]:
     return [
         said("optimum_second", "second resonance: the best operating point lies at about 35 N", "6", best, _about(PAPERS_BEST[2]),
              f"The best forces of single members, 15 % either way count as about; near them the curve is flat: at "
-             f"{none.forces[near]:.3g} N the level over no absorber is {interval(impact.relative(none)[near])}.",
+             f"{none.forces[near]:.3g} N the level over no absorber is {interval(impact.relative(none)[near])}. The design rule, "
+             f"which needs no run, says {part['design_force']:.3g} N.",
              unit=" N", form="{:.1f}", at_step=at_step),
         said("wide_second", "second resonance: over a wide range the absorber is much better than the damper", "6",
              [span(none.forces, (impact.median < MUCH * friction.median) & (impact.impacting > 0.5))], (WIDE, INFINITY),
