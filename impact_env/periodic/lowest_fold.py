@@ -26,6 +26,7 @@ STEPS = Steps(first=0.01, least=1e-7, most=0.1, points=250)
 COARSE = 1e-5  # of the frequency: how sharply a level place is found before Newton's method finishes it
 EDGE = 0.02  # of the range: a level place this close to its end lies elsewhere
 SAME = 1e-3  # of the force
+BESIDE, JUMP = 1e-4, 5e-4  # of frequency and force: where the smallest force changes faster than so it has gone over to another fold
 
 
 def lowest_fold(case: Case) -> Fold | NoOrbit:
@@ -79,6 +80,10 @@ def lowest_level(case: Case, kind: str, reach: float) -> Fold | NoOrbit:
     best = min(known.values(), key=lambda fold: sign * fold.case.force)
     if min(best.case.omega - low, high - best.case.omega) < EDGE * (high - low):
         return NoOrbit(best.case, best.motion.solution.schedule, "its level fold lies elsewhere", best.motion.solution.phases)
+    for omega in (best.case.omega * (1 - BESIDE), best.case.omega * (1 + BESIDE)):
+        next_to = lowest_fold(best.case.changed(omega=omega))
+        if isinstance(next_to, NoOrbit) or abs(next_to.case.force / best.case.force - 1) > JUMP:
+            return NoOrbit(best.case, best.motion.solution.schedule, "the smallest force jumps there", best.motion.solution.phases)
     finished = level_fold(best, reach)
     if isinstance(finished, Fold) and abs(finished.case.force / best.case.force - 1) < SAME:
         return finished
