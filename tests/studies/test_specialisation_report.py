@@ -14,8 +14,9 @@ from click.testing import CliRunner
 from places import ROOT
 
 from optimisation.files import write_json
+from optimisation.studies import variants
 from optimisation.studies.machine import conditions
-from optimisation.studies.specialisation import probe, results, scenes, study
+from optimisation.studies.specialisation import probe, results, study
 from optimisation.studies.study import Measured
 
 
@@ -83,17 +84,17 @@ def test_parts_that_save_nothing_are_named() -> None:
 
 
 def test_pairs_share_the_kernels_of_the_scenes() -> None:
-    kinds = {variant.kind for variant in scenes.own(quick=False)}
-    for pair in scenes.PAIRS:
+    kinds = {variant.kind for variant in variants.own(quick=False)}
+    for pair in variants.PAIRS:
         assert pair.without.kind in kinds
         assert pair.switched_off.kind in kinds
-    assert len(scenes.pairs(quick=False)) == len(scenes.PAIRS)
-    assert 0 < len(scenes.pairs(quick=True)) < len(scenes.PAIRS)
+    assert len(variants.pairs(quick=False)) == len(variants.PAIRS)
+    assert 0 < len(variants.pairs(quick=True)) < len(variants.PAIRS)
 
 
-@pytest.mark.parametrize("variant", scenes.OWN)
-def test_scenes_can_be_built(variant: scenes.Variant) -> None:
-    assert variant.scene().model.modes == scenes.MODES
+@pytest.mark.parametrize("variant", variants.OWN)
+def test_scenes_can_be_built(variant: variants.Variant) -> None:
+    assert variant.scene().model.modes == variants.MODES
     assert variant.drive(3.0).schedule.periods == pytest.approx(3)
 
 
