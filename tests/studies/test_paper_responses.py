@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pytest
-from places import ROOT
 
 from impact_env import Beam, Exact, Moreau, beam_scene
 from impact_env.drive import linear_sweep
@@ -25,7 +24,7 @@ from optimisation.studies.paper.study import FIGURES
 from optimisation.studies.paper.words import between, middle, spread
 from optimisation.studies.study import Measured
 
-DOCS = ROOT / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 QUICK = Settings(Path("nowhere"), quick=True, threads=1)
 T = TypeVar("T")
 R = TypeVar("R")
@@ -137,7 +136,8 @@ def test_stays_and_jumps_are_the_same_elsewhere() -> None:
 
 def test_numbers_in_words() -> None:
     values = [1.0, 2.0, 3.0, float("nan")]
-    assert spread(values, "{:.1f}") == "2.0 [1.1, 2.9]"
+    assert spread(values, "{:.1f}") == "2.0 (1.1 to 2.9)"
+    assert spread([1.0, 1.0], "{:.0f}", 100, " %") == "100 %"
     assert between(values, "{:.0f}", 10) == "10 to 30"
     assert between([1.001, 1.002], "{:.1f}") == "1.0"
     assert middle(values) == pytest.approx((1.1, 2.9))

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from impact_env.curve import BAND, quantiles
 from optimisation.studies.paper.claim import Claim, Verdict, judged
+from optimisation.studies.paper.words import spread
 
 INFINITY = float("inf")
 
@@ -21,8 +22,7 @@ def verdict(low: float, high: float, least: float, most: float, at_step: float |
 
 def interval(values: ArrayLike, form: str = "{:.2f}", unit: str = "") -> str:
     """Return median and 5 to 95 % of values in words."""
-    low, middle, high = (form.format(float(x)) for x in quantiles(np.asarray(values, dtype=float).ravel(), (BAND[0], 0.5, BAND[1])))
-    return f"{middle}{unit}" if low == high else f"{middle}{unit} ({low} to {high})"
+    return spread(values, form, unit=unit)
 
 
 def claim(

@@ -249,7 +249,7 @@ def _words(values: Json) -> str:
         lines = []
         for row in values[f"jumps, {EVERY}"]:
             n = row["periods_per_percent"]
-            told = "" if found is None else "{:.2f} [{:.2f}, {:.2f}]".format(*found.probability(n))
+            told = "" if found is None else "{:.2f} ({:.2f} to {:.2f})".format(*found.probability(n))
             shares = [next((_share(own) for own in values[f"jumps, {name}"] if own["periods_per_percent"] == n), "") for name in METHODS]
             lines.append((f"{n:g}", told, *shares))
         blocks.append("Share of sweeps down that reach the high branch:")
@@ -272,7 +272,7 @@ def _words(values: Json) -> str:
 
 
 def _share(row: Json) -> str:
-    return f"{row['reached']} of {row['runs']}: {row['share']:.2f} [{row['low']:.2f}, {row['high']:.2f}]"
+    return f"{row['reached']} of {row['runs']}: {row['share']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
 
 
 def _tables(measured: Measured) -> list[Table]:

@@ -31,7 +31,7 @@ def _rows(values: Json, slowness: float) -> tuple[Json, Json, Json | None]:
 
 
 def _said(row: Json) -> str:
-    return f"{row['share']:.2f} [{row['low']:.2f}, {row['high']:.2f}]"
+    return f"{row['share']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
 
 
 def _jump(values: Json) -> list[Claim]:

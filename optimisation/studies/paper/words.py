@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 from impact_env.curve import BAND, quantiles
 
 
-def spread(values: ArrayLike, form: str = "{:.3g}", factor: float = 1.0) -> str:
-    """Return median and 5 to 95 % of members, as "0.64 [0.55, 0.71]"; NaN is left out."""
+def spread(values: ArrayLike, form: str = "{:.3g}", factor: float = 1.0, unit: str = "") -> str:
+    """Return median and 5 to 95 % of members, as "0.64 (0.55 to 0.71)", the median alone where all read the same; NaN is left out."""
     low, middle, high = (form.format(factor * float(x)) for x in quantiles(np.ravel(values), (BAND[0], 0.5, BAND[1])))
-    return f"{middle} [{low}, {high}]"
+    return f"{middle}{unit}" if low == high else f"{middle}{unit} ({low} to {high})"
 
 
 def between(values: ArrayLike, form: str = "{:.3g}", factor: float = 1.0) -> str:
