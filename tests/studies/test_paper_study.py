@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from click.testing import CliRunner, Result
@@ -61,7 +61,7 @@ class Figures:
             return [Claim(f"{label} sum", "the sum is 3", "2.1", str(measured.values["second"]["sum"]), verdict, label, "It was another.")]
 
         part = figure_part(label, f"figure {label}", measure, lambda values: f"{label}: {values}", lambda _: {label: lambda path: path.touch()})
-        return SimpleNamespace(__file__=__file__, PART=part, parameters=lambda _: {"points": self.points}, claims=claims)
+        return SimpleNamespace(__name__=__name__, PART=part, parameters=lambda _: {"points": self.points}, claims=claims)
 
 
 @pytest.fixture
@@ -183,3 +183,10 @@ def test_the_page_has_a_section_for_each_figure() -> None:
     text = (ROOT / "docs" / "paper.md").read_text()
     for name in (*study.LABELS, CLAIMS):
         assert text.count(f"<!-- {marker(name)} -->") == 1, name
+
+
+def test_a_figures_numbers_come_from_what_its_module_takes_from_others() -> None:
+    names = {module.PART.name: {name.rsplit(".", 1)[1] for name in study.sources(cast(ModuleType, module))} for module in study.FIGURES}
+    assert {"vard", "second_mode", "account", "curve"} <= names["vard"]
+    assert names["conv"] == {"conv"}
+    assert not any(name.endswith("claims") or name == "words" for found in names.values() for name in found)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from pathlib import Path
+from types import ModuleType
+from typing import cast
 
 from impact_env.kernels.cache import digest
 from optimisation.studies.paper import (
@@ -34,6 +37,8 @@ PAPERS: tuple[PaperFigure, ...] = (high_low, jump, smr, oprange, oprange_two, va
 BEYOND: tuple[PaperFigure, ...] = (optimum, modulation, modes_needed, starts)
 FIGURES = (basics, *PAPERS, *BEYOND)  # in the order of the page
 LABELS = tuple(module.PART.name for module in FIGURES)
+PACKAGE = __package__ + "."
+WORDS = ("_claims", ".claim", ".claims", ".words", ".frame", ".judging", ".style", ".settings", ".study")
 OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
 
 
@@ -42,15 +47,27 @@ def place(out: Path) -> Place:
     return beside(out, NAME, out / NAME)
 
 
+def sources(module: ModuleType, known: frozenset[str] = frozenset()) -> frozenset[str]:
+    """Return the modules of this study that a module's numbers come from: itself and what it takes from others, but for what only words or draws."""
+    known |= {module.__name__}
+    taken = {getattr(value, "__module__", None) or getattr(value, "__name__", "") for value in vars(module).values()}
+    for name in sorted(str(name) for name in taken if str(name).startswith(PACKAGE) and not str(name).endswith(WORDS)):
+        if name not in known:
+            known |= sources(sys.modules[name], known)
+    return known
+
+
 def key(name: str, settings: Settings) -> Json:
-    """Return what the numbers of a part depend on: a finished figure is kept as long as it is the same, its module's source included.
+    """Return what the numbers of a part depend on: a finished figure is kept as long as it is the same, the sources of its numbers included.
 
     After a change of words only, --redraw takes the numbers as they are.
     """
     module = next(module for module in FIGURES if module.PART.name == name)
-    source = hashlib.sha256(Path(module.__file__ or "").read_bytes()).hexdigest()[:16]
-    known = {"quick": settings.quick, "seed": settings.seed, "kernels": digest(), "source": source, "parameters": module.parameters(settings)}
-    plain: Json = json.loads(json.dumps(known))
+    source = hashlib.sha256()
+    for each in sorted(sources(cast(ModuleType, module))):
+        source.update(Path(sys.modules[each].__file__ or "").read_bytes())
+    own = {"kernels": digest(), "source": source.hexdigest()[:16]}
+    plain: Json = json.loads(json.dumps({"quick": settings.quick, "seed": settings.seed, **own, "parameters": module.parameters(settings)}))
     return plain
 
 
