@@ -11,7 +11,8 @@ from impact_env.parameters import RigidWalls
 from impact_env.periodic.balance_error import COLUMNS
 from optimisation.command_line import check_target, end_early, name_files, plain_errors
 from optimisation.commands.balance_rows import computed
-from optimisation.files import write_csv, write_json
+from optimisation.commands.frequency_curves import FIGURES
+from optimisation.files import replacing, write_csv, write_json
 from optimisation.report.balance_table import text
 
 
@@ -29,19 +30,28 @@ from optimisation.report.balance_table import text
 @click.option("--branches/--no-branches", default=True, show_default=True, help="Follow and time the branch at each setting too.")
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the rows.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the rows.")
+@click.option(
+    "--figure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw errors and times over harmonics: .png, .pdf or .svg."
+)
 def main(**given: Any) -> None:
     """Compare harmonic balance with the exact orbit of the larger impulse, at one frequency and along its branch. Times are those of
     the processor; nothing is compiled."""
     with plain_errors():
         for option in ("json", "csv"):
             check_target(f"--{option}", given[option], (f".{option}",))
+        check_target("--figure", given["figure"], FIGURES)
         exact, rows, complete = computed(given)
         if given["json"] is not None:
             write_json(given["json"], {"complete": complete, "rows": [row.to_plain() for row in rows]})
         if given["csv"] is not None:
             write_csv(given["csv"], COLUMNS, (["" if v is None else v for v in row.to_plain().values()] for row in rows))
+        if given["figure"] is not None:
+            from optimisation.report.balance_figure import save_figure  # matplotlib is slow to import
+
+            with replacing(given["figure"]) as temporary:
+                save_figure(temporary, exact, rows, given["growing"])
     click.echo(text(exact, rows))
-    files = [given[option] for option in ("json", "csv") if given[option] is not None]
+    files = [given[option] for option in ("json", "csv", "figure") if given[option] is not None]
     if files:
         name_files(files)
     end_early(complete)

@@ -273,7 +273,8 @@ def test_bad_input_of_the_map(isola: ModuleType, options: tuple[object, ...], sa
 
 def test_error_of_harmonic_balance_falls_with_the_harmonics(error: ModuleType, tmp_path: Path) -> None:
     file = tmp_path / "error.json"
-    done = call(error, "--harmonics", "20,40", "--weights", "100", "--growing", "--json", file)
+    figure = tmp_path / "error.png"
+    done = call(error, "--harmonics", "20,40", "--weights", "100", "--growing", "--json", file, "--figure", figure)
     assert done.exit_code == 0, done.output
     first, second = json.loads(file.read_text())["rows"]
     assert (first["weight"], second["weight"]) == (100, 400)
@@ -283,5 +284,6 @@ def test_error_of_harmonic_balance_falls_with_the_harmonics(error: ModuleType, t
     assert 0 < second["tip_max_error"] < first["tip_max_error"] / 3
     assert first["first_fold_ratio"] == pytest.approx(0.926, abs=6e-4)
     assert abs(second["first_fold_ratio"] - 0.93361) < abs(first["first_fold_ratio"] - 0.93361) / 2
+    assert figure.read_bytes()[:4] == b"\x89PNG"
     assert call(error, "--harmonics", "ten").exit_code == 2
     assert "frequency = " in call(error, "--at", 0.9, "--force", 0.5).output
