@@ -27,15 +27,18 @@ from impact_env.periodic.tracing import PERIOD_DOUBLING, SYMMETRY_BREAKING, Orbi
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]  # what is done, how many frequencies or branches of how many (0: not known)
 MOST_EVENTS = 100  # on a branch: Newton's method takes the third power of them
+MOST_BRANCHES = 30  # in a range: without losses they leave one another without end
 STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=400)
 MARGIN = 0.02  # of the first resonance: how far beyond the range branches are followed, since a pair may leave there
 
 
-def descendants(branches: Iterable[OrbitBranch], limits: tuple[float, float], longest: int = MOST_MULTIPLE) -> Iterator[OrbitBranch | NoOrbit]:
+def descendants(
+    branches: Iterable[OrbitBranch], limits: tuple[float, float], longest: int = MOST_MULTIPLE, most: int = MOST_BRANCHES
+) -> Iterator[OrbitBranch | NoOrbit]:
     """Yield the branches in frequency, within limits in rad/s, that leave ``branches`` by broken symmetry or doubled periods, and so on.
 
     ``longest``: the largest multiple of the force's period. Of two branches that mirror each other one is followed, and none with more than
-    `MOST_EVENTS`: for that what comes is the reason. The last one has ended as `STOPPED` after Ctrl-C.
+    `MOST_EVENTS`, nor more than ``most`` in all: for those what comes is the reason. The last one has ended as `STOPPED` after Ctrl-C.
     """
     queue = list(branches)
     known: list[tuple[OrbitBranch, Array]] = []
@@ -47,6 +50,10 @@ def descendants(branches: Iterable[OrbitBranch], limits: tuple[float, float], lo
                 new = solution.schedule.period_multiple
                 if any(mirrors(places, solution) for other, places in known if other.schedules[0].period_multiple == new):
                     continue
+                if len(known) >= most:
+                    reason = f"{most} branches that leave others are followed in a range, and there are more"
+                    yield NoOrbit(solution.case, solution.schedule, reason, solution.phases)
+                    return
                 found = followed(solution, limits)
                 if isinstance(found, NoOrbit):
                     yield found
@@ -117,7 +124,7 @@ class _Search:
 
     def leave(self, branches: Iterable[OrbitBranch]) -> None:
         """Follow what leaves some branches, and what leaves that."""
-        self._join(descendants(branches, self.limits, self.longest))
+        self._join(descendants(branches, self.limits, self.longest, max(0, MOST_BRANCHES - len(self.branches))))
 
     def _join(self, branches: Iterable[OrbitBranch | NoOrbit]) -> None:
         """Follow branches, and add their orbits at each frequency."""

@@ -91,7 +91,7 @@ def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(monk
         assert result.exit_code == 0, result.output
         found = json.loads(target.read_text())
         assert found["force_N"] == pytest.approx(force)
-        result = call("orbits", monkeypatch, f"{line} --points 2")
+        result = call("orbits", monkeypatch, f"{line} --points 2 --symmetric")
         assert result.exit_code == 0, result.output
         for orbit in json.loads(target.read_text()):
             case = Case(model, orbit["omega_ratio"] * first, force, 1e-3, mass_ratio=0.01)
