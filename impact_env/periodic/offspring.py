@@ -129,9 +129,10 @@ class _Search:
     def _join(self, branches: Iterable[OrbitBranch | NoOrbit]) -> None:
         """Follow branches, and add their orbits at each frequency."""
         new: list[OrbitBranch] = []
+        left: list[NoOrbit] = []
         for branch in branches:
             if isinstance(branch, NoOrbit):
-                self.groups[0] = replace(self.groups[0], refused=(*self.groups[0].refused, branch))
+                left.append(branch)
                 continue
             new.append(branch)
             self._tell("branches", len(self.branches) + len(new), 0)
@@ -140,6 +141,7 @@ class _Search:
         self.branches += new
         for k, group in enumerate(self.groups):
             self.groups[k] = joined_by(group, new)
+        self.groups[0] = replace(self.groups[0], refused=(*self.groups[0].refused, *left))
 
     def settle(self) -> None:
         """Run from rest and from beside the orbits where none is stable, and follow what is found."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import EXAMPLES
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError
@@ -133,13 +133,21 @@ def test_all_orbits_over_a_range_have_pairs_doubled_periods_and_their_mirror_ima
 
 def test_another_structure_has_a_cascade_too() -> None:
     """The beam of docs/examples/steel_beam.toml with two modes and friction: every orbit of its survey is confirmed, also without symmetry."""
-    model = truncated(modal_model(load_structure(Path(__file__).resolve().parents[1] / "docs" / "examples" / "steel_beam.toml")), 2)
+    model = truncated(modal_model(load_structure(EXAMPLES / "steel_beam.toml")), 2)
     case = Case(model, float(model.omega[0]), 2.0, restitution=0.75, friction_limit=0.01)
     groups = list(all_orbits_over(case, np.linspace(0.9, 0.96, 5), longest=2))
     orbits = [orbit for group in groups for orbit in group.orbits]
     assert any(not orbit.schedule.symmetric for orbit in orbits)
     for orbit in orbits:
         assert orbit.residual < 1e-10
+
+
+def test_branches_without_end_are_left_with_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(offspring, "MOST_BRANCHES", 2)
+    case = Case(MODEL, FIRST, 1.5, restitution=0.8)
+    groups = list(all_orbits_over(case, np.array([0.93, 0.936]), settle=False))
+    assert any("there are more" in refused.reason for group in groups for refused in group.refused)
+    assert any(not orbit.schedule.symmetric for group in groups for orbit in group.orbits)
 
 
 def test_ctrl_c_in_a_branch_yields_what_is_known(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -114,7 +114,7 @@ def test_an_environment_has_its_absorber_at_the_first_place(structure: ModalMode
     from impact_env.envs.settings import Settings
 
     model = Settings(structure=str(write(tmp_path)), absorber_options={"mass_ratio": 0.01}).scene.model
-    np.testing.assert_array_equal(model.level_shape, structure.places[0])
+    np.testing.assert_array_equal(model.level_shape, structure.level_shape)
     np.testing.assert_array_equal(model.tip_shape, structure.places[0])
     assert model.absorber_shapes is None
 

@@ -105,11 +105,11 @@ def test_a_cluster_measures_the_same(tmp_path: Path) -> None:
     where, here = tmp_path / "there", tmp_path / "here"
     options = (*OWN, "--slowness", 50, "--approach", 1.0)
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50) as local:
-        done = call(*options, "--cluster", local.scheduler_address, "--out", where)
+        done = call(regimes, *options, "--cluster", local.scheduler_address, "--out", where)
         assert done.exit_code == 0, done.output
-    assert call(*options, "--threads", 1, "--out", here).exit_code == 0
+    assert call(regimes, *options, "--threads", 1, "--out", here).exit_code == 0
     for part in (JUMP, KINDS):
         assert rows(where, part) == rows(here, part)
-    refused = call(*options, "--cluster", "127.0.0.1:1", "--threads", 2, "--out", where)
+    refused = call(regimes, *options, "--cluster", "127.0.0.1:1", "--threads", 2, "--out", where)
     assert refused.exit_code == 2
     assert "--threads = 2" in refused.output
