@@ -55,6 +55,7 @@ def _rates(axes: Axes, rates: Sequence[Json]) -> None:
         x, 1e4 * y, 1e4 * np.array([y - low, high - y]), fmt="o", ms=3, lw=0.9, color=LOOKS[0].colour, label="exits over time at risk, 95 %"
     )
     axes.set_ylim(top=1.3e4 * float(high.max()))
+    axes.locator_params(axis="x", nbins=5)
     axes.set(xlabel=r"constant frequency $\Omega/\omega_1$", ylabel=r"rate of leaving, $10^{-4}$ per pseudo period")
 
 
