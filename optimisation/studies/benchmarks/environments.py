@@ -26,7 +26,7 @@ NAME = "speeds"
 PASSIVE, SWEEP = "ImpactAbsorber/Passive-v0", "ImpactAbsorber/SweepRate-v0"
 PASSAGE: dict[str, Any] = {"modes": 3, "force": 1.5, "interval": 1.0, "direction": "up", "limits": (0.98, 1.06)}
 SCENE = "3 modes, 1.5 N, e = 1, no friction; up from 0.98 times the first resonance at 1 % per 100 pseudo periods; one pseudo period a step"
-NATIVE, OWN, BRIDGE, TRAINED = (64, 1024, 16384), 64, 1024, 256
+NATIVE, OWN, BRIDGE, TRAINED = (64, 256, 1024, 16384), 64, 1024, 256
 SETTLE = 60  # steps before the clock starts: from rest to steady impacts
 SECONDS, QUICK_SECONDS, REPEATS = 4.0, 0.4, 3
 FIRST_STEP = (
