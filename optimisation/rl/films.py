@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from tqdm import tqdm
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
 from optimisation.files import replacing
+from optimisation.rl.agents import Agent
 
 with optional():
     import gymnasium
@@ -22,31 +24,35 @@ INTERVAL = 2.0625  # pseudo periods: frames show a slow motion, as under a strob
 COLOURS = 48
 
 
-def action_of(env: gymnasium.Env[Any, Any], action: float | None) -> Any:
-    """Return the constant action, or a random one."""
+def action_of(env: gymnasium.Env[Any, Any], observation: Any, action: float | Agent | None) -> Any:
+    """Return the constant action, an agent's, or a random one."""
     if action is None:
         return env.action_space.sample()
+    if isinstance(action, Agent):
+        return action.act(np.asarray(observation)[None])[0]
     return np.array([action], dtype=np.float32) if isinstance(env.action_space, gymnasium.spaces.Box) else 0
 
 
-def episode(name: str, mode: str, options: dict[str, Any], seed: int, action: float | None, most: int) -> tuple[list[np.ndarray], int]:
-    """Return the frames of an episode of one of `NAMES`, and how many of them are shown in a second; ``action`` None: a random one each time."""
-    env = gymnasium.make(NAMES[name], render_mode=mode, **options)
+def episode(name: str, mode: str, options: Mapping[str, Any], seed: int, action: float | Agent | None, most: int) -> tuple[list[np.ndarray], int]:
+    """Return the frames of an episode of an environment, and how many of them are shown in a second; ``action`` None: a random one each time."""
+    env = gymnasium.make(name, render_mode=mode, **options)
     try:
         return film(env, seed, action, most), int(env.metadata["render_fps"])
     finally:
         env.close()
 
 
-def film(env: gymnasium.Env[Any, Any], seed: int, action: float | None, most: int) -> list[np.ndarray]:
+def film(env: gymnasium.Env[Any, Any], seed: int, action: float | Agent | None, most: int) -> list[np.ndarray]:
     """Return the frames of an episode, at most ``most``; Ctrl-C ends it early."""
-    env.reset(seed=seed)
+    observation, _ = env.reset(seed=seed)
+    if isinstance(action, Agent):
+        action.start(1)
     env.action_space.seed(seed)
     frames, over = [env.render()], False
     with tqdm(total=most, desc="drawing", unit="frame", leave=False, disable=None) as bar:
         try:
             while not over and len(frames) < most:
-                _, _, end, cut, _ = env.step(action_of(env, action))
+                observation, _, end, cut, _ = env.step(action_of(env, observation, action))
                 frames.append(env.render())
                 over = end or cut
                 bar.update()

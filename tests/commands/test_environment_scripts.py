@@ -12,7 +12,10 @@ pytest.importorskip("stable_baselines3")
 import benchmark_envs
 import render_episode
 from PIL import Image
+from places import ROOT
 
+from optimisation.rl.agents import load_agent
+from optimisation.rl.play import play
 from optimisation.studies.benchmarks import environments
 
 
@@ -39,6 +42,18 @@ def test_random_film_follows_from_the_seed(tmp_path: Path) -> None:
         )
     first, again, other = (file.read_bytes() for file in files)
     assert first == again != other
+
+
+def test_an_agent_acts_in_its_own_environment(tmp_path: Path) -> None:
+    file = ROOT / "docs" / "agents" / "passage" / "ppo" / "seed-3" / "final.npz"
+    target = tmp_path / "agent.gif"
+    result = call(render_episode.main, "--agent", file, "--seed", 2000403, "--gif", target, "--frames", 3)
+    assert result.exit_code == 0, result.output
+    assert "3 frames" in result.output
+    played = play(load_agent(file), "ImpactAbsorber/SweepRate-v1", [2000403])
+    whole = call(render_episode.main, "--agent", file, "--seed", 2000403, "--gif", target)
+    assert f"{int(played.steps[0]) + 1} frames" in whole.output
+    assert call(render_episode.main, "--agent", file, "--interval", 3).exit_code == 2
 
 
 @pytest.mark.parametrize(
