@@ -20,6 +20,7 @@ from optimisation.rl.statistics import interval, profile
 from optimisation.rl.suite import FEEDBACK, ORACLE
 
 THRESHOLDS = 200
+RATES_SHOWN = (-4.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 2.0, 4.0)  # % per 100 pseudo periods
 COLOURS = {
     "PPO": "#0072B2",
     "RPPO": "#56B4E9",
@@ -116,11 +117,14 @@ def save_responses(path: Path, curves: Mapping[str, Any], title: str) -> None:
     for panel, words in zip(panels[0], ("impacts go on", "no impacts in the interval before"), strict=True):
         panel.set_title(f"{title}: {words}", fontsize=10)
         panel.set_yscale("symlog", linthresh=0.05)
+        low, high = panel.get_ylim()
+        shown = [rate for rate in RATES_SHOWN if low <= rate <= high]
+        panel.set_yticks(shown, [f"{rate:g}" for rate in shown])
         panel.set_xlim(float(ratio[-1]), float(ratio[0]))
     for panel in panels[-1]:
         panel.set_xlabel("frequency over the resonance")
     for row, key in zip(panels, keys, strict=True):
-        row[0].set_ylabel("rate in % per 100 pseudo periods (below 0: back)" if key == "rate" else "gap over the design rule's for the true force")
+        row[0].set_ylabel("rate, % per 100 pseudo periods\n(below 0: back)" if key == "rate" else "gap over the design rule's\nfor the true force")
     _finish(figure, list(panels.ravel()), path, 4)
 
 
