@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -52,7 +53,7 @@ def save_figure(path: Path, exact: Exact, rows: Sequence[BalanceRow], growing: b
     figure.savefig(path, dpi=DPI, format=path.suffix[1:])
 
 
-def _line(axes: Axes, rows: Sequence[BalanceRow], name: str, scale: float, **style: object) -> None:
+def _line(axes: Axes, rows: Sequence[BalanceRow], name: str, scale: float, **style: Any) -> None:
     known = [(row.harmonics, scale * abs(value)) for row in rows if (value := getattr(row, name)) is not None]
     if known:
         axes.plot(*zip(*known, strict=True), lw=1.3, ms=5, **style)
