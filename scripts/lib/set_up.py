@@ -18,7 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 EXPECTED = {
-    "main": "one to three minutes",
+    "main": "half a minute to two minutes",
     "test": "about half a minute",
     "env": "a few seconds",
     "clients": "a few seconds",
@@ -114,7 +114,7 @@ class SetUp:
         ]
         if stamp.exists() and all(file.stat().st_mtime <= stamp.stat().st_mtime for file in files):
             return
-        say("Compiling the kernels (once for each version of the sources, half a minute to a minute on two cores) ...")
+        say("Compiling the kernels (once for each version of the sources, some 20 s on two cores) ...")
         stamp.parent.mkdir(parents=True, exist_ok=True)
         command = [str(self.python), "-m", "impact_env.warm_up"]
         if subprocess.run(command, cwd=self.root, stdin=subprocess.DEVNULL, env={**os.environ, "IMPACT_ENV_CACHE": str(stamp.parent)}).returncode:
