@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 EXPECTED = {
     "main": "half a minute to two minutes",
     "test": "about half a minute",
+    "files": "a few seconds",
     "env": "a few seconds",
     "clients": "a few seconds",
     "rl": "several minutes, as torch is large",
