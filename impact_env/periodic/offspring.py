@@ -51,7 +51,7 @@ def descendants(
                 if any(mirrors(places, solution) for other, places in known if other.schedules[0].period_multiple == new):
                     continue
                 if len(known) >= most:
-                    reason = f"{most} branches that leave others are followed in a range, and there are more"
+                    reason = f"there are more branches that leave others than the {MOST_BRANCHES} that are followed in a range"
                     yield NoOrbit(solution.case, solution.schedule, reason, solution.phases)
                     return
                 found = followed(solution, limits)
@@ -137,11 +137,13 @@ class _Search:
             new.append(branch)
             self._tell("branches", len(self.branches) + len(new), 0)
             if branch.branch.ended == STOPPED:
-                raise KeyboardInterrupt
+                break
         self.branches += new
         for k, group in enumerate(self.groups):
             self.groups[k] = joined_by(group, new)
         self.groups[0] = replace(self.groups[0], refused=(*self.groups[0].refused, *left))
+        if new and new[-1].branch.ended == STOPPED:  # what was followed before Ctrl-C counts
+            raise KeyboardInterrupt
 
     def settle(self) -> None:
         """Run from rest and from beside the orbits where none is stable, and follow what is found."""
