@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from impact_env.drive import PAPER_RATE
 from impact_env.envs.kind import Kind
 from impact_env.envs.settings import Settings
 from impact_env.envs.shells import TaskEnv
@@ -16,7 +15,7 @@ from impact_env.extras import optional
 with optional():
     from gymnasium.spaces import Discrete
 
-DEFAULTS: dict[str, Any] = {"time_price": 0.0, "rate": PAPER_RATE}
+DEFAULTS: dict[str, Any] = {"time_price": 0.0}
 KIND = Kind(PassiveTask, (Settings, OneRate), DEFAULTS, partial(Discrete, 1))
 
 
@@ -42,7 +41,7 @@ class PassiveEnv(TaskEnv):
     Terminated when the far frequency is reached.
 
     ## Arguments
-    - ``rate`` (default 1) in % per 100 pseudo periods
+    - ``rate`` in % per 100 pseudo periods (default: what suits the damping of the resonance, `impact_env.drive.default_rate`; 1 for the paper's)
     - ``limits`` (default 0.9 to 1.06) and ``interval`` (default 5)
     - ``direction``, ``time_price``, ``objective``, ``fatigue_exponent`` and all arguments of scene, force, method, interval and
       observation: as in `SweepRateEnv`; the defaults of the scene are 3 modes and an impact absorber without friction

@@ -8,27 +8,29 @@ from functools import lru_cache
 import numpy as np
 
 from impact_env.controlled import ControlledRuns
-from impact_env.drive import PAPER_RATE
+from impact_env.drive import PAPER_RATE, default_rate
 from impact_env.scene import Scene
 
-CHUNK = 20.0  # pseudo periods
+CHUNK = 20.0  # pseudo periods at the paper's rate; slower ones have as many chunks
 
 
 @lru_cache(maxsize=64)
 def passage(scene: Scene, resonance: int, start: float, stop: float, samples_per_period: int, exponent: float, unit: float) -> tuple[float, float]:
-    """Return (response level in m, damage) of a beam without absorber in a sweep at the paper's rate under 1 N.
+    """Return (response level in m, damage) of a beam without absorber in a sweep at the rate that suits its damping, under 1 N.
 
     The sweep goes from ``start`` to ``stop`` (ratios of the resonance); the damage is the sum of |q_tip/unit|^exponent over its samples, 0 for an
     exponent of 0.
     """
     omega = scene.model.resonance_omega(resonance)
-    runs = ControlledRuns(Scene(scene.model), 1, omega, CHUNK, samples_per_period=samples_per_period, exponent=exponent, unit=unit, threads=1)
-    rate = math.copysign(PAPER_RATE / 1e4, stop - start)
+    percent = default_rate(scene.model, (resonance,))
+    chunk = CHUNK * PAPER_RATE / percent
+    runs = ControlledRuns(Scene(scene.model), 1, omega, chunk, samples_per_period=samples_per_period, exponent=exponent, unit=unit, threads=1)
+    rate = math.copysign(percent / 1e4, stop - start)
     periods, damage = (stop - start) / rate, 0.0
     runs.orders["force"] = 1.0
-    chunks = math.ceil(periods / CHUNK - 1e-9)
+    chunks = math.ceil(periods / chunk - 1e-9)
     for k in range(chunks):
-        time, after = k * CHUNK, min((k + 1) * CHUNK, periods)
+        time, after = k * chunk, min((k + 1) * chunk, periods)
         runs.orders["duration"] = (after - time) * 2 * np.pi / omega
         runs.orders["omega_start"] = (start + rate * time) * omega
         runs.orders["omega_stop"] = (start + rate * after) * omega

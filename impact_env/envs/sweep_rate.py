@@ -50,9 +50,9 @@ class SweepRateEnv(TaskEnv):
     The sum of all rewards is the score: minus the paper's resonant response level of the whole passage (RMS over 10 pseudo periods to either side of
     the maximum) relative to a reference, minus ``time_price`` for every 100 pseudo periods, and minus ``unfinished_price`` if the time budget is
     spent before the far frequency is reached: not to pass is no way to pass quietly. Each interval's reward is its change of that. The
-    reference is the level of a beam without absorber under the same force in a sweep at the paper's rate (1 % per 100 pseudo periods) over the
-    same range in the same direction, from the closed form. With ``objective="fatigue"`` damage takes the level's place: the sum over time of the
-    tip's displacement to the power ``fatigue_exponent``, relative to that of the reference passage.
+    reference is the level of a beam without absorber under the same force in a sweep at the rate that suits its damping (1 % per 100 pseudo
+    periods for the paper's) over the same range in the same direction, from the closed form. With ``objective="fatigue"`` damage takes the
+    level's place: the sum over time of the tip's displacement to the power ``fatigue_exponent``, relative to that of the reference passage.
 
     ## Starting State
     At rest, the absorber in the middle of the cavity, the frequency at one end of ``limits``. The phase of the force is drawn, and the direction and

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import PAPER_LIMITS, PAPER_RATE
+from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import OBJECTIVES, Range, Settings, one_of, span
@@ -149,26 +149,27 @@ class SweepTask(Task):
 class OneRate:
     """Arguments of a passage at one rate in % per 100 pseudo periods; `PassiveEnv` describes them."""
 
-    rate: float = PAPER_RATE
+    rate: float | None = None
     direction: str = Passage.direction
     limits: Range = Passage.limits
     time_price: float = Passage.time_price
     objective: str = Passage.objective
     fatigue_exponent: float = Passage.fatigue_exponent
 
-    def passage(self) -> Passage:
-        """Return the passage; the time suffices to finish it."""
+    def passage(self, settings: Settings) -> Passage:
+        """Return the passage, at the rate that suits the resonance's damping if none is given; the time suffices to finish it."""
+        rate = default_rate(settings.scene.model, (settings.resonance,)) if self.rate is None else positive("rate", self.rate)
         low, high = span("limits", self.limits)
-        budget = abs(high - low) / (positive("rate", self.rate) * PER_PERIOD)
+        budget = abs(high - low) / (rate * PER_PERIOD)
         own = {name: value for name, value in vars(self).items() if name != "rate"}
-        return Passage(rates=(self.rate, self.rate), time_budget=1.01 * budget + 1, **own)
+        return Passage(rates=(rate, rate), time_budget=1.01 * budget + 1, **own)
 
 
 class PassiveTask(SweepTask):
     """A passage at one rate."""
 
     def __init__(self, settings: Settings, way: OneRate, lanes: int) -> None:
-        super().__init__(settings, way.passage(), lanes)
+        super().__init__(settings, way.passage(settings), lanes)
 
     def rate(self, actions: NDArray[Any]) -> Array:  # noqa: ARG002 - there is no choice
         """Return the one rate for all lanes."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import PAPER_RATE, Drive, linear_sweep
+from impact_env.drive import Drive, default_rate, linear_sweep
 from impact_env.frequency import tip_response
 from impact_env.methods import Method
 from impact_env.parameters import RigidWalls, SlidingAbsorber, StuckAbsorber, finite, require
@@ -106,20 +106,26 @@ def linear_curves(scene: Scene, force: float, reference: float, low: float, high
     return LinearCurves(ratio, alone, held)
 
 
+def _rate(scene: Scene, reference: float) -> float:
+    return default_rate(scene.model, (int(np.argmin(np.abs(scene.model.omega - reference))) + 1,))
+
+
 def sweep_envelope(
     scene: Scene,
     force: float,
     reference: float,
     start: float,
     stop: float,
-    percent_per_100_periods: float = PAPER_RATE,
+    percent_per_100_periods: float | None = None,
     method: Method | None = None,
     phase: float = 0.0,
 ) -> SweepEnvelope:
     """Return the envelope of a sweep from rest, from one ratio of ``reference`` (rad/s) to another; ``method`` and errors as `simulate`.
 
-    ``phase``: the force's initial one in rad.
+    ``percent_per_100_periods``: None is what suits the damping of the resonance nearest to ``reference``; ``phase``: the force's initial one in rad.
     """
+    if percent_per_100_periods is None:
+        percent_per_100_periods = _rate(scene, reference)
     schedule = linear_sweep(reference, start, stop, percent_per_100_periods)
     response = simulate(scene, Drive(force, schedule, phase), method, record=Record(level=False, series=True))
     history = response.history
@@ -182,7 +188,7 @@ def overview(
     exact: bool,
     balance: Balance | None,
     sweeps: tuple[tuple[float, float], ...],
-    percent_per_100_periods: float = PAPER_RATE,
+    percent_per_100_periods: float | None = None,
     progress: Progress | None = None,
     pairs: bool = False,
     runs: StationaryRuns | None = None,
@@ -195,6 +201,7 @@ def overview(
     what is known so far. Raises ParameterError for bad values.
     """
     finite("force", force)
+    percent_per_100_periods = _rate(scene, reference) if percent_per_100_periods is None else percent_per_100_periods
     require(0 < low < high, "frequency range", (low, high), "two ratios of the resonance frequency above 0, the lower one first")
     curves: list[ResponseCurve] = []
     envelopes: list[SweepEnvelope] = []
