@@ -23,10 +23,10 @@ from impact_env.parameters import (
     TunedAbsorber,
     friction_damper,
     impact_absorber,
-    impact_absorbers,
 )
 from impact_env.response import Record, Response
 from impact_env.scene import InitialState, Scene, beam_scene
+from impact_env.shared_mass import impact_absorbers
 from impact_env.structure import StructureWarning, load_structure
 from impact_env.sweep import IntegrationError, simulate
 

@@ -33,10 +33,10 @@ from impact_env.parameters import (
     friction_law,
     positive,
     require,
-    shared_masses,
 )
 from impact_env.plain_structures import BEAM, MODEL, STRUCTURES
 from impact_env.scene import Scene, beam_scene
+from impact_env.shared_mass import shared_masses
 
 Plain = dict[str, Any]
 INFINITY = "infinity"  # JSON has no infinite number

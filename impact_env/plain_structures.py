@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,7 @@ HELD = "above 0: a motion that bends nothing has the frequency of its suspension
 
 
 def _model(
+    *,
     damping_ratio: list[float],
     force_shape: list[float],
     tip_shape: list[float],
@@ -199,30 +201,34 @@ def _ratios_of(given: Any, found: Any, modes: int) -> Any:
     return np.array([non_negative("damping_ratio", float(x)) for x in ratios])
 
 
-def _universal(
-    folder: Path,
-    file: str,
-    force: _Place,
-    absorber: list[_Place],
-    mass: float,
-    response: _Place | None,
-    modes: int | None,
-    damping_ratio: Any,
-    stress: list[_Strained] | None,
-) -> ModalModel:
-    path = folder / file
+@dataclass(frozen=True)
+class _Universal:
+    """What a table of a Universal File says."""
+
+    file: str
+    force: _Place
+    absorber: list[_Place]
+    mass: float
+    response: _Place | None = None
+    modes: int | None = None
+    damping_ratio: Any = None
+    stress: list[_Strained] | None = None
+
+
+def _of_universal(folder: Path, given: _Universal) -> ModalModel:
+    path = folder / given.file
     found = read_modes(path)
-    kept = found if modes is None else found[: count("modes", modes, 1, len(found))]
+    kept = found if given.modes is None else found[: count("modes", given.modes, 1, len(found))]
     measured = [mode.damping_ratio for mode in kept]
-    ratios = _ratios_of(damping_ratio, None if None in measured else measured, len(kept))
+    ratios = _ratios_of(given.damping_ratio, None if None in measured else measured, len(kept))
 
     def shape(name: str, place: _Place) -> Any:
         return at(kept, path, name, (place.node, place.direction))
 
-    places = [shape("absorber", place) for place in absorber]
-    read = None if response is None else shape("response", response)
-    strain = _strain(stress, lambda part: shape("stress", _Place(part.node, part.direction)))
-    return _placed([m.omega for m in kept], ratios, shape("force", force), places, read, mass, strain)
+    places = [shape("absorber", place) for place in given.absorber]
+    read = None if given.response is None else shape("response", given.response)
+    strain = _strain(given.stress, lambda part: shape("stress", _Place(part.node, part.direction)))
+    return _placed([m.omega for m in kept], ratios, shape("force", given.force), places, read, given.mass, strain)
 
 
 UNIVERSAL_KEYS: Keys = {
@@ -235,22 +241,6 @@ UNIVERSAL_KEYS: Keys = {
     "damping_ratio": ("damping_ratio", DAMPING_RATIO),
     "stress": ("stress", _one_or_list(STRAINED)),
 }
-
-
-def _universal_form(folder: Path) -> Sort:
-    def make(
-        file: str,
-        force: _Place,
-        absorber: list[_Place],
-        mass: float,
-        response: _Place | None = None,
-        modes: int | None = None,
-        damping_ratio: Any = None,
-        stress: list[_Strained] | None = None,
-    ) -> ModalModel:
-        return _universal(folder, file, force, absorber, mass, response, modes, damping_ratio, stress)
-
-    return form(make, UNIVERSAL_KEYS)
 
 
 @dataclass(frozen=True)
@@ -307,31 +297,23 @@ def _of_matrices(folder: Path, given: _Matrices) -> ModalModel:
     return _placed(modes.omega, ratios, shapes[force], places, read, given.structure_mass, strain)
 
 
-def _matrices_form(folder: Path) -> Sort:
-    def make(
-        mass: str,
-        stiffness: str,
-        units: str,
-        force: int,
-        absorber: list[int],
-        structure_mass: float,
-        damping: str | None = None,
-        response: int | None = None,
-        modes: int = MODES,
-        damping_ratio: Any = None,
-        suspension_frequency: float | None = None,
-        stress: list[_StrainedRow] | None = None,
-    ) -> ModalModel:
-        parts = (mass, stiffness, units, force, absorber, structure_mass, damping, response, modes, damping_ratio, suspension_frequency, stress)
-        return _of_matrices(folder, _Matrices(*parts))
+def _beside_files(table: type, model: Callable[[Path, Any], ModalModel], keys: Keys) -> Callable[[Path], Sort]:
+    """Return, for a folder, the form of a ``table`` that names files in it, from which ``model`` makes what is read."""
 
-    return form(make, MATRIX_KEYS)
+    def of(folder: Path) -> Sort:
+        @wraps(table, updated=())  # the form asks for the table's arguments
+        def make(**given: Any) -> ModalModel:
+            return model(folder, table(**given))
+
+        return form(make, keys)
+
+    return of
 
 
 # kinds of structure -> the form of their table, for the folder in which the files lie that it names
 STRUCTURES: dict[str, Callable[[Path], Sort]] = {
     "beam": lambda _: BEAM,
     "model": lambda _: MODEL,
-    "universal": _universal_form,
-    "matrices": _matrices_form,
+    "universal": _beside_files(_Universal, _of_universal, UNIVERSAL_KEYS),
+    "matrices": _beside_files(_Matrices, _of_matrices, MATRIX_KEYS),
 }

@@ -122,7 +122,7 @@ def simulate(
         capacity = needed
     if tell is not None and status == observers.DONE:
         tell(end, end)
-    response = _response(scene, drive, method, start, state, room, interval, wall_time, status == observers.DONE)
+    response = _response(scene, drive, method, start, state, room, interval, wall_time=wall_time, complete=status == observers.DONE)
     if status != observers.DONE:
         raise _failure(response, counters, status)
     return response
@@ -150,7 +150,16 @@ def _failure(response: Response, counters: Counters, status: int) -> Integration
 
 
 def _response(
-    scene: Scene, drive: Drive, method: Method, start: Array, state: Array, room: Observers, interval: float, wall_time: float, complete: bool
+    scene: Scene,
+    drive: Drive,
+    method: Method,
+    start: Array,
+    state: Array,
+    room: Observers,
+    interval: float,
+    *,
+    wall_time: float,
+    complete: bool,
 ) -> Response:
     """Return what was observed, up to the time reached if the run is not complete."""
     counts = room.counters.counts

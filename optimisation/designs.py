@@ -20,10 +20,10 @@ from impact_env.parameters import (
     TunedAbsorber,
     friction_damper,
     impact_absorber,
-    impact_absorbers,
     require,
 )
 from impact_env.scene import Scene
+from impact_env.shared_mass import impact_absorbers
 from optimisation.extremes import usable_mass_ratio
 from optimisation.mounting import scene_on
 from optimisation.units import Units, paper_units, parts_of

@@ -87,7 +87,8 @@ def main(
         require_writable("--out", out)
         rate = default_rate(model, (resonance,)) if rate is None else usable_rate("--rate", rate, [PAPER_LIMITS])
         click.echo("\n".join(answer(model, mass_ratio, force, resonance, rate)))
-        check = simulated(model, force, resonance, absorber, gaps, members, seed, rate, threads, cluster)
+        amount = {"gaps": gaps, "members": members, "seed": seed}
+        check = simulated(model, force, resonance, absorber, **amount, rate=rate, threads=threads, cluster=cluster)
         files = write(out, check)
     click.echo("\n" + text(check))
     name_files(files)

@@ -59,19 +59,8 @@ class GapChoiceEnv(TaskEnv):
     - ``frequency_ratio`` to the resonance, or a pair (low, high) from which each episode draws (default 0.97 to 1.01)
     - ``time_budget`` (default 1000) in pseudo periods, rounded up to whole intervals
     - ``objective``: "rms" or "fatigue"; ``fatigue_exponent``
-    - ``absorber``: "impact" (default), "friction", "tuned", "stuck" or "none"; ``absorber_options``: its values in SI units, by name: ``mass_ratio``,
-      ``gap``, ``restitution``, ``friction_limit``, ``contact_stiffness``, ``friction_stiffness`` (both make contact compliant), ``stiffness``,
-      ``damping``
-    - ``modes`` of the beam; ``beam``: other values of `impact_env.Beam`, by name
-    - ``whole_scene``: a whole scene in place of the lines above, as an `impact_env.Scene` or in plain form (docs/scenes.md): any structure
-    - ``resonance`` (default 1): the one that is meant, counted from 1; its period is the pseudo period
-    - ``force``: amplitude in N, or a pair (low, high) from which the schedule draws (default 0.5 to 6)
-    - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``
-    - ``interval`` (default 5): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
-    - ``observation_noise`` (default 0): standard deviation of what is added to each scaled feature that is measured (1 to 6 and 9);
-      ``observation_delay`` (default 0): their delay in intervals
-    - ``raw_state`` (default False): put the state into info: modal displacements, absorber displacement, modal velocities, absorber velocity
-    - ``threads`` (default: all cores): of the vector environment; the numbers do not depend on it
+    - ``force`` (default 0.5 to 6): in N, or a pair (low, high) from which the schedule draws; ``absorber_options`` (default restitution 0.7)
+    - those of every environment: `impact_env.envs.settings.Settings` describes scene, method, interval and observation
     - ``render_mode``: None, "rgb_array" or "human"
 
     The absorber must be an impact absorber with rigid walls. Bad values raise `impact_env.ParameterError`, a step before a reset or after the end

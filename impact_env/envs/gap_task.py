@@ -22,7 +22,7 @@ OBJECTIVES = ("rms", "fatigue")
 
 @dataclass(frozen=True)
 class GapControl:
-    """Arguments of the choice of the gap; `GapChoice` describes them."""
+    """Arguments of the choice of the gap; `GapChoiceEnv` describes them."""
 
     gap_limits: Range = (0.1e-3, 3e-3)
     hold: Range = (100.0, 300.0)

@@ -43,8 +43,8 @@ class PassiveEnv(TaskEnv):
     ## Arguments
     - ``rate`` in % per 100 pseudo periods (default: what suits the damping of the resonance, `impact_env.drive.default_rate`; 1 for the paper's)
     - ``limits`` (default 0.9 to 1.06) and ``interval`` (default 5)
-    - ``direction``, ``time_price``, ``objective``, ``fatigue_exponent`` and all arguments of scene, force, method, interval and
-      observation: as in `SweepRateEnv`; the defaults of the scene are 3 modes and an impact absorber without friction
+    - ``direction``, ``time_price``, ``objective``, ``fatigue_exponent``: as in `SweepRateEnv`
+    - those of every environment: `impact_env.envs.settings.Settings` describes scene, force, method, interval and observation
 
     ## Version History
     - v0: first version

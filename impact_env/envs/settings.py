@@ -166,7 +166,25 @@ def with_defaults(defaults: Mapping[str, Any], arguments: Mapping[str, Any]) -> 
 
 @dataclass(frozen=True)
 class Settings:
-    """Arguments that all environments share; each environment's docstring describes them."""
+    """Arguments that all environments share.
+
+    - ``absorber``: "impact" (default), "friction", "tuned", "stuck" or "none"; ``absorber_options``: its values in SI units, by name: ``mass_ratio``,
+      ``gap``, ``restitution``, ``friction_limit``, ``contact_stiffness``, ``friction_stiffness`` (both make contact compliant), ``stiffness``,
+      ``damping``
+    - ``modes`` of the beam (default 3); ``beam``: other values of `impact_env.Beam`, by name
+    - ``structure``: the name of a file that describes a structure, in place of ``beam`` and ``modes`` (docs/your_structure.md)
+    - ``whole_scene``: a whole scene in place of the lines above, as an `impact_env.Scene` or in plain form (docs/scenes.md): any structure
+    - ``resonance`` (default 1): the one that is meant, counted from 1; its period is the pseudo period
+    - ``force`` (default 1.5): amplitude in N, or a pair (low, high) from which each episode draws
+    - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``
+    - ``interval`` (default 5): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
+    - ``observation_noise`` (default 0): standard deviation of what is added to each scaled feature that is measured (1 to 6 and 9);
+      ``observation_delay`` (default 0): their delay in intervals
+    - ``raw_state`` (default False): put the state into info: modal displacements, absorber displacement, modal velocities, absorber velocity
+    - ``threads`` (default: all cores): of the vector environment; the numbers do not depend on it
+
+    Defaults are those of this class; an environment with others says so. Bad values raise `impact_env.ParameterError` that names the argument.
+    """
 
     absorber: str = "impact"
     absorber_options: Mapping[str, Any] = field(default_factory=dict)

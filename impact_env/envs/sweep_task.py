@@ -27,7 +27,7 @@ PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequ
 
 @dataclass(frozen=True)
 class Passage:
-    """Arguments of a passage; `SweepRate` describes them."""
+    """Arguments of a passage; `SweepRateEnv` describes them."""
 
     direction: str = "down"
     limits: Range = PAPER_LIMITS

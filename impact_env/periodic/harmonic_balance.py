@@ -213,6 +213,7 @@ def harmonic_balance(
     harmonics: int = 20,
     weight: float = WEIGHT,
     friction_weight: float = FRICTION_WEIGHT,
+    *,
     grounded_damper: float = 0.0,
     symmetric: bool = True,
     multiple: int = 1,

@@ -179,60 +179,100 @@ def balance_curves(balance: Balance, reference: float, low: float, high: float, 
             raise KeyboardInterrupt
 
 
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What is shown beside the linear responses; a part that is absent is None, False or empty.
+
+    ``exact``: exact orbits, ``pairs``: also those without symmetry. ``balance``: harmonic balance. ``sweeps``: pairs of ratios, from and to, swept
+    at a rate in % per 100 pseudo periods (None: what suits the damping). ``runs``: the stationary responses of many runs.
+    """
+
+    exact: bool = False
+    pairs: bool = False
+    balance: Balance | None = None
+    sweeps: tuple[tuple[float, float], ...] = ()
+    percent_per_100_periods: float | None = None
+    runs: StationaryRuns | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """The pieces that are asked for, one after the other; arguments as in `overview`."""
+
+    scene: Scene
+    force: float
+    reference: float
+    low: float
+    high: float
+    asked: Asked
+    progress: Progress | None
+    keep: Keep
+
+    def curves(self) -> Iterator[ResponseCurve]:
+        """Yield the curves of exact orbits, then those of harmonic balance."""
+        asked, at = self.asked, (self.reference, self.low, self.high)
+        if asked.exact:
+            name: dict[str, Any] = {"piece": "exact", "range": [self.low, self.high], "pairs": asked.pairs}
+            exact = partial(exact_curves, self.scene, self.force, *at, asked.pairs, self.progress)
+            yield from self.keep(name, exact, ResponseCurve.from_plain)
+        if asked.balance is not None:
+            linear, law = asked.balance.linear, repr(asked.balance.law)
+            name = {"piece": "balance", "range": [self.low, self.high], "harmonics": linear.harmonics, "law": law}
+            name["damper"] = getattr(linear, "grounded_damper", None)
+            yield from self.keep(name, partial(balance_curves, asked.balance, *at, self.progress), ResponseCurve.from_plain)
+
+    def sweeps(self) -> Iterator[SweepEnvelope]:
+        """Yield the envelope of each sweep."""
+        given = self.asked.percent_per_100_periods
+        rate = _rate(self.scene, self.reference) if given is None else given
+        for start, stop in self.asked.sweeps:
+            name = {"piece": "sweep", "from": start, "to": stop, "rate": rate}
+            yield from self.keep(name, partial(self._swept, start, stop, rate), SweepEnvelope.from_plain)
+
+    def stationary(self) -> Iterator[Stationary]:
+        """Yield the stationary responses at each ratio."""
+        runs = self.asked.runs
+        for ratio in () if runs is None else runs.ratios(self.low, self.high):
+            assert runs is not None
+            name = {"piece": "stationary", "at": ratio, **runs.settings}
+            yield from self.keep(name, partial(self._settled, runs, ratio), Stationary.from_plain)
+
+    def _swept(self, start: float, stop: float, rate: float) -> Iterator[SweepEnvelope]:
+        if self.progress is not None:
+            self.progress(f"sweep {start:g} to {stop:g}", 0, start * self.reference)
+        yield sweep_envelope(self.scene, self.force, self.reference, start, stop, rate)
+
+    def _settled(self, runs: StationaryRuns, ratio: float) -> Iterator[Stationary]:
+        if self.progress is not None:
+            self.progress(f"{runs.members} runs", 0, ratio * self.reference)
+        yield runs.at(self.scene, self.force, self.reference, ratio)
+
+
 def overview(
     scene: Scene,
     force: float,
     reference: float,
     low: float,
     high: float,
-    exact: bool,
-    balance: Balance | None,
-    sweeps: tuple[tuple[float, float], ...],
-    percent_per_100_periods: float | None = None,
+    asked: Asked,
     progress: Progress | None = None,
-    pairs: bool = False,
-    runs: StationaryRuns | None = None,
     keep: Keep = anew,
 ) -> Overview:
-    """Return the frequency response of a scene between two ratios of ``reference`` (rad/s) under a force in N.
+    """Return the frequency response of a scene between two ratios of ``reference`` (rad/s) under a force in N: linear, and what is ``asked`` for.
 
-    ``exact``: with exact orbits, ``pairs``: also those without symmetry; ``balance``: with harmonic balance, None: without; ``sweeps``: pairs of
-    ratios, from and to; ``runs``: the stationary responses, None: without. ``keep`` takes finished pieces and gives them back. Ctrl-C ends it with
-    what is known so far. Raises ParameterError for bad values.
+    ``keep`` takes finished pieces and gives them back. Ctrl-C ends it with what is known so far. Raises ParameterError for bad values.
     """
     finite("force", force)
-    percent_per_100_periods = _rate(scene, reference) if percent_per_100_periods is None else percent_per_100_periods
     require(0 < low < high, "frequency range", (low, high), "two ratios of the resonance frequency above 0, the lower one first")
     curves: list[ResponseCurve] = []
     envelopes: list[SweepEnvelope] = []
     stationary: list[Stationary] = []
     linear, complete = linear_curves(scene, force, reference, low, high), True
-
-    def swept(start: float, stop: float) -> Iterator[SweepEnvelope]:
-        if progress is not None:
-            progress(f"sweep {start:g} to {stop:g}", 0, start * reference)
-        yield sweep_envelope(scene, force, reference, start, stop, percent_per_100_periods)
-
-    def settled(runs: StationaryRuns, ratio: float) -> Iterator[Stationary]:
-        if progress is not None:
-            progress(f"{runs.members} runs", 0, ratio * reference)
-        yield runs.at(scene, force, reference, ratio)
-
+    work = _Work(scene, force, reference, low, high, asked, progress, keep)
     try:
-        if exact:
-            name = {"piece": "exact", "range": [low, high], "pairs": pairs}
-            curves.extend(keep(name, lambda: exact_curves(scene, force, reference, low, high, pairs, progress), ResponseCurve.from_plain))
-        if balance is not None:
-            damper = getattr(balance.linear, "grounded_damper", None)
-            name = {"piece": "balance", "range": [low, high], "harmonics": balance.linear.harmonics, "law": repr(balance.law), "damper": damper}
-            curves.extend(keep(name, lambda: balance_curves(balance, reference, low, high, progress), ResponseCurve.from_plain))
-        for start, stop in sweeps:
-            name = {"piece": "sweep", "from": start, "to": stop, "rate": percent_per_100_periods}
-            envelopes.extend(keep(name, partial(swept, start, stop), SweepEnvelope.from_plain))
-        for ratio in () if runs is None else runs.ratios(low, high):
-            assert runs is not None
-            name = {"piece": "stationary", "at": ratio, **runs.settings}
-            stationary.extend(keep(name, partial(settled, runs, ratio), Stationary.from_plain))
+        curves.extend(work.curves())
+        envelopes.extend(work.sweeps())
+        stationary.extend(work.stationary())
     except KeyboardInterrupt:
         complete = False
     return Overview(scene, force, reference, tuple(curves), linear, tuple(envelopes), tuple(stationary), complete)

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from impact_env.drive import default_rate
 from impact_env.parameters import RigidWalls, positive, require
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, harmonic_balance
-from impact_env.periodic.overview import Overview, overview, sliding
+from impact_env.periodic.overview import Asked, Overview, overview, sliding
 from impact_env.periodic.response_curve import COLUMNS
 from impact_env.periodic.stationary import StationaryRuns
 from impact_env.plain import from_scene
@@ -54,12 +54,10 @@ def computed(given: dict[str, Any]) -> Overview:
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
     rate = given["percent_per_100_periods"]
     rate = default_rate(scene.model, (given["resonance"],)) if rate is None else rate
-    runs = stationary_runs(given)
+    asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given))
     keep = Pieces(given["resume"], {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference})
     with following(reference) as show:
-        return overview(
-            scene, given["force"], reference, low, high, given["method"] != BALANCE, balance, sweeps, rate, show, given["pairs"], runs, keep
-        )
+        return overview(scene, given["force"], reference, low, high, asked, show, keep)
 
 
 def stationary_runs(given: dict[str, Any]) -> StationaryRuns | None:

@@ -22,6 +22,7 @@ def simulated(
     force: float,
     resonance: int,
     absorber: SlidingAbsorber,
+    *,
     gaps: int,
     members: int,
     seed: int,

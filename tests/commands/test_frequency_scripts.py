@@ -177,7 +177,7 @@ def test_ctrl_c_within_a_branch_keeps_its_points() -> None:
             raise KeyboardInterrupt
 
     balance = harmonic_balance(scene, 0.9 * first, 1.0, 7)
-    found = overview_module.overview(scene, 1.0, first, 0.9, 1.0, False, balance, (), progress=interrupt)
+    found = overview_module.overview(scene, 1.0, first, 0.9, 1.0, overview_module.Asked(balance=balance), interrupt)
     assert not found.complete
     assert [len(curve.tip_max) for curve in found.curves] == [9]
 

@@ -114,15 +114,14 @@ def test_the_environments_need_nothing_that_learns() -> None:
     assert fresh(code) == ["(420, 640, 3)"] * 7
 
 
-@pytest.mark.parametrize(
-    ("call", "package", "extra"), [("recurrent()", "sb3_contrib", "rl"), ("_minari(Path('.')).__enter__()", "minari", "offline")]
-)
-def test_what_only_one_function_needs_is_named_by_it(call: str, package: str, extra: str) -> None:
+def test_what_only_one_function_needs_is_named_by_it() -> None:
     pytest.importorskip("stable_baselines3")
-    code = TRY.format(packages=[package], modules=[]) + "from pathlib import Path\nfrom optimisation.rl.models import recurrent\n"
-    code += f"from optimisation.rl.demonstrations import _minari\ntry:\n    {call}\nexcept ImportError as error:\n    print(error)\n"
-    (line,) = fresh(code)
-    assert line == f'{package} is not installed; it comes with: pip install "{DISTRIBUTION}[{extra}]"' or "h5py" in line
+    calls = {"recurrent()": ("sb3_contrib", "rl"), "_minari(Path('.')).__enter__()": ("minari", "offline")}
+    code = TRY.format(packages=[package for package, _ in calls.values()], modules=[])
+    code += "from pathlib import Path\nfrom optimisation.rl.models import recurrent\nfrom optimisation.rl.demonstrations import _minari\n"
+    code += "".join(f"try:\n    {call}\nexcept ImportError as error:\n    print(error)\n" for call in calls)
+    for line, (package, extra) in zip(fresh(code), calls.values(), strict=True):
+        assert line == f'{package} is not installed; it comes with: pip install "{DISTRIBUTION}[{extra}]"' or "h5py" in line
 
 
 def test_extras_are_those_of_the_package() -> None:

@@ -25,14 +25,12 @@ def truth() -> str:
     return run()
 
 
-@pytest.mark.parametrize(
-    "words", [[], ["none"], ["stuck"], ["tuned"], ["damper"], ["frictionless"], ["moreau"], ["none", "tuned", "damper", "moreau"]]
-)
+@pytest.mark.parametrize("words", [[], ["frictionless"], ["none", "stuck", "tuned", "damper", "moreau"], ["moreau", "damper", "tuned", "none"]])
 def test_one_scene_gives_one_result_whatever_its_process_ran_before(words: list[str]) -> None:
     assert run(*words) == truth()
 
 
-@pytest.mark.parametrize("words", [["child"], ["none", "child"], ["none", "dask"]])
+@pytest.mark.parametrize("words", [["none", "child"], ["none", "dask"]])
 def test_a_study_s_child_and_a_worker_give_the_same(words: list[str]) -> None:
     if "dask" in words:
         pytest.importorskip("distributed")
@@ -40,7 +38,7 @@ def test_a_study_s_child_and_a_worker_give_the_same(words: list[str]) -> None:
 
 
 def test_a_process_that_compiles_gives_what_one_that_loads_gives(tmp_path: Path) -> None:
-    compiled = run("none", "tuned", folder=tmp_path)  # other kernels first: what they share was once compiled into them
+    compiled = run("none", folder=tmp_path)  # another kernel first: what they share was once compiled into them
     assert compiled == truth()
     assert run(folder=tmp_path) == compiled
 

@@ -26,6 +26,16 @@ first_use.PATIENCE = 0.3
 warm_up.ABSORBERS = {"linear scenes": lambda: None}
 warm_up.main([], lambda line: None)
 """
+SMALL = """
+import numba
+from impact_env import first_use
+first_use.PATIENCE = 0.0
+def kernel(x):
+    return x + 1
+kernel.__module__ = "impact_env.kernels.small"
+with first_use.CompilingFor("a scene", "a method"):
+    numba.njit(kernel)(1)
+"""
 LOGGED = "import logging; logging.basicConfig(level=logging.INFO, format='LOG %(name)s: %(message)s')"
 OWN = """
 import time
@@ -68,18 +78,6 @@ def first_use(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder, on_a_terminal(RUN, folder)
 
 
-@pytest.fixture
-def lacking(first_use: tuple[Path, str], tmp_path: Path) -> Path:
-    """A folder in which the kernel that calls all others is missing."""
-    folder = tmp_path / "kernels"
-    shutil.copytree(first_use[0], folder)
-    lanes = list(folder.rglob("linear.linear_lane*"))
-    assert len(lanes) == 2  # an index and a kernel
-    for file in lanes:
-        file.unlink()
-    return folder
-
-
 def test_the_first_use_is_told_once_and_a_warm_one_not_at_all(first_use: tuple[Path, str]) -> None:
     folder, told = first_use
     text = " ".join(told.split())
@@ -89,20 +87,28 @@ def test_the_first_use_is_told_once_and_a_warm_one_not_at_all(first_use: tuple[P
     assert on_a_terminal(RUN, folder) == ""
 
 
-def test_a_log_takes_the_place_of_the_line(lacking: Path) -> None:
-    text = on_a_terminal(LOGGED + RUN, lacking)
+def test_a_log_takes_the_place_of_the_line(tmp_path: Path) -> None:
+    text = on_a_terminal(LOGGED + SMALL, tmp_path)
     assert text.count("compiling") == 1
-    assert text.startswith("LOG impact_env: impact_env: compiling the kernels of: 2 modes")
+    assert text.startswith("LOG impact_env: impact_env: compiling the kernels of: a scene, a method")
 
 
-def test_nothing_is_told_where_nobody_looks(lacking: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(lacking)}
-    done = subprocess.run([sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, check=True)
+def test_nothing_is_told_where_nobody_looks(tmp_path: Path) -> None:
+    assert "compiling the kernels of: a scene, a method" in " ".join(on_a_terminal(SMALL, tmp_path).split())
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", SMALL], env=environment, capture_output=True, text=True, check=True)
     assert done.stderr == ""
 
 
-def test_nothing_is_told_where_the_caller_tells(lacking: Path) -> None:
-    assert on_a_terminal(WARM_UP, lacking) == ""
+def test_nothing_is_told_where_the_caller_tells(first_use: tuple[Path, str], tmp_path: Path) -> None:
+    """With a folder in which the kernel that calls all others is missing."""
+    folder = tmp_path / "kernels"
+    shutil.copytree(first_use[0], folder)
+    lanes = list(folder.rglob("linear.linear_lane*"))
+    assert len(lanes) == 2  # an index and a kernel
+    for file in lanes:
+        file.unlink()
+    assert on_a_terminal(WARM_UP, folder) == ""
 
 
 def test_functions_of_others_are_not_ours(tmp_path: Path) -> None:

@@ -305,14 +305,14 @@ def test_claims_of_the_operating_ranges(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert "first impacts between 0.7 and 1 N" in oprange.PART.sections(found)["paper:oprange"]
 
 
-def test_claims_of_the_second_modes_damping(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(vard, "_dampings", lambda _: (0.01, 0.3, 0.5))
-    monkeypatch.setattr(vard, "_members", lambda _: 2)
-    found = measured(vard.PART, settings(tmp_path))
+def test_claims_of_the_second_modes_damping(tmp_path: Path) -> None:
+    dampings = (0.01, 0.3, 0.5)
+    small = replace(vard.DAMPING, numbers=lambda _: dampings, members=lambda _: 2)
+    found = measured(small.part(), settings(tmp_path))
     claims = {own.name: own for own in vard.claims(found)}
     for name in ("improvement", "lower", "dissipated", "saturates"):
         assert claims[f"vard_{name}"].verdict is Verdict.HOLDS, claims[f"vard_{name}"]
-    left = [np.median(second_mode.row(found.values, vard.name(d), "left")) for d in (0.01, 0.3, 0.5)]
+    left = [np.median(second_mode.row(found.values, vard.name(d), "left")) for d in dampings]
     assert left[0] > 0.5 > 0.1 > left[1]
 
 

@@ -7,70 +7,37 @@ from functools import partial
 import numpy as np
 
 from impact_env.parameters import Beam
+from optimisation.studies.paper.changed import Changed, name, points
 from optimisation.studies.paper.claim import Claim
-from optimisation.studies.paper.frame import figure_part
 from optimisation.studies.paper.judging import claim
-from optimisation.studies.paper.second_mode import FORCE, measured, row, table
+from optimisation.studies.paper.second_mode import row
 from optimisation.studies.paper.settings import Settings
-from optimisation.studies.study import Json, Measured, Saver, Steps
+from optimisation.studies.study import Measured
 
 LABEL = "vard"
 RATIO = 6.3  # omega_2/omega_1, as the paper has it here
 FIRST = 0.01  # damping ratio of the first mode
-SHOWN = (FIRST, 0.3)
 
 
 def _dampings(settings: Settings) -> tuple[float, ...]:
     return settings.size((0.001, 0.002, 0.005, FIRST, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5), (0.001, FIRST, 0.05, 0.1, 0.3, 0.5))
 
 
-def _members(settings: Settings) -> int:
-    return settings.size(24, 4)
-
-
-def name(damping: float) -> str:
-    """Return the name of a point."""
-    return f"{damping:g}"
-
-
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {"dampings": _dampings(settings), "members": _members(settings), "force": FORCE, "ratio": RATIO, "shown": SHOWN}
-
-
-def _measure(settings: Settings, known: Json) -> Steps:
-    beams = {name(damping): Beam(modes=2, modal_frequency_ratio={2: RATIO}, damping_ratio=(FIRST, damping)) for damping in _dampings(settings)}
-    return measured(settings, LABEL, beams, _members(settings), [name(damping) for damping in SHOWN], known)
-
-
-def points(values: Json) -> list[float]:
-    """Return the damping ratios that are known."""
-    return [float(key) for key in values if not key.startswith("signal")]
-
-
-def _words(values: Json) -> str:
-    dampings = points(values)
-    if not dampings:
-        return "Not finished."
-    members = len(values[name(dampings[0])]["relative"])
-    return (
-        f"As above at omega_2 = {RATIO:g} omega_1 with 1 % damping of the first mode, {members} members.\n\n"
-        f"{table(values, [name(d) for d in dampings], [100 * d for d in dampings], 'D_2, %')}"
-    )
-
-
-def _figures(found: Measured) -> dict[str, Saver]:
-    from optimisation.studies.paper.figures.second_mode import save  # matplotlib is slow to import
-
-    dampings = points(found.values)
-    if len(dampings) < 2:
-        return {}
-    names, label = [name(d) for d in dampings], "damping ratio $D_2$ in %"
-    shown = [(f"signal, {name(d)}", f"$D_2 = {100 * d:g}$ %") for d in SHOWN if f"signal, {name(d)}" in found.values]
-    return {LABEL: partial(save, values=found.values, names=names, numbers=[100 * d for d in dampings], label=label, shown=shown)}
-
-
-PART = figure_part(LABEL, "the second mode's damping", _measure, _words, _figures)
+DAMPING = Changed(
+    LABEL,
+    "the second mode's damping",
+    "dampings",
+    _dampings,
+    beam=lambda damping: Beam(modes=2, modal_frequency_ratio={2: RATIO}, damping_ratio=(FIRST, damping)),
+    shown=(FIRST, 0.3),
+    column="D_2, %",
+    axis="damping ratio $D_2$ in %",
+    each="$D_2 = {:g}$ %",
+    about=lambda members: f"As above at omega_2 = {RATIO:g} omega_1 with 1 % damping of the first mode, {members} members.",
+    scale=100.0,
+    fixed=(("ratio", RATIO),),
+)
+PART, parameters = DAMPING.part(), DAMPING.parameters
 
 
 def claims(found: Measured) -> list[Claim]:

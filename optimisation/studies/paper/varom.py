@@ -8,12 +8,12 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from impact_env.parameters import Beam
+from optimisation.studies.paper.changed import Changed, name, points
 from optimisation.studies.paper.claim import Claim
-from optimisation.studies.paper.frame import figure_part
 from optimisation.studies.paper.judging import INFINITY, claim, interval
-from optimisation.studies.paper.second_mode import FORCE, measured, row, table
+from optimisation.studies.paper.second_mode import FORCE, row
 from optimisation.studies.paper.settings import Settings
-from optimisation.studies.study import Json, Measured, Saver, Steps
+from optimisation.studies.study import Measured
 
 LABEL = "varom"
 OWN = 6.27  # of the beam itself: omega_2/omega_1 = 6.26690
@@ -27,53 +27,26 @@ def _ratios(settings: Settings) -> tuple[float, ...]:
     )
 
 
-def _members(settings: Settings) -> int:
-    return settings.size(24, 4)
-
-
-def name(ratio: float) -> str:
-    """Return the name of a point."""
-    return f"{ratio:g}"
-
-
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {"ratios": _ratios(settings), "members": _members(settings), "force": FORCE, "shown": SHOWN}
-
-
-def _measure(settings: Settings, known: Json) -> Steps:
-    beams = {name(ratio): Beam(modes=2, modal_frequency_ratio={2: ratio}) for ratio in _ratios(settings)}
-    return measured(settings, LABEL, beams, _members(settings), [name(ratio) for ratio in SHOWN], known)
-
-
-def points(values: Json) -> list[float]:
-    """Return the ratios that are known."""
-    return [float(key) for key in values if not key.startswith("signal")]
-
-
-def _words(values: Json) -> str:
-    ratios = points(values)
-    if not ratios:
-        return "Not finished."
-    members = len(values[name(ratios[0])]["relative"])
+def _about(members: int) -> str:
     return (
         f"Two modes, e = 1, no friction, {FORCE:g} N, {members} members. Energies are those of the level's window; impacts closer than 0.05 pseudo "
-        f"periods are one contact.\n\n{table(values, [name(r) for r in ratios], ratios, 'omega_2/omega_1')}"
+        "periods are one contact."
     )
 
 
-def _figures(found: Measured) -> dict[str, Saver]:
-    from optimisation.studies.paper.figures.second_mode import save  # matplotlib is slow to import
-
-    ratios = points(found.values)
-    if len(ratios) < 2:
-        return {}
-    names, label = [name(r) for r in ratios], r"frequency ratio $\omega_2/\omega_1$"
-    shown = [(f"signal, {name(r)}", rf"$\omega_2/\omega_1 = {r:g}$") for r in SHOWN if f"signal, {name(r)}" in found.values]
-    return {LABEL: partial(save, values=found.values, names=names, numbers=ratios, label=label, shown=shown)}
-
-
-PART = figure_part(LABEL, "the second mode's frequency", _measure, _words, _figures)
+FREQUENCY = Changed(
+    LABEL,
+    "the second mode's frequency",
+    "ratios",
+    _ratios,
+    beam=lambda ratio: Beam(modes=2, modal_frequency_ratio={2: ratio}),
+    shown=SHOWN,
+    column="omega_2/omega_1",
+    axis=r"frequency ratio $\omega_2/\omega_1$",
+    each=r"$\omega_2/\omega_1 = {:g}$",
+    about=_about,
+)
+PART, parameters = FREQUENCY.part(), FREQUENCY.parameters
 
 
 def claims(found: Measured) -> list[Claim]:

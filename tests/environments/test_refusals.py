@@ -1,0 +1,127 @@
+"""Calls in a wrong order, and impossible actions, arguments and resets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium")
+from environment_cases import ADAPTIVE, GAP, PASSIVE, SWEEP, V1, make, vector  # noqa: E402
+from gymnasium.error import ResetNeeded  # noqa: E402
+
+from impact_env import ParameterError  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
+
+
+def test_order_of_calls_is_enforced() -> None:
+    env, many = make(SWEEP).unwrapped, vector(SWEEP, 2)
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(1, np.float32))
+    with pytest.raises(ResetNeeded):
+        many.step(np.zeros((2, 1), np.float32))
+    with pytest.raises(ResetNeeded):
+        many.reset(options={"reset_mask": np.array([True, False])})
+    env.reset(seed=0)
+    end = False
+    while not end:
+        end = env.step(np.ones(1, np.float32))[2]
+    with pytest.raises(ResetNeeded, match="over"):
+        env.step(np.zeros(1, np.float32))
+
+
+@pytest.mark.parametrize("bad", [np.array([np.nan], np.float32), np.array([np.inf]), np.zeros(2), 0.5, "up", None, [[0.1]], [0.1 + 0.2j], [0j]])
+def test_impossible_actions_are_refused(bad: Any) -> None:
+    env = make(SWEEP).unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ParameterError, match="action"):
+        env.step(bad)
+    assert env.step(np.zeros(1, np.float32))[4]["time"] == 5.0  # nothing has happened
+
+
+@pytest.mark.parametrize("bad", [1, -1, 0.5, np.nan, None])
+def test_impossible_passive_actions_are_refused(bad: Any) -> None:
+    env = make(PASSIVE).unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ParameterError, match="action"):
+        env.step(bad)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "words"),
+    [
+        (SWEEP, {"forces": 1.0}, "forces is not an argument"),
+        (SWEEP, {"force": 0.0}, "force = 0"),
+        (SWEEP, {"force": (2.0, 1.0)}, "force"),
+        (SWEEP, {"force": np.nan}, "force = nan"),
+        (SWEEP, {"force": 1e300}, "force = 1e+300"),
+        (SWEEP, {"force": (1.0, 1e31)}, "force = (1.0, 1e+31)"),
+        (GAP, {"force": 1e-300}, "force = 1e-300"),
+        (SWEEP, {"beam": 3}, "beam = 3"),
+        (SWEEP, {"beam": {"lenght": 1.0}}, "beam = {'lenght': 1.0}"),
+        (V1, {"budget_end": "cut"}, "budget_end = 'cut'"),
+        (V1, {"frequency_origin": "left"}, "frequency_origin = 'left'"),
+        (V1, {"frequency_unit": 0.0}, "frequency_unit = 0.0"),
+        (V1, {"whole_scene": 3}, "whole_scene = 3"),
+        (V1, {"whole_scene": {"beem": {}}}, "beem"),
+        (V1, {"whole_scene": {}, "modes": 2}, "modes = 2"),
+        (ADAPTIVE, {"gap_limits": (0.0, 1e-3)}, "gap_limits"),
+        (ADAPTIVE, {"absorber": "stuck", "absorber_options": {}}, "absorber"),
+        (SWEEP, {"absorber": "magic"}, "absorber = 'magic'"),
+        (SWEEP, {"absorber_options": {"mass": 1}}, "absorber_options"),
+        (SWEEP, {"absorber_options": {"gap": -1.0}}, "gap = -1.0"),
+        (SWEEP, {"absorber_options": {"contact_stiffness": 1e5, "restitution": 0.5}}, "restitution"),
+        (SWEEP, {"modes": 0}, "modes = 0"),
+        (SWEEP, {"resonance": 3, "modes": 2}, "resonance = 3"),
+        (SWEEP, {"method": "euler"}, "method = 'euler'"),
+        (SWEEP, {"method": "runge-kutta"}, "method"),
+        (SWEEP, {"steps_per_period": 20}, "steps_per_period = 20"),
+        (SWEEP, {"interval": 0.01}, "interval = 0.01"),
+        (SWEEP, {"interval": -1.0}, "interval = -1.0"),
+        (SWEEP, {"rates": (0.0, 1.0)}, "rates"),
+        (SWEEP, {"limits": (1.0, 1.0)}, "limits"),
+        (SWEEP, {"direction": "left"}, "direction = 'left'"),
+        (SWEEP, {"time_budget": 0.0}, "time_budget = 0.0"),
+        (SWEEP, {"time_price": -1.0}, "time_price = -1.0"),
+        (SWEEP, {"unfinished_price": -1.0}, "unfinished_price = -1.0"),
+        (SWEEP, {"backward_rate": -1.0}, "backward_rate = -1.0"),
+        (SWEEP, {"objective": "rms"}, "objective = 'rms'"),
+        (SWEEP, {"observation_noise": -0.1}, "observation_noise = -0.1"),
+        (SWEEP, {"observation_delay": 0.5}, "observation_delay = 0.5"),
+        (SWEEP, {"beam": {"modes": 3}}, "beam"),
+        (SWEEP, {"render_mode": "ansi"}, "render_mode"),
+        (SWEEP, {"threads": 0}, "threads = 0"),
+        (GAP, {"absorber": "tuned", "absorber_options": {}}, "absorber = 'tuned'"),
+        (GAP, {"absorber_options": {"contact_stiffness": 1e5}}, "absorber"),
+        (GAP, {"gap_limits": (0.0, 1e-3)}, "gap_limits"),
+        (GAP, {"hold": (-1.0, 5.0)}, "hold"),
+        (PASSIVE, {"rate": 0.0}, "rate = 0.0"),
+        (PASSIVE, {"rates": (1.0, 2.0)}, "rates is not an argument"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*render_mode")
+def test_impossible_arguments_are_named(name: str, arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises(ParameterError) as error:
+        gymnasium.make(name, **arguments)
+    assert words in str(error.value)
+
+
+def test_impossible_resets_are_refused() -> None:
+    env, many = make(SWEEP).unwrapped, vector(SWEEP, 2)
+    with pytest.raises(ParameterError, match="options"):
+        env.reset(options={"speed": 1})
+    many.reset(seed=0)
+    for mask in (np.array([True]), np.array([False, False]), np.array([1, 0]), [True, False]):
+        with pytest.raises(ParameterError, match="reset_mask"):
+            many.reset(options={"reset_mask": mask})
+    for seed in ([1, 2, 3], 1.5, -1, "1", [1, 1.5], True, [0, -2]):
+        with pytest.raises(ParameterError, match="seed"):
+            many.reset(seed=seed)
+    for seed in (1.5, -1, "1", True):
+        with pytest.raises(ParameterError, match="seed"):
+            env.reset(seed=seed)
+    np.testing.assert_array_equal(env.reset(seed=np.int64(3))[0], env.reset(seed=3)[0])
+    with pytest.raises(ParameterError, match="num_envs = 0"):
+        vector(SWEEP, 0)

@@ -1,0 +1,57 @@
+"""Files stay short enough to be read, and functions take few enough arguments to be called without counting places."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from places import ROOT
+
+KERNELS = Path("impact_env", "kernels")  # compiled: their arguments decide what is compiled, their files what is compiled together
+LINES, KERNEL_LINES = 350, 450
+PLACES = 8  # arguments that can be given by place
+# more than that: commands, whose options come by name, and one that is told place, range, phases and judgement in a row
+MORE = {
+    "scripts/design_gap.py main": 17,
+    "scripts/tune_ltva.py main": 11,
+    "impact_env/periodic/jump.py jumps": 9,
+}
+FILES = sorted(file.relative_to(ROOT) for folder in ("impact_env", "optimisation", "scripts") for file in (ROOT / folder).rglob("*.py"))
+
+
+def too_long(text: str, file: Path) -> bool:
+    return text.count("\n") > (KERNEL_LINES if file.is_relative_to(KERNELS) else LINES)
+
+
+def functions(text: str) -> Iterator[tuple[str, int]]:
+    """Yield the name of each function, methods and inner ones too, and how many arguments it takes by place."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node.name, len(node.args.posonlyargs) + len(node.args.args)
+
+
+def test_files_are_short() -> None:
+    assert len(FILES) > 300
+    assert not [str(file) for file in FILES if too_long((ROOT / file).read_text(encoding="utf-8"), file)]
+
+
+def test_functions_outside_of_kernels_take_few_arguments_by_place() -> None:
+    found: dict[str, int] = {}
+    for file in FILES:
+        if not file.is_relative_to(KERNELS):
+            for name, places in functions((ROOT / file).read_text(encoding="utf-8")):
+                if places > PLACES:
+                    found[f"{file.as_posix()} {name}"] = places
+    assert found == MORE  # an exception that is mended leaves the list
+
+
+@pytest.mark.parametrize(("code", "places"), [("def f(a, b, /, c, *, d, **e): ...", 3), ("class A:\n  async def f(self, *a): ...", 1)])
+def test_places_are_counted_and_names_are_not(code: str, places: int) -> None:
+    assert list(functions(code)) == [("f", places)]
+
+
+def test_a_line_too_much_is_seen() -> None:
+    plain, kernel = Path("optimisation", "a.py"), KERNELS / "a.py"
+    assert [too_long("\n" * lines, file) for file, lines in ((plain, 350), (plain, 351), (kernel, 450), (kernel, 451))] == [False, True, False, True]

@@ -1,0 +1,34 @@
+"""Short episodes of every environment, and how tests make them; needs Gymnasium."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from impact_env.envs import ENVIRONMENTS
+
+SWEEP, GAP, PASSIVE, V1, NOISY, DELAYED, ADAPTIVE = ENVIRONMENTS
+RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}  # one kind of scene for most tests: one kernel to compile
+SHORT = {
+    SWEEP: RUBBING | {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "force": (1.0, 2.0), "time_budget": 60.0},
+    GAP: {"hold": (10.0, 30.0), "time_budget": 60.0, "force": (1.0, 6.0), "frequency_ratio": (0.97, 1.03)} | RUBBING,
+    PASSIVE: {"limits": (0.96, 0.98), "rate": 4.0, "direction": "random", "force": (1.0, 2.0)} | RUBBING,
+}
+BRIEF = {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0}
+SHORT |= dict.fromkeys((V1, NOISY, DELAYED), BRIEF) | {ADAPTIVE: BRIEF | RUBBING}
+
+
+def make(name: str, **arguments: Any) -> Any:
+    return gymnasium.make(name, **(SHORT[name] | arguments))
+
+
+def vector(name: str, lanes: int, **arguments: Any) -> Any:
+    return gymnasium.make_vec(name, num_envs=lanes, **(SHORT[name] | arguments))
+
+
+def actions(name: str, steps: int, lanes: int) -> np.ndarray:
+    if name == PASSIVE:
+        return np.zeros((steps, lanes), dtype=np.int64)
+    return np.random.default_rng(5).uniform(-1, 1, (steps, lanes, 2 if name == ADAPTIVE else 1)).astype(np.float32)
