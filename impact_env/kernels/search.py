@@ -12,11 +12,7 @@ covered by SCAN_NOISE in each share.
 Levels. The steps h of the levels are a factor LEVEL_RATIO apart. A step that is not clear is looked at again one level finer; where all of a block
 is clear and far from the guards the next block is one level coarser. An event is accepted where y - H is small against the way across
 the step and H is monotone by more than its slope's error: then it is the only one there, and Newton's method ends on it. What is not
-clear at the finest level (grazing, two guards at once, flights near the rounding of y) is left to careful.py.
-
-Start on a guard. There y(0) = wall is known, and the step is clear if the quadratic (H - wall)/t, three coefficients again, keeps off zero by more
-than its error. Of a summed slot this is y''''/24 t (h - t)^2, at most 64/27 E/h. A slot U that is not summed is part of the known zero alone:
-it adds U(t) - U(0) (1 - x)^2 (1 + 2 x) to the distance, x = t/h, at most (9/8 |U| + h |s U|) x (`start_error`; docs/method.md).
+clear at the finest level (grazing, two guards at once, flights near the rounding of y) is left to careful.py. What one step shows is in steps.py.
 
 [1] Birkhoff, Priver: Hermite interpolation errors for derivatives, J. Math. Phys. 46 (1967).
 """
@@ -162,8 +158,7 @@ def search(course, guards, length, half):  # type: ignore[no-untyped-def]
         if place.offset + k * step.h >= length:
             break
         if not clear:
-            near = (walls >> k) & 1 != 0, (reversals >> k) & 1 != 0
-            found = event_in(course, guards, place, step, k, near, length)
+            found = event_in(course, guards, place, step, k, ((walls >> k) & 1 != 0, (reversals >> k) & 1 != 0), length)
             count += found.evaluations
             if found.kind != NOTHING:
                 if found.offset >= length:

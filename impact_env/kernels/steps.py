@@ -1,4 +1,9 @@
-"""One step of the search's scan (search.py): whether it is clear of the guards, also where it starts on one, and the only event in it."""
+"""One step of the search's scan (search.py): whether it is clear of the guards, also where it starts on one, and the only event in it.
+
+Start on a guard. There y(0) = wall is known, and the step is clear if the quadratic (H - wall)/t, three coefficients again, keeps off zero by more
+than its error. Of a summed slot this is y''''/24 t (h - t)^2, at most 64/27 E/h. A slot U that is not summed is part of the known zero alone:
+it adds U(t) - U(0) (1 - x)^2 (1 + 2 x) to the distance, x = t/h, at most (9/8 |U| + h |s U|) x (`start_error`; docs/method.md).
+"""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ class Sum:
 class Fields:
     """A named tuple of the code under construction, its fields by their names: what is never read makes no code."""
 
-    def __init__(self, context: Any, builder: Any, kind: types.BaseNamedTuple, value: Any) -> None:
+    def __init__(self, context: Any, builder: Any, kind: Any, value: Any) -> None:
         self._context, self._builder, self._kind, self._value = context, builder, kind, value
 
     def __getattr__(self, name: str) -> Any:

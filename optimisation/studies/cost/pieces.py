@@ -42,7 +42,7 @@ def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     place, step = Place(0.0, 1.0, 0.0, 0), Step(level, slots.steps[level, 0], size, 1e-9, 1e-9)
     for k in range(calls):
         w[0] = 1e-3 + 1e-12 * k
-        walls, _ = scan(course, guards, place, step, size)  # type: ignore[call-arg]
+        walls, _ = scan(course, guards, place, step, size)
         total += walls
     return total
 
