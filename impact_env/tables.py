@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.search import LEVEL_RATIO, SCAN_NOISE
+from impact_env.kernels.search import SCAN_NOISE
 from impact_env.kernels.slots import TAYLOR_REACH
+from impact_env.kernels.steps import LEVEL_RATIO
 from impact_env.kernels.vector import POINTS
 
 MAX_BASE = 256

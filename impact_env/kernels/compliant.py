@@ -34,7 +34,7 @@ from impact_env.kernels.segments import (
     window_count,
     window_of,
 )
-from impact_env.kernels.signals import NOTHING, Signal, new_signal
+from impact_env.kernels.signals import NOTHING, Course, Guards, Signal, new_signal
 from impact_env.kernels.slots import GUARD, REST, add, advance, copy, weigh
 from impact_env.kernels.springs import (
     Springs,
@@ -91,13 +91,13 @@ def check_springs(check, scene, slots, forced, window, bounds, room, offset):  #
 @jit_inline
 def next_event(slots, forced, window, limit, low, high, room):  # type: ignore[no-untyped-def]
     """Return the first event up to the window's end of the signal in ``room``: a bound of the interval, or the turn of a slider that slides."""
-    now, signal, omega = room.now[0], room.signal, window.omega
-    tau, length, side = now.tau, window.half - now.tau, int(now.side)
+    now, half = room.now[0], window.half
+    length, side, course = half - now.tau, int(now.side), Course(slots, forced, window.omega, room.signal, now.tau)
     if limit is None:
-        return search(slots, forced, omega, signal, tau, length, window.half, low, high, side, None, False)
+        return search(course, Guards(low, high, side, None, False), length, half)
     if not now.sticks:
-        return search(slots, forced, omega, signal, tau, length, window.half, low, high, side, now.sign, now.at_rest)
-    return search(slots, forced, omega, signal, tau, length, window.half, low, high, side, None, now.at_rest)
+        return search(course, Guards(low, high, side, now.sign, now.at_rest), length, half)
+    return search(course, Guards(low, high, side, None, now.at_rest), length, half)
 
 
 @jit_inline

@@ -7,26 +7,28 @@ import numpy as np
 from impact_env.kernels.jit import jit_inline
 from impact_env.kernels.rigid_contact import joint_bounds
 from impact_env.kernels.search import search
+from impact_env.kernels.signals import Course, Guards
 from impact_env.kernels.slots import GUARD, weigh
 
 
 @jit_inline
 def end_of_flight(slots, forced, window, walls, limit, body, bent, length):  # type: ignore[no-untyped-def]
     """Return the first event within ``length`` (s) of an absorber apart from the beam, which constant forces have bent by ``bent`` (m) there."""
-    now, signal, omega, tau, p = body.now, body.signal, window.omega, body.now.tau, body.signal.polynomial
+    now, signal, p = body.now, body.signal, body.signal.polynomial
     p[0], p[1], p[2] = now.q - bent, now.v, now.a  # first: what the caller has just written is still in registers
     weigh(slots.rows, GUARD, body.work.z, signal.u)
+    course = Course(slots, forced, window.omega, signal, now.tau)
     gap = 0.0
     if walls is not None:
         gap = walls.gap
     if limit is None:
-        return search(slots, forced, omega, signal, tau, length, window.half, -gap, gap, int(now.side), None, False)
+        return search(course, Guards(-gap, gap, int(now.side), None, False), length, window.half)
     if walls is None:
-        return search(slots, forced, omega, signal, tau, length, window.half, None, None, 0, now.sign, now.at_rest)
+        return search(course, Guards(None, None, 0, now.sign, now.at_rest), length, window.half)
     # only the wall ahead can be reached before the relative velocity turns
     low = -gap if now.sign < 0.0 else -np.inf
     high = gap if now.sign > 0.0 else np.inf
-    return search(slots, forced, omega, signal, tau, length, window.half, low, high, 0, now.sign, now.at_rest)
+    return search(course, Guards(low, high, 0, now.sign, now.at_rest), length, window.half)
 
 
 @jit_inline
@@ -36,4 +38,5 @@ def end_of_hold(slots, forced, window, limit, body, length):  # type: ignore[no-
     weigh(slots.rows, GUARD, body.work.z, signal.u)
     signal.polynomial[:] = 0.0
     low, high = joint_bounds(limit, body.now.side)
-    return search(slots, forced, window.omega, signal, body.now.tau, length, window.half, low, high, 0, None, False)
+    course = Course(slots, forced, window.omega, signal, body.now.tau)
+    return search(course, Guards(low, high, 0, None, False), length, window.half)

@@ -10,15 +10,17 @@ where it is not, and a function compiled once more for each constant that it is 
 from __future__ import annotations
 
 import gc
+import operator
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from numba.core import types
+from numba.core import ir, ir_utils, types
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import register_pass
+from numba.core.consts import ConstantInference
 from numba.core.dispatcher import _FunctionCompiler
 from numba.core.registry import CPUDispatcher
 from numba.core.untyped_passes import DeadBranchPrune, InlineInlinables
@@ -84,29 +86,50 @@ def with_parts(libraries: Sequence[CodeLibrary]) -> list[CodeLibrary]:
     return backwards[::-1]
 
 
-class _Present:
-    """Stands for the type of an argument that is not None, as numba's pass sees it."""
+def _kind_of(code: ir.FunctionIR, args: Sequence[types.Type], value: Any) -> types.Type | None:
+    """Return the type of what is an argument or, read by its name, a field of a named tuple that is one (or a field of one); None of all else."""
+    source = ir_utils.guard(ir_utils.get_definition, code, value)
+    if isinstance(source, ir.Arg):
+        return args[source.index]
+    if isinstance(source, ir.Expr) and source.op == "getattr":
+        group = _kind_of(code, args, source.value)
+        if isinstance(group, types.BaseNamedTuple) and source.attr in group.fields:
+            return group.types[group.fields.index(source.attr)]
+    return None
 
-    literal_type = "present"
 
-
-def _known(kind: Any) -> Any:
-    return kind if isinstance(kind, types.NoneType | types.Optional | types.Omitted | types.Literal) else _Present
+def _is_none(code: ir.FunctionIR, args: Sequence[types.Type], test: Any) -> bool | None:
+    """Return what ``x is None`` or ``x is not None`` comes to; None where types do not tell, or for any other expression."""
+    if not (isinstance(test, ir.Expr) and test.op == "binop" and test.fn in (operator.is_, operator.is_not)):
+        return None
+    none = ir_utils.guard(ir_utils.get_definition, code, test.rhs)
+    kind = _kind_of(code, args, test.lhs)
+    if not (isinstance(none, ir.Const) and none.value is None) or kind is None or isinstance(kind, types.Optional):
+        return None
+    absent = kind.value is None if isinstance(kind, types.Omitted) else isinstance(kind, types.NoneType)
+    return absent is (test.fn is operator.is_)
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class PrunePresent(DeadBranchPrune):  # type: ignore[misc]
-    """numba's pass drops the branch for a part that is there where the argument is None; this one also that for None where it is there."""
+    """numba's pass drops the branch for a part that is there where the argument is None.
+
+    This one also drops that for None where it is there, and does both for a field of a named tuple, ``group.part`` or ``part = group.part``.
+    """
 
     _name = "impact_env_prune_present"
 
     def run_pass(self, state: Any) -> bool:
-        """Run numba's pass with types that cannot be None marked as such."""
-        args, state.args = state.args, tuple(map(_known, state.args))
-        try:
-            return bool(super().run_pass(state))
-        finally:
-            state.args = args
+        """Put a constant for each test whose outcome the types tell, then run numba's pass, which drops branches on constants."""
+        code = state.func_ir
+        for block in code.blocks.values():
+            for line in block.find_insts(ir.Assign):
+                outcome = _is_none(code, state.args, line.value)
+                if outcome is not None:
+                    known, definitions = ir.Const(outcome, line.loc), code._definitions[line.target.name]
+                    definitions[definitions.index(line.value)] = line.value = known
+        code._consts = ConstantInference(code)
+        return bool(super().run_pass(state))
 
 
 class _Pipeline(Compiler):  # type: ignore[misc]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from numba.core import cgutils, types
 from numba.extending import intrinsic
@@ -103,22 +103,36 @@ def _add_slots(typing_context, rows, table, size, base, d1, d2, d3, x, h1, h2, h
     return types.void(rows, table, INTEGER, INTEGER, *DIGITS, *DIGITS, u, block, INTEGER, INTEGER), build
 
 
-@jit
-def fill_samples(slots, signals, omega, u, tip_rest, offset, x, interval, block, first, count):  # type: ignore[no-untyped-def]
-    """Write the tip displacement at ``count`` equidistant samples into the block from place ``first`` on.
+class Samples(NamedTuple):
+    """``number`` equidistant samples, and the place ``first`` in a block that takes them.
 
-    ``u``: the slots' shares at the reference time, ``offset`` from which the first sample lies; ``x``: its time from the window's centre. From sample
-    to sample slots and force turn by fixed factors; what rounding adds to that stays below ``count`` times 1e-16.
+    The first one lies ``offset`` (s) from the start of a stretch and ``x`` (s) from its window's centre, the next ones an ``interval`` (s) apart.
+    """
+
+    offset: float
+    x: float
+    interval: float
+    first: int
+    number: int
+
+
+@jit
+def fill_samples(slots, signals, omega, u, rest, samples, block):  # type: ignore[no-untyped-def]
+    """Write the tip displacement at `Samples` into the block; ``u``: the slots' shares at the stretch's start, ``rest`` (m) what stays the same.
+
+    From sample to sample slots and force turn by fixed factors; what rounding adds to that stays below 1e-16 times their number.
     """
     rows, table, scale = slots.rows, slots.table, slots.scale
+    offset, x, interval = samples.offset, samples.x, samples.interval
+    first, count = samples.first, samples.number
     if count <= FEW:
         for k in range(count):
             t = k * interval
-            block[first + k] = value(rows, table, scale, u, offset + t) + signal_value(signals, TIP_SIGNAL, omega, x + t) + tip_rest
+            block[first + k] = value(rows, table, scale, u, offset + t) + signal_value(signals, TIP_SIGNAL, omega, x + t) + rest
         return
     c, s = cos_sin(omega * x)
     turn_c, turn_s = cos_sin(omega * interval)
-    _fill_forced(signals, x, interval, c, s, turn_c, turn_s, tip_rest, block, first, count)
-    d1, d2, d3, rest = digits(scale, offset)
+    _fill_forced(signals, x, interval, c, s, turn_c, turn_s, rest, block, first, count)
+    d1, d2, d3, d = digits(scale, offset)
     h1, h2, h3, h = digits(scale, interval)
-    _add_slots(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, rest, h1, h2, h3, h, u, block, first, count)
+    _add_slots(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, d, h1, h2, h3, h, u, block, first, count)

@@ -11,7 +11,7 @@ from impact_env.kernels.forced import CHIRP_REMAINDER, Forced, Window, add_force
 from impact_env.kernels.forced_sums import slots_of_state, state_of_slots
 from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.level import push_block, push_level
-from impact_env.kernels.sampling import fill_samples
+from impact_env.kernels.sampling import Samples, fill_samples
 from impact_env.kernels.slots import REST, TIP, Slots, add, advance, copy, weigh
 
 Array = NDArray[np.float64]
@@ -141,21 +141,22 @@ def sample_level(stretch, clock, level, place):  # type: ignore[no-untyped-def]
         first = n % level.block.shape[0]
         count = min(int(stop - n), level.block.shape[0] - first)
         x = n * interval - window.centre
+        samples = Samples(max(x - tau, 0.0), x, interval, first, count)
         if place is None:
-            fill_samples(slots, signals, window.omega, u, stretch.bent, max(x - tau, 0.0), x, interval, level.block, first, count)
+            fill_samples(slots, signals, window.omega, u, stretch.bent, samples, level.block)
         if place is not None:
-            fill_places(stretch, place, max(x - tau, 0.0), interval, level.block, first, count)
+            fill_places(stretch, place, samples, level.block)
         push_block(level, first, count)
         n += count
     clock.level = n
 
 
 @jit
-def fill_places(stretch, place, offset, interval, block, first, count):  # type: ignore[no-untyped-def]
-    """Write the displacement at a place to ``count`` of the block's places: the first sample lies ``offset`` (s) from the stretch's start."""
+def fill_places(stretch, place, samples, block):  # type: ignore[no-untyped-def]
+    """Write the displacement at a place at `Samples` into the block."""
     slots, out, w = stretch.regime.slots, stretch.regime.out, stretch.work.rows[0]
-    for k in range(count):
-        t = offset + k * interval
+    for k in range(samples.number):
+        t = samples.offset + k * samples.interval
         copy(stretch.work.z, w)
         advance(slots.rows, slots.table, slots.scale, t, w)
         add_forced(stretch.forced.slots, stretch.window.omega, stretch.tau + t, 1.0, w)
@@ -164,7 +165,7 @@ def fill_places(stretch, place, offset, interval, block, first, count):  # type:
         for i in range(place.shape[0]):
             for j in range(w.shape[1]):
                 q += place[i] * (out[0, i, j] * w[0, j] - out[1, i, j] * w[1, j])
-        block[first + k] = q
+        block[samples.first + k] = q
 
 
 @jit

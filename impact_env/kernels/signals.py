@@ -1,4 +1,4 @@
-"""A guard signal between two events: its parts, its value at an offset, and what a search for its events returns."""
+"""A guard signal between two events: its parts and its guards, its value at an offset, and what a search for its events returns."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.forced import guard_values
-from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.forced import Forced, guard_values
+from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_view
 from impact_env.kernels.slot_sums import sum_sizes
-from impact_env.kernels.slots import SPEED, digits, sum_block
+from impact_env.kernels.slots import SPEED, Slots, digits, sum_block
 from impact_env.kernels.vector import BLOCK
 
 # events
@@ -35,6 +35,54 @@ class Signal(NamedTuple):
     memory: NDArray[np.float64]
 
 
+class Course(NamedTuple):
+    """A signal in a window: ``slots`` and ``forced`` part of its regime, the force's ``omega`` (rad/s), and its reference time ``tau`` (s)."""
+
+    slots: Slots
+    forced: Forced
+    omega: float
+    signal: Signal
+    tau: float
+
+
+class Terms(NamedTuple):
+    """Of a `Course` what the signal's value at a time needs, and no more: each array costs time at a call."""
+
+    rows: NDArray[np.float64]
+    table: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    signals: NDArray[np.float64]
+    omega: float
+    u: NDArray[np.float64]
+    polynomial: NDArray[np.float64]
+    tau: float
+
+
+class Guards(NamedTuple):
+    """What ends a signal's course, and which of it the signal starts on.
+
+    ``low`` and ``high``: walls, which may be infinite; None: there are no walls at all. ``side`` -1 or 1: the signal starts on the low or the high
+    wall. ``direction`` 1 or -1: the sign that the signal's rate has at the start, and must keep; None: the rate is not watched. ``zero_rate``: it
+    starts at zero.
+    """
+
+    low: float | None
+    high: float | None
+    side: int
+    direction: float | None
+    zero_rate: bool
+
+
+class Bounded(NamedTuple):
+    """A signal at a time with its first two derivatives, and bounds of the second and third that hold for ever after."""
+
+    y: float
+    v: float
+    a: float
+    b2: float
+    b3: float
+
+
 class Event(NamedTuple):
     """What ended a search: kind, offset from the start (s), signal, its rate and its second derivative there, evaluations made."""
 
@@ -52,6 +100,13 @@ def new_signal(size):  # type: ignore[no-untyped-def]
     return Signal(np.zeros((2, size)), np.zeros(3), np.zeros(6 * size), np.zeros(BLOCK), np.zeros(1))
 
 
+@jit_view
+def terms_of(course):  # type: ignore[no-untyped-def]
+    """Return the terms of a course's signal."""
+    slots, signal = course.slots, course.signal
+    return Terms(slots.rows, slots.table, slots.scale, course.forced.signals, course.omega, signal.u, signal.polynomial, course.tau)
+
+
 @jit_inline
 def signal_scale(signal, bound):  # type: ignore[no-untyped-def]
     """Return the size of the terms that a signal is the sum of."""
@@ -59,18 +114,19 @@ def signal_scale(signal, bound):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def signal_at(rows, table, scale, signals, omega, u, p, tau, offset):  # type: ignore[no-untyped-def]
-    """Return the signal with the amplitudes u and the polynomial p, and its first two derivatives, at an offset from its reference time."""
-    d1, d2, d3, x = digits(scale, offset)
-    y, v, a = sum_block(rows, table, u, d1, d2, d3, x)
-    f0, f1, f2 = guard_values(signals, omega, tau + offset)
+def signal_at(terms, offset):  # type: ignore[no-untyped-def]
+    """Return a signal and its first two derivatives at an offset from its reference time."""
+    p = terms.polynomial
+    d1, d2, d3, x = digits(terms.scale, offset)
+    y, v, a = sum_block(terms.rows, terms.table, terms.u, d1, d2, d3, x)
+    f0, f1, f2 = guard_values(terms.signals, terms.omega, terms.tau + offset)
     return y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]), v + f1 + p[1] + offset * p[2], a + f2 + p[2]
 
 
 @jit
 def at_offset(slots, signals, omega, signal, tau, offset):  # type: ignore[no-untyped-def]
     """Return a signal and its first two derivatives at an offset from its reference time."""
-    return signal_at(slots.rows, slots.table, slots.scale, signals, omega, signal.u, signal.polynomial, tau, offset)
+    return signal_at(Terms(slots.rows, slots.table, slots.scale, signals, omega, signal.u, signal.polynomial, tau), offset)
 
 
 @jit_inline
@@ -80,24 +136,36 @@ def time_resolution(rows, omega, length):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def wall_of(kind, low, high):  # type: ignore[no-untyped-def]
+def wall_of(kind, guards):  # type: ignore[no-untyped-def]
     """Return the wall that an event is at; 0 where there are none."""
     wall = 0.0
-    if low is not None:
-        wall = high if kind == HIT_HIGH else low
+    if guards.low is not None:
+        wall = guards.high if kind == HIT_HIGH else guards.low
     return wall
 
 
+@jit_inline
+def counted(event, evaluations):  # type: ignore[no-untyped-def]
+    """Return an event with the evaluations of the whole search."""
+    return Event(event.kind, event.offset, event.value, event.rate, event.bend, evaluations)
+
+
+@jit_inline
+def given_up(evaluations):  # type: ignore[no-untyped-def]
+    """Return what is not a number, so that the run ends in an error: an event could be missed."""
+    return Event(NOTHING, np.nan, np.nan, np.nan, np.nan, evaluations)
+
+
 @jit
-def refine(rows, table, scale, signals, omega, u, p, tau, offset, kind, wall, b3, resolution):  # type: ignore[no-untyped-def]
-    """Return the simple root near ``offset`` of the signal (u, p) as an Event, by Newton's method with curvature.
+def refine(terms, offset, kind, wall, b3, resolution):  # type: ignore[no-untyped-def]
+    """Return the simple root near ``offset`` of a signal as an Event, by Newton's method with curvature.
 
     The last step is not evaluated again: it must be so short that the third derivative's bound b3 leaves time and rate exact.
     """
     y, v, a, count = 0.0, 0.0, 0.0, 0
     while count < 12:
         count += 1
-        y, v, a = signal_at(rows, table, scale, signals, omega, u, p, tau, offset)
+        y, v, a = signal_at(terms, offset)
         if kind == REVERSAL:
             step = -v / a
             exact = 0.5 * b3 * step * step <= abs(a) * resolution

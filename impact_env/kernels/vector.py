@@ -6,7 +6,7 @@ these loops are written down (vector_code.py); a vector of 8 numbers becomes wha
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from llvmlite import ir
 from numba.core import types
@@ -22,6 +22,25 @@ SCAN_TERMS = 7  # those that a block keeps
 ROW = 16
 VALUE, RATE, BEND, FORCED, COS, SIN = 0, ROW, 2 * ROW, 3 * ROW, 6 * ROW, 6 * ROW + POINTS
 BLOCK = 7 * ROW
+
+
+class Place(NamedTuple):
+    """Where a block begins: ``offset`` (s) from the signal's reference, the force's carrier there, blocks since the amplitudes were computed."""
+
+    offset: float
+    cos: float
+    sin: float
+    turns: int
+
+
+class Step(NamedTuple):
+    """The steps of a level: their length ``h`` (s), the slots that are summed, and the errors E of the signal and of its rate within one."""
+
+    level: int
+    h: float
+    summed: int
+    e0: float
+    e1: float
 
 
 def signal_place(code: Code, m: Any, n: int, part: int) -> Any:
@@ -65,63 +84,63 @@ def _margins(left: Number, right: Number, left_slope: Number, right_slope: Numbe
     return left.least(right).least(a.least(b)), left.largest(right).largest(a.largest(b))
 
 
-def _scan(orders: int, walls: bool, reversal: bool) -> Any:
-    def scan(typing_context, waves, first, w, size, count, signals, carrier, at, c, s, x, h, offset, p, b, low, high, direction, e0, e1):  # type: ignore[no-untyped-def]
-        number, integer = types.float64, types.int64
-        arguments = (waves, integer, w, integer, integer, signals, carrier, integer, *[number] * 5, p, b, *[number] * 5)
-        signature = types.UniTuple(integer, 2)(*arguments)
+def _fill_block(code: Code, orders: int, course: Any, place: Any, step: Any, size: Any) -> tuple[list[Number], list[Number]]:
+    """Write all of a block, and return the first ``orders`` derivatives at the start and at the end of each of its steps."""
+    b, w, p, signals = course.signal.block, course.signal.moving, course.signal.polynomial, course.forced.signals
+    h, x = code.spread(step.h, POINTS), code.builder.fadd(course.tau, place.offset)
+    first = code.times(code.times(step.level, size), 2 * POINTS)
+    sums, firsts = _sum_slots(code, orders, course.slots.waves, first, w, size, step.summed)
+    steps = code.constant(range(1, POINTS + 1))
+    y, z = (steps.fma(h, code.spread(start, POINTS)) for start in (x, place.offset))
+    at = code.times(step.level, 2 * POINTS)
+    turn = code.complex(course.forced.carrier, at, code.plus(at, POINTS), POINTS)
+    c, s = code.spread(place.cos, POINTS), code.spread(place.sin, POINTS)
+    cos, sin = c.fma(turn.real, -(s * turn.imag)), s.fma(turn.real, c * turn.imag)
+    code.store(cos, b, COS)
+    code.store(sin, b, SIN)
+    p0, p1, p2 = (code.spread(code.number(p, n), POINTS) for n in range(3))
+    half = p2 * code.constant([0.5] * POINTS)
+    polynomials = (z.fma(z.fma(half, p1), p0), z.fma(p2, p1), p2)
+    lefts, rights = [], []
+    for q in range(orders):
+        real, imaginary = (_horner(code, signals, q, part, y) for part in (0, 1))
+        forced = real.fma(cos, (-imaginary).fma(sin, polynomials[q]))
+        code.store(forced, b, FORCED + ROW * q + 1)
+        rights.append(sums[q] + forced)
+        start = firsts[q] + code.number(b, FORCED + ROW * q)
+        lefts.append(code.before(start, rights[q]))
+        code.put(start, b, ROW * q)
+        code.store(rights[q], b, ROW * q + 1)
+    return lefts, rights
 
-        def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-            code = Code(context, builder, signature.args, values)
-            waves, first, w, size, count, signals, carrier, at, c, s, x, h, offset, p, b, low, high, direction, e0, e1 = code.arguments
 
-            def spread(number: Any) -> Number:
-                return code.spread(number, POINTS)
+@intrinsic
+def scan(typing_context, course, guards, place, step, size):  # type: ignore[no-untyped-def]
+    """Fill a block and return (walls, reversals): bit k of either is set where step k is not clear of it.
 
-            sums, firsts = _sum_slots(code, orders, waves, first, w, size, count)
-            steps = code.constant(range(1, POINTS + 1))
-            y, z = steps.fma(spread(h), spread(x)), steps.fma(spread(h), spread(offset))
-            carrier_r, carrier_i = code.vector(carrier, at, POINTS), code.vector(carrier, code.plus(at, POINTS), POINTS)
-            cos = spread(c).fma(carrier_r, -(spread(s) * carrier_i))
-            sin = spread(s).fma(carrier_r, spread(c) * carrier_i)
-            code.store(cos, b, COS)
-            code.store(sin, b, SIN)
-            p0, p1, p2 = (spread(code.number(p, n)) for n in range(3))
-            half = p2 * code.constant([0.5] * POINTS)
-            polynomials = (z.fma(z.fma(half, p1), p0), z.fma(p2, p1), p2)
-            lefts, rights = [], []
-            for q in range(orders):
-                real, imaginary = (_horner(code, signals, q, part, y) for part in (0, 1))
-                forced = real.fma(cos, (-imaginary).fma(sin, polynomials[q]))
-                code.store(forced, b, FORCED + ROW * q + 1)
-                rights.append(sums[q] + forced)
-                start = firsts[q] + code.number(b, FORCED + ROW * q)
-                lefts.append(code.before(start, rights[q]))
-                code.put(start, b, ROW * q)
-                code.store(rights[q], b, ROW * q + 1)
-            third = spread(h) * code.constant([1.0 / 3.0] * POINTS)
-            masks = [ir.Constant(INDEX, 0), ir.Constant(INDEX, 0)]
-            if walls:
-                least, largest = _margins(lefts[0], rights[0], lefts[1], rights[1], third)
-                clear = (spread(high) - largest).least(least - spread(low)) - spread(e0)
-                masks[0] = clear.not_positive()
-            if reversal:
-                sign = spread(direction)
-                least, _ = _margins(sign * lefts[1], sign * rights[1], sign * lefts[2], sign * rights[2], third)
-                masks[1] = (least - spread(e1)).not_positive()
-            return code.result(signature, context, masks)
-
-        return signature, build
-
-    scan.__doc__ = """Fill a block and return (walls, reversals): bit k of either is set where step k is not clear of it.
-
-    ``waves``: flat, from ``first`` on POINTS real and POINTS imaginary parts a slot; ``w``: flat (orders, 2, size), ``count`` slots of it are summed;
-    ``signals``: flat, as `signal_place` says;
-    ``carrier``: flat, from ``at`` on POINTS cosines and POINTS sines; ``c``, ``s``: carrier at the block's start;
-    ``x``, ``offset`` (s): its time from the window's centre and from the signal's reference; ``h``: the step; ``p`` (3,): the signal's polynomial;
-    ``b``: the block, whose forced parts at its start are set; ``low``, ``high``, ``direction``: guards; ``e0``, ``e1``: errors of value and rate.
+    ``course``: a `signals.Course`, whose block has the forced parts at its start set, and the carrier of the step's level; ``guards``: its
+    `signals.Guards`; ``place``: where the block begins; ``size``: slots that the signal has.
     """
-    return intrinsic(scan)
+    kinds = dict(zip(guards.fields, guards.types, strict=True))
+    walls, reversal = (not isinstance(kinds[name], types.NoneType) for name in ("low", "direction"))
+
+    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        code = Code(context, builder, signature.args, values)
+        course, guards, place, step, size = code.arguments
+        lefts, rights = _fill_block(code, 3 if reversal else 2, course, place, step, size)
+        third = code.spread(step.h, POINTS) * code.constant([1.0 / 3.0] * POINTS)
+        masks = [ir.Constant(INDEX, 0), ir.Constant(INDEX, 0)]
+        if walls:
+            low, high, error = (code.spread(number, POINTS) for number in (guards.low, guards.high, step.e0))
+            least, largest = _margins(lefts[0], rights[0], lefts[1], rights[1], third)
+            masks[0] = ((high - largest).least(least - low) - error).not_positive()
+        if reversal:
+            sign = code.spread(guards.direction, POINTS)
+            least, _ = _margins(sign * lefts[1], sign * rights[1], sign * lefts[2], sign * rights[2], third)
+            masks[1] = (least - code.spread(step.e1, POINTS)).not_positive()
+        return code.result(signature, context, masks)
+
+    return types.UniTuple(types.int64, 2)(course, guards, place, step, types.int64), build
 
 
 def _turn(orders: int) -> Any:
@@ -183,5 +202,4 @@ def weighted_sizes(typing_context, weights, start, w, size):  # type: ignore[no-
     return types.UniTuple(types.float64, 2)(weights, types.int64, w, types.int64), build
 
 
-scan_walls, scan_reversal, scan_both = _scan(2, True, False), _scan(3, False, True), _scan(3, True, True)
 turn_2, turn_3 = _turn(2), _turn(3)

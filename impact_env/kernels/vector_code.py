@@ -151,14 +151,30 @@ class Sum:
         return Number(self.code.builder, self.code.builder.load(self.places[size]))
 
 
+class Fields:
+    """A named tuple of the code under construction, its fields by their names: what is never read makes no code."""
+
+    def __init__(self, context: Any, builder: Any, kind: Any, value: Any) -> None:
+        self._context, self._builder, self._kind, self._value = context, builder, kind, value
+
+    def __getattr__(self, name: str) -> Any:
+        place = self._kind.fields.index(name)
+        return opened(self._context, self._builder, self._kind.types[place], self._builder.extract_value(self._value, place))
+
+
+def opened(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Return what code works with: the data pointer of an array, which must be contiguous, the `Fields` of a named tuple, else the value."""
+    if isinstance(kind, types.Array):
+        return context.make_array(kind)(context, builder, value).data
+    return Fields(context, builder, kind, value) if isinstance(kind, types.BaseNamedTuple) else value
+
+
 class Code:
-    """Numbers and vectors of a function under construction; ``arguments`` are data pointers for arrays, which must be contiguous, else values."""
+    """Numbers and vectors of a function under construction; ``arguments`` are `opened`."""
 
     def __init__(self, context: Any, builder: Any, kinds: Iterable[Any], arguments: Iterable[Any]) -> None:
         self.builder, self.lanes = builder, LANES
-        self.arguments = [
-            context.make_array(k)(context, builder, a).data if isinstance(k, types.Array) else a for k, a in zip(kinds, arguments, strict=True)
-        ]
+        self.arguments = [opened(context, builder, kind, value) for kind, value in zip(kinds, arguments, strict=True)]
 
     @contextmanager
     def loop(self, count: Any, step: int = 1) -> Iterator[Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 from numba.core.caching import NullCache
 from numba.core.errors import TypingError
 
-from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_view
 
 
 def fresh(kernel: Any) -> Any:
@@ -106,6 +106,124 @@ def test_an_argument_that_may_be_none_keeps_both_branches() -> None:
         return size(some(x))
 
     assert (of(2.0), of(-2.0)) == (1.0, -1.0)
+
+
+class Pair(NamedTuple):
+    """A group of parts, each of which may be absent."""
+
+    low: float | None
+    high: float | None
+
+
+class Nest(NamedTuple):
+    """A group in a group."""
+
+    pair: Pair
+    factor: float
+
+
+def by_name(pair, x):  # type: ignore[no-untyped-def]
+    if pair.low is None:
+        return pair.low.nothing  # does not compile
+    if pair.high is not None:
+        return pair.high.nothing
+    return pair.low * x
+
+
+def by_another_name(pair, x):  # type: ignore[no-untyped-def]
+    low, high = pair.low, pair.high
+    lacks = high is None
+    if low is None or not lacks:
+        return low.nothing
+    return low * x
+
+
+def in_one_expression(pair, x):  # type: ignore[no-untyped-def]
+    return pair.low * x if pair.low is not None and pair.high is None else x.nothing
+
+
+@jit_view
+def dissolves(pair, x):  # type: ignore[no-untyped-def]
+    if pair.high is None:
+        return pair.low * x
+    return pair.high.nothing
+
+
+def in_a_function_that_dissolves(pair, x):  # type: ignore[no-untyped-def]
+    return dissolves(pair, x)
+
+
+@pytest.mark.parametrize("function", [by_name, by_another_name, in_one_expression, in_a_function_that_dissolves])
+@pytest.mark.parametrize("decorate", [jit, jit_inline])
+def test_a_branch_for_an_absent_field_of_a_group_is_not_typed(function: Callable[..., Any], decorate: Callable[..., Any]) -> None:
+    leaf = fresh(decorate(function))
+
+    @fresh
+    @jit
+    def of(x):  # type: ignore[no-untyped-def]
+        return leaf(Pair(x, None), 2.0)
+
+    assert of(3.0) == 6.0
+    for other in (Pair(None, None), Pair(None, 3.0), Pair(3.0, 3.0)):
+        with pytest.raises(TypingError, match=r"nothing|none"):
+            leaf(other, 2.0)
+
+
+def test_a_branch_for_an_absent_field_of_a_group_in_a_group_is_not_typed() -> None:
+    @fresh
+    @jit
+    def of(nest, x):  # type: ignore[no-untyped-def]
+        pair = nest.pair
+        if nest.pair.low is None:
+            return nest.pair.low.nothing
+        if pair.high is not None:
+            return pair.high.nothing
+        return nest.pair.low * nest.factor * x
+
+    assert of(Nest(Pair(3.0, None), 2.0), 5.0) == 30.0
+    with pytest.raises(TypingError, match="nothing"):
+        of(Nest(Pair(3.0, 1.0), 2.0), 5.0)
+
+
+def test_a_field_that_may_be_none_keeps_both_branches() -> None:
+    @numba.njit
+    def some(x):  # type: ignore[no-untyped-def]
+        return x if x > 0.0 else None
+
+    @fresh
+    @jit
+    def size(pair):  # type: ignore[no-untyped-def]
+        return (-1.0 if pair.low is None else 1.0) + (-10.0 if pair.high is None else 10.0)
+
+    @fresh
+    @jit
+    def of(x, y):  # type: ignore[no-untyped-def]
+        return size(Pair(some(x), some(y)))
+
+    assert [of(x, y) for x in (2.0, -2.0) for y in (2.0, -2.0)] == [11.0, -9.0, 9.0, -11.0]
+
+
+def test_a_name_that_is_a_field_only_at_times_keeps_both_branches() -> None:
+    @fresh
+    @jit
+    def size(pair, x):  # type: ignore[no-untyped-def]
+        high = pair.high
+        if x > 0.0:
+            high = x
+        return -1.0 if high is None else 1.0
+
+    assert [size(Pair(1.0, None), x) for x in (2.0, -2.0)] == [1.0, -1.0]
+    assert [size(Pair(1.0, 3.0), x) for x in (2.0, -2.0)] == [1.0, 1.0]
+
+
+def test_what_is_no_named_tuple_keeps_its_own_meaning() -> None:
+    @fresh
+    @jit
+    def real(x, pair):  # type: ignore[no-untyped-def]
+        first, _ = pair
+        return 0.0 if x.real is None or pair is None or first is None else x.real
+
+    assert real(3.0 + 4.0j, (1.0, 2.0)) == 3.0
 
 
 def test_constants_share_a_part() -> None:

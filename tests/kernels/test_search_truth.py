@@ -12,7 +12,8 @@ from impact_env import Beam, ModalModel, Scene, beam_scene, impact_absorber
 from impact_env.families.rigid import rigid_regimes
 from impact_env.kernels.forced import Forced, Window, new_forced, solve_forced
 from impact_env.kernels.search import search
-from impact_env.kernels.signals import new_signal
+from impact_env.kernels.signals import Course, new_signal
+from impact_env.kernels.signals import Guards as SearchGuards
 from impact_env.kernels.slots import SPEED, S, Slots
 from impact_env.verification.signals import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Signals, first_events
 
@@ -155,8 +156,9 @@ def searched(cases: Cases, case: int, level: int) -> tuple[int, float]:
     signal.memory[0] = level
     low, high, direction = float(cases.low[case]), float(cases.high[case]), float(guards.direction[case])
     walls = (low, high) if np.isfinite(low) or np.isfinite(high) else (None, None)
-    rest = (*walls, int(cases.side[case]), direction if direction else None, bool(cases.zero[case]))
-    found = search(stage.slots, stage.forced, stage.window.omega, signal, stage.tau, stage.length, stage.window.half, *rest)
+    kept = SearchGuards(*walls, int(cases.side[case]), direction if direction else None, bool(cases.zero[case]))
+    course = Course(stage.slots, stage.forced, stage.window.omega, signal, stage.tau)
+    found = search(course, kept, stage.length, stage.window.half)
     return int(found.kind), float(found.offset)
 
 

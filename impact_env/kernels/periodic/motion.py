@@ -75,20 +75,21 @@ def flights_of(structure, point, order, z, impulses):  # type: ignore[no-untyped
         amplitude[0, j] = order.mirror * room.first[j] * total
         for i in range(1, n):
             amplitude[i, j] = amplitude[i - 1, j] * room.steps[i, j] + impulses[i] + room.jump[i] * point.limit / structure.s[j]
-    absorber(structure, point, order, impulses, amplitude, z[0], force, place, velocity, time)
-    return Flights(amplitude, force, place, velocity, time)
+    flights = Flights(amplitude, force, place, velocity, time)
+    absorber(structure, point, order, impulses, z[0], flights)
+    return flights
 
 
 @jit_room
-def absorber(structure, point, order, impulses, amplitude, phase, force, place, velocity, time):  # type: ignore[no-untyped-def]
+def absorber(structure, point, order, impulses, phase, flights):  # type: ignore[no-untyped-def]
     """Fill the absorber's place and velocity after each event: it starts on a wall, and its velocity follows from what comes again."""
-    n, modal, mass = time.shape[0] - 1, np.zeros((3, structure.omega.shape[0])), structure.mass
-    x, v = 0.0, 0.0
+    force, place, velocity, time = flights.force, flights.place, flights.velocity, flights.time
+    n, modal, mass, x, v = time.shape[0] - 1, np.zeros((3, structure.omega.shape[0])), structure.mass, 0.0, 0.0
     for i in range(n):
         dt, pushed = time[i + 1] - time[i], impulses[i + 1] if i + 1 < n else order.mirror * impulses[0]
         x += dt * (v + 0.5 * dt * force[i] / mass)
         v += (dt * force[i] + pushed) / mass
-    rates(structure, point.omega, point.force, force[0], amplitude[0], phase, modal)
+    rates(structure, point.omega, point.force, force[0], flights.amplitude[0], phase, modal)
     place[0] = order.wall[0] * point.gap
     for i in range(structure.omega.shape[0]):
         place[0] += structure.tip[i] * modal[0, i]

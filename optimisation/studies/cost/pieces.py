@@ -9,9 +9,9 @@ import numpy as np
 
 from impact_env.kernels.forced import Forced, Window, fill_carrier, new_forced, solve_forced
 from impact_env.kernels.segments import Regime
-from impact_env.kernels.signals import Signal, at_offset, new_signal
+from impact_env.kernels.signals import Course, Guards, Signal, at_offset, new_signal
 from impact_env.kernels.slots import advance
-from impact_env.kernels.vector import POINTS, begin_orders, scan_walls, turn_2
+from impact_env.kernels.vector import POINTS, Place, Step, begin_orders, scan, turn_2
 
 
 class Room(NamedTuple):
@@ -35,14 +35,14 @@ def make_room(regime: Regime, omega: float, half: float) -> Room:
 @numba.njit(error_model="numpy", cache=True)
 def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Look at a block of times, again and again."""
-    w, b, p, size = room.signal.moving, room.signal.block, room.signal.polynomial, slots.rows.shape[1]
+    w, size, total = room.signal.moving, slots.rows.shape[1], 0
     begin_orders(slots.rows, room.signal.u, w, size)  # type: ignore[call-arg]
-    first, at, h, total = level * size * 2 * POINTS, 2 * POINTS * level, slots.steps[level, 0], 0
-    waves, signals, carrier = slots.waves, room.forced.signals, room.forced.carrier
-    fill_carrier(slots.steps, room.window.omega, level, carrier)
+    fill_carrier(slots.steps, room.window.omega, level, room.forced.carrier)
+    course, guards = Course(slots, room.forced, room.window.omega, room.signal, 0.0), Guards(-1.0, 1.0, 0, None, False)
+    place, step = Place(0.0, 1.0, 0.0, 0), Step(level, slots.steps[level, 0], size, 1e-9, 1e-9)
     for k in range(calls):
         w[0] = 1e-3 + 1e-12 * k
-        walls, _ = scan_walls(waves, first, w, size, size, signals, carrier, at, 1.0, 0.0, 0.0, h, 0.0, p, b, -1.0, 1.0, 0.0, 1e-9, 1e-9)
+        walls, _ = scan(course, guards, place, step, size)
         total += walls
     return total
 
