@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.crew import DONE, Board
+from impact_env.kernels.crew import DONE, LEFT, Board
 
 QUICK_S = 2e-4  # helpers stay for the next call where calls follow one another as quickly as this
 STAY, LOOK_ROUND = 1 << 19, 1 << 12  # looks at the board before a helper leaves: some 0.3 ms, and just long enough to meet the call that woke it
@@ -31,10 +31,15 @@ class Crew:
         """
         number = len(parts)
         self._board.cuts[:number] = parts
-        if helpers:
-            self._call(helpers)
-        if not self._take(number, 0):
-            self._meet(number)
+        try:
+            if helpers:
+                self._call(helpers)
+            if not self._take(number, 0):
+                self._meet(number)
+        except BaseException:  # Ctrl-C, or no room: a part that is left or under way must not be taken for one of the next call
+            self._board.words[LEFT] = 0
+            self.close()
+            raise
         self._ended = time.perf_counter()
 
     def _call(self, helpers: int) -> None:

@@ -86,3 +86,24 @@ def test_threads_start_again_after_they_were_ended() -> None:
         crew.close()
         crew.close()
         np.testing.assert_array_equal(counts, calls)
+
+
+def test_a_call_that_is_broken_off_leaves_nothing_to_the_next() -> None:
+    counts, board = np.zeros(8, dtype=np.int64), new_board(8)
+    broken = []
+
+    def take(parts: int, patience: int) -> bool:
+        if parts > 0 and not broken:
+            broken.append(parts)
+            open_call(board, parts)
+            raise KeyboardInterrupt
+        return bool(count_up(counts, board, parts, patience))
+
+    crew = Crew(take, board)
+    with pytest.raises(KeyboardInterrupt):
+        crew.work(stretches([0, 2, 4, 6, 8]), 1)
+    counts[:] = 0  # nobody is at work any more
+    for calls in range(1, 300):
+        crew.work(stretches([0, 2, 4, 6, 8]), 1)
+        np.testing.assert_array_equal(counts, calls)
+    crew.close()
