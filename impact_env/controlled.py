@@ -5,17 +5,17 @@ What a lane does is the run that `simulate` makes with the same schedule; see `i
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
-from itertools import pairwise
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.crew import Crew
 from impact_env.ensemble import available_cores
 from impact_env.families import family
 from impact_env.first_use import CompilingFor
+from impact_env.kernels.crew import new_board
 from impact_env.kernels.interval import ORDER, REPORT, Batch, Watch, new_lanes
 from impact_env.kernels.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
@@ -70,29 +70,29 @@ class ControlledRuns:
         place = None if scene.model.response_shape is None else read
         watch = Watch(period / samples_per_period, samples, float(exponent), unit, omega, tip, mass, read, place)
         self._watch, self._period = watch, period
-        self._kernel = self._bound()
-        self._pool: ThreadPoolExecutor | None = None
+        self._crew = self._new_crew()
         self._compiled = False
-        self._shares: dict[int, list[tuple[int, int]]] = {}
+        self._shares: dict[int, NDArray[np.int64]] = {}
         self.orders["duration"] = self.duration
         cavity = scene.cavity(0)
         if cavity is not None:
             self.orders["gap"] = cavity.gap
         self.restart(np.arange(lanes))
 
-    def _bound(self) -> Callable[[int, int], None]:
-        """Return what advances lanes [start, stop)."""
-        control = family(self.scene, self.method).control
+    def _new_crew(self) -> Crew:
+        """Return the threads that advance the lanes."""
+        control, board = family(self.scene, self.method).control, new_board(self.lanes)
         assert control is not None
-        return control(self.scene, self.method, self._period, Batch(self._watch, self._memory, self.orders, self.reports, self.status))
+        take = control(self.scene, self.method, self._period, Batch(self._watch, self._memory, self.orders, self.reports, self.status))
+        return Crew(partial(take, board), board)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out threads and compiled code, which cannot be copied."""
-        return {name: value for name, value in vars(self).items() if name not in ("_pool", "_kernel")}
+        return {name: value for name, value in vars(self).items() if name != "_crew"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._pool, self._compiled, self._kernel = None, False, self._bound()
+        self._crew, self._compiled = self._new_crew(), False
 
     @property
     def orders(self) -> NDArray[Any]:
@@ -118,38 +118,27 @@ class ControlledRuns:
 
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
-        workers = min(self.threads, self.lanes // FEWEST) if self._compiled else 1
-        turns = iter(self._parts(max(workers, 1)))
-
-        def work() -> None:
-            for low, high in turns:  # whoever is done takes the next part
-                self._kernel(low, high)
-
         if self._compiled:
-            others = [self._helpers(workers - 1).submit(work) for _ in range(workers - 1)]
-            try:
-                work()
-            finally:
-                wait(others)
-            for other in others:
-                other.result()
+            workers = max(1, min(self.threads, self.lanes // FEWEST))
+            self._crew.work(self._parts(workers), workers - 1)
         else:
             with CompilingFor(self.scene, self.method, "environments"):
-                work()
+                self._crew.work(self._parts(1), 0)
         self._compiled = True
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
             raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
 
-    def _parts(self, workers: int) -> list[tuple[int, int]]:
-        """Return stretches of lanes that do not rest: more of them than threads, since lanes differ in their number of impacts."""
+    def _parts(self, workers: int) -> NDArray[np.int64]:
+        """Return stretches of lanes that do not rest, rows [low, high): more of them than threads, since lanes differ in their number of impacts."""
         if workers not in self._shares:
-            cuts = np.linspace(0, self.lanes, 1 + (1 if workers == 1 else 4 * workers)).astype(int)
-            self._shares[workers] = list(pairwise(cuts.tolist()))
+            self._shares[workers] = _stretches(np.unique(np.linspace(0, self.lanes, 1 + (1 if workers == 1 else 4 * workers)).astype(np.int64)))
+        parts = self._shares[workers]
         if not self.idle.any():
-            return self._shares[workers]
-        cuts = np.union1d([low for low, _ in self._shares[workers]], np.flatnonzero(np.diff(self.idle)) + 1)
-        return [(low, high) for low, high in pairwise([*cuts.tolist(), self.lanes]) if not self.idle[low]]
+            return parts
+        cuts = np.union1d(parts[:, 0], np.flatnonzero(np.diff(self.idle)) + 1)
+        finer = _stretches(np.append(cuts, self.lanes))
+        return finer[~self.idle[finer[:, 0]]]
 
     def snapshot(self) -> list[Array]:
         """Return copies of all that the next `advance` depends on, for `restore`."""
@@ -163,14 +152,11 @@ class ControlledRuns:
     def _variables(self) -> list[NDArray[Any]]:
         return [self.orders, self.reports, self.status, *self._memory]
 
-    def _helpers(self, number: int) -> ThreadPoolExecutor:
-        """Return the threads beside the calling one."""
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(number)
-        return self._pool
-
     def close(self) -> None:
         """End the threads; they start again when they are needed."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        self._crew.close()
+
+
+def _stretches(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the stretches (n, 2) between cuts (n + 1,)."""
+    return np.column_stack([cuts[:-1], cuts[1:]])
