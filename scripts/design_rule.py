@@ -14,8 +14,12 @@ from optimisation.studies.study import beside
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
-@click.option("--quick", is_flag=True, help="A look: one member, fewer gaps, no damping of 0.1 %.")
-@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point.  [default: {MEMBERS}, with --quick {QUICK_MEMBERS}]")
+@click.option("--quick", is_flag=True, help="A look: one member, no gaps halfway to the best, no damping below 0.5 %.")
+@click.option(
+    "--members",
+    type=click.IntRange(min=1),
+    help=f"Runs for each point, fewer at 0.2 and 0.1 % damping.  [default: {MEMBERS}, with --quick {QUICK_MEMBERS}]",
+)
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @cluster_option
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder for page and numbers.  [default: docs, with --quick {QUICK_OUT}]")

@@ -20,7 +20,7 @@ from optimisation.evaluation import Clocked, Executor, Threads
 from optimisation.problem import Problem
 from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdict
 from optimisation.search.ledger import Ledger, remembering
-from optimisation.search.noisy import MEMBERS_A_DESIGN, NOISY, noisy_search
+from optimisation.search.noisy import NOISY, noisy_search
 from optimisation.search.result import Cost, Findings
 from optimisation.search.samplers import CMA
 from optimisation.search.settings import Settings, default_settings
@@ -129,7 +129,8 @@ def _find_smoothly(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> 
 def _find_noisily(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:
     """Search with a model of the noise: a design of the plan counts as one member or a little more, as many as one costs that is screened."""
     assert plan.sampler is not None
-    began, members, clocked = time.perf_counter(), max(2, round(MEMBERS_A_DESIGN * plan.designs)), Clocked(ledger)
+    began, clocked = time.perf_counter(), Clocked(ledger)
+    members = max(2, round(default_settings(problem).members_a_design * plan.designs))
     runs, done = 2 * len(problem.conditions), 0
     with bars.runs(f"{problem.space.concept}: search") as show:
 

@@ -35,8 +35,6 @@ NOISY = {MAP: "dense map with quantile regression", REPLICATED: "Gaussian proces
 ROUND, NEW = 8, 6  # designs of a round of the Gaussian process, of which so many are new
 BEGIN = 2 * ROUND
 CANDIDATES = 400
-# members at the full rate that a screened design costs: of 40 designs 40 run 2 members ten times as fast, 8 run 2 and 2 run all 16
-MEMBERS_A_DESIGN = 1.3
 FINALISTS = 8  # designs that are handed on, best first
 WIDTHS = np.geomspace(0.03, 0.5, 10)  # of the window, in shares of the ranges
 _JITTER = 1e-8

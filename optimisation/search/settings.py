@@ -53,6 +53,16 @@ class Settings:
         count("batch", self.batch, 2)
         count("seed", self.seed, 0)
 
+    @property
+    def members_a_design(self) -> float:
+        """Members at the problem's own rate that a design costs on average, with those that are left behind."""
+        cost, going, below = 0.0, 1.0, None
+        for rung in self.rungs:
+            known = below.members if below is not None and below.speed == rung.speed else 0
+            cost += going * max(0, rung.members - known) / rung.speed
+            going, below = going * rung.keep, rung
+        return cost
+
     def check(self, problem: Problem) -> None:
         """Raise ParameterError unless the settings go with a problem."""
         check_sampler(self.sampler, problem.space, len(problem.objectives))

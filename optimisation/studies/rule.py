@@ -26,10 +26,13 @@ STRUCTURES = {
     "steel": Beam(length=1.2, bending_stiffness=210e9 * 0.04 * 0.008**3 / 12, mass_per_length=7850 * 0.04 * 0.008, force_position=0.25),
 }
 RESONANCES = (1, 2)
-DAMPINGS, QUICK_DAMPINGS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05), (0.002, 0.005, 0.01, 0.02, 0.05)
+DAMPINGS, QUICK_DAMPINGS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05), (0.005, 0.01, 0.02, 0.05)
 MASSES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 PLACES = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5)
-WIDEST, STEPS, QUICK_STEPS = 4.0, 6, 4  # factors of the rule's gap reach this far to either side, in so many steps
+WIDEST, STEPS = 4.0, 4  # factors of the rule's gap reach this far to either side, in so many steps: 41 % apart
+# Sweeps at the least damping take a hundred times as long as the paper's. So below this the gaps reach from half the rule's to twice it only, where
+# light damping has its best gap, with nothing in between and fewer members; and the least of all is run near the first resonance only.
+LIGHT, LIGHT_WIDEST, LIGHT_MEMBERS = 0.004, 2.0, {0.002: 2, 0.001: 1}
 FORCE = 1.0  # N: any would do
 TOLERATED = 1.1  # a level over the smallest that counts as good
 DAMPING, MASS, PLACE = "damping", "mass ratio", "place"
@@ -47,6 +50,11 @@ class Case:
     mass_ratio: float = DEFAULT_MASS_RATIO
 
     @property
+    def light(self) -> bool:
+        """Whether the damping is so light that the case gets less, see `LIGHT`."""
+        return self.varied == DAMPING and self.value < LIGHT
+
+    @property
     def key(self) -> str:
         """A name of the case that no other has."""
         return f"{self.structure}, resonance {self.resonance}, {self.varied} {self.value:g}"
@@ -57,7 +65,7 @@ class Row:
     """What a case showed: factors of the rule's gap and the levels there over no absorber, the best factor, and the price of the rule's gap.
 
     ``reach``: free amplitude over the rule's gap; ``sweep``: level of the sweeps without absorber over the stationary one; ``price``: level at the
-    rule's gap over the smallest.
+    rule's gap over the smallest; ``members``: runs for each gap.
     """
 
     key: str
@@ -72,6 +80,7 @@ class Row:
     relative: tuple[float, ...]
     best: float
     price: float
+    members: int
 
 
 def cases(quick: bool = False) -> list[Case]:
@@ -79,37 +88,58 @@ def cases(quick: bool = False) -> list[Case]:
     every = []
     for name, beam in STRUCTURES.items():
         for resonance in RESONANCES:
-            every += [Case(name, DAMPING, d, resonance, replace(beam, damping_ratio=d)) for d in (QUICK_DAMPINGS if quick else DAMPINGS)]
+            dampings = QUICK_DAMPINGS if quick else DAMPINGS if resonance == 1 else DAMPINGS[1:]
+            every += [Case(name, DAMPING, d, resonance, replace(beam, damping_ratio=d)) for d in dampings]
             every += [Case(name, MASS, m, resonance, beam, m) for m in MASSES]
             every += [Case(name, PLACE, x, resonance, replace(beam, absorber_position=x)) for x in PLACES]
     return every
 
 
-def factors(steps: int = STEPS) -> Array:
+def factors(steps: int = STEPS, widest: float = WIDEST) -> Array:
     """Return the factors of the rule's gap, 1 in the middle, (2 steps + 1,)."""
-    return np.geomspace(1 / WIDEST, WIDEST, 2 * count("steps", steps, 1) + 1)
+    found = np.geomspace(1 / widest, widest, 2 * count("steps", steps, 1) + 1)
+    found[steps] = 1.0
+    return found
+
+
+def halfway(check: GapCheck) -> list[float]:
+    """Return the factors between that of the best gap and its neighbours (one at an end), with the rule's own, as `check_gap` asks for it."""
+    assert check.best is not None
+    near = np.log(check.gaps[max(0, check.best - 1) : check.best + 2] / check.rule)
+    return [*np.exp((near[1:] + near[:-1]) / 2).tolist(), 1.0]
 
 
 def run_case(
-    case: Case, members: int, steps: int, threads: int | None, progress: Progress | None = None, executor: Executor | None = None
-) -> GapCheck:
-    """Simulate a case; arguments and interruption as in `check_gap`."""
-    model = modal_model(case.beam)
-    multiples = factors(steps)
-    multiples[steps] = 1.0
+    case: Case, members: int, steps: int, threads: int | None, progress: Progress | None = None, executor: Executor | None = None, fine: bool = False
+) -> list[GapCheck]:
+    """Simulate a case, and with ``fine`` the gaps halfway from the best to its neighbours too; arguments and interruption as in `check_gap`.
+
+    With light damping (`LIGHT`) it has fewer gaps and members, and none halfway.
+    """
+    model, light = modal_model(case.beam), case.light
+    multiples = factors(max(1, steps // 2), LIGHT_WIDEST) if light else factors(steps)
     absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
-    where = {"threads": threads, "progress": progress, "executor": executor}
-    return check_gap(model, FORCE, case.resonance, absorber, factors=multiples, members=members, everywhere=True, **where)  # type: ignore[arg-type]
+    fewer = min(members, LIGHT_MEMBERS[case.value]) if light else members
+    where = {"members": fewer, "everywhere": True, "threads": threads, "progress": progress, "executor": executor}
+
+    def at(chosen: Sequence[float] | Array) -> GapCheck:
+        return check_gap(model, FORCE, case.resonance, absorber, factors=chosen, **where)  # type: ignore[arg-type]
+
+    coarse = at(multiples)
+    return [coarse, at(halfway(coarse))] if fine and not light and coarse.complete else [coarse]
 
 
-def row_of(case: Case, check: GapCheck) -> Row:
+def row_of(case: Case, checks: Sequence[GapCheck]) -> Row:
     """Return what a finished case showed."""
-    best = check.best
-    assert best is not None
-    own = (case.key, case.structure, case.varied, case.value, case.resonance)
-    price = float(check.level[check.at_rule] / check.level[best])
-    multiples = tuple(float(x) for x in check.gaps / check.rule)
-    return Row(*own, check.reach, check.rate, check.sweep_ratio, multiples, tuple(float(x) for x in check.relative), multiples[best], price)
+    first = checks[0]
+    known: dict[float, float] = {}
+    for check in reversed(checks):  # the rule's own gap is in all of them, with the same members
+        known.update(zip((float(x) for x in check.gaps / check.rule), (float(x) for x in check.relative), strict=True))
+    multiples = tuple(sorted(known))
+    relative = tuple(known[x] for x in multiples)
+    own = (case.key, case.structure, case.varied, case.value, case.resonance, first.reach, first.rate, first.sweep_ratio)
+    best = int(np.nanargmin(relative))
+    return Row(*own, multiples, relative, multiples[best], relative[multiples.index(1.0)] / relative[best], len(first.without.members))
 
 
 def as_json(row: Row) -> dict[str, object]:

@@ -20,16 +20,15 @@ from optimisation.studies.study import Json, Measured, Part, Steps, Study, rows_
 NAME = "design_rule"
 QUICK_OUT = Path("results/design_rule")
 OUT = published(DOCS, QUICK_OUT)
-MEMBERS, QUICK_MEMBERS = 4, 1
+MEMBERS, QUICK_MEMBERS = 3, 1
 SECTIONS = {DAMPING: "rule:damping", MASS: "rule:mass", PLACE: "rule:place"}
 VERDICT, MACHINE = "rule:verdict", "rule:machine"
 
 
 class Settings(NamedTuple):
-    """Runs for each point, steps to either side of the rule's gap, whether it is a look only, and threads (None: all cores) or an executor."""
+    """Runs for each point, whether it is a look only (no gaps halfway, no light damping), and threads (None: all cores) or an executor."""
 
     members: int
-    steps: int
     quick: bool
     threads: int | None
     executor: Executor | None = None
@@ -37,7 +36,7 @@ class Settings(NamedTuple):
     @property
     def told(self) -> Json:
         """What the numbers depend on, as the file holds it."""
-        return {"members": self.members, "steps": self.steps, "quick": self.quick}
+        return {"members": self.members, "quick": self.quick}
 
     def keep(self, values: Json) -> Json:
         """Return what an earlier run has measured with the same settings."""
@@ -46,15 +45,15 @@ class Settings(NamedTuple):
 
 def settings(quick: bool, members: int | None, threads: int | None, executor: Executor | None = None) -> Settings:
     """Return how much to simulate, and where."""
-    return Settings(members or (QUICK_MEMBERS if quick else MEMBERS), rule.QUICK_STEPS if quick else rule.STEPS, quick, threads, executor)
+    return Settings(members or (QUICK_MEMBERS if quick else MEMBERS), quick, threads, executor)
 
 
 def _run(case: Case, given: Settings) -> list[Json]:
     with runs_bar(case.key) as show:
-        check = rule.run_case(case, given.members, given.steps, given.threads, show, given.executor)
-    if not check.complete:
+        checks = rule.run_case(case, given.members, rule.STEPS, given.threads, show, given.executor, fine=not given.quick)
+    if not all(check.complete for check in checks):
         raise KeyboardInterrupt
-    return [as_json(row_of(case, check))]
+    return [as_json(row_of(case, checks))]
 
 
 def _measure(given: Settings, known: Json) -> Steps:
@@ -71,7 +70,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    at_rule = row.relative[len(row.factors) // 2]
+    at_rule = row.relative[row.factors.index(1.0)]
     least, expected = min(row.relative), expected_factor(row.reach)
     levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, expected)))
     numbers = (f"{row.value:g}", f"{row.reach:.3g}", f"{row.best:.2g}", f"{expected:.2g}", *levels)

@@ -15,7 +15,20 @@ from optimisation.search.bars import BARS
 from optimisation.studies import search_methods
 from optimisation.studies.machine import sources
 from optimisation.studies.page import DOCS, published
-from optimisation.studies.search_methods import DESIGNS, LABELS, MEMBERS, QUESTIONS, SEEDS, Trial, as_json, from_json, standings, wanted, winner
+from optimisation.studies.search_methods import (
+    DESIGNS,
+    LABELS,
+    MEMBERS,
+    QUESTIONS,
+    SEEDS,
+    SPEED,
+    Trial,
+    as_json,
+    from_json,
+    standings,
+    wanted,
+    winner,
+)
 from optimisation.studies.study import Json, Measured, Part, Steps, Study, rows_by_case
 
 NAME = "search_methods"
@@ -50,7 +63,7 @@ class Settings(NamedTuple):
         return list(wanted(self.questions, self.seeds))
 
 
-FULL: dict[str, float] = {"designs": DESIGNS, "members": MEMBERS, "seeds": SEEDS, "speed": 1.0}
+FULL: dict[str, float] = {"designs": DESIGNS, "members": MEMBERS, "seeds": SEEDS, "speed": SPEED}
 QUICK: dict[str, float] = {"designs": 40, "members": 4, "seeds": 2, "speed": 4.0}
 
 

@@ -17,6 +17,8 @@ pytest.importorskip("optuna")
 import design_gap
 import design_rule
 import distributed
+import friction_branches
+import mass_ratios
 import search_methods as search_methods_script
 
 from optimisation.evaluation import Threads
@@ -51,6 +53,15 @@ def test_gaps_around_the_rule(address: str, tmp_path: Path) -> None:
     assert (tmp_path / "here" / "levels.csv").read_text() == (tmp_path / "there" / "levels.csv").read_text()
 
 
+def test_best_gaps_over_the_mass(address: str) -> None:
+    line = ["--mass-ratio", "0.05", "--resonances", "1", "1", "--rate", "100", "--members", "2"]
+    here, there = (CliRunner().invoke(mass_ratios.main, [*line, *where]) for where in (["--threads", "1"], ["--cluster", address]))
+    assert there.exit_code == 0, there.output
+    tables = [[row for row in result.output.splitlines() if row.startswith("|")] for result in (here, there)]
+    assert tables[0] == tables[1]
+    assert "5 %" in tables[1][2]
+
+
 def test_a_case_of_the_rule_study_and_a_search(address: str) -> None:
     case = next(case for case in rule.cases() if case.varied == rule.DAMPING and case.value == 0.05)
     with Workers(address) as workers:
@@ -61,10 +72,19 @@ def test_a_case_of_the_rule_study_and_a_search(address: str) -> None:
     assert first == second
 
 
-@pytest.mark.parametrize("command", [design_rule.main, search_methods_script.main], ids=["design_rule", "search_methods"])
-def test_threads_and_no_scheduler_are_refused(command: object, tmp_path: Path) -> None:
-    line = ["--quick", "--out", str(tmp_path), "--cluster", "127.0.0.1:1"]
-    result = CliRunner().invoke(command, [*line, "--threads", "2"])  # type: ignore[arg-type]
+COMMANDS = {
+    "design_rule": (design_rule.main, ["--quick", "--out"]),
+    "search_methods": (search_methods_script.main, ["--quick", "--out"]),
+    "mass_ratios": (mass_ratios.main, []),
+    "friction_branches": (friction_branches.main, ["--quick"]),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_threads_and_no_scheduler_are_refused(name: str, tmp_path: Path) -> None:
+    command, options = COMMANDS[name]
+    line = [*options, *([str(tmp_path)] if "--out" in options else []), "--cluster", "127.0.0.1:1"]
+    result = CliRunner().invoke(command, [*line, "--threads", "2"])
     assert result.exit_code == 2
     assert "--threads = 2 is not allowed: with --cluster" in result.output
     assert list(tmp_path.iterdir()) == []

@@ -130,10 +130,10 @@ def test_methods_are_ranked_by_the_median_over_seeds() -> None:
 
 
 def test_comparison_runs_goes_on_and_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    beam, conditions = search_methods.QUESTIONS["steel, first"]
-    monkeypatch.setitem(search_methods.QUESTIONS, "steel, first", (replace(beam, modes=2), conditions))
+    beam, conditions = search_methods.QUESTIONS["steel, second"]
+    monkeypatch.setitem(search_methods.QUESTIONS, "steel, second", (replace(beam, modes=2), conditions))
     monkeypatch.setattr(search_methods_study, "QUICK", {"designs": 10, "members": 2, "seeds": 1, "speed": 100.0})
-    arguments = ["--quick", "--question", "steel, first", "--out", str(tmp_path)]
+    arguments = ["--quick", "--question", "steel, second", "--out", str(tmp_path)]
     result = CliRunner().invoke(search_methods_command.main, arguments)
     assert result.exit_code == 0, result.output
     content = json.loads((tmp_path / "search_methods.json").read_text())

@@ -21,14 +21,17 @@ def a_row(reach: float, best: float) -> Row:
     relative = tuple((0.2 * (1 + np.log(np.array(factors) / best) ** 2)).tolist())
     least = int(np.argmin(relative))
     key = f"case {reach}"
-    return Row(key, "steel", "damping", reach, 1, reach, 1.0, 0.99, factors, relative, factors[least], relative[4] / relative[least])
+    return Row(key, "steel", "damping", reach, 1, reach, 1.0, 0.99, factors, relative, factors[least], relative[4] / relative[least], 1)
 
 
 def test_light_damping_wants_a_wider_gap_on_the_steel_beam() -> None:
     """A case of the page, run: 0.5 % damping at the second resonance, where the rule's gap lies on the steep side."""
     (case,) = (c for c in rule.cases(quick=True) if c.key == "steel, resonance 2, damping 0.005")
-    check = run_case(case, 1, 2, None)
-    row = row_of(case, check)
+    coarse, fine = run_case(case, 1, 2, None, fine=True)
+    row = row_of(case, [coarse, fine])
+    assert row.factors == tuple(sorted({*(coarse.gaps / coarse.rule).tolist(), *(fine.gaps / fine.rule).tolist()}))
+    assert len(row.factors) in (6, 7)  # two gaps more beside the best, one at an end
+    assert fine.level[fine.at_rule] == coarse.level[coarse.at_rule]  # the same members
     assert row.rate == 0.25
     assert row.sweep > 0.98
     assert row.reach == pytest.approx(7.55, rel=0.01)
@@ -65,14 +68,14 @@ def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest
         for varied, value in (("damping", 0.02), ("mass ratio", 0.02), ("place", 0.9))
     ]
     monkeypatch.setattr(rule, "cases", lambda _quick: some)
-    monkeypatch.setattr(rule, "QUICK_STEPS", 1)
+    monkeypatch.setattr(rule, "STEPS", 1)
     ran: list[str] = []
 
-    def counted(case: object, *arguments: object) -> object:
+    def counted(case: object, *arguments: object, **fine: bool) -> object:
         if len(ran) == 2:
             raise KeyboardInterrupt
         ran.append(case.key)  # type: ignore[attr-defined]
-        return run_case(case, *arguments)  # type: ignore[arg-type]
+        return run_case(case, *arguments, **fine)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
         patch.setattr(rule, "run_case", counted)
@@ -83,7 +86,7 @@ def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest
     assert (tmp_path / "design_rule.md").read_text().count("Not measured yet.") == 1
     before = (tmp_path / "design_rule.json").read_text()
     ran.clear()
-    monkeypatch.setattr(rule, "run_case", lambda case, *arguments: ran.append(case.key) or run_case(case, *arguments))
+    monkeypatch.setattr(rule, "run_case", lambda case, *arguments, **fine: ran.append(case.key) or run_case(case, *arguments, **fine))
     whole = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)])
     assert whole.exit_code == 0, whole.output
     assert ran == [some[2].key]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -101,6 +101,28 @@ def _gain(found: Json, digits: int = 3) -> str:
     return f"{gain.ratio:.{digits}f} ({_band((gain.low, gain.high), 1.0, f'.{digits}f')})"
 
 
+def _found_besides(found: Json) -> Iterator[str]:
+    """Yield what is to be known of a winner besides its level: branches of its members, bounds that it lies at, its level with more modes."""
+    for condition in found["conditions"]:
+        for name, label in (("winner", "the found"), ("paper", "the paper's")):
+            two = condition[name]["branches"]
+            if two is not None:
+                pairs = zip(two["relative"], two["shares_of_members"], strict=True)
+                low, high = (f"{_percent(level)} % ({_percent(share, 0)} % of the members)" for level, share in pairs)
+                yield f"near resonance {condition['resonance']} {label} has two branches, {low} and {high}"
+    yield from (f"it lies at a bound, {line}" for line in found["winner_at_bounds"])
+    wider = found.get("with_more_modes")
+    if wider is not None:
+        change = wider["change"]
+        yield f"with {wider['modes']} modes its level is {change['ratio']:.3f} ({_band(change['95_percent'], 1.0, '.3f')}) times that"
+
+
+def _besides(named: Mapping[str, Json]) -> str:
+    """Return a list of `_found_besides`, by name."""
+    lines = [f"- *{name}*: {'; '.join(said)}." for name, found in named.items() if (said := list(_found_besides(found)))]
+    return "\n\n" + "\n".join(lines) if lines else ""
+
+
 def _concepts(result: Json) -> str:
     header = ("concept", "found from scratch", "worse of both, %", "the paper's choice, %", "found over paper's", "first, %", "second, %", "share, %")
     rows = []
@@ -117,7 +139,7 @@ def _concepts(result: Json) -> str:
             others.append(f"{gain.ratio:.2f} ({_band((gain.low, gain.high), 1.0, '.2f')}) times for the concept {concept}")
     lines = [f"{found['designs']} designs, {found['problem']['members']} members" for found in result.values()]
     text = f"The worse level over that of the impact absorber found, ratio of the medians with its 95 % interval: {'; '.join(others)}."
-    return markdown(header, rows) + f"\n\n{text} Searches: {', '.join(f'{c} {x}' for c, x in zip(result, lines, strict=True))}."
+    return markdown(header, rows) + f"\n\n{text} Searches: {', '.join(f'{c} {x}' for c, x in zip(result, lines, strict=True))}." + _besides(result)
 
 
 def _optima(result: Json) -> str:
@@ -163,7 +185,7 @@ def _impact_optima(impact: Sequence[Json]) -> str:
         )
         for x in impact
     ]
-    return markdown(header, rows)
+    return markdown(header, rows) + _besides({f"Resonance {x['resonance']}": x for x in impact})
 
 
 def _place(result: Json) -> str:

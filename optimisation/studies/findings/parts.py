@@ -144,7 +144,7 @@ def _impact_optimum(study: Settings, resonance: int, force: float) -> Json:
     rule = design_force(problem.model, mass, RigidWalls.gap, resonance)
     forces = rule * np.geomspace(0.5, 1.8, 2 * study.points)
     with runs_bar(f"resonance {resonance}: levels over the force") as show:
-        worse, without = member_levels(problem, [problem.space.paper], over_force(problem.conditions[0], forces), study.members, study.executor, show)
+        worse, without = member_levels(problem, [problem.space.paper], over_force(problem.conditions[0], forces), 2 * study.few, study.executor, show)
     relative = worse[0] / without
     low, median, high = np.quantile(relative, (0.05, 0.5, 0.95), axis=0)
     curve = {"force_n": forces.tolist(), "low": low.tolist(), "median": median.tolist(), "high": high.tolist()}
@@ -165,7 +165,7 @@ def place(study: Settings) -> Json:
     """The best gap at each position along the beam, and a search with the position free."""
     least = min(LEAST, study.few)
     problem = study.problem(IMPACT, AT, (GAP, POSITION), members=least)
-    positions = np.round(np.linspace(0.4, 1.0, 2 * study.points // 3 + 1), 4)
+    positions = np.round(np.linspace(0.4, 1.0, study.points // 2 + 1), 4)
     gaps = np.geomspace(2e-4, 1.6e-3, study.points)
     designs = [Design(IMPACT, {**design.values, POSITION: float(x)}) for x in positions for design in with_gaps(problem.space.paper, gaps)]
     with runs_bar("levels over position and gap") as show:

@@ -14,6 +14,7 @@ from optimisation.memory import peak_memory
 from optimisation.studies.findings import parts
 from optimisation.studies.findings.page import PARTS, data_rows, sections
 from optimisation.studies.findings.parts import Settings
+from optimisation.studies.machine import sources
 from optimisation.studies.page import published
 from optimisation.studies.study import Json, Measured, Part, Place, Saver, Steps, Study, Table, beside
 
@@ -21,7 +22,7 @@ NAME = "findings"
 QUICK_OUT = Path("results/findings")
 OUT = published(Path("docs"), QUICK_OUT)
 JOURNALS = Path("results/findings/journals")
-DESIGNS, FEW, POINTS = 400, 4, 13  # odd: the study's own force is one of the points
+DESIGNS, FEW, POINTS = 160, 4, 13  # odd: the study's own force is one of the points
 QUICK_DESIGNS, QUICK_POINTS = 20, 6
 
 
@@ -71,7 +72,7 @@ def _part(name: str, title: str) -> Part[Settings]:
         title,
         measure=partial(_measure, name=name),
         markers=(marker,),
-        sections=lambda measured: {marker: sections(name, measured.values)},
+        sections=lambda measured: {marker: f"{sections(name, measured.values)}\n\n{sources(measured.conditions)}"},
         tables=lambda measured: [Table(*data) for data in data_rows(name, measured.values)],
         figures=partial(_figures, name=name),
     )
