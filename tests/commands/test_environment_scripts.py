@@ -76,6 +76,7 @@ def test_bad_options_are_named(tmp_path: Path, arguments: tuple[object, ...], wo
 
 def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(environments, "QUICK_SECONDS", 0.02)
+    monkeypatch.setattr(environments, "REPEATS", 2)
     monkeypatch.setattr(environments, "SETTLE", 2)
     monkeypatch.setattr(
         environments,
