@@ -20,7 +20,7 @@ from impact_env import Drive, FrequencySchedule, ParameterError, simulate  # noq
 from impact_env.envs import ENVIRONMENTS, register_environments  # noqa: E402
 from impact_env.envs.reference import passage  # noqa: E402
 
-SWEEP, GAP, PASSIVE, V1, NOISY, DELAYED, ADAPTIVE = ENVIRONMENTS
+SWEEP, GAP, PASSIVE, V1, NOISY, DELAYED, ADAPTIVE, FRICTION = ENVIRONMENTS
 pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}  # one kind of scene for most tests: one kernel to compile
 SHORT = {
@@ -30,6 +30,7 @@ SHORT = {
 }
 BRIEF = {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0}
 SHORT |= dict.fromkeys((V1, NOISY, DELAYED), BRIEF) | {ADAPTIVE: BRIEF | RUBBING}
+SHORT |= {FRICTION: {"limits": (0.96, 0.98), "direction": "random", "friction_range": (0.01, 5.0)}}
 SCENES = list(SHORT.items())
 
 
@@ -432,6 +433,17 @@ def test_impossible_passive_actions_are_refused(bad: Any) -> None:
         (V1, {"whole_scene": {}, "modes": 2}, "modes = 2"),
         (ADAPTIVE, {"gap_limits": (0.0, 1e-3)}, "gap_limits"),
         (ADAPTIVE, {"absorber": "stuck", "absorber_options": {}}, "absorber"),
+        (FRICTION, {"friction_range": (0.0, 1.0)}, "friction_range = (0.0, 1.0)"),
+        (FRICTION, {"friction_range": (1.0, 1.0)}, "friction_range = (1.0, 1.0)"),
+        (FRICTION, {"friction_range": (2.0, 1.0)}, "friction_range = (2.0, 1.0)"),
+        (FRICTION, {"friction_range": (1e-200, 1e200)}, "friction_range"),
+        (FRICTION, {"friction_range": (0.1, np.nan)}, "friction_range"),
+        (FRICTION, {"absorber_options": {}}, "rigid friction"),
+        (FRICTION, {"absorber_options": {"friction_limit": 0.1, "friction_stiffness": 1e5, "contact_stiffness": 1e5}}, "rigid friction"),
+        (FRICTION, {"absorber": "stuck", "absorber_options": {}}, "rigid friction"),
+        (FRICTION, {"absorber": "none", "absorber_options": {}}, "rigid friction"),
+        (FRICTION, {"rate": 0.0}, "rate = 0.0"),
+        (FRICTION, {"rates": (1.0, 2.0)}, "rates is not an argument"),
         (SWEEP, {"absorber": "magic"}, "absorber = 'magic'"),
         (SWEEP, {"absorber_options": {"mass": 1}}, "absorber_options"),
         (SWEEP, {"absorber_options": {"gap": -1.0}}, "gap = -1.0"),
