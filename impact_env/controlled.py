@@ -5,6 +5,7 @@ What a lane does is the run that `simulate` makes with the same schedule; see `i
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
@@ -20,12 +21,21 @@ from impact_env.kernels.interval import ORDER, REPORT, Batch, Watch, new_lanes
 from impact_env.kernels.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.methods import Exact, Method
-from impact_env.parameters import count, positive, require
+from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, positive, require
 from impact_env.scene import Scene
 from impact_env.sweep import REASONS, IntegrationError
 
 Array = NDArray[np.float64]
 FEWEST = 64  # lanes a thread must have to be worth its start
+
+
+def friction_limit(scene: Scene) -> float:
+    """Return the limit (N) of an absorber's rigid friction, infinity where there is none that could be another: then orders' limits are not read.
+
+    So a stuck absorber is to the Moreau scheme one of this limit.
+    """
+    friction = scene.absorber.friction if isinstance(scene.absorber, SlidingAbsorber) else None
+    return friction.limit if isinstance(friction, CoulombFriction) else math.inf
 
 
 class ControlledRuns:
@@ -77,6 +87,7 @@ class ControlledRuns:
         cavity = scene.cavity(0)
         if cavity is not None:
             self.orders["gap"] = cavity.gap
+        self.orders["limit"] = friction_limit(scene)
         self.restart(np.arange(lanes))
 
     def _new_crew(self) -> Crew:

@@ -138,7 +138,8 @@ class Screen:
         picture = Picture()
         self._draw_beam(picture, lane)
         picture.text(10, 8, f"time {info['time'][lane]:.0f} pseudo periods", 13)
-        picture.text(WIDTH - 10, 8, f"force {info['force'][lane]:.2f} N,  score {info['score'][lane]:.3f}", 13, "ra")
+        friction = f"friction {info['friction_limit'][lane]:.3g} N,  " if "friction_limit" in info else ""
+        picture.text(WIDTH - 10, 8, f"force {info['force'][lane]:.2f} N,  {friction}score {info['score'][lane]:.3f}", 13, "ra")
         for strip, (top, bottom) in zip((level, frequency), STRIPS, strict=True):
             _draw_strip(picture, strip, top, bottom)
         return picture.pixels()

@@ -29,6 +29,7 @@ ENVIRONMENTS = {
     "ImpactAbsorber/SweepRateNoisy-v1": Entry(V1, {"observation_noise": 0.3}),
     "ImpactAbsorber/SweepRateDelayed-v1": Entry(V1, {"observation_delay": 4}),
     "ImpactAbsorber/SweepAndGap-v0": Entry("impact_env.envs.sweep_and_gap:SweepAndGap", numbers=2),
+    "ImpactAbsorber/FrictionChoice-v0": Entry("impact_env.envs.friction_choice:FrictionChoice"),
 }
 
 

@@ -22,8 +22,8 @@ from impact_env.kernels.segments import last_sample
 Array = NDArray[np.float64]
 
 # an order: duration (s), circular frequency at start and end (rad/s), force (N), its phase at the start (rad; becomes that at the end),
-# half-clearance (m; becomes the one in use), whether to start afresh, whether the run ends here
-ORDER = record(duration=NUMBER, omega_start=NUMBER, omega_stop=NUMBER, force=NUMBER, phase=NUMBER, gap=NUMBER, fresh=FLAG, final=FLAG)
+# half-clearance (m; becomes the one in use), friction limit (N), whether to start afresh, whether the run ends here
+ORDER = record(duration=NUMBER, omega_start=NUMBER, omega_stop=NUMBER, force=NUMBER, phase=NUMBER, gap=NUMBER, limit=NUMBER, fresh=FLAG, final=FLAG)
 # a report: tip's amplitude in phase with the force and a quarter behind it (m), absorber less tip at the end (m, m/s), impacts, absorber's share of
 # the energy at the end, level so far (m), mean of q_tip^2 (m^2), sum of |q_tip/unit|^exponent over the samples, tip displacement at the end (m)
 REPORT = record(
@@ -38,7 +38,8 @@ REPORT = record(
     damage=NUMBER,
     tip=NUMBER,
 )
-KEPT = record(gap=NUMBER, search_level=NUMBER)  # half-clearance in use (m), and the level that a search begins with
+# half-clearance (m), friction limit (N) and force (N) in use, and the level that a search begins with
+KEPT = record(gap=NUMBER, limit=NUMBER, force=NUMBER, search_level=NUMBER)
 MARGIN = 1e-9  # by which a wall that is moved keeps off the absorber, relative to their distance from the middle
 
 
@@ -191,6 +192,14 @@ def with_gap(walls, gap):  # type: ignore[no-untyped-def]
     if walls is None:
         return None
     return Walls(gap, walls.restitution)
+
+
+@jit
+def with_limit(limit, wanted):  # type: ignore[no-untyped-def]
+    """Return another friction limit (N), or None where there is no friction."""
+    if limit is None:
+        return None
+    return wanted
 
 
 @jit

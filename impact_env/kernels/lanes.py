@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels import compliant, exact, linear, springs
+from impact_env.kernels.change import take_change
 from impact_env.kernels.free_and_joined import Rigid, new_room
 from impact_env.kernels.grid import Force
-from impact_env.kernels.interval import close_interval, new_desk, observe_lane, open_interval, possible_gap, report_state, with_gap
+from impact_env.kernels.interval import close_interval, new_desk, observe_lane, open_interval, possible_gap, report_state, with_gap, with_limit
 from impact_env.kernels.jit import jit, jit_room, jit_view
 from impact_env.kernels.level import push_block
 from impact_env.kernels.moreau import moreau_lane
@@ -54,6 +55,12 @@ def take_up(walls, lanes, i, order, distance, start, room):  # type: ignore[no-u
 
 
 @jit
+def keep_order(kept, order, search_level):  # type: ignore[no-untyped-def]
+    """Keep what was in use."""
+    kept.gap, kept.limit, kept.force, kept.search_level = order.gap, order.limit, order.force, search_level
+
+
+@jit
 def report_rigid(watch, scene, room, state, report):  # type: ignore[no-untyped-def]
     """Write the lane's state, and report its share."""
     exact.current_state(scene, room, state)
@@ -68,7 +75,10 @@ def report_rigid(watch, scene, room, state, report):  # type: ignore[no-untyped-
 
 @jit_room
 def rigid_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-def]
-    """Advance lanes [start, stop) of a scene with rigid contact; ``reach`` (s): longest window. The walls' gap is that of a lane's order."""
+    """Advance lanes [start, stop) of a scene with rigid contact; ``reach`` (s): longest window.
+
+    Walls' gap and friction limit are those of a lane's order.
+    """
     desk, room, fresh = new_desk(batch.watch), new_room(scene.free, scene.joined, batch.lanes.state[start]), new_now(1)
     fresh[0] = room.now[0]
     _each_rigid(scene, reach, batch, start, stop, desk, room, fresh)
@@ -82,14 +92,17 @@ def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):  # type: i
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
         begins = take_up(contact.walls, lanes, i, order, report.distance, fresh, room)
-        walls = with_gap(contact.walls, order.gap)
-        now_there = Rigid(free, joined, Contact(contact.mass, contact.compliance, contact.tip_shape, walls, contact.limit), losses)
+        walls, limit = with_gap(contact.walls, order.gap), with_limit(contact.limit, order.limit)
+        now_there = Rigid(free, joined, Contact(contact.mass, contact.compliance, contact.tip_shape, walls, limit), losses)
         schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, watch, lanes, i)
+        if not begins:
+            kept = lanes.kept[i]
+            take_change(now_there, limit, kept.limit, order.force != kept.force, schedule, room, state)
         status[i] = exact.exact_stretch(now_there, schedule, 0, not begins, room, state, observe)
         report_rigid(watch, scene, room, state, report)
         close_interval(desk, watch, observe.level, state, order, report)
         lanes.rigid[i] = room.now[0]
-        lanes.kept[i].gap, lanes.kept[i].search_level = order.gap, room.signal.memory[0]
+        keep_order(lanes.kept[i], order, room.signal.memory[0])
         copy(room.work.z, lanes.z[i])
 
 
@@ -186,7 +199,10 @@ def observe_steps(seen, series):  # type: ignore[no-untyped-def]
 
 @jit_room
 def moreau_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no-untyped-def]
-    """Advance lanes [start, stop) with the Moreau scheme; arguments as in `moreau_lane`. The walls' gap is that of a lane's order."""
+    """Advance lanes [start, stop) with the Moreau scheme; arguments as in `moreau_lane`.
+
+    Walls' gap and friction limit are those of a lane's order.
+    """
     watch, lanes, orders, reports, status = batch
     desk, series = new_desk(watch), Series(np.zeros((watch.samples + 1, lanes.state.shape[1])))
     for i in range(start, stop):
@@ -194,7 +210,7 @@ def moreau_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no-unty
         open_interval(desk, watch, lanes, i, order)
         observe = observe_lane(desk, watch, lanes, i)
         close_walls(laws.walls, lanes, i, order, report.distance)
-        now_there = RigidLaws(laws.mass, with_gap(laws.walls, order.gap), laws.limit, laws.spring)
+        now_there = RigidLaws(laws.mass, with_gap(laws.walls, order.gap), with_limit(laws.limit, order.limit), laws.spring)
         force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
         status[i] = moreau_lane(modes, now_there, force, state, step, observe_steps(observe, series))
         take_rows(desk, watch, series, observe.level, order)

@@ -14,19 +14,26 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
 from optimisation.report.comparison_figure import DPI, MM
-from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_PAIR, BEST_SCHEDULE, KNOTTED, TUNED_ESTIMATE, TUNED_TRUE, WINDOWED
+from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_LIMIT, BEST_PAIR, BEST_SCHEDULE, KNOTTED, TUNED_ESTIMATE, TUNED_TRUE, WINDOWED
 from optimisation.rl.judging import Judged
 from optimisation.rl.statistics import interval, profile
 from optimisation.rl.suite import FEEDBACK, ORACLE
 
 THRESHOLDS = 200
 RATES_SHOWN = (-4.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 2.0, 4.0)  # % per 100 pseudo periods
+# what a passage's figure has panels of
+ROWS = {
+    "rate": "rate, % per 100 pseudo periods\n(below 0: back)",
+    "gap": "gap over the design rule's\nfor the true force",
+    "friction_limit": "friction limit over the force, N/N",
+}
 COLOURS = {
     "PPO": "#0072B2",
     "RPPO": "#56B4E9",
     FEEDBACK: "#CC79A7",
     ORACLE: "#E69F00",
     BEST_PAIR: "#000000",
+    BEST_LIMIT: "#000000",
     "SAC": "#009E73",
     BEST_SCHEDULE: "#D55E00",
     WINDOWED: "#CC79A7",
@@ -101,10 +108,10 @@ def save_schedules(path: Path, curves: Mapping[str, Any], title: str) -> None:
 
 
 def save_responses(path: Path, curves: Mapping[str, Any], title: str) -> None:
-    """Draw what policies do over the frequency: median and 5 to 95 % of rate, and of gap where there is one; beside each other while impacts go on
-    and where there are none. The passage runs as the axis does.
+    """Draw what policies do over the frequency: median and 5 to 95 % of rate, and of gap where there is one, or of the friction limit; beside each
+    other while impacts go on and where there are none. The passage runs as the axis does.
     """  # noqa: D205
-    keys = [key for key in ("rate", "gap") if any(f"{key}, quiet" in found for found in curves["policies"].values())]
+    keys = [key for key in ROWS if any(f"{key}, quiet" in found for found in curves["policies"].values())]
     figure = Figure(figsize=(9.6, 3.4 * len(keys) + 0.9), layout="constrained")
     panels = figure.subplots(len(keys), 2, sharex=True, sharey="row", squeeze=False)
     ratio = np.array(curves["frequency_ratio"])
@@ -116,15 +123,18 @@ def save_responses(path: Path, curves: Mapping[str, Any], title: str) -> None:
                 panel.plot(ratio, median, color=_colour(name), lw=1.9, label=name)
     for panel, words in zip(panels[0], ("impacts go on", "no impacts in the interval before"), strict=True):
         panel.set_title(f"{title}: {words}", fontsize=10)
-        panel.set_yscale("symlog", linthresh=0.05)
-        low, high = panel.get_ylim()
-        shown = [rate for rate in RATES_SHOWN if low <= rate <= high]
-        panel.set_yticks(shown, [f"{rate:g}" for rate in shown])
+        if keys[0] == "rate":
+            panel.set_yscale("symlog", linthresh=0.05)
+            low, high = panel.get_ylim()
+            shown = [rate for rate in RATES_SHOWN if low <= rate <= high]
+            panel.set_yticks(shown, [f"{rate:g}" for rate in shown])
+        else:
+            panel.set_yscale("log")
         panel.set_xlim(float(ratio[-1]), float(ratio[0]))
     for panel in panels[-1]:
         panel.set_xlabel("frequency over the resonance")
     for row, key in zip(panels, keys, strict=True):
-        row[0].set_ylabel("rate, % per 100 pseudo periods\n(below 0: back)" if key == "rate" else "gap over the design rule's\nfor the true force")
+        row[0].set_ylabel(ROWS[key])
     _finish(figure, list(panels.ravel()), path, 4)
 
 

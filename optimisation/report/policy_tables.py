@@ -8,6 +8,7 @@ from optimisation.report.markdown import markdown
 from optimisation.rl.baselines import (
     BEST_CONSTANT,
     BEST_GAP,
+    BEST_LIMIT,
     BEST_PAIR,
     BEST_SCHEDULE,
     RIVAL,
@@ -26,8 +27,9 @@ TASK_WORDS = {
     "noisy": "noisy passage",
     "delayed": "delayed passage",
     "adaptive": "rate and gap",
+    "friction": "friction limit",
 }
-SHORT = (BEST_CONSTANT, BEST_SCHEDULE, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE, BEST_PAIR, FEEDBACK, ORACLE)
+SHORT = (BEST_CONSTANT, BEST_SCHEDULE, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE, BEST_PAIR, BEST_LIMIT, FEEDBACK, ORACLE)
 
 
 def cell(estimate: Estimate | None, digits: int = 3) -> str:

@@ -20,7 +20,7 @@ from optimisation.rl.families import Array, ConstantAction, Family, FrequencyWin
 from optimisation.rl.gap_rules import EstimatedForceRule, GapOverFrequency, GapScale, TrueForceRule
 from optimisation.rl.play import GAP, SWEEP
 from optimisation.rl.policies import Policy, Random
-from optimisation.rl.suite import BLIND, FEEDBACK, SUITE, WINDOW, kinds_of, search_adaptive, search_passage, tried
+from optimisation.rl.suite import BLIND, FEEDBACK, SUITE, WINDOW, kinds_of, search_adaptive, search_friction, search_passage, tried
 from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores, searched
 
 OLD = {"sweep": SWEEP, "gap": GAP}
@@ -32,13 +32,13 @@ GROUPS_HELP = "; ".join(f"{name}: {env_id.split('/')[1]}" for name, env_id in TA
 RANDOM = "random"
 BEST_CONSTANT, BEST_SCHEDULE = "best constant rate", "best open-loop schedule"
 WINDOWED, KNOTTED = "rule over the frequency", "schedule by knots"
-BEST_PAIR = "best constant rate and gap"
+BEST_PAIR, BEST_LIMIT = "best constant rate and gap", "best constant limit"
 BEST_GAP, TUNED_TRUE, TUNED_ESTIMATE = "best fixed gap", "rule, true force, fitted", "rule, estimated force, fitted"
 # what the normalised scores 0 and 1 mean
 ZERO_AND_ONE = {
     "sweep": (BEST_CONSTANT, BEST_SCHEDULE),
     "gap": (BEST_GAP, TUNED_TRUE),
-    **{task: (BEST_PAIR if task == "adaptive" else BEST_CONSTANT, FEEDBACK) for task in SUITE},
+    **{task: ({"adaptive": BEST_PAIR, "friction": BEST_LIMIT}.get(task, BEST_CONSTANT), FEEDBACK) for task in SUITE},
 }
 # what agents are compared with episode by episode: the best that needs no learning and knows no more, or what does not look at the response
 RIVAL = {"sweep": BEST_SCHEDULE, "gap": TUNED_ESTIMATE, **dict.fromkeys(SUITE, BEST_SCHEDULE)}
@@ -168,7 +168,7 @@ def _schedules(rule: Tuned, knotted: Tuned) -> list[Baseline]:
 
 def _suite(task: str, kinds: Mapping[str, Family], rest: Rest, effort: Effort, advance: Advance | None) -> list[Baseline]:
     """Return a suite task's baselines; of two schedules the better one on the seeds that no search saw is the best open-loop schedule."""
-    search = search_adaptive if task == "adaptive" else search_passage
+    search = {"adaptive": search_adaptive, "friction": search_friction}.get(task, search_passage)
     found = search(kinds, rest, effort.grid, effort.suite, advance)
     names = {"constant": ZERO_AND_ONE[task][0], "schedule": BEST_SCHEDULE}
     schedules = {name: numbers.score for name, _, numbers in found if name in (WINDOW, BLIND)}

@@ -10,7 +10,7 @@ import numpy as np
 from optimisation.rl.baselines import families
 from optimisation.rl.families import Array, policy_of
 from optimisation.rl.play import play
-from optimisation.rl.suite import BLIND_ENDS, PACE_BOUNDS, PARABOLA_BOUNDS, SUITE, WAY_BOUNDS
+from optimisation.rl.suite import BLIND_ENDS, FRICTION_KNOTS, PACE_BOUNDS, PARABOLA_BOUNDS, SUITE, WAY_BOUNDS
 from optimisation.rl.tuning import CHUNK, Progress
 
 DRAWS, SEEDS = 256, 64
@@ -18,7 +18,8 @@ DRAWS, SEEDS = 256, 64
 
 def best_by_luck(task: str, seeds: Sequence[int], arguments: Mapping[str, Any], draws: int = DRAWS, advance: Progress | None = None) -> Array:
     """Return for each seed (E,) of a task of the suite the best score of ``draws`` schedules, the same ones for every seed."""
-    kind, bounds = ("schedule", PACE_BOUNDS + PARABOLA_BOUNDS) if task == "adaptive" else ("blind", WAY_BOUNDS + BLIND_ENDS[1])
+    drawn_from = {"adaptive": ("schedule", PACE_BOUNDS + PARABOLA_BOUNDS), "friction": ("schedule", [(-1, 1)] * FRICTION_KNOTS)}
+    kind, bounds = drawn_from.get(task, ("blind", WAY_BOUNDS + BLIND_ENDS[1]))
     family, (low, high) = families(task, arguments)[kind], np.array(bounds, dtype=np.float64).T
     drawn = np.random.default_rng(0).uniform(low, high, (draws, len(low)))
     best = np.full(len(seeds), -np.inf)

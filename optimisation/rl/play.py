@@ -21,7 +21,7 @@ with optional():
 Array = NDArray[np.float64]
 SWEEP, GAP = "ImpactAbsorber/SweepRate-v0", "ImpactAbsorber/GapChoice-v0"
 PASSAGE, NOISY, DELAYED = "ImpactAbsorber/SweepRate-v1", "ImpactAbsorber/SweepRateNoisy-v1", "ImpactAbsorber/SweepRateDelayed-v1"
-ADAPTIVE = "ImpactAbsorber/SweepAndGap-v0"
+ADAPTIVE, FRICTION = "ImpactAbsorber/SweepAndGap-v0", "ImpactAbsorber/FrictionChoice-v0"
 ACTION, AMPLITUDE = "action", "amplitude"
 
 

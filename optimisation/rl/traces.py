@@ -64,20 +64,20 @@ def response_curves(task: str, policies: Mapping[str, Sequence[Policy]], seeds: 
     """Return what policies of the suite do over the frequency, apart for intervals after which impacts go on and after which there are none.
 
     Quantiles over all intervals in a bin of the rate (% per 100 pseudo periods, below 0 going back), and of the gap (over the design rule's for
-    the true force) where there is one.
+    the true force) where there is one; of the friction limit over the true force (N/N) where that is chosen.
     """
     behind = task_of(SUITE[task], arguments)
-    rates, adaptive = Rates.of(behind), task == "adaptive"
+    rates, chosen = Rates.of(behind), {"adaptive": ("gap",), "friction": ("friction_limit",)}.get(task, ())
     edges = np.linspace(rates.low, rates.high, BINS + 1)
     curves: Curves = {"frequency_ratio": (0.5 * (edges[1:] + edges[:-1])).tolist(), "quantiles": list(QUANTILES), "policies": {}}
-    wanted = (ACTION, "frequency_ratio", "impacts", "force", *(("gap",) if adaptive else ()))
+    wanted = (ACTION, "frequency_ratio", "impacts", "force", *chosen)
     for name, runs in policies.items():
         traces = [play(policy, SUITE[task], seeds, arguments, wanted).traces for policy in runs]
         before = {key: np.concatenate([t[key][:-1].ravel() for t in traces]) for key in ("frequency_ratio", "impacts")}
-        values = {"rate": rates.rate(np.concatenate([t[ACTION][1:].ravel() for t in traces]))}
-        if adaptive:
-            used = np.concatenate([(t["gap"] / t["force"])[1:].ravel() for t in traces])
-            values["gap"] = used * GapScale(behind).force_per_gap
+        used = {key: np.concatenate([(t[key] / t["force"])[1:].ravel() for t in traces]) for key in chosen}
+        values = used if task == "friction" else {"rate": rates.rate(np.concatenate([t[ACTION][1:].ravel() for t in traces]))}
+        if task == "adaptive":
+            values["gap"] = used["gap"] * GapScale(behind).force_per_gap
         curves["policies"][name] = _split(values, before, edges)
     return curves
 

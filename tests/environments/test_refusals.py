@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ADAPTIVE, GAP, PASSIVE, SWEEP, V1, make, vector  # noqa: E402
+from environment_cases import ADAPTIVE, FRICTION, GAP, PASSIVE, SWEEP, V1, make, vector  # noqa: E402
 from gymnasium.error import ResetNeeded  # noqa: E402
 
 from impact_env import ParameterError  # noqa: E402
@@ -69,6 +69,17 @@ def test_impossible_passive_actions_are_refused(bad: Any) -> None:
         (V1, {"whole_scene": {}, "modes": 2}, "modes = 2"),
         (ADAPTIVE, {"gap_limits": (0.0, 1e-3)}, "gap_limits"),
         (ADAPTIVE, {"absorber": "stuck", "absorber_options": {}}, "absorber"),
+        (FRICTION, {"friction_range": (0.0, 1.0)}, "friction_range = (0.0, 1.0)"),
+        (FRICTION, {"friction_range": (1.0, 1.0)}, "friction_range = (1.0, 1.0)"),
+        (FRICTION, {"friction_range": (2.0, 1.0)}, "friction_range = (2.0, 1.0)"),
+        (FRICTION, {"friction_range": (1e-200, 1e200)}, "friction_range"),
+        (FRICTION, {"friction_range": (0.1, np.nan)}, "friction_range"),
+        (FRICTION, {"absorber_options": {}}, "rigid friction"),
+        (FRICTION, {"absorber_options": {"friction_limit": 0.1, "friction_stiffness": 1e5, "contact_stiffness": 1e5}}, "rigid friction"),
+        (FRICTION, {"absorber": "stuck", "absorber_options": {}}, "rigid friction"),
+        (FRICTION, {"absorber": "none", "absorber_options": {}}, "rigid friction"),
+        (FRICTION, {"rate": 0.0}, "rate = 0.0"),
+        (FRICTION, {"rates": (1.0, 2.0)}, "rates is not an argument"),
         (SWEEP, {"absorber": "magic"}, "absorber = 'magic'"),
         (SWEEP, {"absorber_options": {"mass": 1}}, "absorber_options"),
         (SWEEP, {"absorber_options": {"gap": -1.0}}, "gap = -1.0"),

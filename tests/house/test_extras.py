@@ -37,6 +37,7 @@ IMPORTS = {
     "optimisation.rl.demonstrations": ("gymnasium", "env"),
     "impact_env.envs.sweep_rate_v1": ("gymnasium", "env"),
     "impact_env.envs.sweep_and_gap": ("gymnasium", "env"),
+    "impact_env.envs.friction_choice": ("gymnasium", "env"),
     "impact_env.envs.sweep_rate": ("gymnasium", "env"),
     "impact_env.envs.gap_choice": ("gymnasium", "env"),
     "impact_env.envs.passive": ("gymnasium", "env"),

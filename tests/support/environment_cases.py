@@ -9,7 +9,7 @@ import numpy as np
 
 from impact_env.envs import ENVIRONMENTS
 
-SWEEP, GAP, PASSIVE, V1, NOISY, DELAYED, ADAPTIVE = ENVIRONMENTS
+SWEEP, GAP, PASSIVE, V1, NOISY, DELAYED, ADAPTIVE, FRICTION = ENVIRONMENTS
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}  # one kind of scene for most tests: one kernel to compile
 SHORT = {
     SWEEP: RUBBING | {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "force": (1.0, 2.0), "time_budget": 60.0},
@@ -18,6 +18,7 @@ SHORT = {
 }
 BRIEF = {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0}
 SHORT |= dict.fromkeys((V1, NOISY, DELAYED), BRIEF) | {ADAPTIVE: BRIEF | RUBBING}
+SHORT |= {FRICTION: {"limits": (0.96, 0.98), "direction": "random", "friction_range": (0.01, 5.0)}}
 
 
 def make(name: str, **arguments: Any) -> Any:

@@ -1,0 +1,83 @@
+"""Passage through a resonance at one rate with a semi-active absorber: its friction limit is chosen interval by interval."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.controlled import friction_limit
+from impact_env.envs.observation import STATE, Feature
+from impact_env.envs.settings import Range, Settings, span
+from impact_env.envs.sweep_task import OneRate, PassiveTask
+from impact_env.envs.task import Array, Mask
+from impact_env.kernels.interval import spread
+from impact_env.parameters import require
+
+WIDEST = (1e-9, 1e9)  # of the range, in its unit
+
+
+@dataclass(frozen=True)
+class Grip:
+    """Arguments of the choice of the friction limit; `FrictionChoiceEnv` describes them."""
+
+    friction_range: Range = (0.02, 20.0)
+
+    def __post_init__(self) -> None:
+        low, high = span("friction_range", self.friction_range)
+        ok = WIDEST[0] <= low < high <= WIDEST[1]
+        require(ok, "friction_range", self.friction_range, f"(low, high) with {WIDEST[0]} <= low < high <= {WIDEST[1]}")
+        object.__setattr__(self, "friction_range", (low, high))
+
+
+class FrictionTask(PassiveTask):
+    """Lanes that pass through a resonance, each with friction that is set on the way.
+
+    ``limits`` (N): lowest and highest friction limit. ``friction`` (L,) in N and ``place`` (L,) in the range, from -1 to 1: those in use.
+    """
+
+    features: Sequence[Feature] = (*STATE, Feature("way left", False), Feature("friction limit in use", False))
+
+    def __init__(self, settings: Settings, way: OneRate, grip: Grip, lanes: int) -> None:
+        scene = settings.scene
+        self._begin = friction_limit(scene)
+        require(math.isfinite(self._begin), "absorber", scene.absorber, "one with rigid friction: there must be a friction_limit that can be set")
+        assert scene.absorber_mass is not None
+        self.grip, self._way = grip, way
+        super().__init__(settings, way, lanes)
+        unit = scene.absorber_mass * self.length * self.omega**2
+        self.limits = grip.friction_range[0] * unit, grip.friction_range[1] * unit
+        self.friction, self.place = np.full(lanes, self._begin), np.zeros(lanes)
+
+    def draw(self, lane: int, generator: np.random.Generator) -> None:
+        """Draw what a passage draws; the friction starts as the scene has it."""
+        super().draw(lane, generator)
+        low, high = self.limits
+        self.friction[lane], self.place[lane] = self._begin, 2 * math.log(self._begin / low) / math.log(high / low) - 1
+
+    def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
+        """Order the chosen friction limits, and go on."""
+        self.place = actions[:, 0].astype(np.float64)
+        self.friction = spread(0.5 * (self.place + 1), *self.limits)
+        self.runs.orders["limit"] = self.friction
+        return super().decide(actions)
+
+    def values(self) -> Array:
+        """Return the scaled features (L, features)."""
+        values = super().values()
+        values[:, 10] = self.place
+        return values
+
+    def describe(self) -> dict[str, Any]:
+        """Return the environment's arguments as plain values."""
+        return super().describe() | asdict(self._way) | asdict(self.grip)
+
+    def info(self) -> dict[str, NDArray[Any]]:
+        """Return what info says of each lane."""
+        info = super().info()
+        info["friction_limit"] = self.friction.copy()
+        return info
