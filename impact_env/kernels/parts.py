@@ -2,8 +2,9 @@
 
 numba optimises every function with what it calls, and makes machine code of it, before its caller does the same once more: with calls a dozen deep
 most of that is thrown away. Here a kernel that is met while another is compiled stays LLVM's intermediate code, a `Part`; only the kernel called from
-Python, a `Kernel`, is optimised and becomes machine code, with all its parts at once. So its code also does not depend on what else a process has
-compiled. And two things are left out before types are inferred, which numba would compile and LLVM then drop: branches for an argument that is None
+Python, a `Kernel`, is optimised and becomes machine code, with all its parts at once. So what it computes does not depend on what else a process
+has compiled; how far it is inlined can, as numba hands the wish to be inlined on to what a part calls, and the first caller decides. And two
+things are left out before types are inferred, which numba would compile and LLVM then drop: branches for an argument, or a field of one, that is None
 where it is not, and a function compiled once more for each constant that it is called with.
 """
 
