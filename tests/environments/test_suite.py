@@ -15,7 +15,7 @@ pytest.importorskip("cmaes")
 from impact_env.envs import ENVIRONMENTS  # noqa: E402
 from impact_env.parameters import ParameterError  # noqa: E402
 from optimisation.rl.agents import Agent, Memory, load_agent, save_agent  # noqa: E402
-from optimisation.rl.baselines import BEST_PAIR, BEST_SCHEDULE, Baseline, families, load, policy  # noqa: E402
+from optimisation.rl.baselines import BEST_LIMIT, BEST_PAIR, BEST_SCHEDULE, Baseline, families, load, policy  # noqa: E402
 from optimisation.rl.ceiling import best_by_luck  # noqa: E402
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations, record, write_demonstrations  # noqa: E402
 from optimisation.rl.families import Rates, policy_of  # noqa: E402
@@ -115,10 +115,22 @@ def test_the_rule_of_the_friction_limit_looks_once_and_remembers() -> None:
     np.testing.assert_allclose(rule.act(rows), 0.9, rtol=1e-6)  # what was seen before is forgotten
 
 
+def test_with_the_friction_limit_looking_beats_the_schedule_which_hardly_beats_a_constant() -> None:
+    rules = stored("friction")
+    names = (FEEDBACK, BEST_SCHEDULE, BEST_LIMIT)
+    scores = {name: play(rules[name], FRICTION, FRESH).scores for name in names}
+    for name, low, high in ((FEEDBACK, -0.46, -0.41), (BEST_SCHEDULE, -0.64, -0.56), (BEST_LIMIT, -0.65, -0.58)):
+        assert low < scores[name].mean() < high, name
+    gain = scores[FEEDBACK] - scores[BEST_SCHEDULE]
+    assert gain.mean() > 0.1
+    assert gain.mean() > 4 * gain.std() / np.sqrt(len(gain))
+
+
 def test_luck_grows_with_the_number_of_schedules() -> None:
-    few, more = (best_by_luck("adaptive", range(4), {}, draws) for draws in (2, 12))
-    assert few.shape == (4,)
-    assert more.mean() > few.mean()
+    for task in ("adaptive", "friction"):
+        few, more = (best_by_luck(task, range(4), {}, draws) for draws in (2, 12))
+        assert few.shape == (4,)
+        assert more.mean() > few.mean()
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
