@@ -1,8 +1,8 @@
-"""The friction limit of a passage: by the true force, and by one look at the response before the resonance is reached.
+"""The friction limit of a passage: by the true force, and by one look at the response on the way.
 
 Friction scales with the force (two scenes whose friction, gap and force differ by one factor move alike), so a limit in proportion to the force is
-the first guess; the exponent is left to the search. With the absorber held fast the response until the look is linear: its amplitude speaks for the
-force.
+the first guess; the exponent is left to the search. Where the first limit holds the absorber fast the response until the look is linear, and its
+amplitude speaks for the force.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class LimitScale:
 
 
 class LimitByTrueForce(Stateless):
-    """A limit that goes with a power of the true force, which no agent sees: an oracle."""
+    """One limit at first, and from some place on one that goes with a power of the true force, which no agent sees: an oracle."""
 
-    names = ("action for 1 N in the middle of the range", "exponent", "slope over the frequency")
+    names = ("action at first", "share of the range at which the rest begins", "action for 1 N", "exponent", "slope over the frequency")
     informed = True
 
     def __init__(self, scale: LimitScale) -> None:
@@ -41,20 +41,15 @@ class LimitByTrueForce(Stateless):
 
     def act(self, parameters: Array, observations: Observations, info: Info) -> Array:
         """Return the actions (L,)."""
-        level, exponent, slope = parameters.T
-        return self.scale.action(level, exponent, slope, np.asarray(info["force"], dtype=np.float64), observations)
+        first, place, level, exponent, slope = parameters.T
+        by_force = self.scale.action(level, exponent, slope, np.asarray(info["force"], dtype=np.float64), observations)
+        return np.where(self.scale.rates.share(observations) <= place, by_force, first)
 
 
 class LimitByLook:
-    """One limit until the look, and after it one that goes with a power of the amplitude seen there."""
+    """The same with the amplitude that is seen at that place: one look, which is remembered."""
 
-    names = (
-        "action until the look",
-        "share of the range at which it is",
-        "action for an amplitude of one half-clearance",
-        "exponent",
-        "slope over the frequency",
-    )
+    names = ("action until the look", "share of the range at which it is", "action for one half-clearance", "exponent", "slope over the frequency")
     informed = False
 
     def __init__(self, scale: LimitScale) -> None:

@@ -28,7 +28,7 @@ TRY_ENDS, BLIND_ENDS = ((2.5, 0.05), [(0.5, 8.5), (0.0, 0.5)]), ((3.0,), [(-0.4,
 WINDOW_STARTS = ((0.35, 0.5, 0.05, 1.0), (0.33, 0.47, 0.1, 1.0))
 PACE_BOUNDS = [(-1, 1), (0, 1), (-1, 1)]
 FRICTION_KNOTS = 6
-LOOK_BOUNDS, LIMIT_BOUNDS = [(-1, 1), (0.4, 0.98)], [(-1, 1), (0.0, 2.0), (-1, 1)]
+LIMIT_STARTS, LIMIT_BOUNDS = ((1.0, 0.9, 0.5, 1.0, 0.0), (0.5, 0.5, 0.0, 1.0, 0.0)), [(-1, 1), (0.2, 0.98), (-1, 1), (0.0, 2.5), (-1, 1)]
 PARABOLA_BOUNDS, RULE_BOUNDS, MEMORY_BOUNDS = [(-1, 1), (-2, 2), (-2, 2)], [(0.2, 4.0), (-5.0, 5.0)], [(0.3, 1.5), (0.0, 0.98)]
 
 
@@ -89,11 +89,11 @@ def search_adaptive(kinds: Kinds, rest: Rest, grid: int, search: Search, advance
 def search_friction(kinds: Kinds, rest: Rest, grid: int, search: Search, advance: Progress | None) -> list[Found]:
     """Return what policies of the friction limit come to: constant, scheduled over the frequency, by the true force, and by one look."""
     constant = best_of(kinds["constant"], np.linspace(-1, 1, grid)[:, None], *rest, advance)
-    (action,) = constant.parameters
+    (action,), half = constant.parameters, FRICTION_KNOTS // 2  # the schedule begins as a constant, and as the rules do: fast at first
     plan = (
-        ("schedule", [(action,) * FRICTION_KNOTS], [(-1, 1)] * FRICTION_KNOTS),
-        ("true force", [(action, 1.0, 0.0)], LIMIT_BOUNDS),
-        ("feedback", [(1.0, 0.9, 0.5, 1.0, 0.0), (-0.8, 0.9, 0.5, 1.0, 0.0)], LOOK_BOUNDS + LIMIT_BOUNDS),
+        ("schedule", [(action,) * FRICTION_KNOTS, (action,) * half + (0.5,) * half], [(-1, 1)] * FRICTION_KNOTS),
+        ("true force", LIMIT_STARTS, LIMIT_BOUNDS),
+        ("feedback", LIMIT_STARTS, LIMIT_BOUNDS),
     )
     found = {kind: evolve(kinds[kind], starts, np.array(bounds, dtype=np.float64), *rest, search, advance) for kind, starts, bounds in plan}
     return [
@@ -109,5 +109,5 @@ def tried(task: str, grid: int, search: Search) -> int:
     each = search.generations * search.population + search.finalists + 2
     points = max(2, round(np.sqrt(4 * grid)))
     if task == "friction":
-        return grid + 4 * each
+        return grid + 6 * each
     return grid + 6 * each if task != "adaptive" else points * (points - points // 2) + 4 * each

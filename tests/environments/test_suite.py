@@ -15,12 +15,13 @@ pytest.importorskip("cmaes")
 from impact_env.envs import ENVIRONMENTS  # noqa: E402
 from impact_env.parameters import ParameterError  # noqa: E402
 from optimisation.rl.agents import Agent, Memory, load_agent, save_agent  # noqa: E402
-from optimisation.rl.baselines import BEST_PAIR, BEST_SCHEDULE, Baseline, families, load, policy  # noqa: E402
+from optimisation.rl.baselines import BEST_LIMIT, BEST_PAIR, BEST_SCHEDULE, Baseline, families, load, policy  # noqa: E402
 from optimisation.rl.ceiling import best_by_luck  # noqa: E402
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations, record, write_demonstrations  # noqa: E402
 from optimisation.rl.families import Rates, policy_of  # noqa: E402
+from optimisation.rl.friction_rules import LimitByLook, LimitScale  # noqa: E402
 from optimisation.rl.passage_rules import BlindTries, TryAgain  # noqa: E402
-from optimisation.rl.play import ADAPTIVE, PASSAGE, play  # noqa: E402
+from optimisation.rl.play import ADAPTIVE, FRICTION, PASSAGE, play  # noqa: E402
 from optimisation.rl.policies import Constant  # noqa: E402
 from optimisation.rl.suite import FEEDBACK, ORACLE, SUITE  # noqa: E402
 
@@ -93,10 +94,43 @@ def test_with_rate_and_gap_looking_beats_the_schedule_which_beats_constants() ->
     assert list(means.values()) == sorted(means.values(), reverse=True)
 
 
+def test_the_rule_of_the_friction_limit_looks_once_and_remembers() -> None:
+    behind = gymnasium.make(FRICTION).unwrapped.task
+    scale = LimitScale(behind)
+    low, high = behind.limits
+    rule = policy_of("rule", LimitByLook(scale), [0.9, 0.5, 0.0, 1.0, 0.0])
+    rule.start(2)
+    way = [(1.03, 0.0, 0.0), (0.99, 0.1, 0.2), (0.979, 0.3, 0.6), (0.95, 5.0, 7.0)]
+    acts = []
+    for ratio, *amplitudes in way:
+        rows = np.zeros((2, 11), np.float32)
+        rows[:, 6], rows[:, 0], rows[:, 1] = (ratio - 1) / 0.1, 0.6 * np.array(amplitudes), 0.8 * np.array(amplitudes)
+        acts.append(rule.act(rows)[:, 0])
+    np.testing.assert_allclose(acts[:2], 0.9, rtol=1e-6)
+    np.testing.assert_array_equal(acts[3], acts[2])
+    limits = low * (high / low) ** (0.5 * (acts[2].astype(np.float64) + 1))
+    np.testing.assert_allclose(limits, np.sqrt(low * high) * np.array([0.3, 0.6]), rtol=1e-5)  # in proportion to what was seen
+    rule.start(2)
+    rows[:, 6], rows[:, :2] = 0.3, 0.0
+    np.testing.assert_allclose(rule.act(rows), 0.9, rtol=1e-6)  # what was seen before is forgotten
+
+
+def test_with_the_friction_limit_looking_beats_the_schedule_which_hardly_beats_a_constant() -> None:
+    rules = stored("friction")
+    names = (FEEDBACK, BEST_SCHEDULE, BEST_LIMIT)
+    scores = {name: play(rules[name], FRICTION, FRESH).scores for name in names}
+    for name, low, high in ((FEEDBACK, -0.46, -0.41), (BEST_SCHEDULE, -0.64, -0.56), (BEST_LIMIT, -0.65, -0.58)):
+        assert low < scores[name].mean() < high, name
+    gain = scores[FEEDBACK] - scores[BEST_SCHEDULE]
+    assert gain.mean() > 0.1
+    assert gain.mean() > 4 * gain.std() / np.sqrt(len(gain))
+
+
 def test_luck_grows_with_the_number_of_schedules() -> None:
-    few, more = (best_by_luck("adaptive", range(4), {}, draws) for draws in (2, 12))
-    assert few.shape == (4,)
-    assert more.mean() > few.mean()
+    for task in ("adaptive", "friction"):
+        few, more = (best_by_luck(task, range(4), {}, draws) for draws in (2, 12))
+        assert few.shape == (4,)
+        assert more.mean() > few.mean()
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)

@@ -108,11 +108,13 @@ def test_a_window_without_its_package_names_the_extra() -> None:
 def test_the_environments_need_nothing_that_learns() -> None:
     """A step in each with the packages of other extras out of reach, in a process that cannot import them."""
     pytest.importorskip("gymnasium")
+    from impact_env.envs import ENVIRONMENTS
+
     others = [package for package, extra in EXTRAS.items() if extra != "env"]
     code = TRY.format(packages=others, modules=[]) + "import gymnasium, impact_env\nfor name in impact_env.envs.ENVIRONMENTS:\n"
     code += "    env = gymnasium.make(name, interval=1.0, render_mode='rgb_array')\n    env.reset(seed=0)\n"
     code += "    env.step(env.action_space.sample())\n    print(env.render().shape)\n"
-    assert fresh(code) == ["(420, 640, 3)"] * 7
+    assert fresh(code) == ["(420, 640, 3)"] * len(ENVIRONMENTS)
 
 
 def test_what_only_one_function_needs_is_named_by_it() -> None:
