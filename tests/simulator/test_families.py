@@ -26,9 +26,9 @@ from impact_env.parameters import (
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
-    impact_absorbers,
 )
 from impact_env.scene import Scene, beam_scene
+from impact_env.shared_mass import impact_absorbers
 from impact_env.sweep import simulate
 
 RATIO = 0.02
