@@ -18,7 +18,7 @@ from optimisation.studies.study import beside
 @click.option(
     "--members",
     type=click.IntRange(min=1),
-    help=f"Runs for each point, fewer at 0.2 and 0.1 % damping.  [default: {MEMBERS}, with --quick {QUICK_MEMBERS}]",
+    help=f"Runs for each point, at most 2 at 0.2 % damping, 1 at 0.1 %.  [default: {MEMBERS}, with --quick {QUICK_MEMBERS}]",
 )
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @cluster_option

@@ -29,7 +29,7 @@ from optimisation.search.study import DesignStudy, Evaluated, Progress, opened
 from optimisation.sources import fingerprint
 
 SCIPY = "scipy"
-# the default where levels are noisy: one of the methods of docs/search_methods.md; any of `SAMPLERS` and `NOISY` may stand here
+# the default where levels are noisy: the best of docs/search_methods.md; any of `SAMPLERS` and `NOISY` may stand here
 FOR_NOISE = CMA
 Counting = Callable[[int, int], None]  # takes how many runs are done, and of how many
 

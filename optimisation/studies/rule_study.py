@@ -20,7 +20,7 @@ from optimisation.studies.study import Json, Measured, Part, Steps, Study, rows_
 NAME = "design_rule"
 QUICK_OUT = Path("results/design_rule")
 OUT = published(DOCS, QUICK_OUT)
-MEMBERS, QUICK_MEMBERS = 3, 1
+MEMBERS, QUICK_MEMBERS = 2, 1
 SECTIONS = {DAMPING: "rule:damping", MASS: "rule:mass", PLACE: "rule:place"}
 VERDICT, MACHINE = "rule:verdict", "rule:machine"
 
