@@ -15,8 +15,8 @@ from optimisation.report.design_figures import BLACK, BLUE, GREEN, GREY, ORANGE
 from optimisation.rl.runs import Run
 
 Array = NDArray[np.float64]
-COLOURS = {"ppo": BLUE, "sac": ORANGE}
-LINES = (GREY, BLACK, GREEN, "#CC79A7", "#56B4E9")
+COLOURS = {"ppo": BLUE, "sac": ORANGE, "rppo": "#56B4E9"}
+LINES = (GREY, BLACK, GREEN, "#CC79A7", "#E69F00")
 STYLES = (":", "--", "-.", (0, (5, 1)), (0, (1, 1)))
 COLUMNS = ("algorithm", "seed", "leg", "steps", "score", "iqm", "low", "high", "intervals")
 HEADER = ("agent", "seeds", "steps", "score (IQM over seeds)", "worst seed", "best seed")

@@ -83,7 +83,7 @@ def _minari(root: Path) -> Iterator[Any]:
         import h5py  # noqa: F401 - the format's own package
         import minari
     before = os.environ.get(PLACE)
-    os.environ[PLACE] = str(root)
+    os.environ[PLACE] = str(root.resolve())  # the format links a data set to its files by their whole paths
     try:
         yield minari
     finally:

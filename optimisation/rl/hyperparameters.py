@@ -124,7 +124,8 @@ class RecurrentPPOSettings(PPOSettings):
 class SACSettings(Hyperparameters):
     """Soft actor-critic: ``gradient_steps`` after every ``train_freq`` steps of all lanes, with targets that hold the rewards of ``n_steps`` steps;
     names are those of stable-baselines3. With ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, and no longer
-    than a round.
+    than a round. ``initial_value``: what the critics take any state for at first, in scaled rewards; where rewards are costs, 0 is hope, and an
+    agent puts off what it does not know.
     """  # noqa: D205
 
     log_interval = 100  # episodes
@@ -140,6 +141,7 @@ class SACSettings(Hyperparameters):
     log_std_init: float
     use_sde: bool
     sde_sample_freq: int
+    initial_value: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -150,7 +152,8 @@ class SACSettings(Hyperparameters):
         object.__setattr__(self, "tau", fraction("tau", self.tau))
         require(isinstance(self.use_sde, bool), "use_sde", self.use_sde, "true or false")
         _check_sample_freq(self.sde_sample_freq)
-        object.__setattr__(self, "target_entropy", finite("target_entropy", self.target_entropy))
+        for name in ("target_entropy", "initial_value"):
+            object.__setattr__(self, name, finite(name, getattr(self, name)))
         object.__setattr__(self, "log_std_init", finite("log_std_init", self.log_std_init))
         if isinstance(self.ent_coef, str):
             ok = re.fullmatch(r"auto(_\d*\.?\d+(e-?\d+)?)?", self.ent_coef) is not None

@@ -148,9 +148,10 @@ def test_the_other_checker_and_another_library_take_every_name(name: str) -> Non
         assert bool(torch.isfinite(rewards).all())
 
 
-def test_demonstrations_are_what_was_played_and_come_back_from_their_files(tmp_path: Path) -> None:
+def test_demonstrations_are_what_was_played_and_come_back_from_their_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("minari")
     pytest.importorskip("h5py")
+    monkeypatch.chdir(tmp_path)
     rule = policy(Baseline("rule", "feedback", (*WAY, 2.0, 0.1)), families("passage", {"time_budget": 600.0}))
     brief = {"time_budget": 600.0}
     shown = record(rule, PASSAGE, range(5), brief)
@@ -164,6 +165,8 @@ def test_demonstrations_are_what_was_played_and_come_back_from_their_files(tmp_p
             assert earned == reward
         assert terminated == shown.terminated[seed]
         assert terminated or truncated
+    write_demonstrations(Path("sets/rule-v0"), shown, "rule", brief)  # a relative path, as that of the command
+    assert fingerprint(read_demonstrations(Path("sets/rule-v0"), PASSAGE)) == fingerprint(shown)
     write_demonstrations(tmp_path / "rule-v0", shown, "rule", brief)
     again = read_demonstrations(tmp_path / "rule-v0", PASSAGE)
     assert fingerprint(again) == fingerprint(shown)

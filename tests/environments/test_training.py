@@ -17,6 +17,7 @@ from places import ROOT, SCRIPTS
 
 pytest.importorskip("stable_baselines3")
 
+import torch
 import train_sweep_agent
 
 from impact_env.parameters import ParameterError
@@ -158,6 +159,22 @@ def test_agent_acts_as_its_model(tmp_path: Path, algorithm: str) -> None:
     assert file.stat().st_size < 40_000
     assert [found.name for found in find_agents(tmp_path, env_id=GAP)] == [f"{algorithm.upper()}, seed 0"]
     assert find_agents(tmp_path, env_id=SWEEP) == []
+
+
+def test_critics_begin_at_the_value_they_are_told() -> None:
+    """So that what an agent does not know costs as much as it says, and putting it off is not worth more."""
+    hopeful, wary = (
+        make_model(job.hyperparameters, make_lanes(job.env_id, job.hyperparameters, job.arguments, 1), 0)
+        for job in (small_job("sac", initial_value=value) for value in (0.0, -12.0))
+    )
+    observations = torch.from_numpy(np.random.default_rng(0).normal(0, 1, (50, 10)).astype(np.float32))
+    actions = torch.linspace(-1, 1, 50)[:, None]
+    for critics in ("critic", "critic_target"):
+        for one, other in zip(getattr(hopeful, critics)(observations, actions), getattr(wary, critics)(observations, actions), strict=True):
+            assert one.detach().numpy().std() > 0.01
+            np.testing.assert_allclose((other - one).detach().numpy(), -12.0, atol=1e-4)
+    with pytest.raises(ParameterError, match="initial_value = 'low'"):
+        settings_for(GAP, "sac", initial_value="low")
 
 
 def test_file_that_is_no_agent_is_refused(tmp_path: Path) -> None:
