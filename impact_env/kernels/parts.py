@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 from numba.core import ir, ir_utils, sigutils, types
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.compiler import Flags as NumbaFlags
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import register_pass
 from numba.core.consts import ConstantInference
@@ -184,12 +185,24 @@ class _WholePipeline(_Pipeline):
     library_class = WholeLibrary
 
 
+class Flags(NumbaFlags):  # type: ignore[misc]
+    """numba's flags, compared by those that are set: they are keys of its caches, and it asks each of 30 options at every look-up."""
+
+    _hash = hash(NumbaFlags())  # the same for all of numba's
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return (isinstance(other, Flags) and self._values == other._values) or bool(super().__eq__(other))
+
+
 class _PartCompiler(_FunctionCompiler):  # type: ignore[misc]
     """Compiles without machine code, and without the wrapper for callers in Python."""
 
     def _customize_flags(self, flags: Any) -> Any:
         flags.no_compile = flags.no_cpython_wrapper = True
-        return flags
+        return Flags(flags)
 
     def _compile_core(self, args: Any, return_type: Any) -> Any:
         result = super()._compile_core(args, return_type)
@@ -222,9 +235,13 @@ class Part(CPUDispatcher):  # type: ignore[misc]
         super().__init__(function, {}, options, _PartPipeline)
         self._compiler = compiler(function, self.targetdescr, options, {}, _PartPipeline)
 
-    def add_overload(self, result: Any) -> None:
-        """Keep a result for callers in kernels: Python cannot call it."""
-        self.overloads[tuple(result.signature.args)] = result
+    def compile(self, signature: Any) -> Any:
+        """Compile for a caller in a kernel, without numba's timers, which every part below would ring."""
+        args, result_type = sigutils.normalize_signature(signature)
+        if args not in self.overloads:
+            with self._compiling_counter:
+                self.overloads[args] = self._compiler.compile(args, result_type)  # Python cannot call it
+        return self.overloads[args].entry_point
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
