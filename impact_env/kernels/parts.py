@@ -3,13 +3,13 @@
 numba optimises every function with what it calls, and makes machine code of it, before its caller does the same once more: with calls a dozen deep
 most of that is thrown away. Here a kernel that is met while another is compiled stays LLVM's intermediate code, a `Part`; only the kernel called from
 Python, a `Kernel`, is optimised and becomes machine code, with all its parts at once. So what it computes does not depend on what else a process
-has compiled. And two things are left out before types are inferred, which numba would compile and LLVM then drop: branches for an argument, or a field
-of one, that is None where it is not, and a function compiled once more for each constant that it is called with.
+has compiled. And two things are left out before types are inferred, which numba would compile and LLVM then drop: branches for an argument, or a
+field of one, that is None where it is not, and a function compiled once more for each constant that it is called with.
 
-How far a kernel is inlined is decided by what it is given. numba hands the wish to be inlined on to all that a part calls, so that nearly a whole lane
-becomes one function: the quickest to run, and slow to compile. A kernel that is given a `@sparing` group, as one that records much, has parts of
-its own, and of these only those that ask for it themselves are inlined wherever they are called. Where two other kernels share a part, and one of them
-inlines its caller and the other does not, the one that is compiled first still decides for both.
+How far a kernel is inlined is decided by what it is given. numba hands the wish to be inlined on to all that a part calls, so that nearly a whole
+lane becomes one function: the quickest to run, and slow to compile. A kernel that is given a `sparing` group, as one that records much, has parts of
+its own, and of these only those that ask for it themselves are inlined at every call. Where two other kernels share a part, and only one of them
+wishes it inlined, the one that is compiled first still decides for both.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def sparing(group: _Group) -> _Group:
 def _is_sparing(kind: Any) -> bool:
     if isinstance(kind, types.BaseNamedTuple) and kind.instance_class in _SPARING:
         return True
-    return isinstance(kind, types.BaseTuple) and any(map(_is_sparing, kind))
+    return isinstance(kind, types.BaseTuple) and any(_is_sparing(element) for element in kind)
 
 
 @contextmanager
