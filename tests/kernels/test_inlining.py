@@ -11,7 +11,8 @@ import numpy as np
 from numba import typeof
 from places import ROOT, SUPPORT
 
-from impact_env.kernels.observers import Energy, Events, Level, Observe, Series
+from impact_env.kernels.level import Level
+from impact_env.kernels.observers import Energy, Events, Observe, Series
 from impact_env.kernels.parts import _is_sparing
 
 

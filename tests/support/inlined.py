@@ -43,25 +43,25 @@ def far(x, values):  # type: ignore[no-untyped-def]
 @jit_inline
 def near(x, values):  # type: ignore[no-untyped-def]
     """Return what is inlined at each call, and with it, but for a sparing group, what it calls."""
-    return far(x, values) + far(2.0 * x, values)
+    return far(x, values) + far(2.0 * x, values)  # type: ignore[no-untyped-call]
 
 
 @jit
 def whole(x, group):  # type: ignore[no-untyped-def]
     """Call it from Python."""
-    return near(x, None) * near(x + 1.0, None) if group is None else near(x, group.values) * near(x + 1.0, group.values)
+    return near(x, None) * near(x + 1.0, None) if group is None else near(x, group.values) * near(x + 1.0, group.values)  # type: ignore[no-untyped-call]
 
 
-def main() -> None:
+def main(kernel: Any) -> None:
     """Print the lines."""
-    whole._cache = NullCache()
+    kernel._cache = NullCache()
     groups = {"bare": None, "plain": Plain(np.zeros(1)), "sparing": Sparing(np.zeros(1))}
     for word in sys.argv[1:]:
-        value = whole(1.5, groups[word])
-        code = whole.inspect_asm(whole.signatures[-1])
+        value = kernel(1.5, groups[word])
+        code = kernel.inspect_asm(kernel.signatures[-1])
         lines = [line.split()[0] for line in code.splitlines() if line.startswith("\t") and not line.startswith("\t.")]
         print(value.hex(), *lines, flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    main(whole)
