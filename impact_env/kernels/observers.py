@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit
 from impact_env.kernels.level import Level
+from impact_env.kernels.parts import sparing
 from impact_env.kernels.records import FLAG, INTEGER, NUMBER, one, record
 
 # kinds of contact phase
@@ -81,12 +82,14 @@ class Events(NamedTuple):
     counts: Any
 
 
+@sparing
 class Series(NamedTuple):
     """``states`` (samples, 2 N_m + 2): modal displacements, absorber displacement, modal velocities, absorber velocity."""
 
     states: NDArray[np.float64]
 
 
+@sparing
 class Energy(NamedTuple):
     """``totals`` (1,), a TOTALS record: work of the force, losses by friction, by impacts, in the tuned absorber's damper; ``modal`` (N_m,) loss per
     mode. In J. An array, since a kernel that returns records does not compile.

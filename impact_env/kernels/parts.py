@@ -3,9 +3,13 @@
 numba optimises every function with what it calls, and makes machine code of it, before its caller does the same once more: with calls a dozen deep
 most of that is thrown away. Here a kernel that is met while another is compiled stays LLVM's intermediate code, a `Part`; only the kernel called from
 Python, a `Kernel`, is optimised and becomes machine code, with all its parts at once. So what it computes does not depend on what else a process
-has compiled; how far it is inlined can, as numba hands the wish to be inlined on to what a part calls, and the first caller decides. And two
-things are left out before types are inferred, which numba would compile and LLVM then drop: branches for an argument, or a field of one, that is None
-where it is not, and a function compiled once more for each constant that it is called with.
+has compiled. And two things are left out before types are inferred, which numba would compile and LLVM then drop: branches for an argument, or a
+field of one, that is None where it is not, and a function compiled once more for each constant that it is called with.
+
+How far a kernel is inlined is decided by what it is given. numba hands the wish to be inlined on to all that a part calls, so that nearly a whole
+lane becomes one function: the quickest to run, and slow to compile. A kernel that is given a `sparing` group, as one that records much, has parts of
+its own, and of these only those that ask for it themselves are inlined at every call. Where two other kernels share a part, and only one of them
+wishes it inlined, the one that is compiled first still decides for both.
 """
 
 from __future__ import annotations
@@ -14,11 +18,13 @@ import gc
 import operator
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from functools import cached_property
+from typing import Any, TypeVar
 
-from numba.core import ir, ir_utils, types
+from numba.core import ir, ir_utils, sigutils, types
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.compiler import Flags as NumbaFlags
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import register_pass
 from numba.core.consts import ConstantInference
@@ -26,16 +32,34 @@ from numba.core.dispatcher import _FunctionCompiler
 from numba.core.registry import CPUDispatcher
 from numba.core.untyped_passes import DeadBranchPrune, InlineInlinables
 
-_nested = 0  # kernels under way, one within the other; changed under the compiler's lock
+# changed under the compiler's lock
+_nested = 0  # kernels under way, one within the other
+_spares = False  # whether the outermost of them is inlined sparingly
+_Group = TypeVar("_Group", bound=type)
+_SPARING: set[type] = set()
+
+
+def sparing(group: _Group) -> _Group:
+    """Declare that a kernel which Python hands this named tuple, alone or within others, is inlined sparingly."""
+    _SPARING.add(group)
+    return group
+
+
+def _is_sparing(kind: Any) -> bool:
+    if isinstance(kind, types.BaseNamedTuple) and kind.instance_class in _SPARING:
+        return True
+    return isinstance(kind, types.BaseTuple) and any(_is_sparing(element) for element in kind)
 
 
 @contextmanager
-def _compiling() -> Iterator[None]:
+def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
     """Count a kernel that is being compiled. Meanwhile no garbage is looked for: a compiler's many small objects are an eighth of the time."""
-    global _nested
+    global _nested, _spares
     with global_compiler_lock:
         collects = gc.isenabled()
         gc.disable()
+        if not _nested:
+            _spares = any(map(_is_sparing, args))
         _nested += 1
         try:
             yield
@@ -161,12 +185,24 @@ class _WholePipeline(_Pipeline):
     library_class = WholeLibrary
 
 
+class Flags(NumbaFlags):  # type: ignore[misc]
+    """numba's flags, compared by those that are set: they are keys of its caches, and it asks each of 30 options at every look-up."""
+
+    _hash = hash(NumbaFlags())  # the same for all of numba's
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return (isinstance(other, Flags) and self._values == other._values) or bool(super().__eq__(other))
+
+
 class _PartCompiler(_FunctionCompiler):  # type: ignore[misc]
     """Compiles without machine code, and without the wrapper for callers in Python."""
 
     def _customize_flags(self, flags: Any) -> Any:
         flags.no_compile = flags.no_cpython_wrapper = True
-        return flags
+        return Flags(flags)
 
     def _compile_core(self, args: Any, return_type: Any) -> Any:
         result = super()._compile_core(args, return_type)
@@ -174,6 +210,14 @@ class _PartCompiler(_FunctionCompiler):  # type: ignore[misc]
         result.library._ensure_finalized()
         result.target_context.insert_user_function(name, result.fndesc, [result.library])
         return result._replace(entry_point=name)
+
+
+class _SparingCompiler(_PartCompiler):
+    """Inlines a part everywhere only if it asks for it itself, not for its caller's sake."""
+
+    def _customize_flags(self, flags: Any) -> Any:
+        flags.forceinline = bool(self.targetoptions.get("forceinline"))
+        return super()._customize_flags(flags)
 
 
 class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
@@ -187,44 +231,54 @@ class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
 class Part(CPUDispatcher):  # type: ignore[misc]
     """A kernel as other kernels call it."""
 
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any], compiler: type[_PartCompiler]) -> None:
         super().__init__(function, {}, options, _PartPipeline)
-        self._compiler = _PartCompiler(function, self.targetdescr, options, {}, _PartPipeline)
+        self._compiler = compiler(function, self.targetdescr, options, {}, _PartPipeline)
 
-    def add_overload(self, result: Any) -> None:
-        """Keep a result for callers in kernels: Python cannot call it."""
-        self.overloads[tuple(result.signature.args)] = result
+    def compile(self, signature: Any) -> Any:
+        """Compile for a caller in a kernel, without numba's timers, which every part below would ring."""
+        args, result_type = sigutils.normalize_signature(signature)
+        if args not in self.overloads:
+            with self._compiling_counter:
+                self.overloads[args] = self._compiler.compile(args, result_type)  # Python cannot call it
+        return self.overloads[args].entry_point
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A kernel as Python calls it; what its callers in kernels get is its `part`."""
+    """A kernel as Python calls it; what its callers in kernels get is its `part`, or its `sparing_part`."""
 
     def __init__(self, function: Callable[..., Any], _locals: Any, options: dict[str, Any]) -> None:
         super().__init__(function, {}, options, _WholePipeline)
         self._compiler = _WholeCompiler(function, self.targetdescr, options, {}, _WholePipeline)
-        self._part: Part | None = None
 
-    @property
+    @cached_property
     def part(self) -> Part:
         """What other kernels call."""
-        if self._part is None:
-            self._part = Part(self.py_func, self.targetoptions)
-        return self._part
+        return Part(self.py_func, self.targetoptions, _PartCompiler)
+
+    @cached_property
+    def sparing_part(self) -> Part:
+        """What other kernels call that are inlined sparingly."""
+        return Part(self.py_func, self.targetoptions, _SparingCompiler)
+
+    @property
+    def _called(self) -> Part:
+        return self.sparing_part if _spares else self.part
 
     def compile(self, signature: Any) -> Any:
         """Compile for a caller in Python, or in a function that is no kernel."""
-        with _compiling():
+        with _compiling(sigutils.normalize_signature(signature)[0]):
             return super().compile(signature)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return what a caller's types are inferred from; within kernels constants are passed as numbers, so that one part serves all."""
         if not _nested:
             return super().get_call_template(args, kws)
-        return self.part.get_call_template(tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()})
+        return self._called.get_call_template(tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()})
 
     def get_overload(self, signature: Any) -> Any:
         """Return what the caller's code calls."""
-        return self.part.get_overload(signature) if _nested else super().get_overload(signature)
+        return self._called.get_overload(signature) if _nested else super().get_overload(signature)
 
 
 def kernel(function: Callable[..., Any], **options: Any) -> Kernel:
