@@ -36,6 +36,12 @@ def _lane() -> Any:
     return used
 
 
+def _part(dispatcher: Any, signature: Any) -> Any:
+    """Return what was compiled of a kernel for this process's one lane: its part, or the one that is inlined sparingly."""
+    parts = [getattr(dispatcher, name, dispatcher) for name in ("part", "sparing_part")]
+    return next(part for part in parts if signature in part.overloads)
+
+
 def functions(lane: Any) -> list[dict[str, Any]]:
     """Return the functions that a compiled kernel calls after numba has pruned what is absent: name, statements, arithmetic operations, calls."""
     from numba.core import ir, types
@@ -59,7 +65,7 @@ def functions(lane: Any) -> list[dict[str, Any]]:
                     entry["calls"] += 1
                     called = notes.typemap[value.func.name]
                     if isinstance(called, types.Dispatcher):
-                        walk(getattr(called.dispatcher, "part", called.dispatcher), notes.calltypes[value].args)
+                        walk(_part(called.dispatcher, notes.calltypes[value].args), notes.calltypes[value].args)
 
     walk(lane, lane.signatures[0])
     return list(seen.values())
