@@ -105,7 +105,8 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
     with torch.no_grad():
         for critics in (sac.critic, sac.critic_target):
             for layers in critics.q_networks:
-                layers[-1].bias += chosen.initial_value
+                last: Any = list(layers.children())[-1]
+                last.bias += chosen.initial_value
     return sac
 
 
