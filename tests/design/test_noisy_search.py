@@ -21,6 +21,7 @@ from optimisation.designs import design_space
 from optimisation.objectives import Condition
 from optimisation.search.find import Plan, find
 from optimisation.search.noisy import NOISY, best_width, fitted, kernel_quantile, noisy_search
+from optimisation.search.settings import Rung, Settings, default_settings
 from optimisation.studies import search_methods, search_methods_study
 from optimisation.studies.search_methods import Trial, standings, winner
 
@@ -46,10 +47,17 @@ def test_noise_does_not_hide_the_bottom_of_a_bowl(method: str) -> None:
     assert finished
     assert [e.score.values[0] for e in told] == sorted(e.score.values[0] for e in told)
     assert off(told[0].design) < 0.3
-    found = find(one, Plan(90, method, from_scratch=True, audit=0, modes=False), None, Noisy())
+    found = find(one, Plan(22, method, from_scratch=True, audit=0, modes=False), None, Noisy())
     assert found.verdict is not None
     assert off(found.verdict.winner.design) < 0.3
-    assert found.cost.runs == pytest.approx(2 * 1.3 * 90, abs=2 * 8)
+    assert found.cost.runs == pytest.approx(2 * default_settings(one).members_a_design * 22, abs=2 * 8)
+
+
+def test_a_screened_design_costs_what_its_rungs_run() -> None:
+    """Of 40 designs 40 run 2 members ten times as fast, 8 run 2, and 2 of them 14 more: 8 + 16 + 28 members for 40."""
+    screened = Settings("cma", 40, (Rung(2, 10.0, 0.2), Rung(2, 1.0, 0.25), Rung(16)))
+    assert screened.members_a_design == pytest.approx((8 + 16 + 28) / 40)
+    assert Settings("cma", 40, (Rung(16),)).members_a_design == 16
 
 
 def test_search_follows_from_its_seed_and_keeps_what_an_interrupt_leaves() -> None:

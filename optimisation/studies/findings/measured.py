@@ -29,7 +29,7 @@ with optional():
     import distributed
 
 WORKERS = (1, 2)
-FRONT_MEMBERS, FRONT_DESIGNS, FRONT_SPEED, SEEDS = 2, 160, 2.0, 3  # designs run at so many times the usual rate
+FRONT_MEMBERS, FRONT_DESIGNS, SEEDS = 2, 300, 5
 FULL = 2000
 
 
@@ -97,9 +97,8 @@ def front(study: Settings) -> Json:
     """The front of first against second resonance, and its hypervolume beside that of random searches with the same budget."""
     members = min(FRONT_MEMBERS, study.members)
     problem = replace(study.problem(IMPACT, FORCES, members=members), objectives=BY_RESONANCE)
-    problem = replace(problem, rate=FRONT_SPEED * problem.rate)
     settings = default_settings(problem, seed=study.seed)
-    designs, seeds = min(FRONT_DESIGNS, study.designs), SEEDS if study.designs >= 100 else 2
+    designs, seeds = (FRONT_DESIGNS, SEEDS) if study.designs >= 100 else (study.designs, 2)
     found = search_front(problem, settings, designs, CORNER, study.folder / "front.journal", study.executor)
     found = compare_with_random(judge_front(found, study.executor), settings, seeds, study.executor) if found.finished else found
     if not found.finished:

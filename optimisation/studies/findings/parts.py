@@ -14,7 +14,7 @@ from impact_env.drive import PAPER_RATE
 from impact_env.parameters import ParameterError, RigidWalls
 from optimisation.bounds import design_force, design_gap
 from optimisation.conditions import make_conditions
-from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, TUNED, VARIABLES, Design, design_space
+from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, SEVERAL, TUNED, VARIABLES, Design, design_space
 from optimisation.evaluation import Executor
 from optimisation.friction_rule import best_friction
 from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
@@ -32,6 +32,7 @@ AT = ((1, 3.5), (2, 35.0))  # resonance and force in N: the paper's optimum at e
 Bounds = Mapping[str, tuple[float, float]]
 WIDE = (0.02, 100.0)  # N: from a damper that slides all the time to one that sticks
 DENSE, LEAST = 60, 2  # forces of the limit's curve; members where a point is one of a hundred and its run is recorded
+PAIRS = 1.5  # times the designs for a pair of absorbers: with as many as for one its search ends above two equal halves
 SPAN = 5.0  # curves reach from a force over this to the force times this
 
 
@@ -106,7 +107,7 @@ def concepts(study: Settings) -> Json:
     result: Json = {}
     for concept in VARIABLES:
         problem = study.problem(concept, AT)
-        found = study.find(f"concepts-{concept}", problem)
+        found = study.find(f"concepts-{concept}", problem, round((PAIRS if concept == SEVERAL else 1) * study.designs))
         assert found.verdict is not None
         both = [found.verdict.winner.design, found.verdict.paper.design]
         curves = []
