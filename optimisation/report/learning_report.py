@@ -12,6 +12,7 @@ from scipy.stats import trim_mean
 
 from optimisation.report.comparison_figure import DPI
 from optimisation.report.design_figures import BLACK, BLUE, GREEN, GREY, ORANGE
+from optimisation.rl.baselines import RANDOM
 from optimisation.rl.runs import Run
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ def save_learning_curve(path: Path, title: str, runs: Sequence[Run], baselines: 
     """Draw evaluation scores over the steps: seeds thinly, an algorithm's mean of the middle half with 10 to 90 % of its seeds, and baselines."""
     figure = Figure(figsize=(7.4, 4.9), layout="constrained")
     panel = figure.subplots()
-    ends = list(baselines.values())
+    ends = [score for name, score in baselines.items() if name != RANDOM]  # chance may lie so far below that nothing else could be told apart
     for algorithm, group in sorted(by_algorithm(runs).items()):
         steps, scores = curves(group)
         colour = COLOURS.get(algorithm, BLACK)
@@ -53,7 +54,7 @@ def save_learning_curve(path: Path, title: str, runs: Sequence[Run], baselines: 
         panel.plot(steps, trim_mean(scores, 0.25, axis=0), color=colour, lw=2.2, label=f"{algorithm.upper()}, {_seeds(len(group))}")
         ends += [float(scores[:, -1].max()), float(np.median(scores))]
     for (name, score), colour, style in zip(baselines.items(), LINES, STYLES, strict=False):
-        panel.axhline(score, color=colour, ls=style, lw=1.3, label=name)
+        panel.axhline(score, color=colour, ls=style, lw=1.3, label=f"{name}, {score:.3f}")
     if ends:
         room = 0.08 * (max(ends) - min(ends)) or 0.01
         panel.set_ylim(min(ends) - room, max(ends) + room)

@@ -120,7 +120,7 @@ def save_responses(path: Path, curves: Mapping[str, Any], title: str) -> None:
             for panel, word in zip(row, ("impacting", "quiet"), strict=True):
                 low, median, high = map(_number, found[f"{key}, {word}"])
                 panel.fill_between(ratio, low, high, color=_colour(name), alpha=0.13, lw=0)
-                panel.plot(ratio, median, color=_colour(name), lw=1.9, label=name)
+                panel.plot(ratio, median, ".-", color=_colour(name), lw=1.9, ms=4, label=name)  # in haste not every bin is met
     for panel, words in zip(panels[0], ("impacts go on", "no impacts in the interval before"), strict=True):
         panel.set_title(f"{title}: {words}", fontsize=10)
         if keys[0] == "rate":

@@ -103,10 +103,9 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
     sac = SAC("MlpPolicy", env, policy_kwargs=net | {"clip_mean": 0.0, "log_std_init": chosen.log_std_init}, **own, **common)
     _start_at(sac.actor.mu, math.atanh(chosen.initial_action))
     with torch.no_grad():
-        for critics in (sac.critic, sac.critic_target):
-            for layers in critics.q_networks:
-                last: Any = list(layers.children())[-1]
-                last.bias += chosen.initial_value
+        networks: list[Any] = [*sac.critic.q_networks, *sac.critic_target.q_networks]
+        for layers in networks:
+            layers[-1].bias += chosen.initial_value
     return sac
 
 
