@@ -141,7 +141,7 @@ def test_rule_is_warned_of_and_refused_where_the_structure_hardly_moves(gap: Mod
     assert "Free amplitude over that gap: 1.23." in result.stdout
     assert result.stdout.count("Warning") == 2  # of the gap, and of sweeps that are too fast
     with monkeypatch.context() as patch:
-        patch.setattr(gap, "simulated", lambda *arguments: pytest.fail(f"rate {arguments[-3]}"))
+        patch.setattr(gap, "simulated", lambda *_, **options: pytest.fail(f"rate {options['rate']}"))
         with pytest.raises(pytest.fail.Exception, match=r"rate 0\.25"):  # the default, a quarter for half the damping
             gap.main(["--force", "3.5", "--damping", "0.005", "--out", str(tmp_path)], standalone_mode=False)
 
