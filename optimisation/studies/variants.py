@@ -30,7 +30,7 @@ from impact_env.parameters import Absorber
 
 MODES, FORCE, RATIO = 10, 3.5, 0.98
 OUT_OF_REACH = 1e6  # m: walls that are never met
-NO_FRICTION = 1e-300  # N: friction without any effect; a limit of 0 is not a friction
+NO_FRICTION = 1e-200  # N: friction without any effect, and no subnormal numbers, which some processors are slow with; a limit of 0 is not a friction
 SPRING = 100 * Beam().static_tip_stiffness
 
 ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
