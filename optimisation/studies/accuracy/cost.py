@@ -27,7 +27,7 @@ OVER_MODES: tuple[tuple[str, Method], ...] = (
     ("compliant walls, stiff", Exact()),
     ("impact, e = 1", Moreau()),
 )
-LANE_KIND, LANE_MODES, LANE_PERIODS = "impact, e = 1", 10, 40.0
+LANE_KIND, LANE_MODES, LANE_PERIODS = "impact, e = 1", 10, 400.0
 THREAD_LANES = 64
 LENGTH_KIND, LENGTH_MODES, LENGTH_LIMITS = "impact, e = 1", 3, (0.94, 0.98)
 
