@@ -15,22 +15,19 @@ wishes it inlined, the one that is compiled first still decides for both.
 from __future__ import annotations
 
 import gc
-import operator
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import cached_property
 from typing import Any, TypeVar
 
-from numba.core import ir, ir_utils, sigutils, types
+from numba.core import sigutils, types
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.compiler import Compiler
-from numba.core.compiler import Flags as NumbaFlags
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.compiler_machinery import register_pass
-from numba.core.consts import ConstantInference
 from numba.core.dispatcher import _FunctionCompiler
 from numba.core.registry import CPUDispatcher
-from numba.core.untyped_passes import DeadBranchPrune, InlineInlinables
+
+from impact_env.kernels.passes import Flags, kernel_passes, remembered_calls
 
 # changed under the compiler's lock
 _nested = 0  # kernels under way, one within the other
@@ -53,11 +50,9 @@ def _is_sparing(kind: Any) -> bool:
 
 @contextmanager
 def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
-    """Count a kernel that is being compiled. Meanwhile no garbage is looked for: a compiler's many small objects are an eighth of the time."""
+    """Count a kernel that is being compiled, with what is remembered and left out meanwhile if it is the outermost."""
     global _nested, _spares
-    with global_compiler_lock:
-        collects = gc.isenabled()
-        gc.disable()
+    with global_compiler_lock, nullcontext() if _nested else _outermost():
         if not _nested:
             _spares = any(map(_is_sparing, args))
         _nested += 1
@@ -65,8 +60,22 @@ def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
             yield
         finally:
             _nested -= 1
-            if collects:
-                gc.enable()
+
+
+@contextmanager
+def _outermost() -> Iterator[None]:
+    """Look for no garbage: a compiler's many small objects are an eighth of the time. And infer the type of a call that numba knows once only."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        with remembered_calls():
+            yield
+    finally:
+        if collects:
+            if not gc.get_freeze_count():  # what is left counts as old: a search through all of it at once would take most of a second
+                gc.freeze()
+                gc.unfreeze()
+            gc.enable()
 
 
 class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -111,54 +120,8 @@ def with_parts(libraries: Sequence[CodeLibrary]) -> list[CodeLibrary]:
     return backwards[::-1]
 
 
-def _kind_of(code: ir.FunctionIR, args: Sequence[types.Type], value: Any) -> types.Type | None:
-    """Return the type of what is an argument or, read by its name, a field of a named tuple that is one (or a field of one); None of all else."""
-    source = ir_utils.guard(ir_utils.get_definition, code, value)
-    if isinstance(source, ir.Arg):
-        return args[source.index]
-    if isinstance(source, ir.Expr) and source.op == "getattr":
-        group = _kind_of(code, args, source.value)
-        if isinstance(group, types.BaseNamedTuple) and source.attr in group.fields:
-            return group.types[group.fields.index(source.attr)]
-    return None
-
-
-def _is_none(code: ir.FunctionIR, args: Sequence[types.Type], test: Any) -> bool | None:
-    """Return what ``x is None`` or ``x is not None`` comes to; None where types do not tell, or for any other expression."""
-    if not (isinstance(test, ir.Expr) and test.op == "binop" and test.fn in (operator.is_, operator.is_not)):
-        return None
-    none = ir_utils.guard(ir_utils.get_definition, code, test.rhs)
-    kind = _kind_of(code, args, test.lhs)
-    if not (isinstance(none, ir.Const) and none.value is None) or kind is None or isinstance(kind, types.Optional):
-        return None
-    absent = kind.value is None if isinstance(kind, types.Omitted) else isinstance(kind, types.NoneType)
-    return absent is (test.fn is operator.is_)
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)
-class PrunePresent(DeadBranchPrune):  # type: ignore[misc]
-    """numba's pass drops the branch for a part that is there where the argument is None.
-
-    This one also drops that for None where it is there, and does both for a field of a named tuple, ``group.part`` or ``part = group.part``.
-    """
-
-    _name = "impact_env_prune_present"
-
-    def run_pass(self, state: Any) -> bool:
-        """Put a constant for each test whose outcome the types tell, then run numba's pass, which drops branches on constants."""
-        code = state.func_ir
-        for block in code.blocks.values():
-            for line in block.find_insts(ir.Assign):
-                outcome = _is_none(code, state.args, line.value)
-                if outcome is not None:
-                    known, definitions = ir.Const(outcome, line.loc), code._definitions[line.target.name]
-                    definitions[definitions.index(line.value)] = line.value = known
-        code._consts = ConstantInference(code)
-        return bool(super().run_pass(state))
-
-
 class _Pipeline(Compiler):  # type: ignore[misc]
-    """numba's passes and `PrunePresent`, with a library of its own kind."""
+    """The passes of kernels, with a library of its own kind."""
 
     library_class: type[JITCodeLibrary]
 
@@ -169,12 +132,8 @@ class _Pipeline(Compiler):  # type: ignore[misc]
         super().__init__(typingctx, targetctx, library, *others)
 
     def define_pipelines(self) -> list[Any]:
-        """Return numba's passes with the one more."""
-        managers: list[Any] = super().define_pipelines()
-        for manager in managers:
-            manager.add_pass_after(PrunePresent, InlineInlinables)
-            manager.finalize()
-        return managers
+        """Return numba's passes as kernels need them."""
+        return [kernel_passes(manager) for manager in super().define_pipelines()]
 
 
 class _PartPipeline(_Pipeline):
@@ -183,18 +142,6 @@ class _PartPipeline(_Pipeline):
 
 class _WholePipeline(_Pipeline):
     library_class = WholeLibrary
-
-
-class Flags(NumbaFlags):  # type: ignore[misc]
-    """numba's flags, compared by those that are set: they are keys of its caches, and it asks each of 30 options at every look-up."""
-
-    _hash = hash(NumbaFlags())  # the same for all of numba's
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def __eq__(self, other: object) -> bool:
-        return (isinstance(other, Flags) and self._values == other._values) or bool(super().__eq__(other))
 
 
 class _PartCompiler(_FunctionCompiler):  # type: ignore[misc]
