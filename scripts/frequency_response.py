@@ -15,6 +15,7 @@ from optimisation.command_line import RESUME, check_target, end_early, name_file
 from optimisation.commands.frequency_curves import BALANCE, BOTH, EXACT, FIGURES, FORCE, computed, written
 from optimisation.commands.scene_options import scene_options
 from optimisation.commands.sweep_scene import refuse_parts
+from optimisation.executors import cluster_option, workers
 from optimisation.report.response_table import text
 
 
@@ -40,6 +41,7 @@ from optimisation.report.response_table import text
 @click.option("--window", type=int, default=StationaryRuns.window, show_default=True, help="Periods of the force in their window.")
 @click.option("--approach", type=float, help="Ratio at which they begin, to come into impact.  [default: at rest, at the frequency itself]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads of these runs; no number depends on it.  [default: all cores]")
+@cluster_option
 @click.option("--resume", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=RESUME)
 @click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write all curves, in SI units.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a row for each point of a curve.")
@@ -51,14 +53,14 @@ def main(**given: Any) -> None:
     stability. Harmonic balance has the responses without impacts too. Ctrl-C writes what is known so far; --resume keeps what is finished for a later
     run with the same scene, force and range.
     """
-    with plain_errors():
+    with plain_errors(), workers(given["threads"], given["cluster"]) as executor:
         for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("figure", FIGURES)):
             check_target(f"--{option}", given[option], suffixes)
         check_target("--resume", given["resume"], (".json",))
         given |= {"stiffness": None, "absorber_damping": None}
         refuse_parts(given)
         given["force"] = FORCE if given["force"] is None and given["structure"] is None else given["force"]
-        result = computed(given)
+        result = computed(given, executor)
         files = written(result, given)
     click.echo(text(result))
     if files:

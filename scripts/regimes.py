@@ -1,5 +1,7 @@
 """Regimes of a response: how long impacts last at each frequency, P(jump) of a sweep from that, and where it is periodic, where chaotic."""
 
+# needs: files
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -9,6 +11,7 @@ import click
 
 from optimisation.command_line import plain_errors
 from optimisation.commands.regime_settings import chosen_settings, is_own
+from optimisation.commands.structure_option import structure_option
 from optimisation.executors import cluster_option, workers
 from optimisation.studies.regimes.study import JUMP, KINDS, OUT, QUICK_OUT, STUDY, place
 from optimisation.studies.runner import run
@@ -16,13 +19,14 @@ from optimisation.studies.runner import run
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 @click.option("--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Structure and absorber from a .toml or .json file.")
+@structure_option
 @click.option("--modes", type=int, help="Number of modes of the paper's beam.")
 @click.option("--damping", type=float, help="Modal damping ratio.")
 @click.option("--mass-ratio", type=float, help="Absorber mass over beam mass.")
 @click.option("--gap", type=float, help="Clearance to either wall in m.")
 @click.option("--restitution", type=float, help="Coefficient of restitution.")
 @click.option("--friction-limit", type=float, help="Friction limit in N; 0: no friction.")
-@click.option("--force", type=float, help="Amplitude of the harmonic force in N.")
+@click.option("--force", type=float, help="Amplitude of the harmonic force in N.  [default: with --structure by the design rule]")
 @click.option("--from", "start", type=float, default=0.99, show_default=True, help="Your scene: first frequency over the first resonance.")
 @click.option("--to", "stop", type=float, default=0.95, show_default=True, help="Your scene: last frequency; sweeps go this way too.")
 @click.option("--points", type=int, default=21, show_default=True, help="Your scene: number of frequencies.")

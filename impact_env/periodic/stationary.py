@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.ensemble import draw_members
+from impact_env.ensemble import Executor, draw_members
 from impact_env.parameters import count, non_negative, positive
 from impact_env.periodic.approach import Approach
 from impact_env.periodic.envelope import QUANTILES, envelope, stationary_members
@@ -43,7 +43,8 @@ class StationaryRuns:
     """How they are computed: ``members`` runs at each of ``points`` frequencies, each with a phase of its own.
 
     ``settle`` pseudo periods come before a window of ``window`` periods of the force. ``approach``: the ratio at which runs begin, to come into
-    impact; None: at the frequency itself. ``threads``: None, all cores; nothing depends on it. Raises ParameterError for values out of range.
+    impact; None: at the frequency itself. ``threads`` and ``executor``: as in `run_lanes`; nothing depends on them. Raises ParameterError for values
+    out of range.
     """
 
     points: int
@@ -53,6 +54,7 @@ class StationaryRuns:
     approach: float | None = None
     seed: int = 0
     threads: int | None = None
+    executor: Executor | None = None
 
     def __post_init__(self) -> None:
         count("points", self.points, 2)
@@ -76,6 +78,6 @@ class StationaryRuns:
         """Return the response at a ratio of ``reference`` (rad/s) under a force in N; Ctrl-C and errors as `stationary_members`."""
         phases = draw_members(self.members, self.seed, "phase").phases.tolist()
         way = Approach(reference, self.approach)
-        found = stationary_members(scene, force, way, ratio, self.settle, self.window, phases, threads=self.threads)
+        found = stationary_members(scene, force, way, ratio, self.settle, self.window, phases, threads=self.threads, executor=self.executor)
         impacts = float(np.mean([member.found.impacts_per_period for member in found]))
         return Stationary(ratio, envelope(found), impacts)

@@ -10,6 +10,7 @@ from typing import Any
 from tqdm import tqdm
 
 from impact_env.drive import default_rate
+from impact_env.ensemble import Executor
 from impact_env.parameters import RigidWalls, positive, require
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, harmonic_balance
 from impact_env.periodic.overview import Asked, Overview, overview, sliding
@@ -39,8 +40,11 @@ def following(reference: float) -> Iterator[Callable[[str, int, float], None]]:
         yield show
 
 
-def computed(given: dict[str, Any]) -> Overview:
-    """Do what the options ask for. Raises BadInput or ParameterError before anything long is done."""
+def computed(given: dict[str, Any], executor: Executor | None = None) -> Overview:
+    """Do what the options ask for, the envelope's runs by an executor as in `run_lanes`.
+
+    Raises BadInput or ParameterError before anything long is done.
+    """
     scene, _ = make_scene(given)
     reference, walls = scene.model.resonance_omega(given["resonance"]), sliding(scene).walls
     low, high = positive("--from", given["start"]), positive("--to", given["stop"])
@@ -54,20 +58,21 @@ def computed(given: dict[str, Any]) -> Overview:
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
     rate = given["percent_per_100_periods"]
     rate = default_rate(scene.model, (given["resonance"],)) if rate is None else rate
-    asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given))
+    asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given, executor))
     keep = Pieces(given["resume"], {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference})
     with following(reference) as show:
         return overview(scene, given["force"], reference, low, high, asked, show, keep)
 
 
-def stationary_runs(given: dict[str, Any]) -> StationaryRuns | None:
+def stationary_runs(given: dict[str, Any], executor: Executor | None = None) -> StationaryRuns | None:
     """Return what the options say of the stationary responses, None if there are none; BadInput for options of theirs without --envelope."""
     if given["envelope"] is None:
-        for name in ("members", "settle", "window", "approach", "threads"):
+        for name in ("members", "settle", "window", "approach", "threads", "cluster"):
             if is_given(name):
                 raise BadInput(f"--{name} does not go without --envelope: it is about the runs of the envelope")
         return None
-    return StationaryRuns(given["envelope"], given["members"], given["settle"], given["window"], given["approach"], threads=given["threads"])
+    lengths = given["members"], given["settle"], given["window"]
+    return StationaryRuns(given["envelope"], *lengths, given["approach"], threads=given["threads"], executor=executor)
 
 
 def written(result: Overview, given: dict[str, Any]) -> list[Path]:

@@ -12,8 +12,8 @@ from optimisation.command_line import BadInput
 from optimisation.commands.sweep_scene import make_scene, refuse_parts
 from optimisation.studies.regimes.cases import Case, Settings, cases, grid
 
-OWN = ("scene", "modes", "damping", "mass_ratio", "gap", "restitution", "friction_limit", "force")
-NOT_ASKED = ("absorber", "structure", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping")
+OWN = ("scene", "structure", "modes", "damping", "mass_ratio", "gap", "restitution", "friction_limit", "force")
+NOT_ASKED = ("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping")
 QUICK = {"stay_members": 10, "stay_periods": 1000.0, "sweep_members": 10, "kind_members": 4, "settle": 200.0, "window": 60, "quick": True}
 FAST = 300.0  # pseudo periods per percent: slower sweeps are left out of a quick look
 
@@ -25,10 +25,10 @@ def is_own(given: dict[str, Any]) -> bool:
 
 def own_case(given: dict[str, Any]) -> Case:
     """Return the case that the options describe. Raises BadInput or ParameterError."""
-    given = given | dict.fromkeys(NOT_ASKED)
+    given = given | dict.fromkeys(NOT_ASKED) | {"resonance": 1}  # the one that is looked at
     refuse_parts(given)
     scene, _ = make_scene(given)
-    if given["force"] is None:
+    if given["force"] is None:  # only a structure has a force that follows from the rule
         raise BadInput("a scene of your own needs --force")
     first, last = positive("--from", given["start"]), positive("--to", given["stop"])
     require(first != last, "--to", last, f"different from --from = {first}")

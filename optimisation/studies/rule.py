@@ -1,4 +1,4 @@
-"""Where the design rule holds: the best simulated gap over the rule's, over damping, mass ratio and place, on two beams.
+"""Where the design rule holds: the best simulated gap over the rule's, over damping, mass ratio and place, on two beams, and in cases kept apart.
 
 By the scaling law the force does not matter: gap and friction are in proportion to it. So a case is one number, the best gap over the rule's, and a
 price, the level at the rule's gap over the smallest. `optimisation.bounds.reach` is what the cases are to be told apart by.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,22 +26,48 @@ STRUCTURES = {
     # a steel strip of 40 x 8 mm, 1.2 m long, shaken at a quarter of it
     "steel": Beam(length=1.2, bending_stiffness=210e9 * 0.04 * 0.008**3 / 12, mass_per_length=7850 * 0.04 * 0.008, force_position=0.25),
 }
+# 1 m of 30 x 10 mm aluminium between two clamps, for the cases that nothing is fitted to
+CLAMPED = Beam(
+    ends="clamped-clamped",
+    length=1.0,
+    bending_stiffness=70e9 * 0.03 * 0.01**3 / 12,
+    mass_per_length=2700 * 0.03 * 0.01,
+    force_position=0.3,
+    absorber_position=0.5,
+)
 RESONANCES = (1, 2)
 DAMPINGS, QUICK_DAMPINGS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05), (0.005, 0.01, 0.02, 0.05)
 MASSES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 PLACES = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5)
 WIDEST, STEPS = 4.0, 4  # factors of the rule's gap reach this far to either side, in so many steps: 41 % apart
 # Sweeps at the least damping take a hundred times as long as the paper's. So below this the gaps reach from half the rule's to twice it only, where
-# light damping has its best gap, with nothing in between and fewer members; and the least of all is run near the first resonance only.
-LIGHT, LIGHT_WIDEST, LIGHT_MEMBERS = 0.004, 2.0, {0.002: 2, 0.001: 1}
+# light damping has its best gap, with fewer members; and the least of all is run near the first resonance only.
+LIGHT, LIGHT_WIDEST = 0.004, 2.0
+LIGHTEST, LIGHTEST_MEMBERS = 0.002, 1
 FORCE = 1.0  # N: any would do
 TOLERATED = 1.1  # a level over the smallest that counts as good
-DAMPING, MASS, PLACE = "damping", "mass ratio", "place"
+DAMPING, MASS, PLACE, FRESH = "damping", "mass ratio", "place", "fresh"
+# structure, resonance, damping, mass ratio, place: two numbers or more differ from any other case
+FRESH_CASES = (
+    ("clamped", 1, 0.003, 0.02, 0.5),
+    ("clamped", 1, 0.007, 0.03, 0.45),
+    ("clamped", 1, 0.01, 0.07, 0.4),
+    ("clamped", 2, 0.004, 0.02, 0.28),
+    ("clamped", 2, 0.015, 0.01, 0.25),
+    ("steel", 2, 0.003, 0.01, 1.0),
+    ("steel", 1, 0.007, 0.08, 1.0),
+    ("steel", 1, 0.02, 0.05, 0.8),
+    ("paper", 1, 0.0015, 0.005, 1.0),
+    ("paper", 2, 0.007, 0.03, 0.95),
+)
 
 
 @dataclass(frozen=True)
 class Case:
-    """One beam and absorber: what of the ``structure`` is ``varied`` and its ``value``, the ``beam``, the resonance and the mass ratio."""
+    """One beam and absorber: what of the ``structure`` is ``varied`` and its ``value``, the ``beam``, the resonance and the mass ratio.
+
+    Where several numbers are varied (`FRESH`) the value is the damping.
+    """
 
     structure: str
     varied: str
@@ -52,11 +79,20 @@ class Case:
     @property
     def light(self) -> bool:
         """Whether the damping is so light that the case gets less, see `LIGHT`."""
-        return self.varied == DAMPING and self.value < LIGHT
+        return self.damping < LIGHT
+
+    @property
+    def damping(self) -> float:
+        """The damping ratio of all modes."""
+        assert isinstance(self.beam.damping_ratio, float)
+        return self.beam.damping_ratio
 
     @property
     def key(self) -> str:
         """A name of the case that no other has."""
+        if self.varied == FRESH:
+            numbers = f"damping {self.value:g}, mass {self.mass_ratio:g}, place {self.beam.absorber_position:g}"
+            return f"{self.structure}, resonance {self.resonance}, {numbers}"
         return f"{self.structure}, resonance {self.resonance}, {self.varied} {self.value:g}"
 
 
@@ -84,7 +120,7 @@ class Row:
 
 
 def cases(quick: bool = False) -> list[Case]:
-    """Return all cases, each beam varied in one number at a time."""
+    """Return all cases: each beam varied in one number at a time, and the fresh ones."""
     every = []
     for name, beam in STRUCTURES.items():
         for resonance in RESONANCES:
@@ -92,6 +128,11 @@ def cases(quick: bool = False) -> list[Case]:
             every += [Case(name, DAMPING, d, resonance, replace(beam, damping_ratio=d)) for d in dampings]
             every += [Case(name, MASS, m, resonance, beam, m) for m in MASSES]
             every += [Case(name, PLACE, x, resonance, replace(beam, absorber_position=x)) for x in PLACES]
+    beams = STRUCTURES | {"clamped": CLAMPED}
+    for name, resonance, damping, mass, place in FRESH_CASES:
+        if not quick or damping in QUICK_DAMPINGS:
+            beam = replace(beams[name], damping_ratio=damping, absorber_position=place)
+            every.append(Case(name, FRESH, damping, resonance, beam, mass))
     return every
 
 
@@ -114,19 +155,19 @@ def run_case(
 ) -> list[GapCheck]:
     """Simulate a case, and with ``fine`` the gaps halfway from the best to its neighbours too; arguments and interruption as in `check_gap`.
 
-    With light damping (`LIGHT`) it has fewer gaps and members, and none halfway.
+    With light damping (`LIGHT`) it has fewer gaps, and with very light damping fewer members.
     """
     model, light = modal_model(case.beam), case.light
     multiples = factors(max(1, steps // 2), LIGHT_WIDEST) if light else factors(steps)
     absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
-    fewer = min(members, LIGHT_MEMBERS[case.value]) if light else members
+    fewer = min(members, LIGHTEST_MEMBERS) if case.damping < LIGHTEST else members
     where = {"members": fewer, "everywhere": True, "threads": threads, "progress": progress, "executor": executor}
 
     def at(chosen: Sequence[float] | Array) -> GapCheck:
         return check_gap(model, FORCE, case.resonance, absorber, factors=chosen, **where)  # type: ignore[arg-type]
 
     coarse = at(multiples)
-    return [coarse, at(halfway(coarse))] if fine and not light and coarse.complete else [coarse]
+    return [coarse, at(halfway(coarse))] if fine and coarse.complete else [coarse]
 
 
 def row_of(case: Case, checks: Sequence[GapCheck]) -> Row:
@@ -178,15 +219,19 @@ class Verdict:
 
 
 def verdicts(rows: Sequence[Row]) -> list[Verdict]:
-    """Return what the rule is worth by reach: where it is refused, warned of, and trusted."""
-    edges = ((0.0, LEAST_REACH), (LEAST_REACH, SMALL_REACH), (SMALL_REACH, LARGE_REACH), (LARGE_REACH, np.inf))
-    found = []
-    for low, high in edges:
-        part = [row for row in rows if low <= row.reach < high]
-        if part:
-            best = [row.best for row in part]
-            label = f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} and more"
-            prices, others = [row.price for row in part], [price_at(row, expected_factor(row.reach)) for row in part]
-            good = (sum(price < TOLERATED for price in prices), sum(price < TOLERATED for price in others))
-            found.append(Verdict(label, len(part), float(np.median(best)), min(best), max(best), *good, max(prices), max(others)))
-    return found
+    """Return what the rule is worth by reach, where it is refused, warned of, and trusted, and in the fresh cases, which nothing is fitted to."""
+    fitted = [row for row in rows if row.varied != FRESH]
+    edges = (0.0, LEAST_REACH, SMALL_REACH, LARGE_REACH, np.inf)
+    classes = {
+        f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} and more": [row for row in fitted if low <= row.reach < high]
+        for low, high in pairwise(edges)
+    }
+    classes["fresh cases, any"] = [row for row in rows if row.varied == FRESH]
+    return [_verdict(label, part) for label, part in classes.items() if part]
+
+
+def _verdict(label: str, rows: Sequence[Row]) -> Verdict:
+    best = [row.best for row in rows]
+    prices, others = [row.price for row in rows], [price_at(row, expected_factor(row.reach)) for row in rows]
+    good = (sum(price < TOLERATED for price in prices), sum(price < TOLERATED for price in others))
+    return Verdict(label, len(rows), float(np.median(best)), min(best), max(best), *good, max(prices), max(others))

@@ -14,14 +14,14 @@ from optimisation.report.markdown import markdown
 from optimisation.studies import rule
 from optimisation.studies.machine import sources
 from optimisation.studies.page import DOCS, published
-from optimisation.studies.rule import DAMPING, MASS, PLACE, Case, Row, as_json, from_json, price_at, row_of, verdicts
+from optimisation.studies.rule import DAMPING, FRESH, MASS, PLACE, Case, Row, as_json, from_json, price_at, row_of, verdicts
 from optimisation.studies.study import Json, Measured, Part, Steps, Study, rows_by_case
 
 NAME = "design_rule"
 QUICK_OUT = Path("results/design_rule")
 OUT = published(DOCS, QUICK_OUT)
 MEMBERS, QUICK_MEMBERS = 2, 1
-SECTIONS = {DAMPING: "rule:damping", MASS: "rule:mass", PLACE: "rule:place"}
+SECTIONS = {DAMPING: "rule:damping", MASS: "rule:mass", PLACE: "rule:place", FRESH: "rule:fresh"}
 VERDICT, MACHINE = "rule:verdict", "rule:machine"
 
 
@@ -64,7 +64,8 @@ def _measure(given: Settings, known: Json) -> Steps:
 
 def table(rows: Sequence[Row]) -> str:
     """Return a line for each case."""
-    what = ("beam", "resonance", rows[0].varied, "free amplitude over gap", "best gap over rule's", "expected")
+    case = ("case",) if rows[0].varied == FRESH else ("beam", "resonance", rows[0].varied)
+    what = (*case, "free amplitude over gap", "best gap over rule's", "expected")
     header = (*what, "level at the best, %", "at the rule's, %", "at the expected, %")
     return markdown(header, [_cells(row) for row in rows])
 
@@ -73,8 +74,8 @@ def _cells(row: Row) -> tuple[str, ...]:
     at_rule = row.relative[row.factors.index(1.0)]
     least, expected = min(row.relative), expected_factor(row.reach)
     levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, expected)))
-    numbers = (f"{row.value:g}", f"{row.reach:.3g}", f"{row.best:.2g}", f"{expected:.2g}", *levels)
-    return (row.structure, str(row.resonance), *numbers)
+    case = (row.key,) if row.varied == FRESH else (row.structure, str(row.resonance), f"{row.value:g}")
+    return (*case, f"{row.reach:.3g}", f"{row.best:.2g}", f"{expected:.2g}", *levels)
 
 
 def _verdict_table(rows: Sequence[Row]) -> str:

@@ -17,6 +17,7 @@ pytest.importorskip("optuna")
 import design_gap
 import design_rule
 import distributed
+import frequency_response
 import friction_branches
 import mass_ratios
 import search_methods as search_methods_script
@@ -62,6 +63,20 @@ def test_best_gaps_over_the_mass(address: str) -> None:
     assert "5 %" in tables[1][2]
 
 
+def test_stationary_responses_over_the_frequency(address: str, tmp_path: Path) -> None:
+    line = ["--modes", "2", "--no-sweeps", "--method", "balance", "--friction-limit", "0.02", "--from", "1.02", "--to", "1.04"]
+    runs, files = ["--envelope", "2", "--members", "2", "--settle", "50", "--window", "20"], [tmp_path / name for name in ("a.json", "b.json")]
+    for file, where in zip(files, (["--threads", "1"], ["--cluster", address]), strict=True):
+        result = CliRunner().invoke(frequency_response.main, [*line, *runs, *where, "--json", str(file)])
+        assert result.exit_code == 0, result.output
+    here, there = (json.loads(file.read_text()) for file in files)
+    assert here == there
+    assert [point["omega_ratio"] for point in here["stationary"]] == [1.02, 1.04]
+    alone = CliRunner().invoke(frequency_response.main, [*line, "--cluster", address])
+    assert alone.exit_code == 2
+    assert "--cluster does not go without --envelope" in alone.output
+
+
 def test_a_case_of_the_rule_study_and_a_search(address: str) -> None:
     case = next(case for case in rule.cases() if case.varied == rule.DAMPING and case.value == 0.05)
     with Workers(address) as workers:
@@ -73,6 +88,7 @@ def test_a_case_of_the_rule_study_and_a_search(address: str) -> None:
 
 
 COMMANDS = {
+    "frequency_response": (frequency_response.main, ["--envelope", "2"]),
     "design_rule": (design_rule.main, ["--quick", "--out"]),
     "search_methods": (search_methods_script.main, ["--quick", "--out"]),
     "mass_ratios": (mass_ratios.main, []),

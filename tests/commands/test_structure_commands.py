@@ -18,6 +18,7 @@ from impact_env.periodic.survey import closed_form_orbits
 from optimisation.bounds import design_force, design_gap
 from optimisation.commands.page_of_commands import BLOCK, PAGE
 from optimisation.friction_rule import best_friction
+from optimisation.studies.regimes.cases import Settings as RegimeSettings
 from optimisation.tuned import den_hartog, undamped_h2
 
 STEEL, FRAME, MEASURED = (str(EXAMPLES / f"{name}.toml") for name in ("steel_beam_tip", "frame", "measured"))
@@ -99,6 +100,23 @@ def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(monk
             assert min(abs(orbit["tip_max_m"] / tip - 1) for tip in known) < 1e-6
 
 
+def test_regimes_are_of_the_structure_and_at_the_force_of_the_rule(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    settings: list[RegimeSettings] = []
+    script = load("regimes", monkeypatch)
+    run = script.run
+    monkeypatch.setattr(script, "run", lambda study, given, *rest, **named: settings.append(given) or run(study, given, *rest, **named))
+    line = f"--structure {FRAME} --mass-ratio 0.01 --only kinds --members 2 --points 2 --from 1 --to 0.98 --quick --threads 1 --out {tmp_path}"
+    result = CliRunner().invoke(script.main, shlex.split(line))
+    assert result.exit_code == 0, result.output
+    model = modal_model(load_structure(FRAME))
+    (case,) = settings[0].cases
+    assert np.array_equal(case.scene.model.omega, model.omega)
+    assert case.force == pytest.approx(design_force(model, 0.01 * model.beam_mass, 1e-3, 1))
+    rows = json.loads((tmp_path / "kinds.json").read_text())["rows"]
+    assert [row["at"] for row in rows] == [0.98, 1.0]
+    assert all(row["runs"] == 2 and 1e-4 < row["peak_50"] < 1e-2 for row in rows)
+
+
 def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     short = "--rate 40 --members 1 --designs 4 --no-screening --no-figures --audit 0 --threads 1"
@@ -127,6 +145,7 @@ def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyP
         ),
         ("tune_ltva", "--structure {steel} --damping 0.1", "--damping does not go with --structure"),
         ("orbits", "--structure {steel} --modes 3", "--modes does not go with --structure"),
+        ("regimes", "--structure {steel} --modes 3", "--modes does not go with --structure"),
         ("isola", "--structure {steel} --damping 0.1", "--damping does not go with --structure"),
         ("frequency_response", "--structure {steel} --scene x.toml", "--scene does not go with --structure"),
         ("sweep", "--structure {steel} --scene x.toml", "--scene does not go with --structure"),

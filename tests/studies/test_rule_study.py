@@ -65,7 +65,7 @@ def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest
     every = [case for case in rule.cases(quick=True) if case.structure == "steel" and case.resonance == 1]
     some = [
         next(c for c in every if c.varied == varied and c.value == value)
-        for varied, value in (("damping", 0.02), ("mass ratio", 0.02), ("place", 0.9))
+        for varied, value in (("damping", 0.02), ("mass ratio", 0.02), ("place", 0.9), ("fresh", 0.02))
     ]
     monkeypatch.setattr(rule, "cases", lambda _quick: some)
     monkeypatch.setattr(rule, "STEPS", 1)
@@ -83,17 +83,19 @@ def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest
     assert broken.exit_code == 130
     assert len(json.loads((tmp_path / "design_rule.json").read_text())["rows"]) == 2
     assert (tmp_path / "design_rule.md").read_text().count("| steel |") == 2
-    assert (tmp_path / "design_rule.md").read_text().count("Not measured yet.") == 1
+    assert (tmp_path / "design_rule.md").read_text().count("Not measured yet.") == 2
     before = (tmp_path / "design_rule.json").read_text()
     ran.clear()
     monkeypatch.setattr(rule, "run_case", lambda case, *arguments, **fine: ran.append(case.key) or run_case(case, *arguments, **fine))
     whole = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)])
     assert whole.exit_code == 0, whole.output
-    assert ran == [some[2].key]
+    assert ran == [case.key for case in some[2:]]
     rows = json.loads((tmp_path / "design_rule.json").read_text())["rows"]
     assert rows[:2] == json.loads(before)["rows"]
     page = (tmp_path / "design_rule.md").read_text()
     assert page.count("| steel |") == 3
+    assert "| steel, resonance 1, damping 0.02, mass 0.05, place 0.8 |" in page
+    assert "fresh cases, any" in page
     assert "Measured on" in page
     (tmp_path / "design_rule.json").write_text("{}")
     assert "an earlier run of this command wrote" in CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)]).stderr
