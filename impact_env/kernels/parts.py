@@ -14,10 +14,11 @@ wishes it inlined, the one that is compiled first still decides for both.
 
 from __future__ import annotations
 
+import atexit
 import gc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, TypeVar
 
 from numba.core import sigutils, types
@@ -65,6 +66,7 @@ def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
 @contextmanager
 def _outermost() -> Iterator[None]:
     """Look for no garbage: a compiler's many small objects are an eighth of the time. And infer the type of a call that numba knows once only."""
+    _leave_quickly()
     collects = gc.isenabled()
     gc.disable()
     try:
@@ -76,6 +78,12 @@ def _outermost() -> Iterator[None]:
                 gc.freeze()
                 gc.unfreeze()
             gc.enable()
+
+
+@cache
+def _leave_quickly() -> None:
+    """When the process ends, look for no garbage among what compilation has left: that would take a second."""
+    atexit.register(gc.freeze)
 
 
 class PartLibrary(JITCodeLibrary):  # type: ignore[misc]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 
 import numpy as np
@@ -13,6 +14,7 @@ from numba.core.registry import cpu_target
 from numba.core.typed_passes import NopythonRewrites, NopythonTypeInference
 from numba.core.untyped_passes import InlineClosureLikes, InlineInlinables, IRProcessing
 
+from impact_env.kernels import parts
 from impact_env.kernels.parts import kernel
 from impact_env.kernels.passes import Flags, PrunePresent, RewriteArrays, kernel_passes, remembered_calls
 
@@ -69,6 +71,15 @@ def test_garbage_is_looked_for_as_before(collects: bool) -> None:
         assert gc.isenabled() == collects
     finally:
         (gc.enable if was else gc.disable)()
+
+
+def test_a_process_that_compiled_looks_for_no_garbage_when_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    registered: list[object] = []
+    monkeypatch.setattr(atexit, "register", registered.append)
+    parts._leave_quickly.cache_clear()
+    for k in (3, 4):
+        assert kernel(lambda x, k=k: x + k)(1.0) == 1.0 + k
+    assert registered.count(gc.freeze) == 1
 
 
 def test_objects_that_a_program_froze_stay_frozen() -> None:
