@@ -20,6 +20,7 @@ Real = NDArray[np.float64]
 NEAR = (0.93, 1.06)  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
 # free amplitude over the rule's gap: below the first no answer, below the second the best gap is narrower, above the third it is wider
 LEAST_REACH, SMALL_REACH, LARGE_REACH = 1.0, 1.5, 6.0
+LIGHT_DAMPING, LEAST_DAMPING = 0.005, 0.0015  # damping ratios between which `expected_factor` grows
 _LEAST = 0.5  # of the resonance with the mass stuck: where the range begins at the lowest
 
 
@@ -111,15 +112,19 @@ def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 
 
     Raises ParameterError as `design_gap` does.
     """
-    return expected_factor(reach(model, mass, resonance)) * design_gap(model, mass, force, resonance)
+    damping = float(model.damping_ratio[resonance - 1])
+    return expected_factor(reach(model, mass, resonance), damping) * design_gap(model, mass, force, resonance)
 
 
-def expected_factor(reach: float) -> float:
-    """Return the best gap over the rule's that simulations let expect for free amplitude over the rule's gap.
+def expected_factor(reach: float, damping: float) -> float:
+    """Return the best gap over the rule's that simulations let expect, for free amplitude over the rule's gap and the resonance's damping ratio.
 
-    A fit, not a theory (docs/design_rule.md says how good it is): (reach/2.5)^0.6 but at least 0.25 below 2.5, 1 up to 6, and 1.4 above.
+    A fit, not a theory (docs/design_rule.md says how good it is): (reach/2.5)^0.6 but at least 0.25 below 2.5, 1 up to 6, and above 1.2, times
+    (0.005/damping)^0.2 for a damping from 0.5 % down to 0.15 %.
     """
-    return 1.4 if reach > LARGE_REACH else float(np.clip((reach / 2.5) ** 0.6, 0.25, 1.0))
+    if reach > LARGE_REACH:
+        return 1.2 * max(1.0, LIGHT_DAMPING / max(damping, LEAST_DAMPING)) ** 0.2
+    return float(np.clip((reach / 2.5) ** 0.6, 0.25, 1.0))
 
 
 def gap_unit(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:

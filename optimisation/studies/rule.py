@@ -118,6 +118,11 @@ class Row:
     price: float
     members: int
 
+    @property
+    def expected(self) -> float:
+        """The factor of the rule's gap that is expected to be best."""
+        return expected_factor(self.reach, self.value if self.varied in (DAMPING, FRESH) else Beam.damping_ratio)  # type: ignore[arg-type]
+
 
 def cases(quick: bool = False) -> list[Case]:
     """Return all cases: each beam varied in one number at a time, and the fresh ones."""
@@ -232,6 +237,6 @@ def verdicts(rows: Sequence[Row]) -> list[Verdict]:
 
 def _verdict(label: str, rows: Sequence[Row]) -> Verdict:
     best = [row.best for row in rows]
-    prices, others = [row.price for row in rows], [price_at(row, expected_factor(row.reach)) for row in rows]
+    prices, others = [row.price for row in rows], [price_at(row, row.expected) for row in rows]
     good = (sum(price < TOLERATED for price in prices), sum(price < TOLERATED for price in others))
     return Verdict(label, len(rows), float(np.median(best)), min(best), max(best), *good, max(prices), max(others))

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from impact_env.ensemble import Executor
-from optimisation.bounds import expected_factor
 from optimisation.progress import runs_bar
 from optimisation.report.markdown import markdown
 from optimisation.studies import rule
@@ -72,10 +71,10 @@ def table(rows: Sequence[Row]) -> str:
 
 def _cells(row: Row) -> tuple[str, ...]:
     at_rule = row.relative[row.factors.index(1.0)]
-    least, expected = min(row.relative), expected_factor(row.reach)
-    levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, expected)))
+    least = min(row.relative)
+    levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, row.expected)))
     case = (row.key,) if row.varied == FRESH else (row.structure, str(row.resonance), f"{row.value:g}")
-    return (*case, f"{row.reach:.3g}", f"{row.best:.2g}", f"{expected:.2g}", *levels)
+    return (*case, f"{row.reach:.3g}", f"{row.best:.2g}", f"{row.expected:.2g}", *levels)
 
 
 def _verdict_table(rows: Sequence[Row]) -> str:

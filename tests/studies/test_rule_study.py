@@ -38,14 +38,21 @@ def test_light_damping_wants_a_wider_gap_on_the_steel_beam() -> None:
     assert row.best > 1
     assert row.price > 1.3
     model = modal_model(case.beam)
-    assert expected_gap(model, 0.02 * model.beam_mass, 3.0, 2) == pytest.approx(1.4 * design_gap(model, 0.02 * model.beam_mass, 3.0, 2))
+    assert expected_gap(model, 0.02 * model.beam_mass, 3.0, 2) == pytest.approx(1.2 * design_gap(model, 0.02 * model.beam_mass, 3.0, 2))
     assert reach(model, 0.02 * model.beam_mass, 2) == row.reach
     assert case.beam.length == STRUCTURES["steel"].length
 
 
 def test_expected_factor_is_one_where_the_rule_is_good() -> None:
-    assert [expected_factor(x) for x in (0.01, 3.0, 5.9, 6.1, 30.0)] == [0.25, 1.0, 1.0, 1.4, 1.4]
-    assert expected_factor(0.9) == pytest.approx((0.9 / 2.5) ** 0.6)
+    assert [expected_factor(x, 0.01) for x in (0.01, 3.0, 5.9, 6.1, 30.0)] == [0.25, 1.0, 1.0, 1.2, 1.2]
+    assert expected_factor(0.9, 0.002) == pytest.approx((0.9 / 2.5) ** 0.6)
+
+
+def test_light_damping_widens_the_expected_gap() -> None:
+    assert expected_factor(5.0, 0.001) == 1.0
+    assert expected_factor(7.0, 0.005) == 1.2
+    assert expected_factor(20.0, 0.002) == pytest.approx(1.2 * 2.5**0.2)
+    assert expected_factor(40.0, 0.0) == expected_factor(40.0, 0.0015) == pytest.approx(1.2 * (10 / 3) ** 0.2)
 
 
 def test_prices_and_classes() -> None:
