@@ -15,7 +15,7 @@ from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import OBJECTIVES, Range, Settings, one_of, span
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
-from impact_env.kernels.episodes import go_on, pay_for_damage, pay_for_level
+from impact_env.kernels.episodes import Way, go_on, pay_for_damage, pay_for_level
 from impact_env.kernels.interval import spread
 from impact_env.parameters import non_negative, positive, require
 
@@ -106,7 +106,8 @@ class SweepTask(Task):
         """Go on at the chosen rate, but no further than the far end, and not back beyond the start."""
         low, high = self.passage.limits
         duration, ratio, ended = np.empty(self.lanes), np.empty(self.lanes), np.empty(self.lanes, dtype=np.bool_)
-        go_on(self.rate(actions) * PER_PERIOD, float(self.interval), high - low, self.far, self.sign, self.ratio, duration, ratio, ended)
+        way = Way(float(self.interval), high - low, self.far, self.sign)
+        go_on(way, self.rate(actions) * PER_PERIOD, self.ratio, duration, ratio, ended)
         return duration, ratio, ended
 
     def reward(self) -> Array:

@@ -47,7 +47,7 @@ def add_energy(stretch, losses, state, r, account):  # type: ignore[no-untyped-d
     if account.known[r].window != window.centre:
         learn_window(account, r, forced, window)
         if kind == OWN:
-            learn_mixed(account, r, slots.rows, forced.slots, forced.terms, window)
+            learn_mixed(account, r, slots.rows, forced, window)
     copy(z, w)
     advance(slots.rows, slots.table, slots.scale, end - tau, w)
     _, _, at = places(account)
@@ -55,9 +55,9 @@ def add_energy(stretch, losses, state, r, account):  # type: ignore[no-untyped-d
     _fill_scratch(account.scratch, window, tau, end)
     _set_forced_part(account, r, window, found)
     if kind == OWN:
-        add_own(account, r, slots.rows, window, tau, end, z, w, found)
+        add_own(account, r, stretch, w, found)
     else:
-        add_coupled(account, r, slots.rows, losses.damper, window, end - tau, z, w, found)
+        add_coupled(account, r, stretch, losses.damper, w, found)
     modes = losses.rate.shape[0]
     for i in range(modes):
         account.modal[i] += losses.rate[i] * found[i]
@@ -79,9 +79,9 @@ def _set_forced_part(account, r, window, found):  # type: ignore[no-untyped-def]
     scratch, count, velocities = account.scratch, account.known[r].product_order, account.velocities[r]
     _, product, _ = places(account)
     c, s, d, t = scratch[CARRIER, 0], scratch[CARRIER, 1], scratch[CARRIER, 2], scratch[CARRIER, 3]
-    a_r, a_i, b_r, b_i = c * c - s * s, 2.0 * c * s, d * d - t * t, 2.0 * d * t
+    first, last = complex(c * c - s * s, 2.0 * c * s), complex(d * d - t * t, 2.0 * d * t)
     plain_moments(window.half, scratch, scratch[PLAIN, :count])
-    fill_moments(0.0, 2.0 * window.omega, window.half, scratch, a_r, a_i, b_r, b_i, scratch[TURNING, :count], scratch[TURNING + 1, :count])
+    fill_moments(complex(0.0, 2.0 * window.omega), window.half, scratch, first, last, scratch[TURNING, :count], scratch[TURNING + 1, :count])
     for i in range(found.shape[0]):
         found[i] = 0.0
     for k in range(count):

@@ -36,15 +36,16 @@ def _add_pairs(shape, rows, h, z, w, damper, found):  # type: ignore[no-untyped-
 
 
 @jit
-def _slot_moments(rows, j, omega, half, scratch, z, w, own, count):  # type: ignore[no-untyped-def]
+def _slot_moments(rows, j, window, scratch, z, w, own, count):  # type: ignore[no-untyped-def]
     """Fill the moments of slot j on the force's carrier and on its conjugate."""
     s_r, s_i = rows[S, j], rows[S + 1, j]
     z_r, z_i, w_r, w_i = z[0, j], z[1, j], w[0, j], w[1, j]
     for k in range(2):
         sign, at = 1.0 - 2.0 * k, MOMENTS + 2 * TERMS * k
         c, s, d, t = scratch[CARRIER, 0], sign * scratch[CARRIER, 1], scratch[CARRIER, 2], sign * scratch[CARRIER, 3]
-        a_r, a_i, b_r, b_i = z_r * c - z_i * s, z_i * c + z_r * s, w_r * d - w_i * t, w_i * d + w_r * t
-        fill_moments(s_r, s_i + sign * omega, half, scratch, a_r, a_i, b_r, b_i, own[at : at + count, j], own[at + TERMS : at + TERMS + count, j])
+        first, last = complex(z_r * c - z_i * s, z_i * c + z_r * s), complex(w_r * d - w_i * t, w_i * d + w_r * t)
+        turning, out = complex(s_r, s_i + sign * window.omega), own[at : at + 2 * TERMS, j]
+        fill_moments(turning, window.half, scratch, first, last, out[:count], out[TERMS : TERMS + count])
 
 
 @jit
@@ -61,12 +62,13 @@ def _add_mixed(velocities, partner, own, count, j, found):  # type: ignore[no-un
 
 
 @jit_inline
-def add_coupled(account, r, rows, damper, window, h, z, w, found):  # type: ignore[no-untyped-def]
-    """Add all products with free parts; z, w (2, J): the slots at begin and end of a stretch of h s."""
+def add_coupled(account, r, stretch, damper, w, found):  # type: ignore[no-untyped-def]
+    """Add all products with free parts; w (2, J): the slots at the end of the stretch."""
+    rows, z = stretch.regime.slots.rows, stretch.work.z
     velocities, own, count = account.velocities[r], account.slots[r], account.known[r].order
     partner, _, _ = places(account)
-    _add_pairs(velocities, rows, h, z, w, damper, found)
+    _add_pairs(velocities, rows, stretch.end - stretch.tau, z, w, damper, found)
     for j in range(own.shape[1]):
         if rows[SPEED, j] > 0.0:
-            _slot_moments(rows, j, window.omega, window.half, account.scratch, z, w, own, count)
+            _slot_moments(rows, j, stretch.window, account.scratch, z, w, own, count)
             _add_mixed(velocities, partner, own, count, j, found)

@@ -90,11 +90,13 @@ def fill_powers(first, last, count, scratch):  # type: ignore[no-untyped-def]
 
 
 @jit
-def fill_moments(l_r, l_i, half, powers, a_r, a_i, b_r, b_i, out_r, out_i):  # type: ignore[no-untyped-def]
+def fill_moments(exponent, half, powers, first, last, out_r, out_i):  # type: ignore[no-untyped-def]
     """Write the integrals of x^k y, k = 0 ... len(out_r) - 1, over the stretch, real and imaginary part; x is the time in half windows.
 
-    y turns as exp(l t), from a at the begin of the stretch to b at its end. ``powers`` (2 or more, any) as from `fill_powers`, EXTRA + 1 more.
+    y turns as exp(exponent t), from ``first`` at the begin of the stretch to ``last`` at its end, complex numbers all three. ``powers`` (2 or more,
+    any) as from `fill_powers`, EXTRA + 1 more.
     """
+    l_r, l_i, a_r, a_i, b_r, b_i = exponent.real, exponent.imag, first.real, first.imag, last.real, last.imag
     count, square = out_r.shape[0], l_r * l_r + l_i * l_i
     n_r, n_i = 0.0, 0.0
     if square * half * half < SLOW**2:

@@ -17,28 +17,28 @@ from impact_env.kernels.vector import TERMS
 
 
 @jit
-def learn_mixed(account, r, rows, slots, terms, window):  # type: ignore[no-untyped-def]
-    """Fill the antiderivatives of regime r in a window; ``slots``, ``terms``: its forced part."""
+def learn_mixed(account, r, rows, forced, window):  # type: ignore[no-untyped-def]
+    """Fill the antiderivatives of regime r in a window."""
     known, places, own, count = account.known[r], account.places[r], account.slots[r], rows.shape[1]
     point = account.velocities[r, : 2 * count, account.velocities.shape[2] - 1]
     known.reached, least = np.nan, SLOW**2 / window.half**2
     for k in range(2):
-        sign, at, near = 1.0 - 2.0 * k, 2 * k, 0
-        _substitute(rows, window, sign, own, point, slots, terms, at, account.mixed[r, 0], account.mixed[r, 1])
+        sign, near = 1.0 - 2.0 * k, 0
+        _substitute(rows, window, sign, own, point, forced, account.mixed[r, :, 2 * k : 2 * k + 2])
         for j in range(count):
             l_r, l_i = rows[S, j], rows[S + 1, j] + sign * window.omega
             if places[PLACE, j] >= 0 and l_r * l_r + l_i * l_i < least:
                 places[NEAREST + k, near] = j
                 near += 1
                 series = own[NEAR_SERIES + 4 * SERIES * k : NEAR_SERIES + 4 * SERIES * (k + 1), j]
-                _build_up(l_r * window.half, l_i * window.half, window.half, j, sign, own, point, slots, terms, series)
+                _build_up(complex(l_r * window.half, l_i * window.half), window.half, j, sign, own, point, forced, series)
         known.near[k] = near
 
 
 @jit
-def _substitute(rows, window, sign, own, point, slots, terms, at, loss, work):  # type: ignore[no-untyped-def]
-    """Fill the antiderivatives with one sign of the carrier: ``loss``, ``work`` (4, TERMS, J) from row ``at`` on; 0 where they are to be series."""
-    least = SLOW**2 / window.half**2
+def _substitute(rows, window, sign, own, point, forced, mixed):  # type: ignore[no-untyped-def]
+    """Fill the antiderivatives of loss and work with one sign of the carrier, ``mixed`` (2, 2, TERMS, J); 0 where they are to be series."""
+    least, slots, terms, loss, work = SLOW**2 / window.half**2, forced.slots, forced.terms, mixed[0], mixed[1]
     for j in range(rows.shape[1]):
         l_r, l_i = rows[S, j], rows[S + 1, j] + sign * window.omega
         square = l_r * l_r + l_i * l_i
@@ -56,13 +56,14 @@ def _substitute(rows, window, sign, own, point, slots, terms, at, loss, work):  
             y_r, y_i = p_r * t_r - p_i * t_i - (n + 1) * b_r, p_r * t_i + p_i * t_r - (n + 1) * b_i
             a_r, a_i = x_r * l_r - x_i * l_i, x_r * l_i + x_i * l_r
             b_r, b_i = y_r * l_r - y_i * l_i, y_r * l_i + y_i * l_r
-            loss[at, n, j], loss[at + 1, n, j] = a_r, a_i
-            work[at, n, j], work[at + 1, n, j] = b_r, b_i
+            loss[0, n, j], loss[1, n, j] = a_r, a_i
+            work[0, n, j], work[1, n, j] = b_r, b_i
 
 
 @jit
-def _build_up(l_r, l_i, half, j, sign, own, point, slots, terms, series):  # type: ignore[no-untyped-def]
-    """Fill the series of one slot (4 SERIES,), loss and work, real and imaginary, in powers of the time in half windows; l is per half window."""
+def _build_up(exponent, half, j, sign, own, point, forced, series):  # type: ignore[no-untyped-def]
+    """Fill the series of slot j (4 SERIES,), loss and work, real and imaginary, in powers of the time in half windows, as is its ``exponent``."""
+    l_r, l_i, slots, terms = exponent.real, exponent.imag, forced.slots, forced.terms
     v_r, v_i, p_r, p_i, scale = own[VELOCITY, j], own[VELOCITY + 1, j], point[j], point[own.shape[1] + j], half
     a_r, a_i, b_r, b_i = 0.0, 0.0, 0.0, 0.0
     for n in range(SERIES):
@@ -119,8 +120,9 @@ def _losses_of_slots(rows, own, z, w):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def add_own(account, r, rows, window, tau, end, z, w, found):  # type: ignore[no-untyped-def]
-    """Add all products with free parts; z, w (2, J): the slots at the stretch's ends."""
+def add_own(account, r, stretch, w, found):  # type: ignore[no-untyped-def]
+    """Add all products with free parts; w (2, J): the slots at the end of the stretch."""
+    rows, window, tau, end, z = stretch.regime.slots.rows, stretch.window, stretch.tau, stretch.end, stretch.work.z
     known, places, own = account.known[r], account.places[r], account.slots[r]
     if known.reached == tau:
         copy(own[END : END + 2], own[BEGIN : BEGIN + 2])

@@ -31,8 +31,8 @@ def add_by_quadrature(stretch, losses, state, energy):  # type: ignore[no-untype
 
     Of absorbers only a tuned one has a damper; ``state`` is scratch.
     """
-    modes, half, regime, forced, window = losses.rate.shape[0], state.shape[0] // 2, stretch.regime, stretch.forced, stretch.window
-    slots, p, absorber, tau, end = regime.slots, stretch.work.rows[0], stretch.motion[0], stretch.tau, stretch.end
+    modes, half, window = losses.rate.shape[0], state.shape[0] // 2, stretch.window
+    slots, p, absorber, tau, end = stretch.regime.slots, stretch.work.rows[0], stretch.motion[0], stretch.tau, stretch.end
     copy(stretch.work.z, p)
     force_size = np.sqrt(window.force_r**2 + window.force_i**2)
     phase = np.arctan2(window.force_i, window.force_r)
@@ -43,7 +43,7 @@ def add_by_quadrature(stretch, losses, state, energy):  # type: ignore[no-untype
             h = end - x
         for k in range(_NODES.shape[0]):
             t = 0.5 * h * (1.0 + _NODES[k])
-            state_at(regime, forced, window.omega, p, stretch.constant, x, t, stretch.work.rows[1], state)
+            state_at(stretch, p, x, t, stretch.work.rows[1], state)
             c = x + t
             f = force_size * np.cos(phase + (window.omega + 0.5 * window.alpha * c) * c)
             weight = 0.5 * h * _WEIGHTS[k]

@@ -7,6 +7,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from impact_env.kernels.jit import jit
 
 ROUNDING = 1e-12  # of the frequency ratio
@@ -25,13 +28,22 @@ class Units(NamedTuple):
     steps: int
 
 
-@jit
-def go_on(change, interval, width, far, sign, ratio, duration, after, ended):  # type: ignore[no-untyped-def]
-    """Let the frequency go on by ``change`` (L,) in a pseudo period, but no further than the far end, and not back beyond the start.
+class Way(NamedTuple):
+    """A passage's: longest ``interval`` in pseudo periods, ``width`` and ``far`` end (L,) in units of the resonance, ``sign`` (L,) 1 up, -1 down."""
 
-    ``interval``: the longest, in pseudo periods; ``width``: of the passage, as ``far``, ``ratio`` (L,) in units of the resonance; ``sign`` (L,): 1
-    up, -1 down. Filled: ``duration``, ratio ``after`` it, whether the passage has ``ended`` there, each (L,).
+    interval: float
+    width: float
+    far: NDArray[np.float64]
+    sign: NDArray[np.float64]
+
+
+@jit
+def go_on(way, change, ratio, duration, after, ended):  # type: ignore[no-untyped-def]
+    """Let the frequency ``ratio`` (L,) go on by ``change`` (L,) in a pseudo period, but no further than the far end, and not back beyond the start.
+
+    Filled: ``duration`` in pseudo periods, ratio ``after`` it, whether the passage has ``ended`` there, each (L,).
     """
+    interval, width, far, sign = way.interval, way.width, way.far, way.sign
     for i in range(ratio.shape[0]):
         left = (far[i] - ratio[i]) * sign[i]
         rest = left - change[i] * interval

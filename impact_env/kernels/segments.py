@@ -169,14 +169,14 @@ def fill_places(stretch, place, samples, block):  # type: ignore[no-untyped-def]
 
 
 @jit
-def state_at(regime, forced, omega, z, constant, tau, offset, w, state):  # type: ignore[no-untyped-def]
-    """Write the state at tau + offset from the free part z at tau; ``constant`` is the constant relative force, w is scratch."""
-    slots = regime.slots
+def state_at(stretch, z, tau, offset, w, state):  # type: ignore[no-untyped-def]
+    """Write the state at tau + offset from the free part z at tau, both within the stretch; w is scratch."""
+    slots = stretch.regime.slots
     copy(z, w)
     advance(slots.rows, slots.table, slots.scale, offset, w)
-    add_forced(forced.slots, omega, tau + offset, 1.0, w)
-    add(slots.rows, REST, constant, w)
-    to_state(regime.out, w, state)
+    add_forced(stretch.forced.slots, stretch.window.omega, tau + offset, 1.0, w)
+    add(slots.rows, REST, stretch.constant, w)
+    to_state(stretch.regime.out, w, state)
 
 
 @jit
@@ -191,7 +191,7 @@ def sample_state(stretch, clock, series):  # type: ignore[no-untyped-def]
     while x < end and n < series.states.shape[0]:
         t = max(x - tau, 0.0)
         row = series.states[n]
-        state_at(stretch.regime, stretch.forced, window.omega, work.z, stretch.constant, tau, t, work.rows[0], row)
+        state_at(stretch, work.z, tau, t, work.rows[0], row)
         for a in range(absorbers):
             own = motion[a]
             row[half - absorbers + a] += own.q + t * (own.v + 0.5 * t * own.a)

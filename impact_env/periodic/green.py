@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.kernels.periodic.green import FORCE, GAP, LIMIT, OMEGA, RESTITUTION, conditions, new_room
+from impact_env.kernels.periodic.green import FORCE, GAP, LIMIT, OMEGA, RESTITUTION, System, conditions, new_room
 from impact_env.kernels.periodic.newton import CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR, newton
 from impact_env.kernels.periodic.structure import Point
 from impact_env.parameters import require
@@ -67,15 +67,19 @@ def solution_of(case: Case, schedule: EventSchedule, unknowns: Array, error: flo
     return Solution(case, schedule, phases, impulses, offset, float(error), int(steps))
 
 
+def new_system(m: int) -> System:
+    """Return room for m conditions and their derivatives."""
+    return System(np.zeros(m), np.zeros((m, m + len(PARAMETERS))))
+
+
 def residual_and_jacobian(case: Case, schedule: EventSchedule, unknowns: Array) -> tuple[Array, Array]:
     """Return the scaled conditions (m,) and their derivatives (m, m + 5): by the unknowns, then by `PARAMETERS` in SI units."""
     order, structure = schedule.order, case.structure
     m = len(unknowns)
     require(m == schedule.unknowns, "unknowns", m, f"{schedule.unknowns} numbers for this schedule")
-    residual, jacobian = np.zeros(m), np.zeros((m, m + len(PARAMETERS)))
-    room = new_room(structure, order)
-    conditions(structure, case.point, order, np.asarray(unknowns, dtype=float), case.scale, room, residual, jacobian, True)
-    return residual, jacobian
+    system, room = new_system(m), new_room(structure, order)
+    conditions(structure, case.point, order, np.asarray(unknowns, dtype=float), case.scale, room, system, True)
+    return system.residual, system.jacobian
 
 
 def linear_states(case: Case, schedule: EventSchedule, phases: ArrayLike) -> Array:
@@ -97,9 +101,7 @@ def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | N
     given = np.array(start, dtype=float)
     z = linear_states(case, schedule, given) if len(given) == len(schedule.events) else given
     require(len(z) == schedule.unknowns, "start", len(z), f"{len(schedule.events)} phases or {schedule.unknowns} unknowns")
-    m = len(z)
-    residual, jacobian = np.zeros(m), np.zeros((m, m + len(PARAMETERS)))
-    status, steps, error = newton(case.structure, case.point, schedule.order, z, case.scale, residual, jacobian)
+    status, steps, error = newton(case.structure, case.point, schedule.order, z, case.scale, new_system(len(z)))
     if status != CONVERGED:
         return NoOrbit(case, schedule, f"{REASONS[status]} (residual {error:.1e} after {steps} steps)", z[: len(schedule.events)])
     return solution_of(case, schedule, z, error, steps)
@@ -121,7 +123,6 @@ class Conditions:
         order, structure = self.schedule.order, self.case.structure
         field = Point._fields[PARAMETERS[self.parameter]]
         point = self.case.point._replace(**{field: value})  # the units stay those of the case's own gap
-        residual, jacobian = np.zeros(len(z)), np.zeros((len(z), len(z) + len(PARAMETERS)))
-        z = np.ascontiguousarray(z, dtype=float)
-        conditions(structure, point, order, z, self.case.scale, new_room(structure, order), residual, jacobian, True)
-        return residual, np.column_stack([jacobian[:, : len(z)], jacobian[:, len(z) + PARAMETERS[self.parameter]]])
+        system, z = new_system(len(z)), np.ascontiguousarray(z, dtype=float)
+        conditions(structure, point, order, z, self.case.scale, new_room(structure, order), system, True)
+        return system.residual, np.column_stack([system.jacobian[:, : len(z)], system.jacobian[:, len(z) + PARAMETERS[self.parameter]]])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from impact_env.kernels.episodes import Units, fill_features, go_on, order_intervals, pay_for_damage, pay_for_level
+from impact_env.kernels.episodes import Units, Way, fill_features, go_on, order_intervals, pay_for_damage, pay_for_level
 from impact_env.kernels.interval import ORDER, REPORT
 
 LANES = 200
@@ -44,7 +44,7 @@ def test_features_are_the_reports_in_their_units(lanes: Any) -> None:
 def test_a_passage_goes_on_to_its_far_end_and_back_to_its_start(lanes: Any) -> None:
     change = np.where(lanes.change > 1.2, -lanes.change, lanes.change) * 0.3
     duration, after, ended = np.empty(LANES), np.empty(LANES), np.empty(LANES, dtype=np.bool_)
-    go_on(change, 2.5, 0.4, lanes.far, lanes.sign, lanes.ratio, duration, after, ended)
+    go_on(Way(2.5, 0.4, lanes.far, lanes.sign), change, lanes.ratio, duration, after, ended)
     for i in range(LANES):
         far, ratio, sign, rate = (float(values[i]) for values in (lanes.far, lanes.ratio, lanes.sign, change))
         left = (far - ratio) * sign

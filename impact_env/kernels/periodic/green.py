@@ -24,6 +24,13 @@ from impact_env.kernels.periodic.structure import over, receptance
 OMEGA, FORCE, GAP, RESTITUTION, LIMIT = range(5)
 
 
+class System(NamedTuple):
+    """The scaled conditions (m,), and their derivatives (m, m + 5): by the unknowns, then by omega, force, gap, restitution, friction limit."""
+
+    residual: NDArray[np.float64]
+    jacobian: NDArray[np.float64]
+
+
 class Room(NamedTuple):
     """Scratch for n events, m unknowns and J exponentials.
 
@@ -148,8 +155,9 @@ def own_sums(structure, room, span, mirror):  # type: ignore[no-untyped-def]
 
 
 @jit
-def begin_rows(structure, point, order, z, scale, room, residual, jacobian):  # type: ignore[no-untyped-def]
+def begin_rows(structure, point, order, z, scale, room, system):  # type: ignore[no-untyped-def]
     """Fill the forced part, the constant and each event's own share; what other events add comes later."""
+    residual, jacobian = system.residual, system.jacobian
     n, omega = order.wall.shape[0], point.omega
     span = order.turn / omega
     h, h_slope = receptance(structure, omega)
@@ -185,8 +193,9 @@ def begin_rows(structure, point, order, z, scale, room, residual, jacobian):  # 
 
 
 @jit
-def add_pairs(structure, point, order, z, scale, room, residual, jacobian, with_span):  # type: ignore[no-untyped-def]
+def add_pairs(structure, point, order, z, scale, room, system, with_span):  # type: ignore[no-untyped-def]
     """Add to each event's rows what the impulses and friction jumps of the others bring, going round the span from each of them."""
+    residual, jacobian = system.residual, system.jacobian
     n, omega, limit = order.wall.shape[0], point.omega, point.limit
     span = order.turn / omega
     for j in range(n):
@@ -240,8 +249,9 @@ def finish_rows(structure, point, order, scale, room, jacobian):  # type: ignore
 
 
 @jit
-def balance(structure, point, order, z, scale, room, residual, jacobian):  # type: ignore[no-untyped-def]
+def balance(structure, point, order, z, scale, room, system):  # type: ignore[no-untyped-def]
     """Fill the last row of a whole period: impulses and friction together leave the absorber's momentum as it was."""
+    residual, jacobian = system.residual, system.jacobian
     n, size = order.wall.shape[0], jacobian.shape[0]
     if order.mirror < 0.0:
         return
@@ -259,16 +269,14 @@ def balance(structure, point, order, z, scale, room, residual, jacobian):  # typ
 
 
 @jit
-def conditions(structure, point, order, z, scale, room, residual, jacobian, with_span):  # type: ignore[no-untyped-def]
-    """Fill ``residual`` (m,) and ``jacobian`` (m, m + 5): by the unknowns, then by omega, force, gap, restitution, friction limit.
-
-    ``with_span`` False leaves the column of omega out (it is then wrong): Newton's method at one point does not need it.
-    """
+def conditions(structure, point, order, z, scale, room, system, with_span):  # type: ignore[no-untyped-def]
+    """Fill the system; ``with_span`` False leaves the column of omega out (it is then wrong): Newton's method at one point does not need it."""
+    residual, jacobian = system.residual, system.jacobian
     n, size = order.wall.shape[0], jacobian.shape[0]
     jacobian[:, :] = 0.0
     prepare(structure, order, point.omega, z, room)
-    begin_rows(structure, point, order, z, scale, room, residual, jacobian)
-    add_pairs(structure, point, order, z, scale, room, residual, jacobian, with_span)
+    begin_rows(structure, point, order, z, scale, room, system)
+    add_pairs(structure, point, order, z, scale, room, system, with_span)
     finish_rows(structure, point, order, scale, room, jacobian)
     for i in range(n):
         for row, unit in ((i, scale.velocity), (room.place[i], scale.length)):
@@ -279,4 +287,4 @@ def conditions(structure, point, order, z, scale, room, residual, jacobian, with
                 for k in range(n):
                     if room.place[k] >= 0:
                         jacobian[row, room.place[k]] *= scale.impulse
-    balance(structure, point, order, z, scale, room, residual, jacobian)
+    balance(structure, point, order, z, scale, room, system)

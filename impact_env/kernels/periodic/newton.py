@@ -71,21 +71,21 @@ def least_gap(order, z):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def newton(structure, point, order, z, scale, residual, jacobian):  # type: ignore[no-untyped-def]
-    """Move the unknowns ``z`` (m,) to a solution; return status, steps, largest residual. ``residual`` and ``jacobian`` are left as at ``z``."""
+def newton(structure, point, order, z, scale, system):  # type: ignore[no-untyped-def]
+    """Move the unknowns ``z`` (m,) to a solution; return status, steps, largest residual. The ``system`` is left as at ``z``."""
     room, size = new_room(structure, order), z.shape[0]
     work, step = np.zeros((size, size + 1)), np.zeros(size)
     error, last = np.inf, np.inf
     for k in range(MOST_STEPS):
-        conditions(structure, point, order, z, scale, room, residual, jacobian, False)
-        error = np.max(np.abs(residual))
+        conditions(structure, point, order, z, scale, room, system, False)
+        error = np.max(np.abs(system.residual))
         if not np.isfinite(error):
             return NOT_CONVERGED, k, error
         if error < CLOSE or (error < SETTLED and error > 0.3 * last):
             break
         last = error
-        work[:, :size] = jacobian[:, :size]
-        work[:, size] = residual
+        work[:, :size] = system.jacobian[:, :size]
+        work[:, size] = system.residual
         if not solve_in_place(work, size, step):
             return SINGULAR, k, error
         step *= -1.0
@@ -95,5 +95,5 @@ def newton(structure, point, order, z, scale, residual, jacobian):  # type: igno
             return ORDER_LOST, k, error
     else:
         return NOT_CONVERGED, MOST_STEPS, error
-    conditions(structure, point, order, z, scale, room, residual, jacobian, True)
+    conditions(structure, point, order, z, scale, room, system, True)
     return CONVERGED, k, error
