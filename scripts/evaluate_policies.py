@@ -12,10 +12,11 @@ import click
 
 from impact_env.parameters import ParameterError
 from optimisation.command_line import INTERRUPTED, BadInput
-from optimisation.commands.policy_evaluation import OUT, POLICIES, QUICK_OUT, QUICK_SEEDS, SEEDS, SUITE_SEEDS, evaluate, publish
+from optimisation.commands.policy_evaluation import OUT, POLICIES, QUICK_OUT, QUICK_SEEDS, evaluate, publish
 from optimisation.files import require_writable
 from optimisation.report.policy_tables import table
-from optimisation.rl.baselines import GROUPS, GROUPS_HELP, TASKS
+from optimisation.rl.tasks.table import GROUPS, GROUPS_HELP, TASKS
+from optimisation.rl.tasks.task import FEW_SEEDS, MANY_SEEDS
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
@@ -26,7 +27,7 @@ from optimisation.rl.baselines import GROUPS, GROUPS_HELP, TASKS
     "--baselines", type=click.Path(file_okay=False, path_type=Path), default=POLICIES, help="Folder of TASK_baselines.json.  [default: docs/policies]"
 )
 @click.option("--policy", "names", multiple=True, metavar="NAME", help="Judge only this one of the baselines; may be given several times.")
-@click.option("--seeds", type=click.IntRange(min=2), help=f"Number of evaluation seeds.  [default: {SEEDS}, suite {SUITE_SEEDS}]")
+@click.option("--seeds", type=click.IntRange(min=2), help=f"Number of evaluation seeds.  [default: {FEW_SEEDS}, suite {MANY_SEEDS}]")
 @click.option("--ceiling", type=click.IntRange(min=1), metavar="DRAWS", help="Suite: the best of so many random schedules, too, on 64 seeds.")
 @click.option("--quick", is_flag=True, help=f"{QUICK_SEEDS} evaluation seeds, into {QUICK_OUT} unless told otherwise: a look, not a result.")
 @click.option("--redraw", is_flag=True, help="Tables and figures again from the files in the folder; nothing is played.")

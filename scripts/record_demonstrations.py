@@ -11,9 +11,10 @@ import click
 from impact_env.parameters import ParameterError
 from optimisation.command_line import BadInput
 from optimisation.files import require_writable
-from optimisation.rl.baselines import FIRST_TRAINING_SEED, TASKS, families, load, policy
+from optimisation.rl.baselines import FIRST_TRAINING_SEED, families, load, policy
 from optimisation.rl.demonstrations import record, write_demonstrations
-from optimisation.rl.suite import FEEDBACK, SUITE
+from optimisation.rl.tasks.baseline import FEEDBACK
+from optimisation.rl.tasks.table import SUITE, task_named
 from optimisation.studies.page import ROOT, published
 
 POLICIES = published(Path("docs/policies"), ROOT / "docs" / "policies")
@@ -32,7 +33,7 @@ def main(task: str, episodes: int, baselines: Path, out: Path) -> None:
         for name in SUITE if task == "suite" else (task,):
             stored, arguments = load(baselines / f"{name}_baselines.json", name)
             (rule,) = (policy(baseline, families(name, arguments)) for baseline in stored if baseline.name == FEEDBACK)
-            shown = record(rule, TASKS[name], range(FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + episodes), arguments)
+            shown = record(rule, task_named(name).env_id, range(FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + episodes), arguments)
             folder = out / f"{name}-feedback-v0"
             write_demonstrations(folder, shown, FEEDBACK, arguments)
             scores = [float(rewards.sum()) for rewards in shown.rewards]

@@ -15,13 +15,9 @@ from impact_env.parameters import ParameterError
 from optimisation.command_line import INTERRUPTED, BadInput
 from optimisation.commands.agent_training import BOTH, OUT, POLICIES, QUICK_SHARE, SEEDS, environment_arguments, train_task
 from optimisation.files import require_writable
-from optimisation.rl.baselines import (
-    GROUPS,
-    GROUPS_HELP,
-    TASKS,
-)
 from optimisation.rl.hyperparameters import ALGORITHMS
 from optimisation.rl.runs import collect, find_runs
+from optimisation.rl.tasks.table import GROUPS, GROUPS_HELP, TASKS
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

@@ -14,7 +14,9 @@ from impact_env.parameters import ParameterError
 from optimisation.command_line import INTERRUPTED, BadInput
 from optimisation.files import require_writable
 from optimisation.report.policy_tables import baseline_table
-from optimisation.rl.baselines import GROUPS, GROUPS_HELP, QUICK, TASKS, Effort, candidates_of, store, tune
+from optimisation.rl.baselines import store, tune
+from optimisation.rl.tasks.effort import QUICK, Effort
+from optimisation.rl.tasks.table import GROUPS, GROUPS_HELP, TASKS, task_named
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
@@ -32,7 +34,7 @@ def main(task: str, quick: bool, effort: float, seeds: int | None, out: Path) ->
     try:
         require_writable("--out", out)
         for name in GROUPS.get(task, (task,)):
-            with tqdm(total=candidates_of(name, spent), desc=f"{name}: searching", unit="candidate", leave=False, disable=None) as bar:
+            with tqdm(total=task_named(name).tried(spent), desc=f"{name}: searching", unit="candidate", leave=False, disable=None) as bar:
                 found = tune(name, {}, spent, bar.update)
             store(out / f"{name}_baselines.json", name, {}, spent, found)
             click.echo(f"{name}:\n{baseline_table(found)}\n")

@@ -12,31 +12,15 @@ from tqdm import tqdm
 
 from optimisation.files import replacing, write_csv, write_json
 from optimisation.report.markdown import markdown
-from optimisation.rl.baselines import (
-    BEST_CONSTANT,
-    BEST_GAP,
-    BEST_SCHEDULE,
-    RANDOM,
-    TASKS,
-    TUNED_ESTIMATE,
-    TUNED_TRUE,
-    ZERO_AND_ONE,
-    families,
-    load,
-    policy,
-)
+from optimisation.rl.baselines import families, load, policy
 from optimisation.rl.hyperparameters import recipes, settings_for
 from optimisation.rl.policies import Constant, Random
 from optimisation.rl.runs import Evaluation, find_runs, run_folder
-from optimisation.rl.suite import SUITE
+from optimisation.rl.tasks.baseline import RANDOM
+from optimisation.rl.tasks.table import task_named
 from optimisation.studies.page import ROOT, published
 
 POLICIES = published(Path("docs/policies"), ROOT / "docs" / "policies")
-SHOWN = {
-    "sweep": (RANDOM, BEST_CONSTANT, BEST_SCHEDULE),
-    "gap": (RANDOM, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE),
-    **{task: (RANDOM, *ZERO_AND_ONE[task], BEST_SCHEDULE) for task in SUITE},
-}
 BOTH = "both"
 SEEDS, CONSTANTS = 10, 17
 QUICK_SHARE, QUICK_LEGS, QUICK_CONSTANTS = 0.25, 10, 5
@@ -48,15 +32,16 @@ def plan(task: str, given: dict[str, Any]) -> list[Any]:
     from optimisation.rl.training import Job, check_folder  # torch is slow to import
     from optimisation.rl.training_runs import Planned
 
-    algorithms = recipes(TASKS[task]) if given["algorithm"] == BOTH else [given["algorithm"]]
+    env_id = task_named(task).env_id
+    algorithms = recipes(env_id) if given["algorithm"] == BOTH else [given["algorithm"]]
     runs = []
     for seed in range(given["seeds"]):
         for algorithm in algorithms:
-            chosen = settings_for(TASKS[task], algorithm, given["hyperparameters"])
+            chosen = settings_for(env_id, algorithm, given["hyperparameters"])
             steps = given["steps"] or (round(QUICK_SHARE * chosen.steps) if given["quick"] else chosen.steps)
             legs = max(1, min(QUICK_LEGS if given["quick"] else chosen.legs, steps // chosen.round))
-            chosen = settings_for(TASKS[task], algorithm, given["hyperparameters"], steps=steps, legs=legs)
-            job = Job(TASKS[task], algorithm, seed, chosen, given["arguments"], demonstrations=given["demonstrations"])
+            chosen = settings_for(env_id, algorithm, given["hyperparameters"], steps=steps, legs=legs)
+            job = Job(env_id, algorithm, seed, chosen, given["arguments"], demonstrations=given["demonstrations"])
             folder = run_folder(given["out"], task, algorithm, seed)
             check_folder(job, folder)
             runs.append(Planned(job, folder))
@@ -72,7 +57,8 @@ def beside(task: str, job: Any, count: int, folder: Path) -> dict[str, float]:
         stored, arguments = load(file, task)
         if arguments == job.arguments:
             kinds = families(task, arguments)
-            chosen = [policy(baseline, kinds) for baseline in stored if baseline.name in SHOWN[task]]
+            names = (RANDOM, *task_named(task).yardsticks)
+            chosen = [policy(baseline, kinds) for baseline in stored if baseline.name in names]
             return {p.name: evaluate(p, job, 0, 0).score for p in tqdm(chosen, desc="baselines", leave=False, disable=None)}
     scores, numbers = {}, job.numbers
     constants = (Constant([float(a)] * numbers) for a in np.linspace(-1, 1, count))
@@ -97,16 +83,14 @@ def write(out: Path, task: str, baselines: dict[str, float]) -> None:
     """Write figure and tables of a task from its runs' files, and print the table."""
     from optimisation.report.learning_report import COLUMNS, HEADER, learning_rows, save_learning_curve, table_rows  # matplotlib is slow to import
 
-    runs = find_runs(out / task)
+    runs, env_id = find_runs(out / task), task_named(task).env_id
     write_csv(out / f"learning_{task}.csv", COLUMNS, learning_rows(runs))
     write_json(out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})})
     with replacing(out / f"learning_{task}.png") as temporary:
-        save_learning_curve(temporary, TASKS[task].split("/")[1], runs, baselines)
+        save_learning_curve(temporary, env_id.split("/")[1], runs, baselines)
     unfinished = sum(not run.finished for run in runs)
     click.echo(markdown(HEADER, table_rows(runs, baselines)))
-    click.echo(
-        f"\n{TASKS[task]}; mean scores on the evaluation seeds" + (f"; {unfinished} of {len(runs)} runs are not finished" if unfinished else "")
-    )
+    click.echo(f"\n{env_id}; mean scores on the evaluation seeds" + (f"; {unfinished} of {len(runs)} runs are not finished" if unfinished else ""))
     click.echo(f"written: {out / f'learning_{task}.png'}, .csv, .json, and the runs in {out / task}\n")
 
 

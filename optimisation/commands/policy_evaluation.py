@@ -12,34 +12,23 @@ from tqdm import tqdm
 
 from impact_env.parameters import require
 from optimisation.files import replacing, write_json
-from optimisation.report.policy_figures import save_gaps, save_profiles, save_responses, save_schedules
-from optimisation.report.policy_tables import TASK_WORDS, short_table, table
+from optimisation.report.policy_figures import CURVES, save_profiles
+from optimisation.report.policy_tables import short_table, table
 from optimisation.rl.agents import Agent
-from optimisation.rl.baselines import (
-    BEST_GAP,
-    BEST_SCHEDULE,
-    KNOTTED,
-    RIVAL,
-    WINDOWED,
-    ZERO_AND_ONE,
-    families,
-    load,
-    policy,
-)
+from optimisation.rl.baselines import families, load, policy
 from optimisation.rl.ceiling import SEEDS as CEILING_SEEDS
 from optimisation.rl.ceiling import best_by_luck
 from optimisation.rl.judging import FIRST_HELD_OUT_SEED, Judged, Line, agents_for, contenders, judge, read_results, summarise, write_results
 from optimisation.rl.policies import Policy
 from optimisation.rl.statistics import RESAMPLES
-from optimisation.rl.suite import SUITE
-from optimisation.rl.traces import gap_curves, passage_curves, response_curves
+from optimisation.rl.tasks.table import task_named
 from optimisation.studies.page import ROOT, fill, published
 
 POLICIES, PAGE = ROOT / "docs" / "policies", ROOT / "docs" / "agents.md"
 QUICK_OUT = Path("results/evaluate_policies")
 OUT = published(POLICIES, QUICK_OUT)
 AGENTS = (ROOT / "docs" / "agents", Path("results/train_sweep_agent"))
-SEEDS, SUITE_SEEDS, QUICK_SEEDS, QUICK_RESAMPLES, SHOWN = 128, 1024, 16, 100, 16  # SHOWN: passages a run in the figure of schedules
+QUICK_SEEDS, QUICK_RESAMPLES, SHOWN = 16, 100, 16  # SHOWN: passages a run in the figure of what policies do
 CEILING = "best schedule by luck"
 
 
@@ -64,41 +53,33 @@ def played(task: str, policies: list[Policy], agents: list[Agent], arguments: di
 
 
 def curves_of(task: str, policies: list[Policy], agents: list[Agent], arguments: dict[str, Any], seeds: Sequence[int]) -> dict[str, Any]:
-    """Return what the figure of schedules shows: the yardsticks, the rival and the agents."""
-    wanted = (*ZERO_AND_ONE[task], RIVAL[task], *(() if task == "gap" else (WINDOWED, KNOTTED)))
-    shown: dict[str, list[Policy]] = {p.name: [p] for p in policies if p.name in wanted}
+    """Return what the figure of a task shows: some of its baselines, and the agents."""
+    own = task_named(task)
+    shown: dict[str, list[Policy]] = {p.name: [p] for p in policies if p.name in own.figure.shown}
     for agent in agents:
         shown.setdefault(agent.algorithm.upper(), []).append(agent)
-    if task in SUITE:
-        return response_curves(task, shown, seeds[:SHOWN], arguments)
-    if task == "sweep":
-        return passage_curves(shown, seeds[:SHOWN], arguments)
-    return gap_curves({name: runs[0] for name, runs in shown.items() if name != BEST_GAP}, seeds[0], arguments)
+    return own.curves(shown, seeds[:SHOWN], arguments)
 
 
 def draw(task: str, out: Path, results: list[Judged], curves: dict[str, Any], resamples: int) -> None:
     """Draw the figures of a task."""
-    title = f"{TASK_WORDS[task].capitalize()}: performance profile, {len(results[0].seeds)} held-out seeds"
-    marks = {r.name: float(r.scores.mean()) for r in results if r.name == BEST_SCHEDULE} if task in SUITE else {}
+    own = task_named(task)
+    title = f"{own.words.capitalize()}: performance profile, {len(results[0].seeds)} held-out seeds"
+    marks = {r.name: float(r.scores.mean()) for r in results if r.name in own.marked}
     if CEILING in curves:
         marks[CEILING] = curves[CEILING]
     save_profiles(out / f"{task}_profile.png", results, title, resamples, marks)
-    if task in SUITE:
-        save_responses(out / f"{task}_responses.png", curves, TASK_WORDS[task].capitalize())
-    elif task == "sweep":
-        save_schedules(out / "sweep_schedules.png", curves, "What the policies do (median and 5 to 95 % over passages and agents)")
-    else:
-        save_gaps(out / "gap_episode.png", curves)
+    CURVES[own.figure.kind](out / f"{task}_{own.figure.kind}.png", curves, own.figure.title)
 
 
 def report(task: str, out: Path, results: list[Judged], curves: dict[str, Any], resamples: int) -> list[Line]:
     """Write table and figures; return the table's lines."""
     with tqdm(total=len(results), desc=f"{task}: intervals", unit="policy", leave=False, disable=None) as bar:
         lines = summarise(task, results, resamples, bar.update)
-    zero, one = ZERO_AND_ONE[task]
+    zero, one, rival = task_named(task).yardsticks
     about = {"task": task, "evaluation_seeds": len(results[0].seeds), "resamples": resamples, "normalised_0": zero, "normalised_1": one}
     about |= {CEILING: curves[CEILING]} if CEILING in curves else {}
-    write_json(out / f"{task}_table.json", {**about, "rival": RIVAL[task], "policies": [asdict(line) for line in lines]})
+    write_json(out / f"{task}_table.json", {**about, "rival": rival, "policies": [asdict(line) for line in lines]})
     with replacing(out / f"{task}_table.md") as temporary:
         temporary.write_text(table(task, lines) + "\n", encoding="utf-8")
     draw(task, out, results, curves, resamples)
@@ -113,7 +94,7 @@ def play(task: str, given: dict[str, Any], held_out: range) -> tuple[list[Judged
     policies = chosen([policy(baseline, kinds) for baseline in stored], given["names"])
     agents = [] if given["without_agents"] else agents_for(task, agents_folder(given["agents"]), arguments)
     results, curves = played(task, policies, agents, arguments, held_out), curves_of(task, policies, agents, arguments, held_out)
-    if given["ceiling"] and task in SUITE:
+    if given["ceiling"] and task_named(task).luck is not None:
         curves[CEILING] = float(best_by_luck(task, held_out[:CEILING_SEEDS], arguments, given["ceiling"]).mean())
     return results, curves
 
@@ -124,7 +105,7 @@ def evaluate(task: str, given: dict[str, Any], folder: Path) -> list[Line]:
     if given["redraw"]:
         results, curves = read_results(stored[0]), read_curves(stored[1])
     else:
-        count = given["seeds"] or (QUICK_SEEDS if given["quick"] else SUITE_SEEDS if task in SUITE else SEEDS)
+        count = given["seeds"] or (QUICK_SEEDS if given["quick"] else task_named(task).evaluation_seeds)
         results, curves = play(task, given, range(FIRST_HELD_OUT_SEED, FIRST_HELD_OUT_SEED + count))
         write_results(stored[0], results)
         write_json(stored[1], curves)

@@ -12,8 +12,8 @@ from scipy.stats import trim_mean
 
 from optimisation.report.comparison_figure import DPI
 from optimisation.report.design_figures import BLACK, BLUE, GREEN, GREY, ORANGE
-from optimisation.rl.baselines import RANDOM
 from optimisation.rl.runs import Run
+from optimisation.rl.tasks.baseline import RANDOM
 
 Array = NDArray[np.float64]
 COLOURS = {"ppo": BLUE, "sac": ORANGE, "rppo": "#56B4E9"}

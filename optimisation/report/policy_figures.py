@@ -14,10 +14,22 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
 from optimisation.report.comparison_figure import DPI, MM
-from optimisation.rl.baselines import BEST_CONSTANT, BEST_GAP, BEST_LIMIT, BEST_PAIR, BEST_SCHEDULE, KNOTTED, TUNED_ESTIMATE, TUNED_TRUE, WINDOWED
 from optimisation.rl.judging import Judged
 from optimisation.rl.statistics import interval, profile
-from optimisation.rl.suite import FEEDBACK, ORACLE
+from optimisation.rl.tasks.baseline import (
+    BEST_CONSTANT,
+    BEST_GAP,
+    BEST_LIMIT,
+    BEST_PAIR,
+    BEST_SCHEDULE,
+    FEEDBACK,
+    KNOTTED,
+    ORACLE,
+    TUNED_ESTIMATE,
+    TUNED_TRUE,
+    WINDOWED,
+)
+from optimisation.rl.tasks.task import EPISODE, RESPONSES, SCHEDULES
 
 THRESHOLDS = 200
 RATES_SHOWN = (-4.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 2.0, 4.0)  # % per 100 pseudo periods
@@ -138,14 +150,14 @@ def save_responses(path: Path, curves: Mapping[str, Any], title: str) -> None:
     _finish(figure, list(panels.ravel()), path, 4)
 
 
-def save_gaps(path: Path, curves: Mapping[str, Any]) -> None:
+def save_gaps(path: Path, curves: Mapping[str, Any], title: str) -> None:
     """Draw the force, the gaps, and the tip's RMS over one episode."""
     figure = Figure(figsize=(8.6, 8), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True, height_ratios=(0.6, 1, 1))
     time = np.array(curves["time"])
     panels[0].plot(time, curves["force"], color="0.2", lw=1.6, drawstyle="steps-pre")
     panels[0].set_ylim(bottom=0)
-    panels[0].set(ylabel="force in N", title=f"One episode at {curves['frequency_ratio']:.3f} times the resonance, seed {curves['seed']}")
+    panels[0].set(ylabel="force in N", title=f"{title} at {curves['frequency_ratio']:.3f} times the resonance, seed {curves['seed']}")
     for name, found in curves["policies"].items():
         panels[1].plot(time, MM * np.array(found["gap"]), color=_colour(name), lw=1.5, label=name, drawstyle="steps-pre")
         panels[2].plot(time, MM * np.array(found["rms"]), color=_colour(name), lw=1.3, drawstyle="steps-pre")
@@ -155,6 +167,9 @@ def save_gaps(path: Path, curves: Mapping[str, Any]) -> None:
     for panel in panels[[0, 2]]:
         panel.grid(True, color="0.9", lw=0.7)
     _finish(figure, [panels[1], panels[0], panels[2]], path)
+
+
+CURVES = {SCHEDULES: save_schedules, EPISODE: save_gaps, RESPONSES: save_responses}  # by the kinds of figures that tasks have
 
 
 def _band(panel: Axes, x: Any, found: Mapping[str, Any], colour: str, label: str | None = None) -> None:

@@ -2,34 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from optimisation.report.markdown import markdown
-from optimisation.rl.baselines import (
-    BEST_CONSTANT,
-    BEST_GAP,
-    BEST_LIMIT,
-    BEST_PAIR,
-    BEST_SCHEDULE,
-    RIVAL,
-    TUNED_ESTIMATE,
-    TUNED_TRUE,
-    ZERO_AND_ONE,
-    Baseline,
-)
 from optimisation.rl.judging import NO_LEARNING, Estimate, Line
-from optimisation.rl.suite import FEEDBACK, ORACLE
+from optimisation.rl.tasks.baseline import ORACLE, Baseline
+from optimisation.rl.tasks.table import task_named
+from optimisation.rl.tasks.task import LEVEL, TIME
 
-TASK_WORDS = {
-    "sweep": "passage (v0)",
-    "gap": "gap",
-    "passage": "passage (v1)",
-    "noisy": "noisy passage",
-    "delayed": "delayed passage",
-    "adaptive": "rate and gap",
-    "friction": "friction limit",
-}
-SHORT = (BEST_CONSTANT, BEST_SCHEDULE, BEST_GAP, TUNED_ESTIMATE, TUNED_TRUE, BEST_PAIR, BEST_LIMIT, FEEDBACK, ORACLE)
+COLUMNS: dict[str, Callable[[Line], str]] = {LEVEL: lambda line: f"{line.level:.3f}", TIME: lambda line: f"{line.time:,.0f}"}  # as tasks name them
 
 
 def cell(estimate: Estimate | None, digits: int = 3) -> str:
@@ -42,19 +23,18 @@ def cell(estimate: Estimate | None, digits: int = 3) -> str:
 
 def table(task: str, lines: Sequence[Line]) -> str:
     """Return the table of a task, best first."""
-    extra = ("level", "pseudo periods") if task != "gap" else ()
-    one = ZERO_AND_ONE[task][1]
-    beside = () if one == RIVAL[task] else (f"over {one}",)
-    header = ("policy", "runs", "mean score", f"over {RIVAL[task]}", *beside, "normalised", *extra)
+    columns, one, rival = task_named(task).columns, task_named(task).one, task_named(task).rival
+    beside = () if one == rival else (f"over {one}",)
+    header = ("policy", "runs", "mean score", f"over {rival}", *beside, "normalised", *columns)
     rows = [
         (
             line.name,
             str(line.runs),
             cell(line.mean),
-            "-" if line.name == RIVAL[task] else cell(line.over_rival),
+            "-" if line.name == rival else cell(line.over_rival),
             *(("-" if line.name == one else cell(line.over_one),) if beside else ()),
             cell(line.normalised, 2),
-            *((f"{line.level:.3f}", f"{line.time:,.0f}") if task != "gap" else ()),
+            *(COLUMNS[column](line) for column in columns),
         )
         for line in sorted(lines, key=lambda line: -line.mean.value)
     ]
@@ -62,12 +42,12 @@ def table(task: str, lines: Sequence[Line]) -> str:
 
 
 def short_table(tasks: Mapping[str, Sequence[Line]]) -> str:
-    """Return one table of all tasks: the yardsticks and the agents, best first in each task."""
+    """Return one table of all tasks: the yardsticks, the rule for the true force and the agents, best first in each task."""
     rows = [
-        (TASK_WORDS[task], line.name if line.runs == 1 else f"{line.name}, {line.runs} agents", cell(line.mean), cell(line.normalised, 2))
-        for task, lines in tasks.items()
+        (own.words, line.name if line.runs == 1 else f"{line.name}, {line.runs} agents", cell(line.mean), cell(line.normalised, 2))
+        for own, lines in ((task_named(task), lines) for task, lines in tasks.items())
         for line in sorted(lines, key=lambda line: -line.mean.value)
-        if line.name in SHORT or line.kind != NO_LEARNING
+        if line.name in (*own.yardsticks, ORACLE) or line.kind != NO_LEARNING
     ]
     return markdown(("task", "policy", "mean score", "normalised"), rows)
 

@@ -13,10 +13,10 @@ import numpy as np
 from impact_env.parameters import ParameterError, require
 from optimisation.files import write_csv
 from optimisation.rl.agents import FINAL, Agent, find_agents, load_agent
-from optimisation.rl.baselines import RIVAL, TASKS, ZERO_AND_ONE
 from optimisation.rl.play import play
 from optimisation.rl.policies import Policy
 from optimisation.rl.statistics import RESAMPLES, Array, difference, improvement, interquartile_mean, interval, normalised
+from optimisation.rl.tasks.table import task_named
 
 FIRST_HELD_OUT_SEED = 2_000_000
 NO_LEARNING = "without learning"
@@ -57,12 +57,13 @@ def agents_for(task: str, place: Path, arguments: Mapping[str, Any]) -> list[Age
 
     Raises ParameterError if there is none, if a file's agent belongs to another task, or if one was trained with other arguments of the environment.
     """
+    env_id = task_named(task).env_id
     if place.is_file():
         agents = [load_agent(place)]
-        require(agents[0].env_id == TASKS[task], "--agents", str(place), f"an agent for {TASKS[task]}, not for {agents[0].env_id}")
+        require(agents[0].env_id == env_id, "--agents", str(place), f"an agent for {env_id}, not for {agents[0].env_id}")
     else:
-        agents = find_agents(place, FINAL, TASKS[task]) if place.is_dir() else []
-        require(len(agents) > 0, "--agents", str(place), f"a folder with agents for {TASKS[task]} ({FINAL}), as train_sweep_agent writes them")
+        agents = find_agents(place, FINAL, env_id) if place.is_dir() else []
+        require(len(agents) > 0, "--agents", str(place), f"a folder with agents for {env_id} ({FINAL}), as train_sweep_agent writes them")
     for agent in agents:
         require(
             dict(agent.arguments) == dict(arguments), f"arguments of {agent.name}", dict(agent.arguments), f"those of the task: {dict(arguments)}"
@@ -75,7 +76,7 @@ def judge(task: str, contender: Contender, seeds: Sequence[int], arguments: Mapp
     name, kind, runs = contender
     scores, levels, times = [], [], []
     for _, policy in runs:
-        episodes = play(policy, TASKS[task], seeds, arguments)
+        episodes = play(policy, task_named(task).env_id, seeds, arguments)
         scores.append(episodes.scores)
         levels.append(episodes.last.get("relative_level", -episodes.scores))
         times.append(episodes.last["time"])
@@ -159,8 +160,7 @@ def _estimate(statistic: Callable[..., float], *scores: Array, resamples: int) -
 def summarise(task: str, results: Sequence[Judged], resamples: int = RESAMPLES, advance: Callable[[], object] | None = None) -> list[Line]:
     """Return a line for each policy: mean and interquartile mean of the score, normalised score, chance of a better score than the rival's."""
     scores = {r.name: r.scores for r in results}
-    zero, one = (scores.get(name) for name in ZERO_AND_ONE[task])
-    rival = scores.get(RIVAL[task])
+    zero, one, rival = (scores.get(name) for name in task_named(task).yardsticks)
     lines = []
     for r in results:
         scaled = None if zero is None or one is None or one.mean() <= zero.mean() else _estimate(normalised, r.scores, zero, one, resamples=resamples)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,11 @@ from optimisation.rl.families import Array, Rates, task_of
 from optimisation.rl.gap_rules import GapScale
 from optimisation.rl.play import ACTION, AMPLITUDE, GAP, SWEEP, Episodes, play
 from optimisation.rl.policies import Policy
-from optimisation.rl.suite import SUITE
 
 POINTS, BINS = 99, 50
 QUANTILES = (0.05, 0.5, 0.95)
 Curves = dict[str, Any]
+Responses = Callable[[Any, Mapping[str, Array]], Mapping[str, Array]]
 
 
 def _quantiles(values: Array) -> list[list[float | None]]:
@@ -60,24 +60,28 @@ def gap_curves(policies: Mapping[str, Policy], seed: int, arguments: Mapping[str
     return curves
 
 
-def response_curves(task: str, policies: Mapping[str, Sequence[Policy]], seeds: Sequence[int], arguments: Mapping[str, Any]) -> Curves:
-    """Return what policies of the suite do over the frequency, apart for intervals after which impacts go on and after which there are none.
+def response_curves(
+    env_id: str,
+    recorded: Sequence[str],
+    responses: Responses,
+    policies: Mapping[str, Sequence[Policy]],
+    seeds: Sequence[int],
+    arguments: Mapping[str, Any],
+) -> Curves:
+    """Return what policies do over the frequency, apart for intervals after which impacts go on and after which there are none.
 
-    Quantiles over all intervals in a bin of the rate (% per 100 pseudo periods, below 0 going back), and of the gap (over the design rule's for
-    the true force) where there is one; of the friction limit over the true force (N/N) where that is chosen.
+    Quantiles over all intervals in a bin of what ``responses`` returns by name, for the task behind the environment and the traces ``recorded``, by
+    name and as long as there are intervals.
     """
-    behind = task_of(SUITE[task], arguments)
-    rates, chosen = Rates.of(behind), {"adaptive": ("gap",), "friction": ("friction_limit",)}.get(task, ())
+    behind = task_of(env_id, arguments)
+    rates = Rates.of(behind)
     edges = np.linspace(rates.low, rates.high, BINS + 1)
     curves: Curves = {"frequency_ratio": (0.5 * (edges[1:] + edges[:-1])).tolist(), "quantiles": list(QUANTILES), "policies": {}}
-    wanted = (ACTION, "frequency_ratio", "impacts", "force", *chosen)
+    places = ("frequency_ratio", "impacts")
     for name, runs in policies.items():
-        traces = [play(policy, SUITE[task], seeds, arguments, wanted).traces for policy in runs]
-        before = {key: np.concatenate([t[key][:-1].ravel() for t in traces]) for key in ("frequency_ratio", "impacts")}
-        used = {key: np.concatenate([(t[key] / t["force"])[1:].ravel() for t in traces]) for key in chosen}
-        values = used if task == "friction" else {"rate": rates.rate(np.concatenate([t[ACTION][1:].ravel() for t in traces]))}
-        if task == "adaptive":
-            values["gap"] = used["gap"] * GapScale(behind).force_per_gap
+        traces = [play(policy, env_id, seeds, arguments, (*places, *recorded)).traces for policy in runs]
+        before = {key: np.concatenate([t[key][:-1].ravel() for t in traces]) for key in places}
+        values = responses(behind, {key: np.concatenate([t[key][1:].ravel() for t in traces]) for key in recorded})
         curves["policies"][name] = _split(values, before, edges)
     return curves
 

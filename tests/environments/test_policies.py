@@ -16,13 +16,16 @@ import sweep_tradeoff  # noqa: E402
 import tune_baselines  # noqa: E402
 
 from impact_env.parameters import ParameterError  # noqa: E402
-from optimisation.rl import baselines  # noqa: E402
 from optimisation.rl.agents import Agent, save_agent  # noqa: E402
-from optimisation.rl.baselines import BEST_CONSTANT, BEST_SCHEDULE, QUICK, Baseline, Effort, candidates_of, families, load, policy, store, tune  # noqa: E402
+from optimisation.rl.baselines import families, load, policy, store, tune  # noqa: E402
 from optimisation.rl.families import FrequencyWindow, OpenLoop, Rates, policy_of  # noqa: E402
 from optimisation.rl.gap_rules import GapScale  # noqa: E402
 from optimisation.rl.judging import Judged, agents_for, contenders, judge, read_results, summarise, write_results  # noqa: E402
 from optimisation.rl.play import GAP, SWEEP, play  # noqa: E402
+from optimisation.rl.tasks import sweep  # noqa: E402
+from optimisation.rl.tasks.baseline import BEST_CONSTANT, BEST_SCHEDULE, Baseline  # noqa: E402
+from optimisation.rl.tasks.effort import QUICK, Effort  # noqa: E402
+from optimisation.rl.tasks.table import task_named  # noqa: E402
 from optimisation.rl.traces import gap_curves, passage_curves  # noqa: E402
 from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores  # noqa: E402
 from optimisation.studies import tradeoff  # noqa: E402
@@ -156,14 +159,14 @@ def test_results_come_back_from_their_file_and_are_summarised(tmp_path: Path) ->
 
 
 def test_the_command_judges_tells_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(baselines, "KNOTS", 3)
+    monkeypatch.setattr(sweep, "KNOTS", 3)
     effort = Effort(seeds=3, windows=False, grid=2, rule=Search(1, 4, 0.4, 1), schedule=Search(1, 4, 0.4, 1), fit=Search(1, 4, 0.4, 1))
     for task, arguments in (("sweep", SWIFT), ("gap", BRIEF)):
         counted: list[int] = []
         store(tmp_path / f"{task}_baselines.json", task, arguments, effort, tune(task, arguments, effort, counted.append))
-        assert 0 < sum(counted) <= candidates_of(task, effort)
+        assert 0 < sum(counted) <= task_named(task).tried(effort)
         (tmp_path / f"{task}-1").mkdir()
-        save_agent(tmp_path / f"{task}-1" / "final.npz", agent(baselines.TASKS[task], 1, arguments, 0.5))
+        save_agent(tmp_path / f"{task}-1" / "final.npz", agent(task_named(task).env_id, 1, arguments, 0.5))
     options = ("--baselines", tmp_path, "--agents", tmp_path, "--out", tmp_path / "out", "--quick", "--seeds", 3)
     result = call(evaluate_policies.main, *options)
     assert result.exit_code == 0, result.output
@@ -256,8 +259,8 @@ def test_tradeoff_study_and_tuning_write_what_they_measure(tmp_path: Path, monke
 
 def test_the_better_of_two_schedules_is_the_best() -> None:
     worse, better = Tuned((0.0,) * 4, -0.6, 1), Tuned((1.0,) * 21, -0.5, 1)
-    assert [(b.name, b.kind) for b in baselines._schedules(worse, better)] == [("rule over the frequency", "window"), (BEST_SCHEDULE, "open loop")]
-    assert [(b.name, b.kind) for b in baselines._schedules(better, worse)] == [(BEST_SCHEDULE, "window"), ("schedule by knots", "open loop")]
+    assert [(b.name, b.kind) for b in sweep.schedules(worse, better)] == [("rule over the frequency", "window"), (BEST_SCHEDULE, "open loop")]
+    assert [(b.name, b.kind) for b in sweep.schedules(better, worse)] == [(BEST_SCHEDULE, "window"), ("schedule by knots", "open loop")]
 
 
 def test_agents_are_found_by_task(tmp_path: Path) -> None:

@@ -15,15 +15,17 @@ pytest.importorskip("cmaes")
 from impact_env.envs import ENVIRONMENTS  # noqa: E402
 from impact_env.parameters import ParameterError  # noqa: E402
 from optimisation.rl.agents import Agent, Memory, load_agent, save_agent  # noqa: E402
-from optimisation.rl.baselines import BEST_LIMIT, BEST_PAIR, BEST_SCHEDULE, Baseline, families, load, policy  # noqa: E402
+from optimisation.rl.baselines import families, load, policy  # noqa: E402
 from optimisation.rl.ceiling import best_by_luck  # noqa: E402
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations, record, write_demonstrations  # noqa: E402
 from optimisation.rl.families import Rates, policy_of  # noqa: E402
 from optimisation.rl.friction_rules import LimitByLook, LimitScale  # noqa: E402
 from optimisation.rl.passage_rules import BlindTries, TryAgain  # noqa: E402
-from optimisation.rl.play import ADAPTIVE, FRICTION, PASSAGE, play  # noqa: E402
+from optimisation.rl.play import ADAPTIVE, DELAYED, FRICTION, PASSAGE, play  # noqa: E402
 from optimisation.rl.policies import Constant  # noqa: E402
-from optimisation.rl.suite import FEEDBACK, ORACLE, SUITE  # noqa: E402
+from optimisation.rl.tasks.baseline import BEST_LIMIT, BEST_PAIR, BEST_SCHEDULE, FEEDBACK, KNOTTED, ORACLE, WINDOWED, Baseline  # noqa: E402
+from optimisation.rl.tasks.table import FIRST, SUITE, TASKS  # noqa: E402
+from optimisation.rl.tasks.task import Task  # noqa: E402
 
 POLICIES = ROOT / "docs" / "policies"
 FRESH = range(7_000_000, 7_000_096)  # neither trained, tuned nor judged on
@@ -126,6 +128,20 @@ def test_with_the_friction_limit_looking_beats_the_schedule_which_hardly_beats_a
     assert gain.mean() > 4 * gain.std() / np.sqrt(len(gain))
 
 
+@pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
+def test_the_table_names_what_a_task_has(task: Task) -> None:
+    assert set(TASKS) == set(SUITE) | set(FIRST)
+    assert TASKS[task.name] is task
+    names = stored(task.name)
+    assert set(task.yardsticks) | set(task.marked) <= set(names)
+    assert set(task.figure.shown) <= {*names, WINDOWED, KNOTTED}  # of these two schedules the better one has another name
+    if task.luck is None:
+        with pytest.raises(ParameterError, match=f"task = '{task.name}' is not allowed"):
+            best_by_luck(task.name, range(2), {})
+    else:
+        assert len(task.luck.bounds) == len(families(task.name, {})[task.luck.kind].names)
+
+
 def test_luck_grows_with_the_number_of_schedules() -> None:
     for task in ("adaptive", "friction"):
         few, more = (best_by_luck(task, range(4), {}, draws) for draws in (2, 12))
@@ -196,9 +212,9 @@ def test_an_agent_with_memory_acts_as_its_model_does(tmp_path: Path) -> None:
     pytest.importorskip("sb3_contrib")
     from optimisation.rl.agents import actor_of
 
-    model, _ = trained("rppo", SUITE["delayed"], lanes=4, n_steps=32, batch_size=64)
+    model, _ = trained("rppo", DELAYED, lanes=4, n_steps=32, batch_size=64)
     model.learn(128)
-    save_agent(tmp_path / "agent.npz", actor_of(model, SUITE["delayed"], 0, {}))
+    save_agent(tmp_path / "agent.npz", actor_of(model, DELAYED, 0, {}))
     agent = load_agent(tmp_path / "agent.npz")
     agent.start(3)
     observations = np.random.default_rng(0).normal(size=(6, 3, 10)).astype(np.float32)
