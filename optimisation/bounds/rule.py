@@ -112,8 +112,8 @@ def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 
 
     Raises ParameterError as `design_gap` does.
     """
-    damping = float(model.damping_ratio[resonance - 1])
-    return expected_factor(reach(model, mass, resonance), damping) * design_gap(model, mass, force, resonance)
+    gap, found = design_gap(model, mass, force, resonance), reach(model, mass, resonance)  # first: they know which resonances there are
+    return expected_factor(found, float(model.damping_ratio[resonance - 1])) * gap
 
 
 def expected_factor(reach: float, damping: float) -> float:

@@ -24,6 +24,7 @@ from impact_env import (
     constant_frequency,
     friction_damper,
     impact_absorber,
+    impact_absorbers,
 )
 from impact_env.methods import Method
 from impact_env.parameters import Absorber
@@ -42,6 +43,7 @@ ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
     "impact and friction": lambda: impact_absorber(restitution=0.7, friction_limit=0.1),
     "compliant": lambda: SlidingAbsorber(walls=CompliantWalls(SPRING)),
     "compliant and elastic friction": lambda: SlidingAbsorber(walls=CompliantWalls(SPRING), friction=ElasticCoulombFriction(0.1, SPRING)),
+    "two impact absorbers": lambda: impact_absorbers((1e-3, 1e-3), (0.8, 1.0), 0.7, 0.05),
     # the general scenes with a part that does nothing
     "impact out of reach": lambda: impact_absorber(OUT_OF_REACH, 0.7),
     "impact out of reach, and friction": lambda: SlidingAbsorber(walls=RigidWalls(OUT_OF_REACH, 0.7), friction=CoulombFriction(0.1)),

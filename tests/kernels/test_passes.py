@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -13,10 +16,24 @@ from numba.core.errors import TypingError
 from numba.core.registry import cpu_target
 from numba.core.typed_passes import NopythonRewrites, NopythonTypeInference
 from numba.core.untyped_passes import InlineClosureLikes, InlineInlinables, IRProcessing
+from places import ROOT, SUPPORT
 
 from impact_env.kernels import parts
 from impact_env.kernels.parts import kernel
 from impact_env.kernels.passes import Flags, PrunePresent, RewriteArrays, kernel_passes, remembered_calls
+
+
+@pytest.mark.parametrize(("absorber", "method"), [("no absorber", "exact"), ("impact and friction", "moreau"), ("no absorber", "runge-kutta")])
+def test_a_lane_has_the_machine_instructions_that_numba_s_own_passes_give(absorber: str, method: str) -> None:
+    """In fresh processes; two of these have expressions of whole arrays."""
+    code = []
+    for way in ("full", "spared"):
+        words = [sys.executable, str(SUPPORT / "spared.py"), absorber, method, way]
+        done = subprocess.run(words, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done.stderr
+        code.append(done.stdout.splitlines())
+    assert len(code[0]) > 1000
+    assert code[0] == code[1]
 
 
 def test_an_expression_of_whole_arrays_is_rewritten(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,9 @@ from pathlib import Path
 assert not {name for name in os.environ if name.startswith(("IMPACT_ENV_", "PYTHONPATH", "NUMBA_"))}, os.environ
 assert not list(Path(os.environ["HOME"]).iterdir())
 python = Path(__file__).parents[2] / ".venv" / "bin" / "python"
-if "kernels" in sys.argv:
+if "env" in sys.argv:
+    (python.parent / "env").touch()
+elif "kernels" in sys.argv:
     assert python.exists()
     while time.process_time() < 0.5:
         pass
@@ -66,6 +68,18 @@ def test_every_step_is_timed_and_the_table_goes_to_the_page(tmp_path: Path) -> N
     assert all(step["what"] in text for step in steps)
     assert text.startswith("before\n")
     assert text.endswith("after\n")
+
+
+@pytest.mark.usefixtures("checkout")
+def test_other_first_calls_have_the_packages_of_the_environments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = "import sys; from pathlib import Path; sys.exit(not Path('.venv/bin/env').exists())"
+    monkeypatch.setattr(benchmark_start, "QUICK", start.QUICK._replace(others={"another": ("-c", made)}))
+    target = tmp_path / "start.json"
+    result = CliRunner().invoke(benchmark_start.main, ["--quick", "--json", str(target)])
+    assert result.exit_code == 0, result.output
+    assert [step["what"] for step in json.loads(target.read_text())["steps"]][-1] == "first call: another"
+    names = list(start.WHOLE.calls)
+    assert len(names) == len(set(names)) == len(start.FIRST_CALLS) + len(start.OTHERS)
 
 
 def test_a_step_that_fails_ends_it_with_what_it_said(checkout: Path, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -39,6 +39,7 @@ FIRST_CALLS = (
     Variant("impact", record="level and events"),
     Variant("impact", record="everything"),
     Variant("impact and friction", record="everything"),
+    Variant("two impact absorbers", record="everything"),
     Variant("compliant"),
     Variant("compliant and elastic friction"),
     Variant("impact", "moreau"),
@@ -46,6 +47,14 @@ FIRST_CALLS = (
     Variant("no absorber", "runge-kutta"),
     Variant("compliant", "runge-kutta"),
 )
+FIRST_STEP = """
+import gymnasium, impact_env
+env = gymnasium.make("ImpactAbsorber/SweepRate-v1")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+"""
+ORBITS = ("scripts/orbits.py", "--modes", "3", "--friction-limit", "0.01", "--at", "0.95")
+OTHERS = {"first step of an environment": ("-c", FIRST_STEP), "orbits, symmetric": (*ORBITS, "--symmetric"), "orbits, all": ORBITS}
 WANTED = {"to the table and the figure": 75.0}  # s
 WANTED_CALL = 15.0  # s
 STARTED = ("set-up", "compilation", "comparison")
@@ -53,14 +62,21 @@ FORGOTTEN = ("IMPACT_ENV_", "NUMBA_", "PIP_CACHE", "PYTHONPATH", "XDG_", "VIRTUA
 
 
 class Settings(NamedTuple):
-    """Options of the comparison, and whose first calls are timed."""
+    """Options of the comparison, whose first calls are timed, and what other first calls, by name as Python's arguments."""
 
     comparison: tuple[str, ...]
     first_calls: tuple[Variant, ...]
+    others: Mapping[str, tuple[str, ...]]
+
+    @property
+    def calls(self) -> dict[str, tuple[str, ...]]:
+        """All first calls, by name as Python's arguments."""
+        scenes = {variant.name: ("-c", FIRST_CALL, variant.absorber, variant.method, variant.record) for variant in self.first_calls}
+        return {**scenes, **self.others}
 
 
-WHOLE = Settings((), FIRST_CALLS)
-QUICK = Settings(("--quick",), FIRST_CALLS[:1])
+WHOLE = Settings((), FIRST_CALLS, OTHERS)
+QUICK = Settings(("--quick",), FIRST_CALLS[:1], {})
 
 
 @dataclass(frozen=True)
@@ -105,10 +121,11 @@ def steps(settings: Settings, place: Path, advance: Callable[[], object]) -> lis
         advance()
     whole = "to the table and the figure"
     found.append(Step(whole, sum(step.wall_s for step in found), sum(step.cpu_s for step in found), WANTED[whole]))
+    if settings.others:
+        timed("packages of the environments", [*set_up, "env"], clone, environment)
     environment["IMPACT_ENV_CACHE"] = str(clone / ".venv" / "kernel-cache")
-    for variant in settings.first_calls:
-        command = [python, "-c", FIRST_CALL, variant.absorber, variant.method, variant.record]
-        found.append(timed(f"first call: {variant.name}", command, clone, environment, WANTED_CALL))
+    for name, words in settings.calls.items():
+        found.append(timed(f"first call: {name}", [python, *words], clone, environment, WANTED_CALL))
         advance()
     return found
 
@@ -116,7 +133,7 @@ def steps(settings: Settings, place: Path, advance: Callable[[], object]) -> lis
 def _measure(settings: Settings) -> Json:
     if not (ROOT / ".git").exists() or shutil.which("git") is None:
         raise ParameterError(f"{ROOT} is not allowed: a checkout with its history, and git to clone it")
-    total = len(STARTED) + len(settings.first_calls)
+    total = len(STARTED) + len(settings.calls)
     with tempfile.TemporaryDirectory(prefix="start-") as place, tqdm(total=total, desc="starting", unit="step", leave=False, disable=None) as bar:
         found = steps(settings, Path(place), bar.update)
     return {"cores": available_cores(), "steps": [asdict(step) for step in found]}
