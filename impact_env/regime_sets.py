@@ -85,7 +85,7 @@ def _maps(modes: SetModes, joined: list[int], shapes: Real, size: int) -> tuple[
 
 
 def _rows(model: ModalModel, modes: SetModes, joined: list[int], masses: Real, shapes: Real, size: int) -> Real:
-    """Return the rows of weights (n + 1, 28, J) of a set."""
+    """Return the rows of weights (n + 1, 29, J) of a set."""
     s, every = modes.values, []
     there = modes.shapes @ np.vstack([shapes, model.tip_shape]).T
     there[:, joined] = modes.places

@@ -166,7 +166,7 @@ def slot_rows(eigenvalues: Complex, drive: Complex, relative: Complex, guard: Co
     drive, relative, guard, tip = (in_order(values, eigenvalues, size) for values in (drive, relative, guard, tip))
     pairs = [s, s**2, drive, relative, np.where(real, -relative / s, 0), guard, tip, *taylor[1:]]
     speed = np.where(real, np.abs(s), 0)
-    return np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed, speed**2])
+    return np.array([part for pair in pairs for part in (pair.real, pair.imag)] + [speed, speed**2, speed**3])
 
 
 def slot_tables(eigenvalues: Complex, size: int, reach: float, speed: float | None = None) -> tuple[Real, Real, Real, Real, Real, Real]:

@@ -136,9 +136,9 @@ def bounded_at(course, offset):  # type: ignore[no-untyped-def]
     slots, p, bound = course.slots, course.signal.polynomial, course.forced.bound
     d1, d2, d3, x = digits(slots.scale, offset)
     f0, f1, f2 = guard_values(course.forced.signals, course.omega, course.tau + offset)
-    y, v, a, b2, b3 = sum_and_bound(slots.rows, slots.table, course.signal.u, d1, d2, d3, x)
+    y, v, a, b2, b3, b4 = sum_and_bound(slots.rows, slots.table, course.signal.u, d1, d2, d3, x)
     y, v, a = y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]), v + f1 + p[1] + offset * p[2], a + f2 + p[2]
-    return Bounded(y, v, a, b2 + bound[2] + abs(p[2]), b3 + bound[3])
+    return Bounded(y, v, a, b2 + bound[2] + abs(p[2]), b3 + bound[3], b4 + bound[4])
 
 
 @jit_inline
@@ -168,7 +168,7 @@ def event_ahead(course, guards, now, offset, length, resolution):  # type: ignor
     kind, step = root_ahead(guards, now)
     if kind != NOTHING:
         if offset + 2.0 * step < length:
-            return refine(terms_of(course), offset + step, kind, wall_of(kind, guards), now.b3, resolution)
+            return refine(terms_of(course), offset + step, kind, wall_of(kind, guards), now.b4, resolution)
     return Event(NOTHING, 0.0, 0.0, 0.0, 0.0, 0)
 
 
@@ -189,13 +189,13 @@ def careful_search(course, guards, start, stop, length):  # type: ignore[no-unty
             if not leaves_quickly(course, guards, now):
                 offset, kind = start_on_guard(course, guards, now)
                 if kind != NOTHING and offset <= length:
-                    y, v, a = signal_at(terms_of(course), offset)
+                    y, v, a, _ = signal_at(terms_of(course), offset)
                     return Event(kind, offset, y, v, a, 2)
                 continue
             now = exactly_on_guard(guards, noise, now)
         else:
             kind, y = at_guard(guards, noise, now)
-            now = Bounded(y, now.v, now.a, now.b2, now.b3)
+            now = Bounded(y, now.v, now.a, now.b2, now.b3, now.b4)
             if kind != NOTHING:
                 return Event(kind, offset, y, now.v, now.a, count)
             found = event_ahead(course, guards, now, offset, length, resolution)

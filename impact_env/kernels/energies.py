@@ -24,7 +24,8 @@ from impact_env.kernels.energy_moments import fill_moments, fill_powers, plain_m
 from impact_env.kernels.energy_own import add_own, learn_mixed
 from impact_env.kernels.energy_quadrature import add_by_quadrature
 from impact_env.kernels.jit import jit, jit_inline
-from impact_env.kernels.slots import advance, copy, cos_sin
+from impact_env.kernels.numbers import cos_sin
+from impact_env.kernels.slots import advance, copy
 
 
 @jit

@@ -12,7 +12,8 @@ from impact_env.kernels.energy_account import BEGIN, END, LOSS, NEAR_SERIES, NEA
 from impact_env.kernels.energy_moments import SLOW, decay_integrals
 from impact_env.kernels.forced import add_forced
 from impact_env.kernels.jit import jit, jit_inline
-from impact_env.kernels.slots import SPEED_SQUARE, S, copy, cos_sin
+from impact_env.kernels.numbers import cos_sin
+from impact_env.kernels.slots import SPEED_SQUARE, S, copy
 from impact_env.kernels.vector import TERMS
 
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.forced_sums import add_response, back_substitute, combine, first_values, polynomial_value
 from impact_env.kernels.jit import jit, jit_inline, jit_room
-from impact_env.kernels.slots import DRIVE, GUARD, TIP, S, cos_sin
+from impact_env.kernels.numbers import cos_sin
+from impact_env.kernels.slots import DRIVE, GUARD, TIP, S
 from impact_env.kernels.vector import POINTS, SCAN_TERMS, TERMS
 
 CHIRP_REMAINDER = 1e-17

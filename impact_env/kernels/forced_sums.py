@@ -1,6 +1,6 @@
 """Loops over a regime's slots that its forced part and its maps need, and the forced part's polynomials, as vector code (vector_code.py).
 
-Arrays are seen flat: ``rows`` (28, size) of `slots.Slots`, ``slots`` (4, TERMS, size) and ``signals`` (2, TERMS, 2, 4) of `forced.Forced`, amplitudes
+Arrays are seen flat: ``rows`` (29, size) of `slots.Slots`, ``slots`` (4, TERMS, size) and ``signals`` (2, TERMS, 2, 4) of `forced.Forced`, amplitudes
 ``z`` (2, size), maps ``out`` and ``into`` (2, count, size) of `segments.Regime`. Signal m has the coefficients signals[m // 4, :, :, m % 4].
 """
 

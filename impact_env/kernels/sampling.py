@@ -9,8 +9,9 @@ from numba.extending import intrinsic
 
 from impact_env.kernels.forced import TIP_SIGNAL, signal_value
 from impact_env.kernels.jit import jit
+from impact_env.kernels.numbers import cos_sin
 from impact_env.kernels.slot_sums import DIGITS, INTEGER, NUMBER, SlotsAt
-from impact_env.kernels.slots import cos_sin, digits, value
+from impact_env.kernels.slots import digits, value
 from impact_env.kernels.vector import TERMS, signal_place
 from impact_env.kernels.vector_code import Code, Complex, Number
 

@@ -22,11 +22,13 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels.careful import careful_search
-from impact_env.kernels.forced import DERIVATIVES, fill_carrier, guard_values
+from impact_env.kernels.forced import DERIVATIVES, fill_carrier
+from impact_env.kernels.forced_sums import first_values
 from impact_env.kernels.jit import jit, jit_inline
+from impact_env.kernels.numbers import cos_sin, lowest_bit
 from impact_env.kernels.signals import NOTHING, Event, counted, given_up, refine, terms_of, time_resolution, wall_of
-from impact_env.kernels.slots import FASTEST, SPEED_SQUARE, cos_sin, move
-from impact_env.kernels.steps import closer_root, event_in_step, is_far, leaves_guard
+from impact_env.kernels.slots import FASTEST, SPEED_CUBE, move
+from impact_env.kernels.steps import closer_root, cubic_root, event_in_step, is_far, leaves_guard
 from impact_env.kernels.vector import COS, FORCED, POINTS, ROW, SIN, Place, Step, begin_orders, scan, turn_2, turn_3, weighted_sizes
 
 SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
@@ -55,11 +57,12 @@ def begin_at(course, offset):  # type: ignore[no-untyped-def]
         begin_orders(slots.rows, w, w, size)
     else:
         begin_orders(slots.rows, signal.u, w, size)
-    f0, f1, f2 = guard_values(course.forced.signals, omega, course.tau + offset)
+    tau = course.tau + offset
+    c, s = cos_sin(omega * tau)
+    f0, f1, f2 = first_values(course.forced.signals, tau, c, s)
     b[FORCED] = f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2])
     b[FORCED + ROW] = f1 + p[1] + offset * p[2]
     b[FORCED + 2 * ROW] = f2 + p[2]
-    c, s = cos_sin(omega * (course.tau + offset))
     return Place(offset, c, s, 0)
 
 
@@ -117,21 +120,14 @@ def event_in(course, guards, place, step, k, near, length):  # type: ignore[no-u
     wall = wall_of(kind, guards)
     if guards.direction is not None:
         x = closer_root(b, k, step.h, kind, wall, x)
-    _, b3 = weighted_sizes(slots.rows, SPEED_SQUARE * course.signal.u.shape[1], course.signal.moving, course.signal.u.shape[1])
-    b3, resolution = b3 + forced.bound[3], time_resolution(slots.rows, course.omega, length)
-    found = refine(terms_of(course), place.offset + (k + x) * step.h, kind, wall, b3, resolution)
+    else:
+        x = cubic_root(b, k, step.h, wall, x)
+    _, b4 = weighted_sizes(slots.rows, SPEED_CUBE * course.signal.u.shape[1], course.signal.moving, course.signal.u.shape[1])
+    b4, resolution = b4 + forced.bound[4], time_resolution(slots.rows, course.omega, length)
+    found = refine(terms_of(course), place.offset + (k + x) * step.h, kind, wall, b4, resolution)
     if abs(found.offset - (place.offset + (k + 0.5) * step.h)) <= INSIDE * step.h:
         return found  # the only root in the step, and not one that Newton's method left it for
     return Event(NOTHING, 0.0, 0.0, 0.0, 0.0, found.evaluations)
-
-
-@jit_inline
-def first_bit(mask):  # type: ignore[no-untyped-def]
-    """Return the place of the lowest bit that is set, or POINTS."""
-    k = 0
-    while k < POINTS and (mask >> k) & 1 == 0:
-        k += 1
-    return k
 
 
 @jit
@@ -150,7 +146,7 @@ def search(course, guards, length, half):  # type: ignore[no-untyped-def]
         if step.level != level:  # amplitudes never grow: what was an error of a level once stays a bound
             step = steps_of(course, level)
         walls, reversals = scan_block(course, guards, place, step)
-        k = first_bit(walls | reversals)
+        k = min(lowest_bit(walls | reversals), POINTS)
         clear = k == POINTS
         up = clear and level < top
         if place.offset == 0.0:

@@ -56,7 +56,7 @@ class Several(NamedTuple):
 class Room(NamedTuple):
     """What a lane of n absorbers carries from stretch to stretch, and scratch.
 
-    ``now`` (n,): a `rigid_contact.NOW` record for each absorber; ``own`` (2^n, 28, J): rows of weights of the level's place, with the rest part of
+    ``now`` (n,): a `rigid_contact.NOW` record for each absorber; ``own`` (2^n, 29, J): rows of weights of the level's place, with the rest part of
     all forces; ``bent`` (n + 1,): displacement of the places under them; ``motion`` (n,) as in `segments.Stretch`, and from one set to another the
     motion relative to the beam; ``kicks`` (2^n, n).
     """

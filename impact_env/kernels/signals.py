@@ -7,8 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.forced import Forced, guard_values
+from impact_env.kernels.forced import THIRD, Forced
+from impact_env.kernels.forced_sums import first_values, polynomial_value
 from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_view
+from impact_env.kernels.numbers import cos_sin
 from impact_env.kernels.slot_sums import sum_sizes
 from impact_env.kernels.slots import SPEED, Slots, digits, sum_block
 from impact_env.kernels.vector import BLOCK
@@ -18,6 +20,7 @@ NOTHING, HIT_LOW, HIT_HIGH, REVERSAL = 0, 1, 2, 3
 TIME_RESOLUTION = 5e-15  # of the time scale of the slowest slot, or of a quicker force
 EPSILON = 2.2e-16
 NOISE = 4.0 * EPSILON  # rounding of a computed signal, relative to its scale
+FEW = 1e-4  # of the curvature's share of a step in Newton's: there its series is as good as its root
 
 
 class Signal(NamedTuple):
@@ -74,13 +77,14 @@ class Guards(NamedTuple):
 
 
 class Bounded(NamedTuple):
-    """A signal at a time with its first two derivatives, and bounds of the second and third that hold for ever after."""
+    """A signal at a time with its first two derivatives, and bounds of the second to fourth that hold for ever after."""
 
     y: float
     v: float
     a: float
     b2: float
     b3: float
+    b4: float
 
 
 class Event(NamedTuple):
@@ -115,18 +119,21 @@ def signal_scale(signal, bound):  # type: ignore[no-untyped-def]
 
 @jit_inline
 def signal_at(terms, offset):  # type: ignore[no-untyped-def]
-    """Return a signal and its first two derivatives at an offset from its reference time."""
-    p = terms.polynomial
+    """Return a signal and its first three derivatives at an offset from its reference time."""
+    p, tau = terms.polynomial, terms.tau + offset
     d1, d2, d3, x = digits(terms.scale, offset)
-    y, v, a = sum_block(terms.rows, terms.table, terms.u, d1, d2, d3, x)
-    f0, f1, f2 = guard_values(terms.signals, terms.omega, terms.tau + offset)
-    return y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]), v + f1 + p[1] + offset * p[2], a + f2 + p[2]
+    y, v, a, j = sum_block(terms.rows, terms.table, terms.u, d1, d2, d3, x)
+    c, s = cos_sin(terms.omega * tau)
+    f0, f1, f2 = first_values(terms.signals, tau, c, s)
+    f3 = polynomial_value(terms.signals, THIRD, tau, c, s)
+    return y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2]), v + f1 + p[1] + offset * p[2], a + f2 + p[2], j + f3
 
 
 @jit
 def at_offset(slots, signals, omega, signal, tau, offset):  # type: ignore[no-untyped-def]
     """Return a signal and its first two derivatives at an offset from its reference time."""
-    return signal_at(Terms(slots.rows, slots.table, slots.scale, signals, omega, signal.u, signal.polynomial, tau), offset)
+    y, v, a, _ = signal_at(Terms(slots.rows, slots.table, slots.scale, signals, omega, signal.u, signal.polynomial, tau), offset)
+    return y, v, a
 
 
 @jit_inline
@@ -157,27 +164,36 @@ def given_up(evaluations):  # type: ignore[no-untyped-def]
 
 
 @jit
-def refine(terms, offset, kind, wall, b3, resolution):  # type: ignore[no-untyped-def]
-    """Return the simple root near ``offset`` of a signal as an Event, by Newton's method with curvature.
+def refine(terms, offset, kind, wall, b4, resolution):  # type: ignore[no-untyped-def]
+    """Return the simple root near ``offset`` of a signal as an Event, by Newton's method with two more derivatives.
 
-    The last step is not evaluated again: it must be so short that the third derivative's bound b3 leaves time and rate exact.
+    The last step is not evaluated again: it must be so short that the fourth derivative's bound b4 leaves time and rate exact. NOTHING where it
+    finds none.
     """
     y, v, a, count = 0.0, 0.0, 0.0, 0
     while count < 12:
         count += 1
-        y, v, a = signal_at(terms, offset)
+        y, v, a, j = signal_at(terms, offset)
         if kind == REVERSAL:
-            step = -v / a
-            exact = 0.5 * b3 * step * step <= abs(a) * resolution
+            turn = 1.0 / a
+            step = -v * turn
+            e = 0.5 * j * step * turn
+            step -= step * e * (1.0 - 2.0 * e)
+            exact = b4 * abs(step * step * step) <= 6.0 * abs(a) * resolution and abs(e) < FEW
         else:
             d = wall - y if kind == HIT_HIGH else y - wall
             g = v if kind == HIT_HIGH else -v
             c = a if kind == HIT_HIGH else -a
-            step = d / g * (1.0 - 0.5 * c * d / (g * g))
-            exact = b3 * step * step <= EPSILON * g
+            k = j if kind == HIT_HIGH else -j
+            turn = 1.0 / g
+            first = d * turn
+            e = 0.5 * c * first * turn
+            step = first * (1.0 - e * (1.0 - 2.0 * e) - k * first * first * turn / 6.0)
+            exact = b4 * abs(step * step * step) <= 6.0 * EPSILON * g and abs(e) < FEW
         offset += step
-        y += step * (v + 0.5 * step * a)
-        v += step * a
+        y += step * (v + step * (0.5 * a + step * j / 6.0))
+        v += step * (a + 0.5 * step * j)
+        a += step * j
         if exact or abs(step) <= resolution:
-            break
-    return Event(kind, offset, y, v, a, count)
+            return Event(kind, offset, y, v, a, count)
+    return Event(NOTHING, 0.0, 0.0, 0.0, 0.0, count)

@@ -1,6 +1,6 @@
 """Loops over a regime's slots as vector code (vector_code.py): propagation, weights, sums and bounds.
 
-Arrays are seen flat: ``rows`` (28, size) and ``table`` (2, 3, base, size) of `slots.Slots`, amplitudes ``u``, ``z`` and ``out`` (2, size). A time
+Arrays are seen flat: ``rows`` (29, size) and ``table`` (2, 3, base, size) of `slots.Slots`, amplitudes ``u``, ``z`` and ``out`` (2, size). A time
 offset is given by its three ``digits`` d1, d2, d3 in the tables and the rest ``x``.
 """
 
@@ -85,27 +85,30 @@ def _sum(orders: int) -> Any:
             for j in code.slots(size):
                 turned = slots.turned(u, j)
                 totals[0] += turned.real
-                for total, row in zip(totals[1:], (_S, _SQUARE), strict=False):
-                    total += turned.real_of_product(slots.pair(row, j))
+                if orders > 1:
+                    speed, square = slots.pair(_S, j), slots.pair(_SQUARE, j)
+                    totals[1] += turned.real_of_product(speed)
+                    totals[2] += turned.real_of_product(square)
+                    totals[3] += turned.times(speed).real_of_product(square)
             return code.result(signature, context, [total.total() for total in totals])
 
         return types.UniTuple(NUMBER, orders)(rows, table, INTEGER, INTEGER, *DIGITS, u), build
 
-    sums.__doc__ = "Return the sum of Re(u exp(s t)) and, for three sums, its first and second derivative."
+    sums.__doc__ = "Return the sum of Re(u exp(s t)) and, for four sums, its first three derivatives."
     return intrinsic(sums)
 
 
-sum_one, sum_three = _sum(1), _sum(3)
+sum_one, sum_four = _sum(1), _sum(4)
 
 
 @intrinsic
 def sum_and_bounds(typing_context, rows, table, size, base, d1, d2, d3, x, u):  # type: ignore[no-untyped-def]
-    """Return the three sums of `sum_three`, and sum |s|^2 |u exp(s t)| and sum |s|^3 |u exp(s t)|."""
+    """Return the first three sums of `sum_four`, and the sums of |s|^2, |s|^3 and |s|^4 times |u exp(s t)|."""
 
     def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
         code = Code(context, builder, signature.args, values)
         rows, table, size, base, *digits, u = code.arguments
-        slots, (y0, y1, y2, b2, b3) = SlotsAt(code, rows, table, size, base, digits), [code.sum() for _ in range(5)]
+        slots, (y0, y1, y2, b2, b3, b4) = SlotsAt(code, rows, table, size, base, digits), [code.sum() for _ in range(6)]
         for j in code.slots(size):
             turned, speed = slots.turned(u, j), slots.row(_SPEED, j)
             y0 += turned.real
@@ -114,9 +117,10 @@ def sum_and_bounds(typing_context, rows, table, size, base, d1, d2, d3, x, u):  
             second = turned.real.fma(turned.real, turned.imag * turned.imag).root() * (speed * speed)
             b2 += second
             b3 += second * speed
-        return code.result(signature, context, [total.total() for total in (y0, y1, y2, b2, b3)])
+            b4 += second * (speed * speed)
+        return code.result(signature, context, [total.total() for total in (y0, y1, y2, b2, b3, b4)])
 
-    return types.UniTuple(NUMBER, 5)(rows, table, INTEGER, INTEGER, *DIGITS, u), build
+    return types.UniTuple(NUMBER, 6)(rows, table, INTEGER, INTEGER, *DIGITS, u), build
 
 
 @intrinsic

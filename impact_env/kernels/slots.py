@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit, jit_inline
-from impact_env.kernels.slot_sums import add_row, copy_slots, multiply_row, sum_and_bounds, sum_one, sum_three, third_to_fifth, turn_to
+from impact_env.kernels.slot_sums import add_row, copy_slots, multiply_row, sum_and_bounds, sum_four, sum_one, third_to_fifth, turn_to
 
 TAYLOR_TERMS = 7  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
 TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
 
 # rows of Slots.rows: real part, then imaginary part
-S, SQUARE, DRIVE, RELATIVE, REST, GUARD, TIP, TAYLOR, SPEED, SPEED_SQUARE = 0, 2, 4, 6, 8, 10, 12, 14, 26, 27
+S, SQUARE, DRIVE, RELATIVE, REST, GUARD, TIP, TAYLOR, SPEED, SPEED_SQUARE, SPEED_CUBE = 0, 2, 4, 6, 8, 10, 12, 14, 26, 27, 28
 # entries of Slots.scale
 BITS, FINEST, PER_FINEST, FASTEST = range(4)
 
@@ -31,9 +31,9 @@ BITS, FINEST, PER_FINEST, FASTEST = range(4)
 class Slots(NamedTuple):
     """One regime: J slots sorted by |s_j| and padded with empty ones. Few arrays, because each costs time at every call.
 
-    ``rows`` (28, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces;
-    REST -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s| and
-    SPEED_SQUARE.
+    ``rows`` (29, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces;
+    REST -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s|,
+    SPEED_SQUARE and SPEED_CUBE.
     ``table`` (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3, largest |s|.
 
     For the event search, at levels L of time steps h_L (search.py): ``steps`` (L, 2) h_L in s and the number of slots to sum; ``waves``
@@ -74,13 +74,13 @@ def move(rows, table, scale, u, delta, out):  # type: ignore[no-untyped-def]
 
 @jit_inline
 def sum_block(rows, table, u, d1, d2, d3, x):  # type: ignore[no-untyped-def]
-    """Return value, first and second derivative of sum Re(u_j exp(s_j t))."""
-    return sum_three(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)
+    """Return sum Re(u_j exp(s_j t)) and its first three derivatives."""
+    return sum_four(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)
 
 
 @jit_inline
 def sum_and_bound(rows, table, u, d1, d2, d3, x):  # type: ignore[no-untyped-def]
-    """Return value, first and second derivative of sum Re(u_j exp(s_j t)), and bounds of the second and third that hold for ever after.
+    """Return value, first and second derivative of sum Re(u_j exp(s_j t)), and bounds of the second to fourth that hold for ever after.
 
     A bound is the sum of |u_j exp(s_j t)| |s_j|^m.
     """
@@ -116,27 +116,3 @@ def weigh(rows, row, z, u):  # type: ignore[no-untyped-def]
 def add(rows, row, factor, z):  # type: ignore[no-untyped-def]
     """Add factor * w to z with w in ``row`` and the row behind it."""
     add_row(rows, row, rows.shape[1], factor, z)
-
-
-_HALF_PI_HEAD = 1.5707963267341256  # 33 bits, so that k * head is exact for the k that occur
-_HALF_PI_TAIL = 6.077100506506192e-11
-
-
-@jit_inline
-def cos_sin(x):  # type: ignore[no-untyped-def]
-    """Return (cos x, sin x) for |x| up to 1e6 by Taylor polynomials on [-pi/4, pi/4]; error below 2e-16."""
-    k = np.floor(x * 0.6366197723675814 + 0.5)
-    r = (x - k * _HALF_PI_HEAD) - k * _HALF_PI_TAIL
-    q = r * r
-    s = q * (-1.0 / 39916800.0 + q * (1.0 / 6227020800.0 + q * (-1.0 / 1307674368000.0)))
-    s = r + r * (q * (-1.0 / 6.0 + q * (1.0 / 120.0 + q * (-1.0 / 5040.0 + q * (1.0 / 362880.0 + s)))))
-    c = q * (1.0 / 479001600.0 + q * (-1.0 / 87178291200.0 + q * (1.0 / 20922789888000.0)))
-    c = 1.0 + q * (-0.5 + q * (1.0 / 24.0 + q * (-1.0 / 720.0 + q * (1.0 / 40320.0 + q * (-1.0 / 3628800.0 + c)))))
-    n = np.int64(k) & 3
-    if n == 0:
-        return c, s
-    if n == 1:
-        return -s, c
-    if n == 2:
-        return -c, -s
-    return s, -c

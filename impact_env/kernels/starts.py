@@ -58,7 +58,7 @@ def exactly_on_guard(guards, noise, now):  # type: ignore[no-untyped-def]
             y = max(min(y, guards.high - noise), guards.low + noise)
         else:
             y, v = guards.high if guards.side > 0 else guards.low, now.v
-    return Bounded(y, v, now.a, now.b2, now.b3)
+    return Bounded(y, v, now.a, now.b2, now.b3, now.b4)
 
 
 @jit_inline

@@ -8,12 +8,13 @@ it adds U(t) - U(0) (1 - x)^2 (1 + 2 x) to the distance, x = t/h, at most (9/8 |
 from __future__ import annotations
 
 from impact_env.kernels.jit import jit_inline
+from impact_env.kernels.numbers import fma
 from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL
 from impact_env.kernels.vector import BEND, POINTS, RATE, VALUE
 
 START_ERROR = 64.0 / 27.0  # of E: what a summed slot's share becomes when it is divided by t/h
 START_JUMP = 9.0 / 8.0  # of an unsummed slot's amplitude: largest (1 - (1 - x)^2 (1 + 2 x))/x
-SHARP = 1e-3  # of the way across a step: E where an event is accepted
+SHARP = 5e-2  # of the way across a step: E where an event is accepted
 STEADY = 0.05  # of the way across a step: least fall between two coefficients where an event is accepted, so that Newton's method starts well
 LEVEL_RATIO = 4.0
 
@@ -72,32 +73,45 @@ def leaves_guard(signal, guards, step, walls, reversals):  # type: ignore[no-unt
 
 @jit_inline
 def sharp_root(d0, d1, d2, d3, error, slope_error):  # type: ignore[no-untyped-def]
-    """Return where in (0, 1) the cubic with these Bernstein coefficients falls through zero, or -1 if that is not sharp."""
+    """Return where in (0, 1) the secant of the cubic with these Bernstein coefficients is zero, or -1 if its root is not sharp."""
     least = min(min(d0 - d1, d1 - d2), d2 - d3)
     if not (d0 > error and d3 < -error and least > max(slope_error * error, STEADY * (d0 - d3)) and error < SHARP * (d0 - d3)):
         return -1.0
-    x = d0 / (d0 - d3)
-    c1, c2, c3 = 3.0 * (d1 - d0), 3.0 * (d2 - 2.0 * d1 + d0), d3 - d0 + 3.0 * (d1 - d2)
+    return d0 / (d0 - d3)
+
+
+@jit_inline
+def halley(x, f, slope, bend):  # type: ignore[no-untyped-def]
+    """Return a better root than x, by Halley's method."""
+    return x - f * slope / fma(-0.5 * f, bend, slope * slope)
+
+
+@jit_inline
+def cubic_root(b, k, h, wall, x):  # type: ignore[no-untyped-def]
+    """Return a root near ``x``, in shares of step k, of the cubic through value and rate at both ends: at the wall."""
+    y, v = b[VALUE + k] - wall, h * b[RATE + k]
+    way, turn = b[VALUE + 1 + k] - b[VALUE + k] - v, h * b[RATE + 1 + k] - v
+    c2, c3 = fma(3.0, way, -turn), fma(-2.0, way, turn)
     for _ in range(2):
-        f = d0 + x * (c1 + x * (c2 + x * c3))
-        x -= f / (c1 + x * (2.0 * c2 + 3.0 * x * c3))
-        x = min(max(x, 0.0), 1.0)
+        f, slope = fma(x, fma(x, fma(x, c3, c2), v), y), fma(x, fma(x, 3.0 * c3, 2.0 * c2), v)
+        x = halley(x, f, slope, fma(x, 6.0 * c3, 2.0 * c2))
     return x
 
 
 @jit_inline
 def closer_root(b, k, h, kind, wall, x):  # type: ignore[no-untyped-def]
     """Return a root near ``x``, in shares of step k, of the quintic through value, rate and bend at both ends: at the wall, or of its rate."""
-    v0, a0 = h * b[RATE + k], h * h * b[BEND + k]
+    y0, v0, a0 = b[VALUE + k] - wall, h * b[RATE + k], h * h * b[BEND + k]
     way, turn, bend = b[VALUE + 1 + k] - b[VALUE + k] - v0 - 0.5 * a0, h * b[RATE + 1 + k] - v0 - a0, h * h * b[BEND + 1 + k] - a0
     c3, c4, c5 = 10.0 * way - 4.0 * turn + 0.5 * bend, 7.0 * turn - 15.0 * way - bend, 6.0 * way - 3.0 * turn + 0.5 * bend
     for _ in range(2):
-        v = v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
+        v = fma(x, fma(x, fma(x, fma(x, 5.0 * c5, 4.0 * c4), 3.0 * c3), a0), v0)
+        a = fma(x, fma(x, fma(x, 20.0 * c5, 12.0 * c4), 6.0 * c3), a0)
         if kind == REVERSAL:
-            step = v / (a0 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5)))
+            x = halley(x, v, a, fma(x, fma(x, 60.0 * c5, 24.0 * c4), 6.0 * c3))
         else:
-            step = (b[VALUE + k] - wall + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))) / v
-        x = min(max(x - step, 0.0), 1.0)
+            y = fma(x, fma(x, fma(x, fma(x, fma(x, c5, c4), c3), 0.5 * a0), v0), y0)
+            x = halley(x, y, v, a)
     return x
 
 
