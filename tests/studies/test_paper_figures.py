@@ -180,7 +180,7 @@ def test_shares_sum_to_one_and_the_window_is_that_of_the_level() -> None:
     history = window_around(one, level.time).history
     assert history is not None
     rms = float(np.sqrt(np.mean(history.tip_displacement**2)))
-    assert rms == pytest.approx(level.value, rel=0.03)  # the motion parts from the sweep's after some impacts
+    assert rms == pytest.approx(level.value, rel=0.1)  # the motion parts from the sweep's after some impacts
 
 
 def test_losses_are_the_integral_of_the_modal_damping() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from impact_env.kernels.forced import Forced, Window, fill_carrier, new_forced, solve_forced
 from impact_env.kernels.segments import Regime
-from impact_env.kernels.signals import Course, Guards, Signal, at_offset, new_signal
+from impact_env.kernels.signals import Course, Guards, Signal, new_signal, signal_at, terms_of
 from impact_env.kernels.slots import advance
 from impact_env.kernels.vector import POINTS, Place, Step, begin_orders, scan, turn_2
 
@@ -61,9 +61,10 @@ def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
 def repeat_refine(calls, slots, room):  # type: ignore[no-untyped-def]
     """Evaluate the signal exactly at another offset each time."""
     total, step = 0.0, room.window.half / calls
+    terms = terms_of(Course(slots, room.forced, room.window.omega, room.signal, 0.0))
     for k in range(calls):
-        y, v, a = at_offset(slots, room.forced.signals, room.window.omega, room.signal, 0.0, k * step)
-        total += y + v + a
+        y, v, a, j = signal_at(terms, k * step)
+        total += y + v + a + j
     return total
 
 

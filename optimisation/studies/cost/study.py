@@ -75,7 +75,7 @@ def measure(case: Case, periods: float) -> Cost:
     parts = (
         Piece(f"{POINTS} times of the signal, its rate and the margins to walls", scan, evaluations - events),
         Piece("amplitudes moved on", turn, evaluations - events),
-        Piece("one exact value, rate and bend (refining an event)", nanoseconds(lambda: repeat_refine(CALLS, regime.slots, room)), events),
+        Piece("one exact value and three derivatives (refining an event)", nanoseconds(lambda: repeat_refine(CALLS, regime.slots, room)), events),
         Piece("slots advanced to the event", nanoseconds(lambda: repeat_advance(CALLS, regime.slots, room)), events),
         Piece("chirp of a window", nanoseconds(lambda: repeat_solve(CALLS, regime.slots, room)), 1 / WINDOW_PERIODS),
     )
