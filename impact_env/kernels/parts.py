@@ -28,7 +28,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import _FunctionCompiler
 from numba.core.registry import CPUDispatcher
 
-from impact_env.kernels.passes import Flags, kernel_passes, remembered_calls
+from impact_env.kernels.passes import Flags, kernel_passes
+from impact_env.kernels.spared import spared
 
 # changed under the compiler's lock
 _nested = 0  # kernels under way, one within the other
@@ -65,12 +66,12 @@ def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
 
 @contextmanager
 def _outermost() -> Iterator[None]:
-    """Look for no garbage: a compiler's many small objects are an eighth of the time. And infer the type of a call that numba knows once only."""
+    """Look for no garbage: a compiler's many small objects are an eighth of the time. And spare numba what is known."""
     _leave_quickly()
     collects = gc.isenabled()
     gc.disable()
     try:
-        with remembered_calls():
+        with spared():
             yield
     finally:
         if collects:
@@ -86,7 +87,17 @@ def _leave_quickly() -> None:
     atexit.register(gc.freeze)
 
 
-class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
+class _Library(JITCodeLibrary):  # type: ignore[misc]
+    def _optimize_functions(self, module: Any) -> None:
+        """Run LLVM's function passes as numba, which also prepares them for all that a module only declares: five of six."""
+        module.data_layout = self._codegen._data_layout
+        for function in module.functions:
+            if not function.is_declaration:
+                passes, builder = self._codegen._function_pass_manager()
+                passes.run(function, builder)
+
+
+class PartLibrary(_Library):
     """The code of one part, as it is before LLVM's module passes; what it calls is kept beside it."""
 
     def finalize(self) -> None:
@@ -100,7 +111,7 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
-class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
+class WholeLibrary(_Library):
     """A kernel's code with that of all its parts."""
 
     def finalize(self) -> None:
@@ -141,7 +152,7 @@ class _Pipeline(Compiler):  # type: ignore[misc]
 
     def define_pipelines(self) -> list[Any]:
         """Return numba's passes as kernels need them."""
-        return [kernel_passes(manager) for manager in super().define_pipelines()]
+        return [kernel_passes(manager, _spares) for manager in super().define_pipelines()]
 
 
 class _PartPipeline(_Pipeline):
