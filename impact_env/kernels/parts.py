@@ -18,6 +18,7 @@ import atexit
 import gc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from functools import cache, cached_property
 from typing import Any, TypeVar
 
@@ -34,6 +35,7 @@ from impact_env.kernels.spared import spared
 # changed under the compiler's lock
 _nested = 0  # kernels under way, one within the other
 _spares = False  # whether the outermost of them is inlined sparingly
+_only_kept = ContextVar("_only_kept", default=False)
 _Group = TypeVar("_Group", bound=type)
 _SPARING: set[type] = set()
 
@@ -48,6 +50,20 @@ def _is_sparing(kind: Any) -> bool:
     if isinstance(kind, types.BaseNamedTuple) and kind.instance_class in _SPARING:
         return True
     return isinstance(kind, types.BaseTuple) and any(_is_sparing(element) for element in kind)
+
+
+class NotKept(Exception):  # noqa: N818 - no error: an answer
+    """A kernel would have to be compiled."""
+
+
+@contextmanager
+def only_kept() -> Iterator[None]:
+    """Load kernels, but compile none meanwhile in this thread: where one would have to be, `NotKept` is raised."""
+    token = _only_kept.set(True)
+    try:
+        yield
+    finally:
+        _only_kept.reset(token)
 
 
 @contextmanager
@@ -188,6 +204,8 @@ class _SparingCompiler(_PartCompiler):
 
 class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
     def _compile_core(self, args: Any, return_type: Any) -> Any:
+        if _only_kept.get():
+            raise NotKept
         result = super()._compile_core(args, return_type)
         for environment in result._find_referenced_environments():  # those of the parts, which no machine code of their own has set
             result.codegen.set_env(environment.env_name, environment)
@@ -216,6 +234,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any], _locals: Any, options: dict[str, Any]) -> None:
         super().__init__(function, {}, options, _WholePipeline)
         self._compiler = _WholeCompiler(function, self.targetdescr, options, {}, _WholePipeline)
+        self.wait: Callable[[], object] | None = None  # for another process, which is compiling this kernel
 
     @cached_property
     def part(self) -> Part:
@@ -232,7 +251,9 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         return self.sparing_part if _spares else self.part
 
     def compile(self, signature: Any) -> Any:
-        """Compile for a caller in Python, or in a function that is no kernel."""
+        """Compile for a caller in Python, or in a function that is no kernel, or load what another process has compiled."""
+        if self.wait is not None:
+            self.wait()
         with _compiling(sigutils.normalize_signature(signature)[0]):
             return super().compile(signature)
 
