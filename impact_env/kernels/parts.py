@@ -18,6 +18,7 @@ import atexit
 import gc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from functools import cache, cached_property
 from typing import Any, TypeVar
 
@@ -28,11 +29,13 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import _FunctionCompiler
 from numba.core.registry import CPUDispatcher
 
-from impact_env.kernels.passes import Flags, kernel_passes, remembered_calls
+from impact_env.kernels.passes import Flags, kernel_passes
+from impact_env.kernels.spared import spared
 
 # changed under the compiler's lock
 _nested = 0  # kernels under way, one within the other
 _spares = False  # whether the outermost of them is inlined sparingly
+_only_kept = ContextVar("_only_kept", default=False)
 _Group = TypeVar("_Group", bound=type)
 _SPARING: set[type] = set()
 
@@ -47,6 +50,20 @@ def _is_sparing(kind: Any) -> bool:
     if isinstance(kind, types.BaseNamedTuple) and kind.instance_class in _SPARING:
         return True
     return isinstance(kind, types.BaseTuple) and any(_is_sparing(element) for element in kind)
+
+
+class NotKept(Exception):  # noqa: N818 - no error: an answer
+    """A kernel would have to be compiled."""
+
+
+@contextmanager
+def only_kept() -> Iterator[None]:
+    """Load kernels, but compile none meanwhile in this thread: where one would have to be, `NotKept` is raised."""
+    token = _only_kept.set(True)
+    try:
+        yield
+    finally:
+        _only_kept.reset(token)
 
 
 @contextmanager
@@ -65,12 +82,12 @@ def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
 
 @contextmanager
 def _outermost() -> Iterator[None]:
-    """Look for no garbage: a compiler's many small objects are an eighth of the time. And infer the type of a call that numba knows once only."""
+    """Look for no garbage: a compiler's many small objects are an eighth of the time. And spare numba what is known."""
     _leave_quickly()
     collects = gc.isenabled()
     gc.disable()
     try:
-        with remembered_calls():
+        with spared():
             yield
     finally:
         if collects:
@@ -86,7 +103,17 @@ def _leave_quickly() -> None:
     atexit.register(gc.freeze)
 
 
-class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
+class _Library(JITCodeLibrary):  # type: ignore[misc]
+    def _optimize_functions(self, module: Any) -> None:
+        """Run LLVM's function passes as numba, which also prepares them for all that a module only declares: five of six."""
+        module.data_layout = self._codegen._data_layout
+        for function in module.functions:
+            if not function.is_declaration:
+                passes, builder = self._codegen._function_pass_manager()
+                passes.run(function, builder)
+
+
+class PartLibrary(_Library):
     """The code of one part, as it is before LLVM's module passes; what it calls is kept beside it."""
 
     def finalize(self) -> None:
@@ -100,7 +127,7 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
-class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
+class WholeLibrary(_Library):
     """A kernel's code with that of all its parts."""
 
     def finalize(self) -> None:
@@ -141,7 +168,7 @@ class _Pipeline(Compiler):  # type: ignore[misc]
 
     def define_pipelines(self) -> list[Any]:
         """Return numba's passes as kernels need them."""
-        return [kernel_passes(manager) for manager in super().define_pipelines()]
+        return [kernel_passes(manager, _spares) for manager in super().define_pipelines()]
 
 
 class _PartPipeline(_Pipeline):
@@ -177,6 +204,8 @@ class _SparingCompiler(_PartCompiler):
 
 class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
     def _compile_core(self, args: Any, return_type: Any) -> Any:
+        if _only_kept.get():
+            raise NotKept
         result = super()._compile_core(args, return_type)
         for environment in result._find_referenced_environments():  # those of the parts, which no machine code of their own has set
             result.codegen.set_env(environment.env_name, environment)
@@ -205,6 +234,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any], _locals: Any, options: dict[str, Any]) -> None:
         super().__init__(function, {}, options, _WholePipeline)
         self._compiler = _WholeCompiler(function, self.targetdescr, options, {}, _WholePipeline)
+        self.wait: Callable[[], object] | None = None  # for another process, which is compiling this kernel
 
     @cached_property
     def part(self) -> Part:
@@ -221,7 +251,9 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         return self.sparing_part if _spares else self.part
 
     def compile(self, signature: Any) -> Any:
-        """Compile for a caller in Python, or in a function that is no kernel."""
+        """Compile for a caller in Python, or in a function that is no kernel, or load what another process has compiled."""
+        if self.wait is not None:
+            self.wait()
         with _compiling(sigutils.normalize_signature(signature)[0]):
             return super().compile(signature)
 

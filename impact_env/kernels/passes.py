@@ -1,26 +1,24 @@
-"""What numba does to a kernel before LLVM: its passes with what kernels need more and less, and its calls' types, each inferred once.
+"""What numba does to a kernel before LLVM: its passes, with what kernels need more and less.
 
-Two thirds of the time of a first compilation are numba's own Python code. Here it is told what it would find out again and again, and spared what no
-kernel has: the machine code is the same.
+Two thirds of the time of a first compilation are numba's own Python code: here it is spared what no kernel has.
 """
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 from numba.core import ir, ir_utils, types
 from numba.core.compiler import Flags as NumbaFlags
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.consts import ConstantInference
-from numba.core.targetconfig import ConfigStack
-from numba.core.typed_passes import NopythonRewrites
+from numba.core.typed_passes import NativeLowering, NopythonRewrites
 from numba.core.untyped_passes import DeadBranchPrune, InlineClosureLikes, InlineInlinables
 
+from impact_env.kernels.lowering import KernelLowering
+
 _MAKING = ("binop", "inplace_binop", "unary", "call")
-_PLAIN = (types.Number, types.Boolean, types.NoneType, types.Literal, types.Array, types.Record, types.BaseTuple, types.DType)
 
 
 class Passes(PassManager):  # type: ignore[misc]
@@ -33,10 +31,14 @@ class Passes(PassManager):  # type: ignore[misc]
         one.run_finalizer(state)
 
 
-def kernel_passes(given: PassManager) -> Passes:
-    """Return numba's passes with `PrunePresent`, `RewriteArrays` in place of numba's, and without that for functions within, which no kernel has."""
+def kernel_passes(given: PassManager, sparing: bool = False) -> Passes:
+    """Return numba's passes with `PrunePresent`, our own in place of some, and without that for functions within, which no kernel has.
+
+    ``sparing``: with `KernelLowering`, for kernels that record much. The bare ones keep numba's, whose machine code differs by a few instructions.
+    """
     own = Passes(given.pipeline_name)
-    own.passes = [(RewriteArrays if one is NopythonRewrites else one, what) for one, what in given.passes if one is not InlineClosureLikes]
+    instead = {NopythonRewrites: RewriteArrays} | ({NativeLowering: KernelLowering} if sparing else {})
+    own.passes = [(instead.get(one, one), what) for one, what in given.passes if one is not InlineClosureLikes]
     own.add_pass_after(PrunePresent, InlineInlinables)
     own.finalize()
     return own
@@ -53,27 +55,6 @@ class RewriteArrays(NopythonRewrites):  # type: ignore[misc]
         assigned = (line for block in state.func_ir.blocks.values() for line in block.find_insts(ir.Assign))
         found = (state.typemap[line.target.name] for line in assigned if isinstance(line.value, ir.Expr) and line.value.op in _MAKING)
         return any(isinstance(kind, types.Array) for kind in found) and bool(super().run_pass(state))
-
-
-@contextmanager
-def remembered_calls() -> Iterator[None]:
-    """Infer the type of each call of numba's own functions once for the same types and flags: operators are tried one after another every time."""
-    known: dict[tuple[Any, ...], Any] = {}
-    infer = types.Function.get_call_type
-
-    def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
-        if kws or not all(isinstance(kind, _PLAIN) for kind in args):
-            return infer(self, context, args, kws)
-        call = (self, tuple(args), ConfigStack.top_or_none())
-        if call not in known:
-            known[call] = infer(self, context, args, kws)
-        return known[call]
-
-    types.Function.get_call_type = get_call_type  # type: ignore[assignment, method-assign]
-    try:
-        yield
-    finally:
-        del types.Function.get_call_type  # inherited again
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)

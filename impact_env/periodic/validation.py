@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.alongside import alongside
+from impact_env.kernels.exact import exact_lane
 from impact_env.periodic.case import Case
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.schedule import Regime
@@ -21,6 +25,7 @@ CHATTER_BAR = 3e-10  # the same, of an orbit on which a chatter comes to its end
 EVENT_BAR = 1e-6  # rad: how far an event may lie from where the orbit has it; the residual says the rest
 PHASE_BAR = 1e-5  # rad: the same for a joined phase, whose ends lie as sharply as the root of a distance
 FAINT = 1e-5  # of the largest impulse: bounces below it are not compared one by one, a chatter has as many as rounding lets it have
+RECORD = Record(level=False, events=True)  # of a trial
 JOINS = "friction or a wall holds the absorber for a while"
 
 
@@ -39,6 +44,16 @@ class Trial:
     start: float = 0.0
 
 
+def shortest_trial(case: Case) -> None:
+    """Run what takes a trial's kernels, for the hundredth part of a period."""
+    simulate(case.scene, case.drive(0.01 * case.period, 0.0), record=RECORD)
+
+
+def trials_alongside(case: Case) -> AbstractContextManager[None]:
+    """Let another process compile what trials of such a case take, while this one compiles what finds orbits; see `alongside`."""
+    return alongside(exact_lane, partial(shortest_trial, case))
+
+
 def propagated(motion: Motion | ShotMotion, record: Record) -> tuple[Response, float]:
     """Return the exact method's run over the span of the schedule and the phase (rad) it began at: in the middle of the longest flight."""
     start, state = motion.mid_flight()
@@ -47,7 +62,7 @@ def propagated(motion: Motion | ShotMotion, record: Record) -> tuple[Response, f
 
 def map_over(motion: Motion | ShotMotion, start: float, state: Array) -> Array:
     """Return where the exact method takes a state (2 N_m + 2,) from a phase (rad) over the schedule's span, mirrored if that is half a period."""
-    end = _run(motion, start, state, Record(level=False, events=True)).end_state
+    end = _run(motion, start, state, RECORD).end_state
     return np.asarray(-end if motion.solution.schedule.symmetric else end)
 
 
@@ -150,7 +165,7 @@ def chatters(case: Case, response: Response) -> bool:
 def trial_of(motion: Motion | ShotMotion) -> Trial:
     """Return the trial of a motion by the exact method; a run that breaks down is a reason too."""
     try:
-        response, start = propagated(motion, Record(level=False, events=True))
+        response, start = propagated(motion, RECORD)
     except IntegrationError as error:
         return Trial(float("inf"), str(error))
     residual = residual_of(motion, response, start)

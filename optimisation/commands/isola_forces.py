@@ -8,6 +8,7 @@ from typing import Any
 from impact_env.parameters import ParameterError
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.isola_map import COLUMNS, IsolaMap, isola_map
+from impact_env.periodic.validation import trials_alongside
 from impact_env.plain import from_scene
 from optimisation.commands.sweep_scene import make_scene, option_name
 from optimisation.files import replacing, write_csv, write_json
@@ -30,7 +31,7 @@ def computed(given: dict[str, Any]) -> IsolaMap:
     scene, _ = make_scene(given)
     case = case_of(scene, 1.0, float(scene.model.omega[0]))
     modes, restitutions = whole_map(case, modes, restitutions, limits)
-    with counting_bar("isolas", "cells", leave=False) as show:
+    with trials_alongside(case), counting_bar("isolas", "cells", leave=False) as show:
         return isola_map(
             case, given["start"], given["stop"], modes, restitutions, show, limits, Pieces(given["resume"], {"scene": from_scene(scene)})
         )

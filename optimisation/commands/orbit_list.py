@@ -17,6 +17,7 @@ from impact_env.periodic.isolas import folds, thresholds
 from impact_env.periodic.offspring import all_orbits_over
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.survey import Found, attractors, different, orbits_over
+from impact_env.periodic.validation import trials_alongside
 from optimisation.bounds import design_force
 from optimisation.command_line import BadInput, check_target
 from optimisation.commands.structure_option import model_of, refuse_beside
@@ -102,6 +103,12 @@ def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
     """Return the text, the contents of the JSON file, and whether the work came to its end."""
     check(given)
     case = case_of(given)
+    with trials_alongside(case):
+        return asked_for(case, given)
+
+
+def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
+    """Return folds, thresholds or orbits, as `run`."""
     low, high = given["start"], given["stop"]
     if given["thresholds"]:
         levels = thresholds(case, low, high)

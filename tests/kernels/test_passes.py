@@ -14,13 +14,15 @@ from numba.core import types
 from numba.core.compiler_machinery import PassManager
 from numba.core.errors import TypingError
 from numba.core.registry import cpu_target
-from numba.core.typed_passes import NopythonRewrites, NopythonTypeInference
+from numba.core.typed_passes import NativeLowering, NopythonRewrites, NopythonTypeInference
 from numba.core.untyped_passes import InlineClosureLikes, InlineInlinables, IRProcessing
 from places import ROOT, SUPPORT
 
 from impact_env.kernels import parts
+from impact_env.kernels.lowering import KernelLowering
 from impact_env.kernels.parts import kernel
-from impact_env.kernels.passes import Flags, PrunePresent, RewriteArrays, kernel_passes, remembered_calls
+from impact_env.kernels.passes import Flags, PrunePresent, RewriteArrays, kernel_passes
+from impact_env.kernels.spared import spared
 
 
 @pytest.mark.parametrize(("absorber", "method"), [("no absorber", "exact"), ("impact and friction", "moreau"), ("no absorber", "runge-kutta")])
@@ -72,7 +74,7 @@ def test_calls_are_inferred_once_for_each_types() -> None:
     infer = types.BaseFunction.get_call_type
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(types.BaseFunction, "get_call_type", lambda *given: seen.append(given[0::2]) or infer(*given))
-        with remembered_calls():
+        with spared():
             found = [largest.get_call_type(context, (types.float64, kind), {}) for kind in (types.float64, types.int64, types.float64)]
     assert [str(signature.return_type) for signature in found] == ["float64"] * 3
     assert found[0] is found[2]
@@ -121,6 +123,8 @@ def test_flags_are_equal_if_what_is_set_is() -> None:
 
 def test_passes_are_numbas_with_one_more_one_replaced_and_one_left_out() -> None:
     given = PassManager("any")
-    for one in (IRProcessing, InlineClosureLikes, InlineInlinables, NopythonTypeInference, NopythonRewrites):
+    for one in (IRProcessing, InlineClosureLikes, InlineInlinables, NopythonTypeInference, NopythonRewrites, NativeLowering):
         given.add_pass(one)
-    assert [one for one, _ in kernel_passes(given).passes] == [IRProcessing, InlineInlinables, PrunePresent, NopythonTypeInference, RewriteArrays]
+    first = [IRProcessing, InlineInlinables, PrunePresent, NopythonTypeInference, RewriteArrays]
+    assert [one for one, _ in kernel_passes(given).passes] == [*first, NativeLowering]
+    assert [one for one, _ in kernel_passes(given, sparing=True).passes] == [*first, KernelLowering]

@@ -1,6 +1,6 @@
 """Machine instructions of a lane, one a line: argument 1 is the scene, 2 the method, 3 whether numba compiles it "spared" or in "full".
 
-In full: numba's own passes with the one that kernels cannot do without, and the types of every call inferred each time.
+In full: numba's own passes with the one that kernels cannot do without, and nothing remembered.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NAMES = re.compile(
 )  # these count what was compiled before, or are hashes that no two processes share
 
 
-def full_passes(given: Any) -> Any:
+def full_passes(given: Any, _sparing: bool) -> Any:
     """Return numba's passes and the one that drops branches for what is there."""
     given.add_pass_after(PrunePresent, InlineInlinables)
     given.finalize()
@@ -42,7 +42,7 @@ def instructions(lane: Any) -> list[str]:
 def main(absorber: str, method: str, way: str) -> None:
     """Print them."""
     if way == "full":
-        parts.kernel_passes, parts.remembered_calls = full_passes, nullcontext  # type: ignore[assignment]
+        parts.kernel_passes, parts.spared = full_passes, nullcontext  # type: ignore[assignment]
     lanes = (linear.linear_lane, moreau.moreau_lane, runge_kutta.runge_kutta_lane)
     for lane in lanes:
         lane._cache = NullCache()
