@@ -168,7 +168,11 @@ def event_ahead(course, guards, now, offset, length, resolution):  # type: ignor
     kind, step = root_ahead(guards, now)
     if kind != NOTHING:
         if offset + 2.0 * step < length:
-            return refine(terms_of(course), offset + step, kind, wall_of(kind, guards), now.b4, resolution)
+            found = refine(terms_of(course), offset + step, kind, wall_of(kind, guards), now.b4, resolution)
+            if found.kind != NOTHING:
+                return found
+            y, v, a, _ = signal_at(terms_of(course), offset + step)  # a way below the rounding of the signal: no sum is closer than Newton's step
+            return Event(kind, offset + step, y, v, a, found.evaluations + 1)
     return Event(NOTHING, 0.0, 0.0, 0.0, 0.0, 0)
 
 

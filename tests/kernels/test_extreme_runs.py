@@ -7,11 +7,27 @@ import numpy as np
 import pytest
 from core import OMEGA, drive_of, still
 
-from impact_env import Beam, InitialState, Record, Response, Scene, SeveralAbsorbers, beam_scene, friction_damper, impact_absorber, simulate
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    ElasticCoulombFriction,
+    InitialState,
+    Record,
+    Response,
+    Scene,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    beam_scene,
+    constant_frequency,
+    friction_damper,
+    impact_absorber,
+    simulate,
+)
 from impact_env.drive import Drive
 
 ONE_MODE = Beam(modes=1, damping_ratio=0.0)
 START = 1e-3  # m, of the mode
+SPRING = 100 * Beam().static_tip_stiffness
 
 
 def run(scene: Scene, drive: Drive, start: InitialState | None = None) -> Response:
@@ -84,3 +100,19 @@ def test_energy_is_balanced_under_a_force_far_above_all_modes(force: float) -> N
     assert energy.work > 0
     assert abs(energy.balance_error) < 2e-10 * energy.work
     assert (response.stuck_time < 1e-3) == (force > 1e3)
+
+
+def test_a_spring_of_friction_that_gives_way_at_once_has_no_effect() -> None:
+    """Its limit lies far below the rounding of every number of the run, so that no sum finds the time at which it gives way."""
+    walls, drive = CompliantWalls(SPRING), Drive(3.5, constant_frequency(beam_scene(Beam()).model.resonance_omega(1), 0.98, 400.0))
+    free, dragged = (
+        simulate(beam_scene(Beam(), SlidingAbsorber(walls=walls, friction=friction)), drive, record=Record(series=True))
+        for friction in (None, ElasticCoulombFriction(1e-200, SPRING))
+    )
+    assert free.history is not None
+    assert dragged.history is not None
+    early, tip = free.history.time < 5 * 2 * np.pi / OMEGA, free.history.tip_displacement
+    np.testing.assert_allclose(dragged.history.tip_displacement[early], tip[early], atol=1e-12 * np.max(np.abs(tip)))
+    assert dragged.level is not None
+    assert free.level is not None
+    assert dragged.level.value == pytest.approx(free.level.value, rel=0.2)  # after many impacts another draw of the same motion
