@@ -168,11 +168,7 @@ def event_ahead(course, guards, now, offset, length, resolution):  # type: ignor
     kind, step = root_ahead(guards, now)
     if kind != NOTHING:
         if offset + 2.0 * step < length:
-            found = refine(terms_of(course), offset + step, kind, wall_of(kind, guards), now.b4, resolution)
-            if found.kind != NOTHING:
-                return found
-            y, v, a, _ = signal_at(terms_of(course), offset + step)  # a way below the rounding of the signal: no sum is closer than Newton's step
-            return Event(kind, offset + step, y, v, a, found.evaluations + 1)
+            return refine(terms_of(course), offset + step, kind, wall_of(kind, guards), now.b4, resolution)
     return Event(NOTHING, 0.0, 0.0, 0.0, 0.0, 0)
 
 
@@ -209,11 +205,11 @@ def careful_search(course, guards, start, stop, length):  # type: ignore[no-unty
         if first:
             step *= 0.5  # the whole of it could end on the guard again
         reach = GROWTH * step
-        if not step >= 0.0:  # not a number: the caller finds it in the state
+        if np.isnan(step):  # the caller finds it in the state
             return given_up(count)
         if offset + step >= stop:  # also where the length left is below the resolution of time
             break
-        if step <= resolution:
+        if step <= resolution:  # also below zero: both walls are nearer than the signal's rounding
             return Event(nearest_event(guards, now), offset, now.y, now.v, now.a, count)
         offset += step
     return given_up(count) if count >= MAX_EVALUATIONS else Event(NOTHING, max(stop, offset), 0.0, 0.0, 0.0, count)
