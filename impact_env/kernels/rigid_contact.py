@@ -15,7 +15,7 @@ from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE, push_impact, push_phase
 from impact_env.kernels.records import FLAG, INTEGER, NUMBER, record
 from impact_env.kernels.segments import Work
-from impact_env.kernels.signals import EPSILON, HIT_HIGH, NOISE, Signal, at_offset, signal_scale
+from impact_env.kernels.signals import EPSILON, HIT_HIGH, NOISE, Signal, at_offset, signal_scale, value_at_offset
 from impact_env.kernels.slots import GUARD, RELATIVE, REST, SPEED, add, weigh
 
 FREE, JOINED = 0, 1
@@ -86,8 +86,8 @@ def add_friction_loss(limit, slots, forced, omega, body, tau, offset, energy):  
     """Add friction limit times the distance slid."""
     if energy is None or limit is None:
         return
-    start, _, _ = at_offset(slots, forced.signals, omega, body.signal, tau, 0.0)
-    end, _, _ = at_offset(slots, forced.signals, omega, body.signal, tau, offset)
+    start = value_at_offset(slots, forced.signals, omega, body.signal, tau, 0.0)
+    end = value_at_offset(slots, forced.signals, omega, body.signal, tau, offset)
     energy.totals[0].friction_loss += limit * abs(end - start)
 
 

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.forced import THIRD, Forced
+from impact_env.kernels.forced import THIRD, Forced, signal_value
 from impact_env.kernels.forced_sums import first_values, polynomial_value
 from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_view
 from impact_env.kernels.numbers import cos_sin
 from impact_env.kernels.slot_sums import sum_sizes
-from impact_env.kernels.slots import SPEED, Slots, digits, sum_block
+from impact_env.kernels.slots import SPEED, Slots, digits, sum_block, value
 from impact_env.kernels.vector import BLOCK
 
 # events
@@ -134,6 +134,14 @@ def at_offset(slots, signals, omega, signal, tau, offset):  # type: ignore[no-un
     """Return a signal and its first two derivatives at an offset from its reference time."""
     y, v, a, _ = signal_at(Terms(slots.rows, slots.table, slots.scale, signals, omega, signal.u, signal.polynomial, tau), offset)
     return y, v, a
+
+
+@jit
+def value_at_offset(slots, signals, omega, signal, tau, offset):  # type: ignore[no-untyped-def]
+    """Return a signal at an offset from its reference time, to the last digit that of `at_offset`."""
+    p = signal.polynomial
+    y = value(slots.rows, slots.table, slots.scale, signal.u, offset)
+    return y + signal_value(signals, 0, omega, tau + offset) + p[0] + offset * (p[1] + 0.5 * offset * p[2])
 
 
 @jit_inline
