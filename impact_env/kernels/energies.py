@@ -7,25 +7,17 @@ stretch costs the same whatever its length. The stored energy enters nowhere, no
 
 from __future__ import annotations
 
-from impact_env.kernels.energy_account import (
-    CANCELLING,
-    CARRIER,
-    OWN,
-    PLAIN,
-    PRODUCTS,
-    TURNING,
-    UNKNOWN,
-    learn_regime,
-    learn_window,
-    places,
-)
+from impact_env.kernels.energy_account import ADDED, CANCELLING, OWN, PLACE, SQUARES, UNKNOWN, learn_regime
 from impact_env.kernels.energy_coupled import add_coupled
-from impact_env.kernels.energy_moments import fill_moments, fill_powers, plain_moments
+from impact_env.kernels.energy_moments import CARRIER, FACTORS, POWER, SLOW, WIDTH, fill_factors, fill_powers
 from impact_env.kernels.energy_own import add_own, learn_mixed
 from impact_env.kernels.energy_quadrature import add_by_quadrature
+from impact_env.kernels.energy_sums import add_products
+from impact_env.kernels.energy_window import learn_window
 from impact_env.kernels.jit import jit, jit_inline
 from impact_env.kernels.numbers import cos_sin
 from impact_env.kernels.slots import advance, copy
+from impact_env.kernels.vector import TERMS
 
 
 @jit
@@ -36,56 +28,72 @@ def add_energy(stretch, losses, state, r, account):  # type: ignore[no-untyped-d
     """
     if account is None:
         return
-    tau, end, window, forced, z, scratch = stretch.tau, stretch.end, stretch.window, stretch.forced, stretch.work.z, stretch.work.rows
+    tau, end, window, z, w = stretch.tau, stretch.end, stretch.window, stretch.work.z, stretch.work.rows[0]
     if not end > tau:
         return
-    if account.known[r].kind == UNKNOWN:
+    known, slots = account.known[r], stretch.regime.slots
+    if known.kind == UNKNOWN:
         learn_regime(account, r, stretch.regime, losses)
-    kind, slots, w = account.known[r].kind, stretch.regime.slots, scratch[0]
-    if kind == CANCELLING:
+    if known.kind == CANCELLING:
         add_by_quadrature(stretch, losses, state, account)
         return
-    if account.known[r].window != window.centre:
-        learn_window(account, r, forced, window)
-        if kind == OWN:
-            learn_mixed(account, r, slots.rows, forced, window)
+    if known.window != window.centre:
+        learn_window(account, r, slots.rows, stretch.forced, window)
+    in_parts = known.kind == OWN and (tau > -window.half or end < window.half)
+    if in_parts and known.mixed != window.centre:
+        learn_mixed(account, r, slots.rows, stretch.forced, window)
     copy(z, w)
     advance(slots.rows, slots.table, slots.scale, end - tau, w)
-    _, _, at = places(account)
-    found = account.velocities[r, at]
-    _fill_scratch(account.scratch, window, tau, end)
-    _set_forced_part(account, r, window, found)
-    if kind == OWN:
-        add_own(account, r, stretch, w, found)
+    found = account.rows[r, ADDED]
+    _fill_scratch(account.scratch[r], known, window, tau, end, in_parts)
+    work = _add_forced_part(account, r, found)
+    if in_parts:
+        work += add_own(account, r, stretch, w, found)
     else:
-        add_coupled(account, r, stretch, losses.damper, w, found)
-    modes = losses.rate.shape[0]
-    for i in range(modes):
-        account.modal[i] += losses.rate[i] * found[i]
-    account.totals[0].absorber_damping += losses.damper * found[modes]
-    account.totals[0].work += found[modes + 1]
+        work += add_coupled(account, r, stretch, w, found)
+    _book(account, r, losses, found, work)
+    known.reached, known.cos, known.sin = end, account.scratch[r, CARRIER, 2], account.scratch[r, CARRIER, 3]
 
 
 @jit_inline
-def _fill_scratch(scratch, window, tau, end):  # type: ignore[no-untyped-def]
-    """Fill powers and carriers of the stretch's ends."""
-    fill_powers(tau / window.half, end / window.half, scratch.shape[1], scratch)
-    scratch[CARRIER, 0], scratch[CARRIER, 1] = cos_sin(window.omega * tau)
-    scratch[CARRIER, 2], scratch[CARRIER, 3] = cos_sin(window.omega * end)
-
-
-@jit_inline
-def _set_forced_part(account, r, window, found):  # type: ignore[no-untyped-def]
-    """Write the products of forced parts and their partners to ``found``."""
-    scratch, count, velocities = account.scratch, account.known[r].product_order, account.velocities[r]
-    _, product, _ = places(account)
-    c, s, d, t = scratch[CARRIER, 0], scratch[CARRIER, 1], scratch[CARRIER, 2], scratch[CARRIER, 3]
+def _fill_scratch(scratch, known, window, tau, end, in_parts):  # type: ignore[no-untyped-def]
+    """Fill carriers, powers and factors of the stretch's ends; powers for series only where they are needed."""
+    turns = scratch[CARRIER]
+    if known.reached == tau:
+        turns[0], turns[1] = known.cos, known.sin
+    else:
+        turns[0], turns[1] = cos_sin(window.omega * tau)
+    turns[2], turns[3] = cos_sin(window.omega * end)
+    series = 2.0 * window.omega * window.half < SLOW or (not in_parts and known.near[0] + known.near[1] > 0)
+    fill_powers(tau / window.half, end / window.half, WIDTH if series else max(known.order + 1, TERMS), scratch)
+    c, s, d, t = turns[0], turns[1], turns[2], turns[3]
     first, last = complex(c * c - s * s, 2.0 * c * s), complex(d * d - t * t, 2.0 * d * t)
-    plain_moments(window.half, scratch, scratch[PLAIN, :count])
-    fill_moments(complex(0.0, 2.0 * window.omega), window.half, scratch, first, last, scratch[TURNING, :count], scratch[TURNING + 1, :count])
-    for i in range(found.shape[0]):
-        found[i] = 0.0
+    fill_factors(window.omega, window.half, known.order, first, last, scratch)
+
+
+@jit_inline
+def _add_forced_part(account, r, found):  # type: ignore[no-untyped-def]
+    """Write half the squares of the forced velocities to ``found`` (J,), and return the work done on the forced part."""
+    scratch, count = account.scratch[r], account.known[r].order
+    add_products(account.rows[r, SQUARES:ADDED], found.shape[0], count, scratch, found)
+    work = 0.0
     for k in range(count):
-        plain, x, y, at = scratch[PLAIN, k], scratch[TURNING, k], scratch[TURNING + 1, k], product + k
-        for i in range(found.shape[0]):
-            found[i] += velocities[at, i] * plain + velocities[at + PRODUCTS, i] * x - velocities[at + 2 * PRODUCTS, i] * y
+        for m in range(3):
+            work += scratch[FACTORS + m, k] * scratch[POWER + m, k]
+    return work
+
+
+@jit_inline
+def _book(account, r, losses, found, work):  # type: ignore[no-untyped-def]
+    """Add a stretch's work, and the squares of its velocities times what damps them, to the account."""
+    modes, totals = losses.rate.shape[0], account.totals[0]
+    if account.known[r].kind == OWN:
+        for j in range(account.places.shape[2]):
+            i = account.places[r, PLACE, j]
+            if i >= 0:
+                account.modal[i] += losses.rate[i] * found[j]
+    else:
+        for i in range(modes):
+            account.modal[i] += losses.rate[i] * found[i]
+        totals.absorber_damping += losses.damper * found[modes]
+    totals.work += work

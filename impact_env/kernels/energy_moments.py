@@ -12,13 +12,20 @@ import math
 import numpy as np
 
 from impact_env.kernels.jit import jit, jit_inline
+from impact_env.kernels.numbers import fma
 from impact_env.kernels.slots import S
+from impact_env.kernels.vector import TERMS
 
 SMALL_DECAY = 0.125  # exponent up to which a decay is a series
 FEW_TURNS, CLOSE = 0.3, 0.05  # two slots are close if their difference turns less than this over the stretch, and is below this share of them
 SLOW = 0.5  # rad over half a window: what turns less is integrated by series
 _F = tuple(1.0 / math.factorial(n + 1) for n in range(11))
 EXTRA = 10  # orders above the wanted ones where that begins: SLOW^EXTRA 8!/(8 + EXTRA)! is far below rounding of the whole
+PRODUCTS = 2 * TERMS - 1  # coefficients of a product of two polynomials
+# rows of a regime's scratch (ROWS, WIDTH): powers of the time at either end; factors of the products of forced parts, in three rows; cosine and sine
+# of the carrier at both ends; products of force and forced velocity of its point, as squares; half the force in powers of time; moments of a slot
+ENDS, FACTORS, CARRIER, POWER, FORCE, MENDED, ROWS = 0, 2, 5, 6, 9, 11, 15
+WIDTH = PRODUCTS + EXTRA + 1
 _INVERSE = 1.0 / np.maximum(np.arange(2.0 * EXTRA + 20.0), 1.0)
 
 
@@ -62,14 +69,20 @@ def decay_integrals(rows, h, decay):  # type: ignore[no-untyped-def]
         decay[j] *= h
 
 
+@jit_inline
+def is_close(l_r, l_i, size):  # type: ignore[no-untyped-def]
+    """Return whether the sum l of two eigenvalues is small beside ``size``, that of one of them."""
+    return l_r * l_r + l_i * l_i < (CLOSE * size) ** 2
+
+
 @jit
-def pair_integral(l_r, l_i, size, h, a_r, a_i, b_r, b_i):  # type: ignore[no-untyped-def]
-    """Return the integral of a exp(l t) over [0, h], with b the value at the end; ``size`` (1/s) of the slots whose product this is."""
+def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):  # type: ignore[no-untyped-def]
+    """Return the integral of a exp(l t) over [0, h], with b the value at the end, where l is real or almost zero."""
     if l_i == 0.0:
         f = decay_integral(l_r, h)
         return f * a_r, f * a_i
     square = l_r * l_r + l_i * l_i
-    if square * h * h < FEW_TURNS**2 and square < (CLOSE * size) ** 2:
+    if square * h * h < FEW_TURNS**2:
         x_r, x_i = l_r * h, l_i * h
         f_r, f_i = 1.0, 0.0
         for n in range(11):
@@ -119,7 +132,22 @@ def fill_moments(exponent, half, powers, first, last, out_r, out_i):  # type: ig
 
 
 @jit_inline
-def plain_moments(half, powers, out):  # type: ignore[no-untyped-def]
-    """Write the integrals of x^k to ``out``."""
-    for k in range(out.shape[0]):
-        out[k] = half * (powers[1, k + 1] - powers[0, k + 1]) * _INVERSE[k + 1]
+def fill_factors(omega, half, count, first, last, scratch):  # type: ignore[no-untyped-def]
+    """Write what the products of two factors of the carrier are multiplied by, ``count`` powers; ``scratch`` as `energy_sums`.
+
+    The product of Re(a E) and Re(b E), twice: Re a Re b + Im a Im b without a carrier, and a b on its square, which turns from ``first`` to ``last``.
+    """
+    factors = scratch[FACTORS : FACTORS + 3]
+    turns, inverse = 2.0 * omega, 1.0 / half
+    if turns * half < SLOW:
+        fill_moments(complex(0.0, turns), half, scratch, first, last, factors[0, :count], factors[2, :count])
+    else:
+        slowness, x, y = 1.0 / turns, 0.0, 0.0
+        for k in range(count):
+            p, q, factor = scratch[0, k] * slowness, scratch[1, k] * slowness, k * inverse * slowness
+            x, y = fma(-factor, y, q * last.imag - p * first.imag), fma(factor, x, p * first.real - q * last.real)
+            factors[0, k], factors[2, k] = x, y
+    for k in range(count):
+        plain = half * (scratch[1, k + 1] - scratch[0, k + 1]) * _INVERSE[k + 1]
+        x = factors[0, k]
+        factors[0, k], factors[1, k], factors[2, k] = plain + x, plain - x, -factors[2, k]

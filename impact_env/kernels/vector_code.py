@@ -177,9 +177,9 @@ class Code:
         self.arguments = [opened(context, builder, kind, value) for kind, value in zip(kinds, arguments, strict=True)]
 
     @contextmanager
-    def loop(self, count: Any, step: int = 1) -> Iterator[Any]:
-        """Repeat what follows for 0, ``step``, ... below ``count``."""
-        with cgutils.for_range_slice(self.builder, self.index(0), self.index(count), self.index(step), inc=True) as (j, _):
+    def loop(self, count: Any, step: int = 1, first: Any = 0) -> Iterator[Any]:
+        """Repeat what follows for ``first``, ``first`` + ``step``, ... below ``count``."""
+        with cgutils.for_range_slice(self.builder, self.index(first), self.index(count), self.index(step), inc=True) as (j, _):
             yield j
 
     def slots(self, size: Any) -> Iterator[Any]:
@@ -191,6 +191,12 @@ class Code:
         self.lanes = LANES
         with self.builder.if_then(self.builder.icmp_signed("!=", whole, size)):
             yield whole
+
+    def fours(self, size: Any) -> Iterator[Any]:
+        """Repeat what follows for LANES slots each: half the code of `slots`."""
+        self.lanes = LANES
+        with self.loop(size, LANES) as j:
+            yield j
 
     def sum(self) -> Sum:
         """Return a new sum over slots."""

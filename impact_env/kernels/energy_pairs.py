@@ -1,0 +1,146 @@
+"""Squares of velocities that are sums of any slots: what contains free parts only, slot by slot and pair by pair.
+
+An integral of the product of two slots divides the product's change by the sum of their eigenvalues. What a regime knows of its pairs is the inverse
+of that sum; pairs for which it would be almost zero are integrated by series, one by one.
+"""
+
+from __future__ import annotations
+
+from numba.core import types
+from numba.extending import intrinsic
+
+from impact_env.kernels.energy_moments import decay_integrals, is_close, pair_integral
+from impact_env.kernels.jit import jit
+from impact_env.kernels.slot_sums import INTEGER
+from impact_env.kernels.slots import SPEED, S
+from impact_env.kernels.vector_code import LANES, Code, Complex, Sum
+
+# planes of J rows each of pairs (PLANES J, J), for slots j <= k: inverse of s_j + s_k and of s_j + conj(s_k), real and imaginary, 0 where a series is needed; which
+# of the two need one (1, 2, 3: both); integrals over a stretch of the products of real and imaginary parts of both
+TOGETHER, APART, SERIES, FOUND, PLANES = 0, 2, 4, 5, 9
+
+
+@jit
+def learn_pairs(rows, pairs):  # type: ignore[no-untyped-def]
+    """Fill what a regime knows of its pairs, and return how many integrals of two different slots are series."""
+    count, size, special = 0, rows.shape[1], 0
+    for j in range(size):
+        for k in range(j, size):
+            if rows[SPEED, j] == 0.0 or rows[SPEED, k] == 0.0:
+                continue
+            special = 0
+            for side in range(2):
+                l_r, l_i = rows[S, j] + rows[S, k], rows[S + 1, j] + (1.0 - 2.0 * side) * rows[S + 1, k]
+                if l_i == 0.0 or is_close(l_r, l_i, rows[SPEED, j]):
+                    special += 1 + side
+                    continue
+                scale = (0.5 if j == k else 1.0) / (l_r * l_r + l_i * l_i)
+                pairs[2 * side * size + j, k], pairs[(2 * side + 1) * size + j, k] = l_r * scale, -l_i * scale
+            pairs[SERIES * size + j, k] = special
+            # a slot that turns decays with its own conjugate: `decay_integrals`
+            count += 1 if special > 0 and not (j == k and special == 2) else 0
+    return count
+
+
+@intrinsic
+def _pair_integrals(typing_context, pairs, size, z, w):  # type: ignore[no-untyped-def]
+    """Fill FOUND for slots z at begin and w at end of the stretch; what is a series counts as zero."""
+
+    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        code = Code(context, builder, signature.args, values)
+        pairs, size, z, w = code.arguments
+        plane = code.times(size, size)
+        with code.loop(size) as j:
+            one = [Complex(*(code.spread(code.number(y, code.plus(j, part)), LANES) for part in (0, size))) for y in (z, w)]
+            first = builder.and_(j, code.index(-LANES))
+            with code.loop(size, LANES, first) as k:
+                other = [code.complex(y, k, code.plus(k, size), LANES) for y in (z, w)]
+                at = code.plus(code.times(j, size), k)
+                places = [code.plus(at, code.times(plane, m)) for m in range(PLANES)]
+                both = []
+                for side, start in enumerate((TOGETHER, APART)):
+                    partners = other if side == 0 else [Complex(y.real, -y.imag) for y in other]
+                    begin, end = (a.times(b) for a, b in zip(one, partners, strict=True))
+                    change = Complex(end.real - begin.real, end.imag - begin.imag)
+                    both.append(change.times(code.complex(pairs, places[start], places[start + 1], LANES)))
+                p, m = both
+                for n, number in enumerate((m.real + p.real, m.real - p.real, p.imag - m.imag, p.imag + m.imag)):
+                    code.store(number, pairs, places[FOUND + n])
+        return context.get_dummy_value()
+
+    return types.void(pairs, INTEGER, z, w), build
+
+
+@intrinsic
+def _add_pairs(typing_context, shape, size, pairs, found):  # type: ignore[no-untyped-def]
+    """Add the squares of the velocities' free parts to ``found`` (size,)."""
+
+    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        code = Code(context, builder, signature.args, values)
+        shape, size, pairs, found = code.arguments
+        plane = code.times(size, size)
+        for i in code.fours(size):
+            total = Sum(code, (code.lanes,))
+            with code.loop(size) as j:
+                sums = [Sum(code, (code.lanes,)) for _ in range(4)]
+                with code.loop(size, 1, j) as k:
+                    at, here = code.plus(code.times(size, k), i), code.plus(code.times(j, size), k)
+                    other = code.complex(shape, at, code.plus(at, plane))
+                    for n, part in enumerate((other.real, other.imag, other.imag, other.real)):
+                        sums[n].add_product(part, code.spread(code.number(pairs, code.plus(here, code.times(plane, FOUND + n)))))
+                at = code.plus(code.times(size, j), i)
+                one = code.complex(shape, at, code.plus(at, plane))
+                rr, ii, ri, ir = (each.number() for each in sums)
+                total.add_product(one.real, rr - ri)
+                total.add_product(one.imag, ii - ir)
+            code.store(code.vector(found, i) + total.number(), found, i)
+        return context.get_dummy_value()
+
+    return types.void(shape, INTEGER, pairs, found), build
+
+
+@jit
+def _add_series(rows, pairs, h, z, w):  # type: ignore[no-untyped-def]
+    """Add the integrals that are series, but for those of slots that turn with themselves."""
+    size = z.shape[1]
+    for j in range(size):
+        for k in range(j, size):
+            special = pairs[SERIES * size + j, k]
+            if special == 0.0 or (j == k and special == 2.0):
+                continue
+            factor = 0.5 if j == k else 1.0
+            for side in range(2):
+                if special != 1.0 + side and special != 3.0:
+                    continue
+                sign = 1.0 - 2.0 * side
+                l_r, l_i = rows[S, j] + rows[S, k], rows[S + 1, j] + sign * rows[S + 1, k]
+                a_r, a_i = z[0, j] * z[0, k] - sign * z[1, j] * z[1, k], sign * z[0, j] * z[1, k] + z[1, j] * z[0, k]
+                b_r, b_i = w[0, j] * w[0, k] - sign * w[1, j] * w[1, k], sign * w[0, j] * w[1, k] + w[1, j] * w[0, k]
+                x, y = pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i)
+                x, y = factor * x, factor * y
+                pairs[FOUND * size + j, k] += x
+                pairs[(FOUND + 1) * size + j, k] -= sign * x
+                pairs[(FOUND + 2) * size + j, k] += sign * y
+                pairs[(FOUND + 3) * size + j, k] += y
+
+
+@jit
+def add_squares(rows, shape, pairs, series, h, z, w, decay, found):  # type: ignore[no-untyped-def]
+    """Add the integrals of the squares of the velocities' free parts to ``found`` (J,).
+
+    ``shape`` (2 J, J): weights of slots in columns; z and w (2, J): the slots at begin and end of a stretch of length ``h`` (s); ``series``: how many integrals are series, from
+    `learn_pairs`; ``decay`` (J,) is scratch.
+    """
+    size = z.shape[1]
+    _pair_integrals(pairs, size, z, w)
+    decay_integrals(rows, h, decay)
+    for j in range(size):
+        if pairs[SERIES * size + j, j] == 2.0:
+            own = 0.5 * decay[j] * (z[0, j] * z[0, j] + z[1, j] * z[1, j])
+            pairs[FOUND * size + j, j] += own
+            pairs[(FOUND + 1) * size + j, j] += own
+    if series > 0:
+        _add_series(rows, pairs, h, z, w)
+    _add_pairs(shape, size, pairs, found)
+
+
