@@ -26,17 +26,16 @@ MOST_CANCELLING = 30.0  # amplitudes of slots over the velocity that they add up
 
 # rows of Account.places: a slot's mode, -1 for none; then, for either sign of the carrier, which slots turn almost like it
 PLACE, NEAREST = 0, 1
-# what is known of a regime: its kind; how many powers of products count, how many slots turn almost like the carrier (for either sign), and how many
-# integrals of pairs are series; the centres of the windows that forced parts and antiderivatives are known for; the time for which the latter are, and
-# the carrier then
-KNOWN = record(
-    kind=INTEGER, order=INTEGER, near=(INTEGER, 2), series=INTEGER, window=NUMBER, mixed=NUMBER, reached=NUMBER, cos=NUMBER, sin=NUMBER
-)
-# rows of Account.rows, real parts, then imaginary parts: a slot's weight in its mode's velocity and in that of the force's point; the antiderivatives (of
-# loss, of work) before and after a stretch; the loss of a stretch; powers of forced parts, or moments; for either sign of the carrier, as power series,
+# what is known of a regime: its kind; how many powers of products count, how many slots turn almost like the carrier (for either sign), how many
+# pairs of slots need series; the centres of the windows that forced parts and antiderivatives are known for; until when the latter are, and the
+# carrier then
+KNOWN = record(kind=INTEGER, order=INTEGER, near=(INTEGER, 2), series=INTEGER, window=NUMBER, mixed=NUMBER, reached=NUMBER, cos=NUMBER, sin=NUMBER)
+# rows of Account.rows, real parts before imaginary ones. Of a slot: its weight in its mode's velocity and in that of the force's point;
+# antiderivatives, of loss and of work, before and after a stretch; its loss; powers of its forced part, or its moments; for either sign of the
+# carrier antiderivatives as power series, then those that are polynomials, both of loss and of work
 VELOCITY, POINT, BEGIN, END, LOSS, MOMENTS, SERIES = 0, 2, 4, 8, 12, 13, 13 + 4 * TERMS
-# antiderivatives, of loss and of work, as `forced.Forced.slots`; then columns: forced velocities as factors of the carrier, half their squares
-# (`energy_sums.square_partners`), what a stretch adds; then J rows each: weights of slots in columns, real and imaginary; pairs (`energy_pairs`)
+# of a column: forced velocity as a factor of the carrier, half its square (`energy_sums.square_partners`), what a stretch adds. Then J rows each:
+# weights of slots in columns, real and imaginary; pairs (`energy_pairs`)
 MIXED = SERIES + 8 * SERIES_TERMS
 PARTNER = MIXED + 8 * TERMS
 SQUARES, ADDED, SHAPE = PARTNER + 2 * TERMS, PARTNER + 2 * TERMS + 3 * PRODUCTS, PARTNER + 2 * TERMS + 3 * PRODUCTS + 1

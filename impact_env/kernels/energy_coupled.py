@@ -15,21 +15,17 @@ from impact_env.kernels.vector import TERMS
 @jit
 def _mend_moments(rows, window, j, scratch, z, w, powers):  # type: ignore[no-untyped-def]
     """Fill the moments of slot j, which turns almost like the carrier or its conjugate."""
-    series = scratch[MENDED:ROWS]
-    z_r, z_i, w_r, w_i = z[0, j], z[1, j], w[0, j], w[1, j]
+    z_r, z_i, w_r, w_i, found = z[0, j], z[1, j], w[0, j], w[1, j], scratch[MENDED:ROWS]
     for k in range(2):
         sign = 1.0 - 2.0 * k
         c, s, d, t = scratch[CARRIER, 0], sign * scratch[CARRIER, 1], scratch[CARRIER, 2], sign * scratch[CARRIER, 3]
         first, last = complex(z_r * c - z_i * s, z_i * c + z_r * s), complex(w_r * d - w_i * t, w_i * d + w_r * t)
-        fill_moments(complex(rows[S, j], rows[S + 1, j] + sign * window.omega), window.half, scratch, first, last, series[2 * k, :TERMS], series[2 * k + 1, :TERMS])
+        exponent, real, imag = complex(rows[S, j], rows[S + 1, j] + sign * window.omega), found[2 * k, :TERMS], found[2 * k + 1, :TERMS]
+        fill_moments(exponent, window.half, scratch, first, last, real, imag)
     for n in range(TERMS):
-        up_r, up_i, down_r, down_i = series[0, n], series[1, n], series[2, n], series[3, n]
-        powers[n, j], powers[TERMS + n, j], powers[2 * TERMS + n, j], powers[3 * TERMS + n, j] = (
-            up_r + down_r,
-            up_i - down_i,
-            up_r - down_r,
-            up_i + down_i,
-        )
+        up_r, up_i, down_r, down_i = found[0, n], found[1, n], found[2, n], found[3, n]
+        powers[n, j], powers[TERMS + n, j] = up_r + down_r, up_i - down_i
+        powers[2 * TERMS + n, j], powers[3 * TERMS + n, j] = up_r - down_r, up_i + down_i
 
 
 @jit_inline

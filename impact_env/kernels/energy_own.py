@@ -57,7 +57,7 @@ def _substitute(rows, window, sign, own, forced, at):  # type: ignore[no-untyped
 
 @jit
 def _build_up(exponent, half, j, sign, own, forced, series):  # type: ignore[no-untyped-def]
-    """Fill the series of slot j (4 SERIES_TERMS,), loss and work, real and imaginary, in powers of the time in half windows, as is its ``exponent``."""
+    """Fill the series of slot j (4 SERIES_TERMS,) in powers of the time in half windows, as is ``exponent``: loss and work, real and imaginary."""
     l_r, l_i, slots, terms = exponent.real, exponent.imag, forced.slots, forced.terms
     v_r, v_i, p_r, p_i, scale = own[VELOCITY, j], own[VELOCITY + 1, j], own[POINT, j], own[POINT + 1, j], half
     a_r, a_i, b_r, b_i = 0.0, 0.0, 0.0, 0.0
@@ -74,7 +74,7 @@ def _build_up(exponent, half, j, sign, own, forced, series):  # type: ignore[no-
         a_r, a_i, b_r, b_i = x_r / (n + 1), x_i / (n + 1), y_r / (n + 1), y_i / (n + 1)
 
 
-@jit
+@jit_inline
 def _antiderivatives(known, places, own, c, s, tau, half, at):  # type: ignore[no-untyped-def]
     """Write the antiderivatives of loss and work to own[at] ... own[at + 3], without the slots themselves.
 
@@ -101,7 +101,7 @@ def _antiderivatives(known, places, own, c, s, tau, half, at):  # type: ignore[n
         s = -s
 
 
-@jit
+@jit_inline
 def _add_losses(rows, own, z, w, found):  # type: ignore[no-untyped-def]
     """Add the integrals of the slots' velocities squared, without forced times forced, to ``found``; own[LOSS]: their decays."""
     for j in range(own.shape[1]):

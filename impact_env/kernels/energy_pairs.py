@@ -10,20 +10,26 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from impact_env.kernels.energy_moments import decay_integrals, is_close, pair_integral
-from impact_env.kernels.jit import jit
+from impact_env.kernels.jit import jit, jit_inline
 from impact_env.kernels.slot_sums import INTEGER
 from impact_env.kernels.slots import SPEED, S
 from impact_env.kernels.vector_code import LANES, Code, Complex, Sum
 
-# planes of J rows each of pairs (PLANES J, J), for slots j <= k: inverse of s_j + s_k and of s_j + conj(s_k), real and imaginary, 0 where a series is needed; which
-# of the two need one (1, 2, 3: both); integrals over a stretch of the products of real and imaginary parts of both
+# planes of pairs (PLANES J, J), of J rows each, for slots j <= k: inverse of s_j + s_k and of s_j + conj(s_k), real and imaginary, 0 where a series
+# is needed; which of the two need one (1, 2, 3: both); integrals over a stretch of the products of real and imaginary parts of both
 TOGETHER, APART, SERIES, FOUND, PLANES = 0, 2, 4, 5, 9
+
+
+@jit_inline
+def _needs_series(j, k, special):  # type: ignore[no-untyped-def]
+    """Return whether an integral of a pair is a series of its own, not that of a slot which turns and its conjugate: `decay_integrals`."""
+    return special > 0 and not (j == k and special == 2)
 
 
 @jit
 def learn_pairs(rows, pairs):  # type: ignore[no-untyped-def]
-    """Fill what a regime knows of its pairs, and return how many integrals of two different slots are series."""
-    count, size, special = 0, rows.shape[1], 0
+    """Fill what a regime knows of its pairs, and return how many need series; a slot that decays with its own conjugate is not counted."""
+    count, size = 0, rows.shape[1]
     for j in range(size):
         for k in range(j, size):
             if rows[SPEED, j] == 0.0 or rows[SPEED, k] == 0.0:
@@ -37,8 +43,7 @@ def learn_pairs(rows, pairs):  # type: ignore[no-untyped-def]
                 scale = (0.5 if j == k else 1.0) / (l_r * l_r + l_i * l_i)
                 pairs[2 * side * size + j, k], pairs[(2 * side + 1) * size + j, k] = l_r * scale, -l_i * scale
             pairs[SERIES * size + j, k] = special
-            # a slot that turns decays with its own conjugate: `decay_integrals`
-            count += 1 if special > 0 and not (j == k and special == 2) else 0
+            count += 1 if _needs_series(j, k, special) else 0
     return count
 
 
@@ -101,12 +106,12 @@ def _add_pairs(typing_context, shape, size, pairs, found):  # type: ignore[no-un
 
 @jit
 def _add_series(rows, pairs, h, z, w):  # type: ignore[no-untyped-def]
-    """Add the integrals that are series, but for those of slots that turn with themselves."""
+    """Add the integrals that are series, pair by pair."""
     size = z.shape[1]
     for j in range(size):
         for k in range(j, size):
             special = pairs[SERIES * size + j, k]
-            if special == 0.0 or (j == k and special == 2.0):
+            if not _needs_series(j, k, special):
                 continue
             factor = 0.5 if j == k else 1.0
             for side in range(2):
@@ -128,8 +133,8 @@ def _add_series(rows, pairs, h, z, w):  # type: ignore[no-untyped-def]
 def add_squares(rows, shape, pairs, series, h, z, w, decay, found):  # type: ignore[no-untyped-def]
     """Add the integrals of the squares of the velocities' free parts to ``found`` (J,).
 
-    ``shape`` (2 J, J): weights of slots in columns; z and w (2, J): the slots at begin and end of a stretch of length ``h`` (s); ``series``: how many integrals are series, from
-    `learn_pairs`; ``decay`` (J,) is scratch.
+    ``shape`` (2 J, J): weights of slots in columns; z and w (2, J): the slots at begin and end of a stretch of length ``h`` (s); ``series``: how many
+    pairs need series, from `learn_pairs`; ``decay`` (J,) is scratch.
     """
     size = z.shape[1]
     _pair_integrals(pairs, size, z, w)
@@ -142,5 +147,3 @@ def add_squares(rows, shape, pairs, series, h, z, w, decay, found):  # type: ign
     if series > 0:
         _add_series(rows, pairs, h, z, w)
     _add_pairs(shape, size, pairs, found)
-
-

@@ -118,6 +118,17 @@ def test_any_damping(damping: tuple[float, ...], absorber: Absorber) -> None:
     assert_account(Scene(own_beam(*damping), absorber), drive_of(6.0, 0.8, 1.5, periods=3))
 
 
+@pytest.mark.parametrize("periods", [0.02, 1.5, 6.0])
+@pytest.mark.parametrize(
+    "absorber", [TunedAbsorber(0.1), friction_damper(0.4, mass_ratio=0.1), SlidingAbsorber(walls=CompliantWalls(1e5, 2e-4), mass_ratio=0.1)]
+)
+def test_modes_side_by_side(absorber: Absorber, periods: float) -> None:
+    """Frequencies nearer than a twentieth: where their difference hardly turns, the integral of a pair is a series."""
+    model = ModalModel(np.array([1.0, 1.01, 1.03]) * OMEGA, np.array([0.01, 0.0, 0.02]), [0.9, -1.3, 0.4], [1.6, 1.1, -0.7], 0.6)
+    initial = InitialState(np.array([1e-3, -5e-4, 2e-4]), np.array([0.1, 0.2, -0.1]))
+    assert_account(Scene(model, absorber), drive_of(6.0, 0.95, 1.1, periods=periods, phase=0.3), initial, samples=max(SAMPLES, int(200 / periods)))
+
+
 @pytest.mark.parametrize("ratios", [(0.0, 0.02), (0.3, 0.0), (5.0, 9.0), (1.0, 1.0), (0.9, 1.1)])
 @pytest.mark.parametrize("periods", [0.02, 0.4, 3.0])
 @pytest.mark.parametrize("absorber", [None, TunedAbsorber()])
