@@ -71,7 +71,7 @@ def slot_moments(typing_context, rows, size, omega, half, scratch, z, w, powers)
                 turns = [Complex(*(code.spread(code.number(scratch, CARRIER * WIDTH + 2 * end + part)) for part in range(2))) for end in range(2)]
                 both = [y.times(Complex(turn.real, turn.imag * code.repeated(sign))) for y, turn in zip(slots, turns, strict=True)]
                 sides.append((Complex(s_r * scale, -(l_i * scale)), *both))
-            moments: list[Complex] = []
+            moments = []
             for k in range(TERMS):
                 p, q = (code.spread(end[k]) for end in ends)
                 found = []

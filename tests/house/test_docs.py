@@ -18,6 +18,7 @@ MARKED = {
     "docs/agents.md": ["policies", "sweep table", "gap table"],
     "docs/reference_levels.md": ["levels"],
     "docs/cost.md": ["cost"],
+    "docs/method.md": ["benchmark_energies"],
     "docs/environments.md": ["speeds"],
     "docs/limits.md": ["tunings"],
 }

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import benchmark
+import benchmark_energies
 import cost_of_exact
 import numpy as np
 import pytest
@@ -12,9 +13,10 @@ import reference_levels
 from click import Command
 from commands import call
 
+from impact_env import SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, TunedAbsorber
 from optimisation.report.markdown import markdown
 from optimisation.studies import levels
-from optimisation.studies.benchmarks import speed
+from optimisation.studies.benchmarks import energies, speed
 from optimisation.studies.cost import study as cost
 
 
@@ -70,6 +72,34 @@ def test_median_of_the_repeats_counts() -> None:
 def test_cases_are_the_stated_ones() -> None:
     stated = [(c.modes, c.force, c.restitution, c.friction_limit, c.reference_us) for c in speed.CASES]
     assert stated == [(3, 1.5, 1.0, None, 7.0), (10, 5.0, 1.0, None, 170.0), (30, 5.0, 1.0, None, 3000.0), (10, 3.5, 0.7, 0.1, 185.0)]
+
+
+# --- price of an energy account ------------------------------------------------------------------------------------------------------------------
+
+
+def test_quick_price_of_energies_writes_what_it_prints(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    few = (energies.CASES[0], energies.CASES[-1])
+    monkeypatch.setattr(energies, "CASES", few)
+    target, page = tmp_path / "energies.json", tmp_path / "page.md"
+    page.write_text("before\n<!-- benchmark_energies -->\nold\n<!-- /benchmark_energies -->\nafter\n")
+    result = call(benchmark_energies.main, "--quick", "--json", target, "--page", page)
+    assert result.exit_code == 0, result.output
+    values = json.loads(target.read_text())
+    assert [case["name"] for case in values["cases"]] == [case.name for case in few]
+    for case in values["cases"]:
+        assert len(case["bare_us_each"]) == len(case["energies_us_each"]) == energies.QUICK_REPEATS
+        assert case["ratio"] == pytest.approx(case["energies_us"] / case["bare_us"])
+        assert 0.0 < case["balance"] < 1e-12
+        assert case["name"] in result.output
+    events, windows = (case["stretches_per_period"] for case in values["cases"])
+    assert events > 1 > windows
+    assert_block(page, "benchmark_energies", energies.table(values["cases"]), values["machine"]["versions"]["kernels"])
+
+
+def test_energies_are_priced_in_scenes_of_every_kind() -> None:
+    regimes = {type(case.absorber) for case in energies.CASES}
+    assert {case.modes for case in energies.CASES} == {10, 30}
+    assert {type(None), StuckAbsorber, TunedAbsorber, SlidingAbsorber, SeveralAbsorbers} <= regimes
 
 
 # --- reference levels --------------------------------------------------------------------------------------------------------------------------
@@ -131,7 +161,9 @@ def test_every_force_has_an_earlier_number() -> None:
 
 
 @pytest.mark.parametrize(
-    "command", [benchmark.main, reference_levels.main, cost_of_exact.main], ids=["benchmark", "reference_levels", "cost_of_exact"]
+    "command",
+    [benchmark.main, benchmark_energies.main, reference_levels.main, cost_of_exact.main],
+    ids=["benchmark", "benchmark_energies", "reference_levels", "cost_of_exact"],
 )
 def test_bad_input_is_one_line_and_exit_code_2(command: Command, tmp_path: Path) -> None:
     missing = tmp_path / "missing" / "out.json"
