@@ -74,7 +74,7 @@ def _build_up(exponent, half, j, sign, own, forced, series):  # type: ignore[no-
         a_r, a_i, b_r, b_i = x_r / (n + 1), x_i / (n + 1), y_r / (n + 1), y_i / (n + 1)
 
 
-@jit_inline
+@jit
 def _antiderivatives(known, places, own, c, s, tau, half, at):  # type: ignore[no-untyped-def]
     """Write the antiderivatives of loss and work to own[at] ... own[at + 3], without the slots themselves.
 
@@ -101,7 +101,7 @@ def _antiderivatives(known, places, own, c, s, tau, half, at):  # type: ignore[n
         s = -s
 
 
-@jit_inline
+@jit
 def _add_losses(rows, own, z, w, found):  # type: ignore[no-untyped-def]
     """Add the integrals of the slots' velocities squared, without forced times forced, to ``found``; own[LOSS]: their decays."""
     for j in range(own.shape[1]):

@@ -183,9 +183,9 @@ def refine(terms, offset, kind, wall, b4, resolution):  # type: ignore[no-untype
         count += 1
         y, v, a, j = signal_at(terms, offset)
         if kind == REVERSAL:
-            turn = 1.0 / a
-            step = -v * turn
-            e = 0.5 * j * step * turn
+            inverse = 1.0 / a
+            step = -v * inverse
+            e = 0.5 * j * step * inverse
             step -= step * e * (1.0 - 2.0 * e)
             exact = b4 * abs(step * step * step) <= 6.0 * abs(a) * resolution and abs(e) < FEW
         else:
@@ -193,10 +193,10 @@ def refine(terms, offset, kind, wall, b4, resolution):  # type: ignore[no-untype
             g = v if kind == HIT_HIGH else -v
             c = a if kind == HIT_HIGH else -a
             k = j if kind == HIT_HIGH else -j
-            turn = 1.0 / g
-            first = d * turn
-            e = 0.5 * c * first * turn
-            step = first * (1.0 - e * (1.0 - 2.0 * e) - k * first * first * turn / 6.0)
+            inverse = 1.0 / g
+            first = d * inverse
+            e = 0.5 * c * first * inverse
+            step = first * (1.0 - e * (1.0 - 2.0 * e) - k * first * first * inverse / 6.0)
             exact = b4 * abs(step * step * step) <= 6.0 * EPSILON * g and abs(e) < FEW
         offset += step
         y += step * (v + step * (0.5 * a + step * j / 6.0))
