@@ -5,7 +5,7 @@ from __future__ import annotations
 from impact_env.kernels.energy_account import BEGIN, LOSS, MOMENTS, NEAREST, OWN, PARTNER, POINT, SERIES, SHAPE, SQUARES, VELOCITY
 from impact_env.kernels.energy_moments import CARRIER, MENDED, ROWS, fill_moments
 from impact_env.kernels.energy_own import add_free_losses
-from impact_env.kernels.energy_pairs import add_squares
+from impact_env.kernels.energy_pairs import add_pairs, integrate_pairs
 from impact_env.kernels.energy_sums import coupled_mixed, mixed_power, own_mixed, slot_moments
 from impact_env.kernels.jit import jit, jit_inline
 from impact_env.kernels.slots import S
@@ -42,7 +42,8 @@ def add_coupled(account, r, stretch, w, found):  # type: ignore[no-untyped-def]
         add_free_losses(rows, own, z, w, h, found)
         own_mixed(own[VELOCITY:POINT], size, powers, partner, found)
     else:
-        shape = own[SHAPE : SHAPE + 2 * size]
-        add_squares(rows, shape, own[SHAPE + 2 * size :], known.series, h, z, w, own[LOSS], found)
+        shape, pairs = own[SHAPE : SHAPE + 2 * size], own[SHAPE + 2 * size :]
+        integrate_pairs(rows, pairs, known.series, h, z, w, own[LOSS])
+        add_pairs(shape, size, pairs, found)
         coupled_mixed(shape, size, powers, partner, found)
     return mixed_power(own[POINT:BEGIN], size, powers, scratch)

@@ -77,7 +77,7 @@ def _pair_integrals(typing_context, pairs, size, z, w):  # type: ignore[no-untyp
 
 
 @intrinsic
-def _add_pairs(typing_context, shape, size, pairs, found):  # type: ignore[no-untyped-def]
+def add_pairs(typing_context, shape, size, pairs, found):  # type: ignore[no-untyped-def]
     """Add the squares of the velocities' free parts to ``found`` (size,)."""
 
     def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
@@ -130,11 +130,10 @@ def _add_series(rows, pairs, h, z, w):  # type: ignore[no-untyped-def]
 
 
 @jit
-def add_squares(rows, shape, pairs, series, h, z, w, decay, found):  # type: ignore[no-untyped-def]
-    """Add the integrals of the squares of the velocities' free parts to ``found`` (J,).
+def integrate_pairs(rows, pairs, series, h, z, w, decay):  # type: ignore[no-untyped-def]
+    """Fill FOUND for a stretch of length ``h`` (s), with the slots z at its begin and w at its end (2, J).
 
-    ``shape`` (2 J, J): weights of slots in columns; z and w (2, J): the slots at begin and end of a stretch of length ``h`` (s); ``series``: how many
-    pairs need series, from `learn_pairs`; ``decay`` (J,) is scratch.
+    ``series``: how many pairs need series, from `learn_pairs`; ``decay`` (J,) is scratch.
     """
     size = z.shape[1]
     _pair_integrals(pairs, size, z, w)
@@ -146,4 +145,3 @@ def add_squares(rows, shape, pairs, series, h, z, w, decay, found):  # type: ign
             pairs[(FOUND + 1) * size + j, j] += own
     if series > 0:
         _add_series(rows, pairs, h, z, w)
-    _add_pairs(shape, size, pairs, found)
