@@ -1,4 +1,4 @@
-"""Time of an integration alone: compiled, in one thread, and with nothing observed."""
+"""Time of an integration alone: compiled, in one thread, and with nothing observed unless it is asked for."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ class Timed:
     drive: Drive
     method: Method
     most_events: int | None = None
+    record: Record = BARE
 
     def __post_init__(self) -> None:
         schedule = constant_frequency(self.drive.schedule.reference, 1.0, 1.0)
-        simulate(self.scene, Drive(self.drive.amplitude, schedule, self.drive.phase), self.method, record=BARE)
+        simulate(self.scene, Drive(self.drive.amplitude, schedule, self.drive.phase), self.method, record=self.record)
 
     def run(self) -> Response:
-        """Return a response without records; its ``wall_time`` is the time in s."""
-        return simulate(self.scene, self.drive, self.method, record=BARE, most_events=self.most_events)
+        """Return a response; its ``wall_time`` is the time in s."""
+        return simulate(self.scene, self.drive, self.method, record=self.record, most_events=self.most_events)

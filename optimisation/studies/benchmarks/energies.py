@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from tqdm import tqdm
 
-from impact_env.drive import PAPER_RATE, Drive, constant_frequency, linear_sweep
+from impact_env.drive import PAPER_RATE, Drive, linear_sweep
+from impact_env.methods import Exact
 from impact_env.parameters import (
     Beam,
     CompliantWalls,
@@ -24,17 +25,17 @@ from impact_env.parameters import (
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.shared_mass import impact_absorbers
-from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
 from optimisation.studies.one_table import table_study
 from optimisation.studies.study import Json, Measured
+from optimisation.studies.timing import Timed
 
 NAME = "benchmark_energies"
 START = 0.9  # of the first resonance; with the whole length the sweep ends at 1.06
 WHOLE, QUICK = 1600.0, 40.0  # pseudo periods
 REPEATS, QUICK_REPEATS = 40, 3
 STIFFNESS = 1e6  # N/m, of compliant walls
-BARE, ENERGIES = Record(), Record(energy=True)
+LEVEL, ENERGIES = Record(), Record(energy=True)
 
 
 class Settings(NamedTuple):
@@ -107,15 +108,13 @@ class Times:
 def measure(case: Case, settings: Settings, advance: Callable[[], object]) -> Times:
     """Time both in turn, so that a machine that slows down meets both."""
     scene, periods = case.scene(), settings.periods
-    reference = scene.model.resonance_omega(1)
-    drive, short = Drive(case.force, linear_sweep(reference, START, START + periods * PAPER_RATE / 1e4)), constant_frequency(reference, 1.0, 1.0)
-    for record in (BARE, ENERGIES):
-        simulate(scene, Drive(case.force, short), record=record)
+    drive = Drive(case.force, linear_sweep(scene.model.resonance_omega(1), START, START + periods * PAPER_RATE / 1e4))
+    bare, watched = (Timed(scene, drive, Exact(), record=record) for record in (LEVEL, ENERGIES))
     times: tuple[list[float], list[float]] = ([], [])
     stretches, balance = 0.0, 0.0
     for _ in range(settings.repeats):
-        times[0].append(1e6 * simulate(scene, drive, record=BARE).wall_time / periods)
-        response = simulate(scene, drive, record=ENERGIES)
+        times[0].append(1e6 * bare.run().wall_time / periods)
+        response = watched.run()
         times[1].append(1e6 * response.wall_time / periods)
         assert response.energy is not None
         stretches, balance = response.steps / periods, response.energy.relative_error
