@@ -95,5 +95,6 @@ def _book(account, r, losses, found, work):  # type: ignore[no-untyped-def]
     else:
         for i in range(modes):
             account.modal[i] += losses.rate[i] * found[i]
-        totals.absorber_damping += losses.damper * found[modes]
+        if losses.damper > 0.0:  # else there may be no column for it
+            totals.absorber_damping += losses.damper * found[modes]
     totals.work += work

@@ -7,7 +7,10 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
 
+from places import ROOT  # noqa: E402
+
 from impact_env.parameters import ParameterError  # noqa: E402
+from optimisation.rl.agents import load_agent  # noqa: E402
 from optimisation.rl.play import GAP, SWEEP, play  # noqa: E402
 from optimisation.rl.policies import Constant, Random  # noqa: E402
 
@@ -92,3 +95,13 @@ class Crooked:
 def test_bad_input_is_named(call: Any, words: str) -> None:
     with pytest.raises(ParameterError, match=words.replace("(", r"\(")):
         call()
+
+
+def test_how_many_are_played_together_moves_no_mean() -> None:
+    """Products of matrices round by the batch, and impacts make much of it: an agent's episodes differ, by chance and no more."""
+    agent, seeds = load_agent(ROOT / "docs" / "agents" / "friction" / "ppo" / "seed-0" / "final.npz"), range(2_000_000, 2_000_140)
+    together = play(agent, agent.env_id, seeds).scores
+    by_sevens = np.concatenate([play(agent, agent.env_id, seeds[k : k + 7]).scores for k in range(0, len(seeds), 7)])
+    differences = by_sevens - together
+    assert abs(differences.mean()) <= 5 * differences.std(ddof=1) / np.sqrt(len(seeds))
+    assert differences.std() < 0.5 * together.std()  # a seed says more than chance
