@@ -22,7 +22,7 @@ def end_of_flight(slots, forced, window, walls, limit, body, bent, length):  # t
     if walls is not None:
         gap = walls.gap
     if limit is None:
-        return search(course, Guards(-gap, gap, int(now.side), None, False), length, window.half)
+        return search(course, Guards(-gap, gap, int(now.side), None, now.at_rest and now.side != 0.0), length, window.half)
     if walls is None:
         return search(course, Guards(None, None, 0, now.sign, now.at_rest), length, window.half)
     # only the wall ahead can be reached before the relative velocity turns

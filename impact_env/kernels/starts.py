@@ -18,8 +18,9 @@ from impact_env.kernels.signals import HIT_HIGH, HIT_LOW, NOISE, NOTHING, REVERS
 from impact_env.kernels.slots import FASTEST, SPEED, high_derivatives
 
 MICRO_REACH = 0.01
+FINEST = 2.0**-20  # of the reach
 RATE_NOISE = 16.0 * NOISE  # rounding of a computed rate, relative to its scale
-BEND_NOISE = 1e-11  # of a second derivative's scale: above the rounding of a change of basis
+BEND_NOISE = 1e-9  # of a second derivative's scale: above the rounding of a change of basis, as `rigid_contact.JOINT_SLACK`
 
 
 @jit_inline
@@ -28,24 +29,54 @@ def micro_reach(course):  # type: ignore[no-untyped-def]
     return MICRO_REACH / max(course.slots.scale[FASTEST], course.omega)
 
 
+@jit_inline
+def series(t, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
+    """Return d + v t + a t^2/2 + j t^3/6 + s t^4/24 + c t^5/120."""
+    return d + t * (v + t * (a / 2 + t * (j / 6 + t * (s / 24 + t * c / 120))))
+
+
+@jit_inline
+def sign_changes(l, h, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
+    """Return (changes, end): of sign between the Bernstein coefficients of `series` over (l, l + h), which bound its roots there; its value at the end."""
+    p1 = h * series(l, v, a, j, s, c, 0.0) / 5
+    p2 = h * h * series(l, a, j, s, c, 0.0, 0.0) / 20
+    p3 = h * h * h * series(l, j, s, c, 0.0, 0.0, 0.0) / 60
+    p4 = h * h * h * h * series(l, s, c, 0.0, 0.0, 0.0, 0.0) / 120
+    b0, end = series(l, d, v, a, j, s, c), series(l + h, d, v, a, j, s, c)
+    b1, b2, b3 = b0 + p1, b0 + 2 * p1 + p2, b0 + 3 * p1 + 3 * p2 + p3
+    n0, n1, n2, n3, n4, n5 = b0 < 0.0, b1 < 0.0, b2 < 0.0, b3 < 0.0, b0 + 4 * p1 + 6 * p2 + 4 * p3 + p4 < 0.0, end < 0.0
+    return (n0 != n1) + (n1 != n2) + (n2 != n3) + (n3 != n4) + (n4 != n5), end
+
+
 @jit
 def micro_root(d, v, a, j, s, c, reach):  # type: ignore[no-untyped-def]
-    """Return the first root in (0, reach] of d + v t + a t^2/2 + j t^3/6 + s t^4/24 + c t^5/120, or -1 if it does not turn negative."""
-    previous = 0.0
-    for k in range(1, 5):
-        t = reach * k / 4
-        if d + t * (v + t * (a / 2 + t * (j / 6 + t * (s / 24 + t * c / 120)))) < 0.0:
-            left, right = previous, t
+    """Return the first root in (0, reach] of `series`, or -1 if it does not turn negative; d below 0 is rounding.
+
+    Intervals are halved until the coefficients allow no root or only one. What dips below 0 within less than FINEST of the reach is below the
+    rounding of the signal.
+    """
+    start = max(d, 0.0)
+    if sign_changes(0.0, reach, start, v, a, j, s, c)[0] == 0:
+        return -1.0
+    left, h = 0.0, reach / 4
+    while left < reach:
+        h = min(h, reach - left)
+        changes, end = sign_changes(left, h, start, v, a, j, s, c)
+        right = left + h
+        if end < 0.0 and (changes == 1 or h <= FINEST * reach):
             for _ in range(200):
                 mid = 0.5 * (left + right)
                 if mid <= left or mid >= right:
                     break
-                if d + mid * (v + mid * (a / 2 + mid * (j / 6 + mid * (s / 24 + mid * c / 120)))) > 0.0:
+                if series(mid, d, v, a, j, s, c) > 0.0:
                     left = mid
                 else:
                     right = mid
             return right
-        previous = t
+        if changes == 0 or h <= FINEST * reach:
+            left, h = right, min(2 * h, reach / 4)
+        else:
+            h /= 2
     return -1.0
 
 
@@ -97,10 +128,22 @@ def first_reversal(guards, now, high, reach):  # type: ignore[no-untyped-def]
 
 @jit_inline
 def first_hit(guards, now, v, high, reach):  # type: ignore[no-untyped-def]
-    """Return (time, event) of the first hit within ``reach`` (s), else a time of -1: back on the wall that the signal starts on, or ahead."""
+    """Return (time, event) of the first hit within ``reach`` (s), else a time of -1.
+
+    From a wall: back on it, or on the opposite one, whichever is first. In a gap far below the amplitudes that one, too, lies within reach: a flight
+    that is slow beside them makes up to b2 reach^2 in it, 1e-4 of the amplitudes. What begins at rest on a wall leaves it. From a start at rate
+    zero inside the cavity: the wall ahead.
+    """
     side, (j, s, c) = guards.side, high
     if side != 0:
-        return micro_root(-side * v, -side * now.a / 2, -side * j / 3, -side * s / 4, -side * c / 5, 0.0, reach), HIT_HIGH if side > 0 else HIT_LOW
+        bend = -side * now.a
+        if guards.zero_rate and -BEND_NOISE * now.b2 <= bend < 0.0:
+            bend = 0.0
+        back = micro_root(-side * v, bend / 2, -side * j / 3, -side * s / 4, -side * c / 5, 0.0, reach)
+        across = micro_root(guards.high - guards.low, side * v, side * now.a, side * j, side * s, side * c, reach if back < 0.0 else back)
+        if across >= 0.0:
+            return across, HIT_LOW if side > 0 else HIT_HIGH
+        return back, HIT_HIGH if side > 0 else HIT_LOW
     if guards.low is None or guards.direction is None:
         return -1.0, NOTHING
     direction = guards.direction
