@@ -24,13 +24,13 @@ def checked_budget(most_events: int | None) -> int | None:
 def counters_for(drive: Drive, most_events: int | None, check: Check | None = None) -> Counters:
     """Return a run's counters with its budget; None is the default, which grows with the time reached.
 
-    The budget of evaluations never is below that of the default.
+    Evaluations are EVALUATIONS_PER_EVENT for each event; where events are given, as many for each pseudo period that has passed, too.
     """
-    per_second = EVENTS_PER_PERIOD / drive.schedule.pseudo_period
-    evaluations, evaluations_per_s = EVALUATIONS_PER_EVENT * FIRST_EVENTS, EVALUATIONS_PER_EVENT * per_second
-    if most_events is None:
-        return new_counters(FIRST_EVENTS, per_second, evaluations, evaluations_per_s, check)
-    return new_counters(most_events, 0.0, max(evaluations, EVALUATIONS_PER_EVENT * most_events), evaluations_per_s, check)
+    events, per_period, evaluations_per_period = FIRST_EVENTS, EVENTS_PER_PERIOD, EVALUATIONS_PER_EVENT * EVENTS_PER_PERIOD
+    if most_events is not None:
+        events, per_period, evaluations_per_period = most_events, 0, EVALUATIONS_PER_EVENT
+    period = drive.schedule.pseudo_period
+    return new_counters(events, per_period / period, EVALUATIONS_PER_EVENT * events, evaluations_per_period / period, check)
 
 
 def onwards(progress: Watcher) -> Watcher:

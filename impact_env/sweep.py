@@ -39,7 +39,7 @@ class IntegrationError(RuntimeError):
 
 
 REASONS = {
-    observers.TOO_MANY_EVENTS: "more events than its budget (restitution 1 bounces for ever where the absorber is pressed to its wall)",
+    observers.TOO_MANY_EVENTS: "more events than its budget",
     observers.TOO_MANY_EVALUATIONS: "the searches for its events take more evaluations than its budget",
     observers.SEARCH_GAVE_UP: "a search for the next event came to no end",
     observers.NOT_FINITE: "the state is not finite: the step is above its stability limit, or a parameter is extreme",
@@ -47,7 +47,7 @@ REASONS = {
     observers.STOPPED: "it was told to stop",
 }
 ADVICE = {
-    observers.TOO_MANY_EVENTS: "raise most_events, or take friction, restitution below 1 or more damping, which have fewer events",
+    observers.TOO_MANY_EVENTS: "raise most_events; a lower restitution, more friction or more damping has fewer events",
     observers.TOO_MANY_EVALUATIONS: "raise most_events, or take fewer modes or more damping",
     observers.SEARCH_GAVE_UP: "change a parameter a little, or take fewer modes",
     observers.NOT_FINITE: "take a shorter step, or milder parameters",
@@ -88,8 +88,8 @@ def simulate(
 ) -> Response:
     """Integrate a scene under a drive from an initial state (default: rest) and return what ``record`` asks for (default: the level).
 
-    The exact method may use ``most_events`` events (default: a million, and 5,000 for each pseudo period that has passed), so that no run goes on
-    for ever. ``progress`` is told the time reached and the end time in s, ten times a second and at the end; the run then takes a thread of its own,
+    The exact method may use ``most_events`` events (default: a million, and 5,000 for each pseudo period that has passed), and 40 evaluations for
+    each of them and for each pseudo period, so that no run goes on for ever. ``progress`` is told the time reached and the end time in s, ten times a second and at the end; the run then takes a thread of its own,
     and a KeyboardInterrupt ends it at its next event. Without ``progress`` the interrupt waits for the run's end.
 
     Raises ParameterError if the method cannot do the scene, its step is too long, a stuck absorber is too heavy or the start is impossible,

@@ -18,6 +18,12 @@ LONG_SEARCH = 2_000_000  # evaluations after which a search gives up
 
 
 @jit_inline
+def limit_searches(memory, counters):  # type: ignore[no-untyped-def]
+    """Let no search of a run, which begins, use more evaluations than the run may; ``memory`` as in `signals.Signal`."""
+    memory[1] = min(memory[1], counters.counts.most_evaluations)
+
+
+@jit_inline
 def progress(counters, window, tau, last, stalled):  # type: ignore[no-untyped-def]
     """Count the stretch from ``last`` to tau (s from the window's centre); return the events in a row without progress in time, and a status code."""
     counts = counters.counts
@@ -25,6 +31,8 @@ def progress(counters, window, tau, last, stalled):  # type: ignore[no-untyped-d
     searched = counts.evaluations - counts.searched
     counts.searched = counts.evaluations
     if not np.isfinite(tau):
+        if searched >= counts.most_evaluations:
+            return stalled, TOO_MANY_EVALUATIONS
         return stalled, SEARCH_GAVE_UP if searched >= LONG_SEARCH else NOT_FINITE
     time = window.centre + tau
     counts.reached = time

@@ -179,8 +179,9 @@ def careful_search(course, guards, start, stop, length):  # type: ignore[no-unty
     Other arguments as in `search.search`. An event between ``stop`` and ``length`` may be returned.
     """
     resolution, on_guard = time_resolution(course.slots.rows, course.omega, length), guards.side != 0 or guards.zero_rate
+    most = min(MAX_EVALUATIONS, course.signal.memory[1])
     noise, offset, count, reach = NOISE * signal_scale(course.signal, course.forced.bound), start, 0, stop - start
-    while offset < stop and count < MAX_EVALUATIONS:
+    while offset < stop and count < most:
         count += 1
         now, first = bounded_at(course, offset), on_guard and offset == 0.0
         if offset == 0.0 and noise == 0.0 and now.v == 0.0 and now.a == 0.0:
@@ -212,4 +213,4 @@ def careful_search(course, guards, start, stop, length):  # type: ignore[no-unty
         if step <= resolution:  # also below zero: both walls are nearer than the signal's rounding
             return Event(nearest_event(guards, now), offset, now.y, now.v, now.a, count)
         offset += step
-    return given_up(count) if count >= MAX_EVALUATIONS else Event(NOTHING, max(stop, offset), 0.0, 0.0, 0.0, count)
+    return given_up(count) if count >= most else Event(NOTHING, max(stop, offset), 0.0, 0.0, 0.0, count)

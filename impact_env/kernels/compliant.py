@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.budget import progress
+from impact_env.kernels.budget import limit_searches, progress
 from impact_env.kernels.check import Guard, sample_guard
 from impact_env.kernels.energies import add_energy
 from impact_env.kernels.energy_account import new_account, observe_with
@@ -238,6 +238,7 @@ def compliant_lane(scene, schedule, state, observe):  # type: ignore[no-untyped-
     The friction loss contains what the slider's spring holds at the end.
     """
     room, status, counts = new_room(scene.regimes, state), DONE, observe.counters.counts
+    limit_searches(room.signal.memory, observe.counters)
     seen = observe_with(observe, new_account(observe.energy, 4, room.work.z.shape[1]))
     begin(scene.springs, scene.gap, scene.limit, room.now[0], state, scene.contact, observe.counters)
     for k in range(schedule.times.shape[0] - 1):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.budget import progress
+from impact_env.kernels.budget import limit_searches, progress
 from impact_env.kernels.energy_account import new_account, observe_with
 from impact_env.kernels.forced import add_forced, solve_forced
 from impact_env.kernels.free_and_joined import begin, body_of, enter, fly, free_state, hold, new_room, release, try_join
@@ -126,6 +126,7 @@ def exact_stretch(scene, schedule, k, started, room, state, observe):  # type: i
 def exact_lane(scene, schedule, state, observe):  # type: ignore[no-untyped-def]
     """Integrate one lane of a `free_and_joined.Rigid` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end."""
     room, status = new_room(scene.free, scene.joined, state), DONE
+    limit_searches(room.signal.memory, observe.counters)
     seen = observe_with(observe, new_account(observe.energy, 2, scene.free.slots.rows.shape[1]))
     for k in range(schedule.times.shape[0] - 1):
         status = exact_stretch(scene, schedule, k, k > 0, room, state, seen)

@@ -34,7 +34,6 @@ from impact_env.kernels.vector import COS, FORCED, POINTS, ROW, SIN, Place, Step
 SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
 SLOPE_ERROR = 1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
 INSIDE = 0.5 + 1e-9  # of a step, from its middle
-MOST_SCANS = 20_000_000
 MOST_TURNS = 2_000  # blocks after which the moving amplitudes are computed anew, long before their rounding comes near SCAN_NOISE
 
 
@@ -136,7 +135,7 @@ def search(course, guards, length, half):  # type: ignore[no-untyped-def]
     memory, top = course.signal.memory, coarsest_level(course.slots.steps, half)
     level, up, careful, count = min(int(memory[0]), top), False, 1.0, 0
     place, step = Place(0.0, 0.0, 0.0, MOST_TURNS), Step(-1, 0.0, 0, 0.0, 0.0)
-    while place.offset < length and count < MOST_SCANS:
+    while place.offset < length and count < memory[1]:
         count += 1
         if place.turns >= MOST_TURNS:
             place = begin_at(course, place.offset)
@@ -171,4 +170,4 @@ def search(course, guards, length, half):  # type: ignore[no-untyped-def]
                 if found.kind != NOTHING or np.isnan(found.offset):
                     return counted(found, count)
                 place, careful = Place(found.offset, 0.0, 0.0, MOST_TURNS), 2.0 * careful
-    return given_up(count) if count >= MOST_SCANS else Event(NOTHING, length, 0.0, 0.0, 0.0, count)
+    return given_up(count) if count >= memory[1] else Event(NOTHING, length, 0.0, 0.0, 0.0, count)

@@ -16,7 +16,7 @@ from impact_env.kernels.forced import DERIVATIVES, SCANNED, SIGNALS, Forced, add
 from impact_env.kernels.jit import jit, jit_room, jit_view
 from impact_env.kernels.rigid_contact import JOINED, largest_kick
 from impact_env.kernels.segments import Regime, to_slots
-from impact_env.kernels.signals import Signal
+from impact_env.kernels.signals import MOST_EVALUATIONS, Signal
 from impact_env.kernels.slots import REST, Slots, add
 from impact_env.kernels.vector import BLOCK, POINTS, TERMS
 
@@ -94,7 +94,9 @@ def new_flow(sets):  # type: ignore[no-untyped-def]
 def new_signals(sets):  # type: ignore[no-untyped-def]
     """Return room for the absorbers' signals."""
     n, size = sets.bent.shape[2], sets.rows.shape[3]
-    return Signals(np.zeros((n, 2, size)), np.zeros((n, 3)), np.zeros((n, 6 * size)), np.zeros((n, BLOCK)), np.zeros((n, 1)))
+    memory = np.zeros((n, 2))
+    memory[:, 1] = MOST_EVALUATIONS
+    return Signals(np.zeros((n, 2, size)), np.zeros((n, 3)), np.zeros((n, 6 * size)), np.zeros((n, BLOCK)), memory)
 
 
 @jit_room

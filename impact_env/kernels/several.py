@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.budget import progress
+from impact_env.kernels.budget import limit_searches, progress
 from impact_env.kernels.check import check_set
 from impact_env.kernels.energies import add_energy
 from impact_env.kernels.energy_account import new_account, observe_with
@@ -221,6 +221,8 @@ def several_stretch(scene, schedule, k, started, room, state, observe):  # type:
 def several_lane(scene, schedule, state, observe):  # type: ignore[no-untyped-def]
     """Integrate one lane of a `Several` scene of n absorbers and return a status code; ``state`` (2 N_m + 2 n,) is the start and becomes the end."""
     sets, room, status, counts = scene.sets, new_room(scene.sets, scene.absorbers, state), DONE, observe.counters.counts
+    for a in range(room.now.shape[0]):
+        limit_searches(room.signals.memory[a], observe.counters)
     seen = observe_with(observe, new_account(observe.energy, sets.rows.shape[0], sets.rows.shape[3]))
     for k in range(schedule.times.shape[0] - 1):
         status = several_stretch(scene, schedule, k, k > 0, room, state, seen)

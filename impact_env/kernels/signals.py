@@ -20,6 +20,7 @@ NOTHING, HIT_LOW, HIT_HIGH, REVERSAL = 0, 1, 2, 3
 TIME_RESOLUTION = 5e-15  # of the time scale of the slowest slot, or of a quicker force
 EPSILON = 2.2e-16
 NOISE = 4.0 * EPSILON  # rounding of a computed signal, relative to its scale
+MOST_EVALUATIONS = 2e7  # of a search
 FEW = 1e-4  # of the curvature's share of a step in Newton's: there its series is as good as its root
 
 
@@ -27,8 +28,8 @@ class Signal(NamedTuple):
     """A guard signal from a reference time on, and room for its search.
 
     Slots' amplitudes ``u`` (2, J); a polynomial p0 + p1 t + p2 t^2/2 (3,); the amplitudes of value, rate and bend where the search is,
-    ``moving`` (6 J,) = (3, 2, J); ``block`` (BLOCK,) of vector.py; ``memory`` (1,): the level to
-    begin with.
+    ``moving`` (6 J,) = (3, 2, J); ``block`` (BLOCK,) of vector.py; ``memory`` (2,): the level to
+    begin with, and the evaluations that a search may use.
     """
 
     u: NDArray[np.float64]
@@ -101,7 +102,7 @@ class Event(NamedTuple):
 @jit_room
 def new_signal(size):  # type: ignore[no-untyped-def]
     """Return room for a signal of ``size`` slots."""
-    return Signal(np.zeros((2, size)), np.zeros(3), np.zeros(6 * size), np.zeros(BLOCK), np.zeros(1))
+    return Signal(np.zeros((2, size)), np.zeros(3), np.zeros(6 * size), np.zeros(BLOCK), np.array([0.0, MOST_EVALUATIONS]))
 
 
 @jit_view
