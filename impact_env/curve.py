@@ -1,6 +1,6 @@
 """Performance curves: response level over the force's amplitude, as an ensemble with a band (paper, section 3.3).
 
-In the impact regimes a level is a random variable: runs that differ by rounding part after some impacts. A curve is therefore
+In the impact regimes a level is a random variable: runs that differ in the last digits of anything part after some impacts. A curve is therefore
 computed over members that differ in the initial phase of the force and, by a millionth at most, in its amplitude; it has a median and a band.
 """
 

@@ -26,7 +26,7 @@ from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
 PERTURBATION = 1e-6  # of the force: far above rounding and far below what a force is known to
-MemberKind = Literal["both", "phase", "rounding"]
+MemberKind = Literal["both", "phase", "force"]
 Progress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
 LANES_A_BATCH = 4  # that an executor gets at once: few enough to spread, and more work than it takes to send them
 T = TypeVar("T")
@@ -104,15 +104,15 @@ class Members:
 def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
     """Return the members of an ensemble. Member 0 is the paper's run: phase 0, and the force as it is.
 
-    Every other one stands for what nobody knows about a run, which impacts amplify: when it began, a phase uniform in [0, 2 pi), and how it
-    is rounded, a force changed by a share that is uniform within `PERTURBATION`. ``kind`` "phase" and "rounding" leave one of them
-    out. More members with the same seed continue the same lists, and a kind's list does not depend on the other.
+    Every other one stands for what nobody knows about a run, which impacts amplify: when it began, a phase uniform in [0, 2 pi), and the
+    force's last digits, a share uniform within `PERTURBATION`, which is far above rounding. ``kind`` "phase" and "force" vary one of them
+    alone. More members with the same seed continue the same lists, and a kind's list does not depend on the other.
     """
     count("members", members, 1)
     require(kind in get_args(MemberKind), "kind", kind, " or ".join(get_args(MemberKind)))
     own = np.random.SeedSequence(count("seed", seed, 0))
     phases, factors = np.zeros(members), np.ones(members)
-    if kind != "rounding":
+    if kind != "force":
         phases[1:] = np.random.default_rng(own).uniform(0, 2 * np.pi, members - 1)
     if kind != "phase":
         factors[1:] += np.random.default_rng(own.spawn(1)[0]).uniform(-PERTURBATION, PERTURBATION, members - 1)

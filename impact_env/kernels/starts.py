@@ -20,7 +20,7 @@ from impact_env.kernels.slots import FASTEST, SPEED, high_derivatives
 MICRO_REACH = 0.01
 FINEST = 2.0**-20  # of the reach
 RATE_NOISE = 16.0 * NOISE  # rounding of a computed rate, relative to its scale
-BEND_NOISE = 1e-9  # of a second derivative's scale: above the rounding of a change of basis, as `rigid_contact.JOINT_SLACK`
+BEND_NOISE = 1e-10  # of a second derivative's scale: above the rounding of a change of basis
 
 
 @jit_inline

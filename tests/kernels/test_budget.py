@@ -19,6 +19,7 @@ from impact_env import (
     FrequencySchedule,
     InitialState,
     IntegrationError,
+    ModalModel,
     Moreau,
     ParameterError,
     Record,
@@ -174,7 +175,8 @@ def test_bad_budgets(value: object) -> None:
         ("evaluations", 10.0, 0.5, observers.DONE),
         ("evaluations", 41.0, 0.5, observers.TOO_MANY_EVALUATIONS),
         ("evaluations", 10.0, math.nan, observers.NOT_FINITE),
-        ("evaluations", float(LONG_SEARCH), math.nan, observers.SEARCH_GAVE_UP),
+        ("evaluations", 30.0, math.nan, observers.TOO_MANY_EVALUATIONS),
+        ("most_evaluations", math.inf, math.nan, observers.SEARCH_GAVE_UP),
         ("events", 10.0, 0.5, observers.DONE),
         ("events", 19.0, 0.5, observers.TOO_MANY_EVENTS),
         ("stop", True, 0.5, observers.STOPPED),
@@ -182,6 +184,7 @@ def test_bad_budgets(value: object) -> None:
 )
 def test_why_a_run_ends(name: str, value: float, tau: float, status: int) -> None:
     counters = new_counters(events=10, events_per_s=1.0, evaluations=20, evaluations_per_s=2.0)
+    counters.counts["evaluations"] = LONG_SEARCH if name == "most_evaluations" else 0
     counters.counts[name] = value
     window = Window(8.5, 1.0, 1.0, 0.0, 0.0, 0.0)
     assert progress(counters, window, tau, 0.0, 0)[1] == status
@@ -257,3 +260,14 @@ def test_ctrl_c_ends_a_very_long_run() -> None:
     assert time.perf_counter() - began < 2.0
     assert process.returncode == -signal.SIGINT
     assert errors.rstrip().endswith("KeyboardInterrupt")
+
+
+def test_a_budget_of_events_bounds_what_a_search_may_cost() -> None:
+    """Frequencies over seven decades: one search of these could take millions of evaluations."""
+    modes = 60
+    shapes = np.cos(np.arange(2 * modes)).reshape(2, modes)
+    scene = Scene(ModalModel(np.geomspace(0.9, 3.2e6, modes), np.full(modes, 1e-6), *shapes, 1.0), impact_absorber(1e-12))
+    with pytest.raises(IntegrationError, match="budget") as caught:
+        simulate(scene, Drive(3.5, constant_frequency(0.9, 1.0, 1e6)), record=Record(events=True), most_events=2000)
+    assert caught.value.response is not None
+    assert caught.value.response.evaluations < 2 * 40 * 2000 + 40 * 10

@@ -114,15 +114,15 @@ def band_row(kind: str, member: int, level: float, group: int) -> settings.Row:
 def test_bands_compare_the_kinds_of_members() -> None:
     generator = np.random.default_rng(6)
     rows = [band_row("phase", k, x, k) for k, x in enumerate(generator.normal(1.0, 0.1, 80))]
-    rows += [band_row("rounding", k, x, k) for k, x in enumerate(generator.normal(1.2, 0.1, 80))]
+    rows += [band_row("force", k, x, k) for k, x in enumerate(generator.normal(1.2, 0.1, 80))]
     rows += [band_row("both", k, x, k) for k, x in enumerate(generator.normal(1.0, 0.1, 80))]
     rows += [
         band_row(bands.CROSSED, k, x, k // 8) for k, x in enumerate(np.repeat(generator.normal(1.0, 0.1, 10), 8) + generator.normal(0, 0.01, 80))
     ]
-    both, phase, rounding = bands.bands(rows)
-    assert [band.kind for band in (both, phase, rounding)] == list(bands.KINDS)
-    assert phase.against("rounding")[1] < 1e-9 < 0.01 < both.against("phase")[1]
-    low, middle, high = rounding.quantiles
+    both, phase, force = bands.bands(rows)
+    assert [band.kind for band in (both, phase, force)] == list(bands.KINDS)
+    assert phase.against("force")[1] < 1e-9 < 0.01 < both.against("phase")[1]
+    low, middle, high = force.quantiles
     assert low < 1.1 < middle < 1.3 < high
     assert both.between is not None
     assert both.between[0] > 0.9
@@ -138,7 +138,7 @@ def test_members_of_a_band_are_of_their_kind() -> None:
     for kind, step in zip((*bands.KINDS, bands.CROSSED), found, strict=False):
         assert {row["kind"] for row in step} == {kind}
         phases, factors = {row["phase_rad"] for row in step}, {row["force_factor"] for row in step}
-        assert (len(phases), len(factors)) == {"phase": (4, 1), "rounding": (1, 4), "both": (4, 4), bands.CROSSED: (2, 4)}[kind]
+        assert (len(phases), len(factors)) == {"phase": (4, 1), "force": (1, 4), "both": (4, 4), bands.CROSSED: (2, 4)}[kind]
         assert len({row["level_m"] for row in step}) == 4
     assert [row["group"] for row in found[3]] == [0, 0, 1, 1]
 

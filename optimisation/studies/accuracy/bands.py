@@ -1,4 +1,4 @@
-"""What a band stands for: levels of members that differ in the force's initial phase, by rounding, or in both, and how much the phases explain."""
+"""What a band stands for: levels of members that differ in the force's initial phase, by a millionth in its amplitude, or in both, and how much the phases explain."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from optimisation.studies.accuracy.statistics import between_groups, kolmogorov_
 
 NAME = "bands"
 KIND, MODES = "impact, e = 0.7, with friction", 10
-CROSSED = "phases x roundings"
+CROSSED = "phases x forces"
 KINDS: tuple[MemberKind, ...] = get_args(MemberKind)
 DIRECTIONS = ("up", "down")
 
@@ -30,7 +30,7 @@ def _plans(settings: Settings) -> Iterator[tuple[str, Members, int]]:
         yield kind, draw_members(settings.band_members + 1, settings.seed + k, kind)[1:], 1
     phases, repeats, seed = settings.band_phases, settings.band_repeats, settings.seed + len(KINDS)
     drawn = draw_members(phases + 1, seed, "phase").phases[1:]
-    yield CROSSED, Members(np.repeat(drawn, repeats), draw_members(phases * repeats + 1, seed, "rounding").factors[1:]), repeats
+    yield CROSSED, Members(np.repeat(drawn, repeats), draw_members(phases * repeats + 1, seed, "force").factors[1:]), repeats
 
 
 def key(row: Row) -> tuple[str, str]:
@@ -72,7 +72,7 @@ def _measured(direction: str, name: str, members: Members, shared: int) -> list[
 
 @dataclass(frozen=True)
 class Band:
-    """One kind of members in one direction: levels in m, and those of the other kinds by name; ``groups`` (phases, roundings) or None."""
+    """One kind of members in one direction: levels in m, and those of the other kinds by name; ``groups`` (phases, forces) or None."""
 
     direction: str
     kind: str

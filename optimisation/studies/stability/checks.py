@@ -12,6 +12,7 @@ from impact_env import (
     CompliantWalls,
     Drive,
     ElasticCoulombFriction,
+    IntegrationError,
     ModalModel,
     Record,
     Scene,
@@ -38,12 +39,35 @@ class CheckCase:
     """A scene whose runs are checked."""
 
     name: str
-    scene: Callable[[], Scene]
+    scene: Callable[[np.random.Generator], Scene]
 
 
 def beam(modes: int, absorber: Absorber) -> Scene:
     """Return the paper's beam with so many modes and an absorber."""
     return beam_scene(Beam(modes=modes), absorber)
+
+
+def random_structure(generator: np.random.Generator, scale: float, several: bool = False, pair: bool = False, critical: bool = False) -> Scene:
+    """Return any modes with any absorber in a gap that is ``scale`` times below the amplitude without it, at 3 N in the first resonance.
+
+    ``several``: two absorbers; ``pair``: two modes of one frequency; ``critical``: damping ratios 0.1 to 1e-3 off 1.
+    """
+    modes = int(generator.integers(2, 7))
+    omega = np.sort(10 ** generator.uniform(0, 3, modes))
+    damping = 10 ** generator.uniform(-4, -0.5, modes)
+    if pair:
+        omega[1] = omega[0]
+    if critical:
+        damping = 1 + generator.choice([-1, 1], modes) * 10 ** generator.uniform(-3, -1, modes)
+    shapes, places = generator.normal(size=(2, modes)), generator.normal(size=(2, modes))
+    reach = abs(np.sum(shapes[0] * shapes[1] / (omega**2 - omega[0] ** 2 + 2j * damping * omega * omega[0])))
+    absorbers = []
+    for _ in range(1 + several):
+        friction = None if generator.random() < 0.5 else float(10 ** generator.uniform(-6, 0))
+        e, ratio = float(generator.choice([0.0, 0.3, 0.7, 0.9, 1.0])), float(10 ** generator.uniform(-3, -1))
+        absorbers.append(impact_absorber(float(3 * reach / scale), e, friction, ratio))
+    model = ModalModel(omega, damping, *shapes, 1.0, places if several else None)
+    return Scene(model, SeveralAbsorbers(tuple(absorbers), (1.0, 1.0)) if several else absorbers[0])
 
 
 def odd_structure() -> Scene:
@@ -68,22 +92,28 @@ def rounded_beam() -> Scene:
 
 
 CASES = (
-    CheckCase("2 modes, e = 1", lambda: beam(2, impact_absorber(restitution=1.0))),
-    CheckCase("2 modes, e = 1, friction", lambda: beam(2, impact_absorber(restitution=1.0, friction_limit=0.025))),
-    CheckCase("5 modes, e = 0", lambda: beam(5, impact_absorber(restitution=0.0))),
-    CheckCase("5 modes, e = 0.5, friction", lambda: beam(5, impact_absorber(restitution=0.5, friction_limit=0.1))),
-    CheckCase("10 modes, e = 0.7", lambda: beam(10, impact_absorber(restitution=0.7))),
-    CheckCase("10 modes, friction damper", lambda: beam(10, friction_damper())),
-    CheckCase("30 modes, e = 0.8", lambda: beam(30, impact_absorber(restitution=0.8))),
-    CheckCase("30 modes, e = 0.8, friction", lambda: beam(30, impact_absorber(restitution=0.8, friction_limit=0.05))),
-    CheckCase("5 modes, compliant walls", lambda: beam(5, SlidingAbsorber(walls=CompliantWalls(1e6)))),
+    CheckCase("2 modes, e = 1", lambda _: beam(2, impact_absorber(restitution=1.0))),
+    CheckCase("2 modes, e = 1, friction", lambda _: beam(2, impact_absorber(restitution=1.0, friction_limit=0.025))),
+    CheckCase("5 modes, e = 0", lambda _: beam(5, impact_absorber(restitution=0.0))),
+    CheckCase("5 modes, e = 0.5, friction", lambda _: beam(5, impact_absorber(restitution=0.5, friction_limit=0.1))),
+    CheckCase("10 modes, e = 0.7", lambda _: beam(10, impact_absorber(restitution=0.7))),
+    CheckCase("10 modes, friction damper", lambda _: beam(10, friction_damper())),
+    CheckCase("30 modes, e = 0.8", lambda _: beam(30, impact_absorber(restitution=0.8))),
+    CheckCase("30 modes, e = 0.8, friction", lambda _: beam(30, impact_absorber(restitution=0.8, friction_limit=0.05))),
+    CheckCase("5 modes, compliant walls", lambda _: beam(5, SlidingAbsorber(walls=CompliantWalls(1e6)))),
     CheckCase(
         "5 modes, compliant walls, elastic friction",
-        lambda: beam(5, SlidingAbsorber(walls=CompliantWalls(1e6), friction=ElasticCoulombFriction(0.1, 1e5))),
+        lambda _: beam(5, SlidingAbsorber(walls=CompliantWalls(1e6), friction=ElasticCoulombFriction(0.1, 1e5))),
     ),
-    CheckCase("5 modes, two absorbers", two_absorbers),
-    CheckCase("5 modes, other beam, e = 0.5", rounded_beam),
-    CheckCase("modes of no beam, e = 0.9, friction", odd_structure),
+    CheckCase("5 modes, two absorbers", lambda _: two_absorbers()),
+    CheckCase("5 modes, other beam, e = 0.5", lambda _: rounded_beam()),
+    CheckCase("modes of no beam, e = 0.9, friction", lambda _: odd_structure()),
+    CheckCase("random structures, 1e4 gaps", lambda generator: random_structure(generator, 1e4)),
+    CheckCase("random structures, 1e6 gaps", lambda generator: random_structure(generator, 1e6)),
+    CheckCase("random structures, 1e8 gaps", lambda generator: random_structure(generator, 1e8)),
+    CheckCase("two absorbers, 1e6 gaps", lambda generator: random_structure(generator, 1e6, several=True)),
+    CheckCase("equal pairs, 1e5 gaps", lambda generator: random_structure(generator, 1e5, pair=True)),
+    CheckCase("near critical damping, 1e5 gaps", lambda generator: random_structure(generator, 1e5, critical=True)),
 )
 
 
@@ -104,14 +134,21 @@ class Checked:
 
 
 def check(case: CheckCase, searches: int, seed: int) -> Checked:
-    """Run sweeps of random force, phase and frequency until this many searches have been checked."""
-    scene, generator, result = case.scene(), np.random.default_rng(seed), Checked(case.name)
-    omega = scene.model.resonance_omega(1)
+    """Run sweeps of random force, phase and frequency until this many searches have been checked; a run with more events is cut off there."""
+    generator, result = np.random.default_rng(seed), Checked(case.name)
     while result.searches < searches:
+        scene = case.scene(generator)
+        omega = scene.model.resonance_omega(1)
         force = float(np.exp(generator.uniform(*np.log(FORCES))))
         start, phase = float(generator.uniform(*SWEEP)), float(generator.uniform(0, 2 * np.pi))
         stop = start + WIDTH * float(generator.choice([-1, 1]))
-        found = simulate(scene, Drive(force, linear_sweep(omega, start, stop, RATE), phase), record=RECORD).check
+        drive = Drive(force, linear_sweep(omega, start, stop, RATE), phase)
+        try:
+            found = simulate(scene, drive, record=RECORD, most_events=searches).check
+        except IntegrationError as error:
+            if "budget" not in str(error) or error.response is None:
+                raise
+            found = error.response.check
         assert found is not None
         result.searches += found.searches
         result.misses += found.misses
