@@ -14,12 +14,10 @@ wishes it inlined, the one that is compiled first still decides for both.
 
 from __future__ import annotations
 
-import atexit
-import gc
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, TypeVar
 
 from numba.core import sigutils, types
@@ -28,9 +26,9 @@ from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import _FunctionCompiler
 from numba.core.registry import CPUDispatcher
+from numba.core.untyped_passes import InlineInlinables
 
-from impact_env.kernels.passes import Flags, kernel_passes
-from impact_env.kernels.spared import spared
+from impact_env.kernels.passes import PrunePresent
 
 # changed under the compiler's lock
 _nested = 0  # kernels under way, one within the other
@@ -68,9 +66,9 @@ def only_kept() -> Iterator[None]:
 
 @contextmanager
 def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
-    """Count a kernel that is being compiled, with what is remembered and left out meanwhile if it is the outermost."""
+    """Count a kernel that is being compiled; the outermost decides how far all are inlined."""
     global _nested, _spares
-    with global_compiler_lock, nullcontext() if _nested else _outermost():
+    with global_compiler_lock:
         if not _nested:
             _spares = any(map(_is_sparing, args))
         _nested += 1
@@ -80,40 +78,7 @@ def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
             _nested -= 1
 
 
-@contextmanager
-def _outermost() -> Iterator[None]:
-    """Look for no garbage: a compiler's many small objects are an eighth of the time. And spare numba what is known."""
-    _leave_quickly()
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        with spared():
-            yield
-    finally:
-        if collects:
-            if not gc.get_freeze_count():  # what is left counts as old: a search through all of it at once would take most of a second
-                gc.freeze()
-                gc.unfreeze()
-            gc.enable()
-
-
-@cache
-def _leave_quickly() -> None:
-    """When the process ends, look for no garbage among what compilation has left: that would take a second."""
-    atexit.register(gc.freeze)
-
-
-class _Library(JITCodeLibrary):  # type: ignore[misc]
-    def _optimize_functions(self, module: Any) -> None:
-        """Run LLVM's function passes as numba, which also prepares them for all that a module only declares: five of six."""
-        module.data_layout = self._codegen._data_layout
-        for function in module.functions:
-            if not function.is_declaration:
-                passes, builder = self._codegen._function_pass_manager()
-                passes.run(function, builder)
-
-
-class PartLibrary(_Library):
+class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
     """The code of one part, as it is before LLVM's module passes; what it calls is kept beside it."""
 
     def finalize(self) -> None:
@@ -127,7 +92,7 @@ class PartLibrary(_Library):
         self._finalized = True
 
 
-class WholeLibrary(_Library):
+class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
     """A kernel's code with that of all its parts."""
 
     def finalize(self) -> None:
@@ -167,8 +132,12 @@ class _Pipeline(Compiler):  # type: ignore[misc]
         super().__init__(typingctx, targetctx, library, *others)
 
     def define_pipelines(self) -> list[Any]:
-        """Return numba's passes as kernels need them."""
-        return [kernel_passes(manager, _spares) for manager in super().define_pipelines()]
+        """Return numba's passes with one more."""
+        managers: list[Any] = super().define_pipelines()
+        for manager in managers:
+            manager.add_pass_after(PrunePresent, InlineInlinables)
+            manager.finalize()
+        return managers
 
 
 class _PartPipeline(_Pipeline):
@@ -184,7 +153,7 @@ class _PartCompiler(_FunctionCompiler):  # type: ignore[misc]
 
     def _customize_flags(self, flags: Any) -> Any:
         flags.no_compile = flags.no_cpython_wrapper = True
-        return Flags(flags)
+        return flags
 
     def _compile_core(self, args: Any, return_type: Any) -> Any:
         result = super()._compile_core(args, return_type)

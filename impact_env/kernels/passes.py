@@ -1,7 +1,4 @@
-"""What numba does to a kernel before LLVM: its passes, with what kernels need more and less.
-
-Two thirds of the time of a first compilation are numba's own Python code: here it is spared what no kernel has.
-"""
+"""numba's passes on a kernel before types are inferred have one more: it leaves out branches for what is absent, or there."""
 
 from __future__ import annotations
 
@@ -10,51 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from numba.core import ir, ir_utils, types
-from numba.core.compiler import Flags as NumbaFlags
-from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.compiler_machinery import register_pass
 from numba.core.consts import ConstantInference
-from numba.core.typed_passes import NativeLowering, NopythonRewrites
-from numba.core.untyped_passes import DeadBranchPrune, InlineClosureLikes, InlineInlinables
-
-from impact_env.kernels.lowering import KernelLowering
-
-_MAKING = ("binop", "inplace_binop", "unary", "call")
-
-
-class Passes(PassManager):  # type: ignore[misc]
-    """numba's manager of passes without its records of each: to write down all arguments' types before every pass takes time."""
-
-    def _runPass(self, _index: int, one: Any, state: Any) -> None:  # noqa: N802 - numba's name
-        one.analysis = self._analysis
-        one.run_initialization(state)
-        one.run_pass(state)
-        one.run_finalizer(state)
-
-
-def kernel_passes(given: PassManager, sparing: bool = False) -> Passes:
-    """Return numba's passes with `PrunePresent`, our own in place of some, and without that for functions within, which no kernel has.
-
-    ``sparing``: with `KernelLowering`, for kernels that record much. The bare ones keep numba's, whose machine code differs by a few instructions.
-    """
-    own = Passes(given.pipeline_name)
-    instead = {NopythonRewrites: RewriteArrays} | ({NativeLowering: KernelLowering} if sparing else {})
-    own.passes = [(instead.get(one, one), what) for one, what in given.passes if one is not InlineClosureLikes]
-    own.add_pass_after(PrunePresent, InlineInlinables)
-    own.finalize()
-    return own
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)
-class RewriteArrays(NopythonRewrites):  # type: ignore[misc]
-    """numba's rewriting of expressions of whole arrays, where there may be one: it prepares and tidies up each function at length before it looks."""
-
-    _name = "impact_env_rewrite_arrays"
-
-    def run_pass(self, state: Any) -> bool:
-        """Run numba's pass if an operation or a call has an array for a result."""
-        assigned = (line for block in state.func_ir.blocks.values() for line in block.find_insts(ir.Assign))
-        found = (state.typemap[line.target.name] for line in assigned if isinstance(line.value, ir.Expr) and line.value.op in _MAKING)
-        return any(isinstance(kind, types.Array) for kind in found) and bool(super().run_pass(state))
+from numba.core.untyped_passes import DeadBranchPrune
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -101,19 +56,3 @@ def _is_none(code: ir.FunctionIR, args: Sequence[types.Type], test: Any) -> bool
         return None
     absent = kind.value is None if isinstance(kind, types.Omitted) else isinstance(kind, types.NoneType)
     return absent is (test.fn is operator.is_)
-
-
-class Flags(NumbaFlags):  # type: ignore[misc]
-    """numba's flags as keys of its caches: compared by those that are set, in one word each. numba asks each of 30 options at every look-up."""
-
-    def _word(self) -> str:
-        word: str | None = self.__dict__.get("word")
-        if word is None:  # keys do not change
-            word = self.word = str(sorted((name, str(value)) for name, value in self._values.items()))
-        return word
-
-    def __hash__(self) -> int:
-        return hash(self._word())
-
-    def __eq__(self, other: object) -> bool:
-        return self._word() == other._word() if isinstance(other, Flags) else bool(super().__eq__(other))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -239,30 +238,6 @@ def test_constants_share_a_part() -> None:
 
     assert sums(2.0) == 12.0
     assert len(power.part.overloads) == 1
-
-
-def fails(x):  # type: ignore[no-untyped-def]
-    return x.nothing
-
-
-def adds(x):  # type: ignore[no-untyped-def]
-    return x + 1.0
-
-
-@pytest.mark.parametrize("before", [True, False])
-@pytest.mark.parametrize("function", [fails, adds])
-def test_garbage_is_collected_afterwards_as_before(function: Callable[..., Any], before: bool) -> None:
-    kernel, was = fresh(jit(function)), gc.isenabled()
-    try:
-        (gc.enable if before else gc.disable)()
-        if function is fails:
-            with pytest.raises(TypingError):
-                kernel(1.0)
-        else:
-            assert kernel(1.0) == 2.0
-        assert gc.isenabled() == before
-    finally:
-        (gc.enable if was else gc.disable)()
 
 
 def test_an_error_in_a_part_reaches_python() -> None:
