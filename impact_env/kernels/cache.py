@@ -1,18 +1,22 @@
-"""Where compiled kernels are kept, and numba's cache without its demand for a folder that can be written to.
+"""Where compiled kernels are kept, and numba's cache without its demand for a folder that can be written to, or for files that are whole.
 
-numba's cache does not notice an edit in an imported module, so the folder carries a hash of the package's sources.
+numba's cache does not notice an edit in an imported module, so the folder carries a hash of the package's sources. Nor does it notice a damaged
+file, and would run what is in it.
 """
 
 from __future__ import annotations
 
 import atexit
 import hashlib
+import io
 import logging
 import os
 import shutil
 import stat
+import sys
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -58,12 +62,15 @@ def choose(parent: Path | None, name: str) -> Folders:
 
 @cache
 def folders() -> Folders:
-    """Return the folders of this process; ``IMPACT_ENV_CACHE`` names another parent folder than the user's cache."""
-    named = os.environ.get("IMPACT_ENV_CACHE")
-    try:
-        parent = Path(named) if named else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "impact_env"
-    except RuntimeError:  # a user without a home
-        parent = None
+    """Return the folders of this process, in the virtual environment that it runs in, in the user's cache, or where ``IMPACT_ENV_CACHE`` says."""
+    named, parent = os.environ.get("IMPACT_ENV_CACHE"), None
+    with suppress(RuntimeError):  # a user without a home
+        if named:
+            parent = Path(named)
+        elif sys.prefix != sys.base_prefix:
+            parent = Path(sys.prefix) / "kernel-cache"
+        else:
+            parent = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "impact_env"
     found = choose(parent, digest())
     if found.write is None:
         LOG.warning("no folder can be written to (IMPACT_ENV_CACHE names one): kernels that are compiled now are compiled again in the next process")
@@ -136,19 +143,55 @@ class _Place(CompileResultCacheImpl):
     _locator_classes = [_Locator]  # noqa: RUF012 - numba's own is such a list
 
 
+class _File(IndexDataCacheFile):
+    """numba's index and data, each file with a digest of its content behind it, where numba does not read on; one that lacks it counts as absent.
+
+    With its data a kernel's key is kept: where an index was lost, a number in a new one may still be that of another kernel's data.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        super().save(key, (key, data))
+
+    def load(self, key: Any) -> Any:
+        kept = super().load(key)
+        return kept[1] if kept is not None and kept[0] == key else None
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        content = io.BytesIO()
+        yield content
+        with super()._open_for_write(filepath) as file:
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _is_whole(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        return super()._load_data(name) if _is_whole(self._data_path(name)) else None
+
+
+def _is_whole(path: str) -> bool:
+    """Tell whether a file ends with the digest of what is before; one that is not there is not damaged."""
+    try:
+        content = Path(path).read_bytes()
+    except FileNotFoundError:
+        return True
+    if hashlib.sha256(content[:-32]).digest() == content[-32:]:
+        return True
+    _say_once(f"damaged kernels in {Path(path).parents[1]} are compiled anew")
+    return False
+
+
 class KernelCache(FunctionCache):
-    """numba's cache of a function, with a second folder that is only read, and without errors where nothing can be read or written."""
+    """numba's cache of a function, with a second folder that is only read, and without errors where nothing sound can be read, or nothing written."""
 
     _impl_class = _Place
 
     def __init__(self, py_func: Any) -> None:
         super().__init__(py_func)
-        read = folders().read
-        self._read_only = None
-        if read is not None:
-            locator = self._impl.locator
-            place = _place(read, py_func.__code__.co_filename)
-            self._read_only = IndexDataCacheFile(place, self._impl.filename_base, locator.get_source_stamp())
+        kept = self._impl.filename_base, self._impl.locator.get_source_stamp()
+        self._cache_file, read = _File(self._cache_path, *kept), folders().read
+        self._read_only = None if read is None else _File(_place(read, py_func.__code__.co_filename), *kept)
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         for file in (self._cache_file, self._read_only):
@@ -170,12 +213,12 @@ class KernelCache(FunctionCache):
             with FileLock(folder / "lock", timeout=PATIENCE):
                 super()._save_overload(sig, data)
         except OSError as error:  # a full disk, or a lock that another process never gives back, must not stop a simulation
-            _say_once(str(error))
+            _say_once(f"compiled kernels cannot be kept: {error}")
 
 
 @cache
-def _say_once(why: str) -> None:
-    LOG.warning("compiled kernels cannot be kept: %s", why)
+def _say_once(what: str) -> None:
+    LOG.warning(what)
 
 
 def keep(kernel: Any) -> Any:

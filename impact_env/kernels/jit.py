@@ -11,15 +11,10 @@ from typing import Any, TypeVar
 
 import numba
 
-from impact_env.kernels.cache import cache_folder, keep
+from impact_env.kernels.cache import keep
 from impact_env.kernels.parts import kernel
 
 _F = TypeVar("_F", bound=Callable[..., Any])
-
-_FOLDER = cache_folder()
-if _FOLDER is not None:
-    numba.config.CACHE_DIR = str(_FOLDER)  # what else is compiled with a cache, and calls kernels, must notice their edits too
-
 
 # Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a function must not make
 # or return an array. And without the wrapper for callers in C.

@@ -4,7 +4,6 @@
 root="$(CDPATH='' cd -- "$(dirname -- "${BASH_SOURCE[0]}")/../.." && pwd -P)"
 environment="$root/.venv"
 python="$environment/bin/python"
-export IMPACT_ENV_CACHE="${IMPACT_ENV_CACHE:-$environment/kernel-cache}"
 export MPLBACKEND=Agg
 
 # The stamp of a layer is a copy of all that it was made from, in the order that set_up.py writes it.
@@ -15,7 +14,7 @@ layer_is_current() {
 }
 
 kernels_are_warm() {
-    local stamp="$IMPACT_ENV_CACHE/warm" sources=("$root/impact_env/warm_up.py" "$root/impact_env/kernels" "$root/requirements/main.txt")
+    local stamp="${IMPACT_ENV_CACHE:-$environment/kernel-cache}/warm" sources=("$root/impact_env/warm_up.py" "$root/impact_env/kernels" "$root/requirements/main.txt")
     [ ! -f "${sources[0]}" ] || { [ -f "$stamp" ] && [ -z "$(find "${sources[@]}" \( -name '*.py' -o -name '*.txt' \) -newer "$stamp")" ]; }
 }
 

@@ -118,7 +118,7 @@ class SetUp:
         say("Compiling the kernels (once for each version of the sources, some 20 s on two cores) ...")
         stamp.parent.mkdir(parents=True, exist_ok=True)
         command = [str(self.python), "-m", "impact_env.warm_up"]
-        if subprocess.run(command, cwd=self.root, stdin=subprocess.DEVNULL, env={**os.environ, "IMPACT_ENV_CACHE": str(stamp.parent)}).returncode:
+        if subprocess.run(command, cwd=self.root, stdin=subprocess.DEVNULL).returncode:
             say("warning: the kernels could not be compiled in advance; they are compiled when they are first used")
             return
         stamp.touch()

@@ -119,7 +119,7 @@ def checkout(tmp_path: Path) -> Path:
     (root / "scripts" / "show.py").write_text('"""Show one thing.\n\nMore words.\n"""\n')
     stub = root / ".venv" / "bin" / "python"
     stub.parent.mkdir(parents=True)
-    stub.write_text('#!/bin/sh\necho "$MPLBACKEND|$IMPACT_ENV_CACHE|$*"\nexit 7\n')
+    stub.write_text('#!/bin/sh\necho "$MPLBACKEND|$*"\nexit 7\n')
     stub.chmod(0o755)
     stamps = root / ".venv" / "stamps"
     stamps.mkdir()
@@ -161,7 +161,7 @@ def test_unknown_script_of_this_checkout() -> None:
 def test_script_runs_without_set_up_when_nothing_changed(checkout: Path) -> None:
     result = _run(checkout, "show", "--force", "a b", PYTHON="/nonexistent", PATH="/usr/bin:/bin")
     assert result.returncode == 7
-    assert result.stdout == f"Agg|{checkout}/.venv/kernel-cache|{checkout}/scripts/lib/start.py {checkout}/scripts/show.py --force a b\n"
+    assert result.stdout == f"Agg|{checkout}/scripts/lib/start.py {checkout}/scripts/show.py --force a b\n"
     assert result.stderr == ""
 
 

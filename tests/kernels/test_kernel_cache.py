@@ -6,7 +6,9 @@ import ctypes
 import os
 import subprocess
 import sys
+import sysconfig
 import tempfile
+import venv
 from pathlib import Path
 
 import pytest
@@ -27,6 +29,7 @@ level = simulate(scene, Drive(1.0, constant_frequency(scene.model.resonance_omeg
 stats = kernel.stats
 print(folders().write, folders().read, level, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), sep="|")
 """
+OUTSIDE = "import sys; sys.prefix = sys.base_prefix\n"  # of a virtual environment
 NOWHERE = """
 import tempfile
 def refuse():
@@ -89,12 +92,24 @@ def test_a_home_that_cannot_be_written_to_leaves_the_temporary_folder(tmp_path: 
     home, temporary = folder(tmp_path / "home", 0o555), folder(tmp_path / "tmp", 0o1777)
     (home / ".cache").mkdir()
     (home / ".cache").chmod(0o555)
-    first = run(HOME=home, TMPDIR=temporary)
+    first = run(OUTSIDE, HOME=home, TMPDIR=temporary)
     (private,) = temporary.glob("impact_env-*")
     assert (first["write"], first["read"], first["misses"]) == (str(private / digest()), "None", "1")
     assert private.stat().st_mode & 0o777 == 0o700
-    second = run(HOME=home, TMPDIR=temporary)
+    second = run(OUTSIDE, HOME=home, TMPDIR=temporary)
     assert (second["hits"], second["misses"], second["level"]) == ("1", "0", first["level"])
+
+
+@posix
+@pytest.mark.parametrize("before", ["", OUTSIDE])
+def test_kernels_are_kept_in_the_virtual_environment_or_else_at_home(tmp_path: Path, before: str) -> None:
+    place, home = tmp_path / "environment", folder(tmp_path / "home")
+    venv.create(place, symlinks=True)
+    path = os.pathsep.join([str(ROOT), sysconfig.get_path("purelib")])
+    code = f"{before}from impact_env.kernels.cache import cache_folder; print(cache_folder().parent)"
+    found = subprocess.check_output([place / "bin" / "python", "-c", code], env={"HOME": str(home), "PYTHONPATH": path}, text=True).strip()
+    assert Path(found) == (home / ".cache" / "impact_env" if before else place / "kernel-cache")
+    assert [path.name for path in home.iterdir()] == ([".cache"] if before else [])
 
 
 @posix

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
 from impact_env.kernels.forced import Forced, Window, fill_carrier, new_forced, solve_forced
+from impact_env.kernels.jit import jit
 from impact_env.kernels.segments import Regime
 from impact_env.kernels.signals import Course, Guards, Signal, new_signal, signal_at, terms_of
 from impact_env.kernels.slots import advance
@@ -32,7 +32,7 @@ def make_room(regime: Regime, omega: float, half: float) -> Room:
     return Room(signal, forced, window, np.full_like(signal.u, 1e-3))
 
 
-@numba.njit(error_model="numpy", cache=True)
+@jit
 def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Look at a block of times, again and again."""
     w, size, total = room.signal.moving, slots.rows.shape[1], 0
@@ -47,7 +47,7 @@ def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(error_model="numpy", cache=True)
+@jit
 def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Move the amplitudes on by a block, again and again."""
     w, size = room.signal.moving, slots.rows.shape[1]
@@ -57,7 +57,7 @@ def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
         turn_2(turns, (level * POINTS + POINTS - 1) * 2 * size, w, size)
 
 
-@numba.njit(error_model="numpy", cache=True)
+@jit
 def repeat_refine(calls, slots, room):  # type: ignore[no-untyped-def]
     """Evaluate the signal exactly at another offset each time."""
     total, step = 0.0, room.window.half / calls
@@ -68,7 +68,7 @@ def repeat_refine(calls, slots, room):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(error_model="numpy", cache=True)
+@jit
 def repeat_advance(calls, slots, room):  # type: ignore[no-untyped-def]
     """Advance slots by another offset each time."""
     step = room.window.half / calls
@@ -77,7 +77,7 @@ def repeat_advance(calls, slots, room):  # type: ignore[no-untyped-def]
         room.z[0, 0] = 1e-3
 
 
-@numba.njit(error_model="numpy", cache=True)
+@jit
 def repeat_solve(calls, slots, room):  # type: ignore[no-untyped-def]
     """Solve a window's forced part, again and again."""
     for _ in range(calls):
