@@ -8,11 +8,11 @@ import sys
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
 from impact_env.parameters import ParameterError
 from optimisation.command_line import INTERRUPTED, BadInput
 from optimisation.files import require_writable
+from optimisation.progress import Bar
 from optimisation.report.policy_tables import baseline_table
 from optimisation.rl.baselines import store, tune
 from optimisation.rl.tasks.effort import QUICK, Effort
@@ -34,7 +34,7 @@ def main(task: str, quick: bool, effort: float, seeds: int | None, out: Path) ->
     try:
         require_writable("--out", out)
         for name in GROUPS.get(task, (task,)):
-            with tqdm(total=task_named(name).tried(spent), desc=f"{name}: searching", unit="candidate", leave=False, disable=None) as bar:
+            with Bar(total=task_named(name).tried(spent), desc=f"{name}: searching", unit="candidate", leave=False) as bar:
                 found = tune(name, {}, spent, bar.update)
             store(out / f"{name}_baselines.json", name, {}, spent, found)
             click.echo(f"{name}:\n{baseline_table(found)}\n")

@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 import numpy as np
-from tqdm import tqdm
 
 from optimisation.files import replacing, write_csv, write_json
+from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.rl.baselines import families, load, policy
 from optimisation.rl.hyperparameters import recipes, settings_for
@@ -59,10 +59,10 @@ def beside(task: str, job: Any, count: int, folder: Path) -> dict[str, float]:
             kinds = families(task, arguments)
             names = (RANDOM, *task_named(task).yardsticks)
             chosen = [policy(baseline, kinds) for baseline in stored if baseline.name in names]
-            return {p.name: evaluate(p, job, 0, 0).score for p in tqdm(chosen, desc="baselines", leave=False, disable=None)}
+            return {p.name: evaluate(p, job, 0, 0).score for p in Bar(chosen, desc="baselines", leave=False)}
     scores, numbers = {}, job.numbers
     constants = (Constant([float(a)] * numbers) for a in np.linspace(-1, 1, count))
-    for simple in tqdm([Random(numbers=numbers), *constants], desc="constant actions", leave=False, disable=None):
+    for simple in Bar([Random(numbers=numbers), *constants], desc="constant actions", leave=False):
         scores[simple.name if isinstance(simple, Random) else f"{simple.actions[0]:g}"] = evaluate(simple, job, 0, 0).score
     chance = scores.pop("random")
     best = max(scores, key=scores.__getitem__)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from tqdm import tqdm
-
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError, count, positive, require
 from impact_env.periodic.balance_error import BalanceRow, Exact, balance_rows, exact_orbit, settings_of
 from impact_env.periodic.case import Case
-from optimisation.progress import BAR
+from optimisation.progress import BAR, Bar
 
 
 def numbers(option: str, text: str) -> list[float]:
@@ -32,7 +30,7 @@ def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
     exact, rows, complete = exact_orbit(case, low, high), [], True
     settings = settings_of(harmonics, weights, given["growing"])
     try:
-        with tqdm(total=len(settings), desc="harmonic balance", bar_format=BAR, disable=None, leave=False) as bar:
+        with Bar(total=len(settings), desc="harmonic balance", bar_format=BAR, leave=False) as bar:
             for row in balance_rows(exact, low, high, settings, given["branches"]):
                 rows.append(row)
                 bar.update()

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from impact_env.drive import default_rate
 from impact_env.ensemble import Executor
 from impact_env.parameters import RigidWalls, positive, require
@@ -22,6 +20,7 @@ from optimisation.commands.structure_option import is_given
 from optimisation.commands.sweep_scene import make_scene
 from optimisation.files import replacing, write_csv, write_json
 from optimisation.pieces import Pieces
+from optimisation.progress import Bar
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 FIGURES = (".png", ".pdf", ".svg")
@@ -31,7 +30,7 @@ EXACT, BALANCE, BOTH = "exact", "balance", "both"
 @contextmanager
 def following(reference: float) -> Iterator[Callable[[str, int, float], None]]:
     """Give a function that shows how far a curve has been followed, over a ``reference`` frequency in rad/s."""
-    with tqdm(total=None, bar_format="{desc} [{elapsed}]", disable=None, leave=False) as bar:
+    with Bar(total=None, bar_format="{desc} [{elapsed}]", leave=False) as bar:
 
         def show(label: str, points: int, omega: float) -> None:
             bar.set_description_str(f"{label}: {points} points, at {omega / reference:.4f}")

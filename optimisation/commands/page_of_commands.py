@@ -9,10 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tqdm import tqdm
-
 from optimisation.files import replacing
-from optimisation.progress import BAR
+from optimisation.progress import BAR, Bar
 from optimisation.studies.page import ROOT
 
 PAGE = ROOT / "docs" / "your_structure.md"
@@ -32,7 +30,7 @@ def bring_up_to_date(page: Path) -> int:
     text = page.read_text(encoding="utf-8")
     blocks = list(BLOCK.finditer(text))
     shutil.rmtree(ROOT / "results" / page.stem, ignore_errors=True)  # a study goes on where it was left, and would print something else
-    results = [printed_by(block["command"]) for block in tqdm(blocks, desc="commands", bar_format=BAR, disable=None)]
+    results = [printed_by(block["command"]) for block in Bar(blocks, desc="commands", bar_format=BAR)]
     for block, result in reversed(list(zip(blocks, results, strict=True))):
         text = f"{text[: block.start('printed')]}{result}\n{text[block.end('printed') :]}"
     with replacing(page) as temporary:

@@ -8,10 +8,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from impact_env.parameters import require
 from optimisation.files import replacing, write_json
+from optimisation.progress import Bar
 from optimisation.report.policy_figures import CURVES, save_profiles
 from optimisation.report.policy_tables import short_table, table
 from optimisation.rl.agents import Agent
@@ -48,7 +47,7 @@ def chosen(policies: list[Policy], names: Sequence[str]) -> list[Policy]:
 def played(task: str, policies: list[Policy], agents: list[Agent], arguments: dict[str, Any], seeds: Sequence[int]) -> list[Judged]:
     """Return the results of all contenders."""
     everyone = contenders(policies, agents)
-    with tqdm(total=sum(len(runs) for _, _, runs in everyone), desc=f"{task}: playing", unit="policy", leave=False, disable=None) as bar:
+    with Bar(total=sum(len(runs) for _, _, runs in everyone), desc=f"{task}: playing", unit="policy", leave=False) as bar:
         return [judge(task, contender, seeds, arguments, bar.update) for contender in everyone]
 
 
@@ -74,7 +73,7 @@ def draw(task: str, out: Path, results: list[Judged], curves: dict[str, Any], re
 
 def report(task: str, out: Path, results: list[Judged], curves: dict[str, Any], resamples: int) -> list[Line]:
     """Write table and figures; return the table's lines."""
-    with tqdm(total=len(results), desc=f"{task}: intervals", unit="policy", leave=False, disable=None) as bar:
+    with Bar(total=len(results), desc=f"{task}: intervals", unit="policy", leave=False) as bar:
         lines = summarise(task, results, resamples, bar.update)
     zero, one, rival = task_named(task).yardsticks
     about = {"task": task, "evaluation_seeds": len(results[0].seeds), "resamples": resamples, "normalised_0": zero, "normalised_1": one}

@@ -10,8 +10,6 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import TypeVar
 
-from tqdm import tqdm
-
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, draw_members, run_lanes
 from impact_env.methods import Method, check_supported
@@ -30,6 +28,7 @@ from optimisation.commands.sweep_scene import (
 )
 from optimisation.executors import workers
 from optimisation.files import replacing
+from optimisation.progress import Bar
 from optimisation.report.sweep_report import Result, contract, describe_run, summary
 from optimisation.studies.timing import Timed
 from optimisation.sweep_rate import sweep_ratio
@@ -50,7 +49,7 @@ def integration_time(scene: Scene, drive: Drive, method: Method, most_events: in
     return statistics.median(times)
 
 
-def heard(work: Callable[[], T], bar: tqdm) -> T:
+def heard(work: Callable[[], T], bar: Bar) -> T:
     """Do ``work`` in a thread, so that Ctrl-C is heard and the bar's clock runs while compiled code does."""
     results: list[T] = []
     errors: list[Exception] = []
@@ -75,7 +74,7 @@ def heard(work: Callable[[], T], bar: tqdm) -> T:
 def recorded(scene: Scene, drive: Drive, method: Method, plotted: bool, most_events: int | None) -> Response:
     """Run the first member, with a bar in pseudo periods."""
     schedule, record = drive.schedule, Record(events=True, energy=True, series=plotted)
-    with tqdm(total=round(schedule.periods), desc="integrating", bar_format=TIME_BAR, delay=1, leave=False, disable=None) as bar:
+    with Bar(total=round(schedule.periods), desc="integrating", bar_format=TIME_BAR, delay=1, leave=False) as bar:
 
         def show(time: float, _end: float) -> None:
             bar.update(round(time / schedule.pseudo_period) - bar.n)
@@ -89,7 +88,7 @@ def compute(
 ) -> Result:
     """Run all members, those after the first by an executor if there is one; the first is recorded and, by itself, timed."""
     response, others = recorded(scene, drives[0], method, plotted, most_events), None
-    with tqdm(total=len(drives), desc="integrating", unit="run", delay=1, leave=False, disable=None) as bar:
+    with Bar(total=len(drives), desc="integrating", unit="run", delay=1, leave=False) as bar:
         if len(drives) > 1:
             lanes = [Lane(scene, drive) for drive in drives[1:]]
             others = run_lanes(lanes, method, progress=lambda _done, _total: bar.update(), most_events=most_events, executor=executor)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
 from optimisation.files import replacing, write_csv, write_json
-from optimisation.progress import BAR
+from optimisation.progress import BAR, Bar
 from optimisation.tuned.table import TuningTable
 
 MARKER = "tunings"
@@ -20,7 +19,7 @@ def certificates(table: TuningTable) -> dict[str, float]:
     from optimisation.tuned.certificate import certify
 
     bounds = {}
-    for tuning in tqdm(table.tunings, desc="proving", bar_format=BAR, disable=None, leave=False):
+    for tuning in Bar(table.tunings, desc="proving", bar_format=BAR, leave=False):
         try:
             bounds[tuning.key] = certify(table.model, tuning.absorber, table.resonance, table.low, table.high).bound
         except NotOptimalError as error:  # its cell stays empty: the others are none the worse for it

@@ -8,11 +8,11 @@ from typing import Any
 
 import click
 import numpy as np
-from tqdm import tqdm
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
 from optimisation.files import replacing
+from optimisation.progress import Bar
 from optimisation.rl.agents import Agent
 
 with optional():
@@ -49,7 +49,7 @@ def film(env: gymnasium.Env[Any, Any], seed: int, action: float | Agent | None, 
         action.start(1)
     env.action_space.seed(seed)
     frames, over = [env.render()], False
-    with tqdm(total=most, desc="drawing", unit="frame", leave=False, disable=None) as bar:
+    with Bar(total=most, desc="drawing", unit="frame", leave=False) as bar:
         try:
             while not over and len(frames) < most:
                 observation, _, end, cut, _ = env.step(action_of(env, observation, action))

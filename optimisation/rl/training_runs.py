@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
+from optimisation.progress import Bar
 from optimisation.rl.runs import Evaluation, read_evaluations
 from optimisation.rl.training import Job, train
 from optimisation.workers import Pool, Task
@@ -47,7 +47,7 @@ class Planned:
 class Shown:
     """The bar over all steps of all runs, and a line for each evaluation where they are asked for."""
 
-    def __init__(self, bar: tqdm, told: Told | None) -> None:
+    def __init__(self, bar: Bar, told: Told | None) -> None:
         self.bar, self.told = bar, told
         self.done: dict[Path, int] = {}
         self.seen: dict[Path, int] = {}
@@ -67,7 +67,7 @@ class Shown:
 def train_all(runs: Sequence[Planned], workers: int, told: Told | None = None) -> list[str]:
     """Train or go on with all runs; return what went wrong, a line for each run that failed."""
     total = sum(planned.job.hyperparameters.steps for planned in runs)
-    with tqdm(total=total, desc="training", unit="step", bar_format=BAR, disable=None, smoothing=0.05) as bar:
+    with Bar(total=total, desc="training", unit="step", bar_format=BAR, smoothing=0.05) as bar:
         show = Shown(bar, told)
         if min(workers, len(runs)) > 1:
             return _in_processes(runs, workers, show)

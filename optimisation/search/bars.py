@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from tqdm import tqdm
-
-from optimisation.progress import UNIT_BAR, runs_bar
+from optimisation.progress import Bar, runs_bar
 from optimisation.search.find import Bars
 from optimisation.search.study import Progress
 
@@ -15,7 +13,7 @@ from optimisation.search.study import Progress
 @contextmanager
 def study_bar(label: str, wanted: int) -> Iterator[Callable[[Progress], None]]:
     """Give a function that shows how many designs are done of those that are ``wanted``, and the runs that they took."""
-    with tqdm(total=wanted, desc=label, unit="designs", bar_format=UNIT_BAR, disable=None) as bar:
+    with Bar(total=wanted, desc=label, unit="designs") as bar:
 
         def show(progress: Progress) -> None:
             bar.set_postfix_str(f"{progress.runs} runs", refresh=False)

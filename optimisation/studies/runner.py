@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import TypeVar
 
 import click
-from tqdm import tqdm
 
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
 from optimisation.command_line import end_early, name_files, plain_errors
 from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.progress import BAR
+from optimisation.progress import BAR, Bar
 from optimisation.studies.machine import conditions
 from optimisation.studies.page import fill, require_markers
 from optimisation.studies.study import Json, Measured, Part, Place, Study
@@ -128,7 +127,7 @@ def measure(
 
     total, kept = part.steps(settings, values) if part.steps else None, time.perf_counter()
     with (
-        tqdm(total=total, desc=part.name, bar_format=BAR, disable=True if total is None else None) as bar,
+        Bar(total=total, desc=part.name, bar_format=BAR, disable=total is None) as bar,
         closing(part.measure(settings, values)) as steps,
     ):
         try:

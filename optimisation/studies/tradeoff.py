@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from impact_env.envs.sweep_task import Passage
+from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.rl.tradeoff import constant_rates, windows
 from optimisation.studies.page import DOCS, published
@@ -39,7 +39,7 @@ def measure(quick: bool) -> dict[str, Any]:
     seeds, rates = range(QUICK_SEEDS if quick else SEEDS), (QUICK_RATES if quick else RATES).tolist()
     cases, centres = (CASES[:1], CENTRES[::7]) if quick else (CASES, CENTRES)
     result: dict[str, Any] = {"seeds": len(seeds), "cases": []}
-    with tqdm(total=len(cases) * 2 * len(rates) + 1 + len(SLOW) * len(centres), desc="playing", unit="point", leave=False, disable=None) as bar:
+    with Bar(total=len(cases) * 2 * len(rates) + 1 + len(SLOW) * len(centres), desc="playing", unit="point", leave=False) as bar:
         for title, arguments in cases:
             found = {d: columns(constant_rates(rates, seeds, {**arguments, "direction": d}, bar.update)) for d in DIRECTIONS}
             result["cases"].append({"title": title, "arguments": arguments, "rates": rates, "directions": found})

@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
-from tqdm import tqdm
-
 from impact_env.drive import PAPER_RATE, Drive, linear_sweep
 from impact_env.methods import Exact
 from impact_env.parameters import (
@@ -25,6 +23,7 @@ from impact_env.parameters import (
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.shared_mass import impact_absorbers
+from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.studies.one_table import table_study
 from optimisation.studies.study import Json, Measured
@@ -151,7 +150,7 @@ def notes(cases: Sequence[Json], repeats: int) -> str:
 
 
 def _measure(settings: Settings) -> Json:
-    with tqdm(total=settings.repeats * len(CASES), desc="timing", unit="repeat", leave=False, disable=None) as bar:
+    with Bar(total=settings.repeats * len(CASES), desc="timing", unit="repeat", leave=False) as bar:
         results = [measure(case, settings, bar.update) for case in CASES]
     return {"repeats": settings.repeats, "cases": [result.values() for result in results]}
 

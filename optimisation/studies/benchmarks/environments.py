@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from impact_env.ensemble import available_cores
 from impact_env.extras import optional
+from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.studies.one_table import table_study
 from optimisation.studies.study import Json, Measured
@@ -160,7 +160,7 @@ def table(speeds: Sequence[Json]) -> str:
 
 def _measure(seconds: float) -> Json:
     every = cases()
-    with tqdm(total=REPEATS * len(every), desc="timing", unit="repeat", leave=False, disable=None) as bar:
+    with Bar(total=REPEATS * len(every), desc="timing", unit="repeat", leave=False) as bar:
         speeds = [asdict(case(seconds, bar.update)) for case in every]
     imported, made = first_step()
     return {"scene": SCENE, "repeat_s": seconds, "make_and_first_step_s": made, "import_s": imported, "speeds": speeds}

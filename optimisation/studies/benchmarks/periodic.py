@@ -9,7 +9,6 @@ from dataclasses import asdict, dataclass
 
 import click
 import numpy as np
-from tqdm import tqdm
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam
@@ -31,6 +30,7 @@ from impact_env.periodic.survey import attractors, closed_form_orbits
 from impact_env.periodic.symmetric import closed_form, closed_form_branches, symmetric_schedule
 from impact_env.periodic.tracing import orbit_branch
 from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
+from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.studies.one_table import table_study
 from optimisation.studies.study import Json, Study
@@ -247,7 +247,7 @@ def measure(repeats: int) -> list[Line]:
         lambda: multiplier_line(orbits),
         lambda: multiplier_line({"chatter": held["chatter"]}, 1e-4),
     ]
-    return [job() for job in tqdm(jobs, desc="measuring", disable=None, leave=False)]
+    return [job() for job in Bar(jobs, desc="measuring", leave=False)]
 
 
 def number(value: float, unit: str) -> str:

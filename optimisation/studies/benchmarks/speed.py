@@ -7,12 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
-from tqdm import tqdm
-
 from impact_env.drive import PAPER_RATE, Drive, linear_sweep
 from impact_env.methods import PAPER_STEPS, Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import Scene, beam_scene
+from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.studies.one_table import table_study
 from optimisation.studies.study import Json, Measured
@@ -158,7 +157,7 @@ def notes(cases: Sequence[Json], repeats: int) -> str:
 
 
 def _measure(settings: Settings) -> Json:
-    with tqdm(total=settings.repeats * len(CASES), desc="timing", unit="repeat", leave=False, disable=None) as bar:
+    with Bar(total=settings.repeats * len(CASES), desc="timing", unit="repeat", leave=False) as bar:
         results = [measure(case, settings.periods, settings.repeats, bar.update) for case in CASES]
     return {"repeats": settings.repeats, "cases": [result.values() for result in results]}
 

@@ -8,13 +8,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from tqdm import tqdm
 
 from impact_env.drive import PAPER_RATE, Drive, linear_sweep
 from impact_env.families.common import WINDOW_PERIODS
 from impact_env.families.rigid import rigid_regimes
 from impact_env.kernels.vector import POINTS
 from impact_env.methods import Exact
+from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.studies.benchmarks.speed import CASES, START, Case
 from optimisation.studies.cost.pieces import make_room, repeat_advance, repeat_refine, repeat_scan, repeat_solve, repeat_turn
@@ -99,7 +99,7 @@ def table(cases: Sequence[Json]) -> str:
 
 
 def _measure(periods: float) -> Json:
-    return {"cases": [asdict(measure(case, periods)) for case in tqdm(CASES, desc="timing", unit="case", leave=False, disable=None)]}
+    return {"cases": [asdict(measure(case, periods)) for case in Bar(CASES, desc="timing", unit="case", leave=False)]}
 
 
 def _said(measured: Measured) -> str:

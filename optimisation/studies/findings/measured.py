@@ -10,12 +10,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from impact_env.extras import optional
 from optimisation.designs import IMPACT
 from optimisation.evaluation import Executor, Threads, evaluate
 from optimisation.memory import peak_memory
+from optimisation.progress import Bar
 from optimisation.report.front_tables import front_summary
 from optimisation.search.bars import BARS
 from optimisation.search.cluster import Workers
@@ -51,7 +51,7 @@ def scaling(study: Settings) -> Json:
         for executor in (e for group in kinds.values() for e in group):  # workers load their kernels
             dict(evaluate(problem, designs[:4], problem.ensemble[:1], 10 * problem.rate, executor))
         times: dict[tuple[str, int], list[float]] = {(kind, n): [] for kind in kinds for n in WORKERS}
-        for _ in tqdm(range(3), desc="scaling", unit="rounds", disable=None, leave=False):
+        for _ in Bar(range(3), desc="scaling", unit="rounds", leave=False):
             for kind, group in kinds.items():
                 for n, executor in zip(WORKERS, group, strict=True):
                     began = time.perf_counter()

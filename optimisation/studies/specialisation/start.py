@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
-from tqdm import tqdm
 
 from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
+from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.studies.one_table import table_study
 from optimisation.studies.study import Json, Measured
@@ -123,7 +123,6 @@ def steps(settings: Settings, place: Path, advance: Callable[[], object]) -> lis
     found.append(Step(whole, sum(step.wall_s for step in found), sum(step.cpu_s for step in found), WANTED[whole]))
     if settings.others:
         timed("packages of the environments", [*set_up, "env"], clone, environment)
-    environment["IMPACT_ENV_CACHE"] = str(clone / ".venv" / "kernel-cache")
     for name, words in settings.calls.items():
         found.append(timed(f"first call: {name}", [python, *words], clone, environment, WANTED_CALL))
         advance()
@@ -134,7 +133,7 @@ def _measure(settings: Settings) -> Json:
     if not (ROOT / ".git").exists() or shutil.which("git") is None:
         raise ParameterError(f"{ROOT} is not allowed: a checkout with its history, and git to clone it")
     total = len(STARTED) + len(settings.calls)
-    with tempfile.TemporaryDirectory(prefix="start-") as place, tqdm(total=total, desc="starting", unit="step", leave=False, disable=None) as bar:
+    with tempfile.TemporaryDirectory(prefix="start-") as place, Bar(total=total, desc="starting", unit="step", leave=False) as bar:
         found = steps(settings, Path(place), bar.update)
     return {"cores": available_cores(), "steps": [asdict(step) for step in found]}
 
