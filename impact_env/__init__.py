@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.envs import register_environments
+from impact_env.first_use import Compilation, on_compile
 from impact_env.methods import Exact, Moreau, RungeKutta
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import (
@@ -32,6 +33,7 @@ from impact_env.sweep import IntegrationError, simulate
 
 __all__ = [
     "Beam",
+    "Compilation",
     "CompliantWalls",
     "CoulombFriction",
     "Drive",
@@ -63,6 +65,7 @@ __all__ = [
     "linear_sweep",
     "load_structure",
     "modal_model",
+    "on_compile",
     "simulate",
 ]
 

@@ -1,21 +1,58 @@
-"""The first use of a kind of scene compiles its kernels, for up to a minute: one line says so, on a terminal and in the log."""
+"""The first use of a kind of scene compiles its kernels, for up to a minute: one line says so, and who asked for it is called."""
 
 from __future__ import annotations
 
 import logging
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from types import TracebackType
+from typing import Literal
 
 from numba.core import event
 
+from impact_env.kernels.parts import COMPILING
+
 LOG = logging.getLogger("impact_env")
-PATIENCE = 2.0  # s of compiling before anything is said
+PATIENCE = 1.0  # s of compiling before anything is said
 HINT = "python -m impact_env.warm_up"
 
 _thread = threading.local()  # ``purpose``: what this thread compiles for, if it has to compile at all
+
+
+@dataclass(frozen=True)
+class Compilation:
+    """A kernel is being compiled or was: ``what`` it is for, whether that has "started" or "finished", and the ``seconds`` that it took by then."""
+
+    what: str
+    state: Literal["started", "finished"]
+    seconds: float = 0.0
+
+
+_callbacks: list[Callable[[Compilation], object]] = []
+
+
+def on_compile(callback: Callable[[Compilation], object]) -> Callable[[], None]:
+    """Call ``callback`` with a `Compilation` when a kernel begins to be compiled and when that ends; return what ends these calls.
+
+    It is called in the thread that compiles, which waits for it. What it raises is logged as a warning, and stops nothing. A kernel that is
+    loaded from the folder where kernels are kept calls nobody.
+
+    >>> told = []
+    >>> end = on_compile(told.append)
+    >>> end()
+    """
+    own = [callback]  # the same callback may be given twice
+    _callbacks.extend(own)
+
+    def end() -> None:
+        while own:
+            _callbacks.remove(own.pop())
+
+    return end
 
 
 class CompilingFor:
@@ -38,65 +75,52 @@ class CompilingFor:
 
 
 class _Announcer(event.Listener):
-    """Says once in a process that kernels are being compiled, as soon as that has taken `PATIENCE`.
+    """Tells of each kernel that is compiled, of which there is one at a time: callbacks at once, everyone as soon as it has taken `PATIENCE`."""
 
-    numba tells of a function that it has to compile, not of one that it loads; functions within functions nest, under one lock for all threads.
-    """
+    silent = False
 
-    def __init__(self) -> None:
-        self.said = False
-        self._depth = 0
-        self._timer: threading.Timer | None = None
-
-    def on_start(self, event: event.Event) -> None:
-        if self.said or not _is_kernel(event):
-            return
-        self._depth += 1
-        if self._depth == 1:
-            self._timer = threading.Timer(PATIENCE, self._say, [getattr(_thread, "purpose", None)])
-            self._timer.daemon = True
+    def on_start(self, event: event.Event) -> None:  # noqa: ARG002 - numba's interface
+        scene, method, words = getattr(_thread, "purpose", None) or (None, None, "")
+        self._what = "kernels" if scene is None else f"the kernels of: {scene}, {method}"
+        self._began = time.perf_counter()
+        self._timer = threading.Timer(PATIENCE, _say, [self._what, words])
+        self._timer.daemon = True
+        if not self.silent:
             self._timer.start()
+        _call(Compilation(self._what, "started"))
 
-    def on_end(self, event: event.Event) -> None:
-        if self._timer is None or not _is_kernel(event):
-            return
-        self._depth -= 1
-        if self._depth == 0:
-            self._timer.cancel()
-            self._timer = None
+    def on_end(self, event: event.Event) -> None:  # noqa: ARG002
+        self._timer.cancel()
+        _call(Compilation(self._what, "finished", time.perf_counter() - self._began))
 
-    def _say(self, purpose: tuple[object, object, str] | None) -> None:
-        if self.said:
-            return
-        self.said = True
-        line = _line(purpose)
+
+def _call(about: Compilation) -> None:
+    for callback in tuple(_callbacks):
+        try:
+            callback(about)
+        except Exception:
+            LOG.warning("what was registered by on_compile failed", exc_info=True)
+
+
+def _say(what: str, words: str) -> None:
+    line = f"impact_env: compiling {what}. Once for a kind of scene, up to a minute; `{HINT} {words}".rstrip() + "` does the usual ones beforehand."
+    if LOG.isEnabledFor(logging.INFO) and LOG.hasHandlers():  # then the log is where the user wants it
         LOG.info(line)
-        seen = LOG.isEnabledFor(logging.INFO) and LOG.hasHandlers()  # then the log is where the user wants it
-        if not seen and sys.stderr is not None and sys.stderr.isatty():
-            sys.stderr.write(f"\r{line}\n")  # over a progress bar, which is drawn anew below
+    elif sys.stderr is not None:
+        with suppress(OSError, ValueError):  # it is closed
+            sys.stderr.write(f"\r{line}\n" if sys.stderr.isatty() else f"{line}\n")  # over a progress bar, which is drawn anew below
             sys.stderr.flush()
 
 
-def _is_kernel(event: event.Event) -> bool:
-    return str(event.data["dispatcher"].py_func.__module__).startswith("impact_env.")
-
-
-def _line(purpose: tuple[object, object, str] | None) -> str:
-    scene, method, words = purpose or (None, None, "")
-    what = "kernels" if scene is None else f"the kernels of: {scene}, {method}"
-    hint = f"{HINT} {words}".rstrip()
-    return f"impact_env: compiling {what}. Once for a kind of scene, up to a minute; `{hint}` does the usual ones beforehand."
-
-
 _ANNOUNCER = _Announcer()
-event.register("numba:compile", _ANNOUNCER)
+event.register(COMPILING, _ANNOUNCER)
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
     """Say nothing meanwhile: the caller tells what is being compiled."""
-    before, _ANNOUNCER.said = _ANNOUNCER.said, True
+    before, _ANNOUNCER.silent = _ANNOUNCER.silent, True
     try:
         yield
     finally:
-        _ANNOUNCER.said = before
+        _ANNOUNCER.silent = before

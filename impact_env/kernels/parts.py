@@ -20,7 +20,7 @@ from contextvars import ContextVar
 from functools import cached_property
 from typing import Any, TypeVar
 
-from numba.core import sigutils, types
+from numba.core import event, sigutils, types
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
@@ -30,6 +30,7 @@ from numba.core.untyped_passes import InlineInlinables
 
 from impact_env.kernels.passes import PrunePresent
 
+COMPILING = "impact_env:compile"  # an event as numba tells them: a kernel is compiled for a caller in Python, with all its parts
 # changed under the compiler's lock
 _nested = 0  # kernels under way, one within the other
 _spares = False  # whether the outermost of them is inlined sparingly
@@ -175,7 +176,8 @@ class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
     def _compile_core(self, args: Any, return_type: Any) -> Any:
         if _only_kept.get():
             raise NotKept
-        result = super()._compile_core(args, return_type)
+        with event.trigger_event(COMPILING):
+            result = super()._compile_core(args, return_type)
         for environment in result._find_referenced_environments():  # those of the parts, which no machine code of their own has set
             result.codegen.set_env(environment.env_name, environment)
         return result

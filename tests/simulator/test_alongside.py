@@ -28,7 +28,7 @@ def test_a_kernel_comes_from_the_other_process_or_else_from_here(tmp_path: Path,
         words = [sys.executable, str(SUPPORT / "beside.py"), way]
         done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=120)
         assert done.stdout.strip() == told, done.stderr
-        assert done.stderr == ""
+        assert all(line.startswith("impact_env: compiling ") for line in done.stderr.splitlines())
 
 
 def test_the_shortest_trial_has_the_kernels_of_trials() -> None:

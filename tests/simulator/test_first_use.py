@@ -1,8 +1,9 @@
-"""What a first use from Python tells: one line after two seconds of compiling, and nothing in a warm run."""
+"""What a first use from Python tells: one line after a second of compiling, wherever stderr goes, and nothing in a warm run."""
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -27,35 +28,62 @@ warm_up.ABSORBERS = {"linear scenes": lambda: None}
 warm_up.main([], lambda line: None)
 """
 SMALL = """
+import time
 import numba
-from impact_env import first_use
+from impact_env import first_use, on_compile
+from impact_env.kernels.jit import jit
+from impact_env.kernels.parts import only_kept, NotKept
 first_use.PATIENCE = 0.0
-def kernel(x):
-    return x + 1
-kernel.__module__ = "impact_env.kernels.small"
+
+def wait(_):
+    time.sleep(0.5)  # which counts, so that it takes longer than no time
+
+def kernel(value):
+    def add(x):
+        return x + value
+    return jit(add)
+
+on_compile(wait)
 with first_use.CompilingFor("a scene", "a method"):
-    numba.njit(kernel)(1)
+    for value in (1, 2):
+        kernel(value)(1)
 """
 LOGGED = "import logging; logging.basicConfig(level=logging.INFO, format='LOG %(name)s: %(message)s')"
 OWN = """
-import time
-import numba
-from impact_env import first_use
-first_use.PATIENCE = 0
-@numba.njit
-def f(x):
-    return x + 1
-f(1)
-time.sleep(0.1)
+end_all = on_compile(lambda about: print(about.what, about.state, about.seconds > 0.4))
+
+def fail(about):
+    raise ValueError("a callback of one's own")
+
+end_fail = on_compile(fail)
+numba.njit(lambda x: x + 1)(1)  # someone else's
+print("third")
+kernel(3)(1)
+end_fail()
+try:
+    with only_kept():
+        kernel(4)(1)
+except NotKept:
+    print("not kept")
+kernel(3)(1)  # is kept
+end_all()
+end_all()  # once more is no error
+kernel(5)(1)
 """
 pty = pytest.importorskip("pty")
+
+
+def script(code: str, folder: Path) -> tuple[list[str | Path], dict[str, str]]:
+    """Return words and variables of a process that runs code with a folder for kernels."""
+    (file := folder / "script.py").write_text(code)
+    return [sys.executable, file], os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(folder)}
 
 
 def on_a_terminal(code: str, folder: Path) -> str:
     """Run code in a fresh process whose stderr is a terminal, and return what it wrote there."""
     ours, theirs = pty.openpty()
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(folder)}
-    process = subprocess.Popen([sys.executable, "-c", code], env=environment, stderr=theirs)
+    words, environment = script(code, folder)
+    process = subprocess.Popen(words, env=environment, stderr=theirs)
     os.close(theirs)
     text = b""
     while True:
@@ -81,23 +109,46 @@ def first_use(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 def test_the_first_use_is_told_once_and_a_warm_one_not_at_all(first_use: tuple[Path, str]) -> None:
     folder, told = first_use
     text = " ".join(told.split())
-    assert text.count("impact_env: compiling") == 1
+    assert text.count("impact_env: compiling the kernels of") == 1
     assert text.startswith("impact_env: compiling the kernels of: 2 modes, no absorber, Exact")
     assert "python -m impact_env.warm_up" in text
     assert on_a_terminal(RUN, folder) == ""
 
 
+def without_a_terminal(code: str, folder: Path) -> tuple[list[str], list[str]]:
+    """Run code in a fresh process and return the lines of stdout and stderr."""
+    words, environment = script(code, folder)
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout.splitlines(), done.stderr.splitlines()
+
+
 def test_a_log_takes_the_place_of_the_line(tmp_path: Path) -> None:
     text = on_a_terminal(LOGGED + SMALL, tmp_path)
-    assert text.count("compiling") == 1
+    assert text.count("compiling") == 2
     assert text.startswith("LOG impact_env: impact_env: compiling the kernels of: a scene, a method")
 
 
-def test_nothing_is_told_where_nobody_looks(tmp_path: Path) -> None:
-    assert "compiling the kernels of: a scene, a method" in " ".join(on_a_terminal(SMALL, tmp_path).split())
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(tmp_path)}
-    done = subprocess.run([sys.executable, "-c", SMALL], env=environment, capture_output=True, text=True, check=True)
-    assert done.stderr == ""
+def test_each_compilation_is_told_where_there_is_no_terminal(tmp_path: Path) -> None:
+    lines = without_a_terminal(SMALL, tmp_path)[1]
+    assert len(lines) == 2
+    assert all(line.startswith("impact_env: compiling the kernels of: a scene, a method. Once for a kind of scene") for line in lines)
+    assert without_a_terminal(SMALL, tmp_path)[1] == []
+
+
+def test_what_takes_no_second_is_not_told(tmp_path: Path) -> None:
+    assert without_a_terminal(SMALL.replace("PATIENCE = 0.0", "PATIENCE = 1000.0"), tmp_path) == ([], [])
+
+
+def test_callbacks_are_told_of_our_kernels_until_they_are_taken_out(tmp_path: Path) -> None:
+    out, error = without_a_terminal(SMALL + OWN, tmp_path)
+    assert out == ["third", "kernels started False", "kernels finished True", "not kept"]
+    assert error.count("ValueError: a callback of one's own") == 2
+
+
+def test_the_page_s_example_runs(tmp_path: Path) -> None:
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "installation.md").read_text(encoding="utf-8"), re.DOTALL)
+    first, second = without_a_terminal(f"{example}{SMALL}end()\nkernel(3)(1)\n", tmp_path)[0][::2]
+    assert first == second == "the kernels of: a scene, a method: started after 0.0 s"
 
 
 def test_nothing_is_told_where_the_caller_tells(first_use: tuple[Path, str], tmp_path: Path) -> None:
@@ -109,10 +160,6 @@ def test_nothing_is_told_where_the_caller_tells(first_use: tuple[Path, str], tmp
     for file in lanes:
         file.unlink()
     assert on_a_terminal(WARM_UP, folder) == ""
-
-
-def test_functions_of_others_are_not_ours(tmp_path: Path) -> None:
-    assert on_a_terminal(OWN, tmp_path) == ""
 
 
 def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
