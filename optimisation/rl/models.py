@@ -82,7 +82,6 @@ def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Mod
         "device": "cpu",
     }
     net: dict[str, Any] = {"net_arch": list(chosen.hidden)}
-    torch.set_num_threads(1)  # the networks are so small that more threads only wait for one another
     if isinstance(chosen, PPOSettings):
         return _make_ppo(chosen, env, net, common)
     own = {
@@ -138,7 +137,6 @@ def _start_at(layer: Any, action: float) -> None:
 
 def begin_leg(model: Model, seed: int, leg: int, learning_rate: float) -> None:
     """Seed all generators anew, so that what follows depends on the model and its lanes alone, and set the leg's learning rate."""
-    torch.set_num_threads(1)
     own = int(np.random.SeedSequence((seed, leg)).generate_state(1)[0] >> 1)
     if leg == 0:
         model.set_random_seed(own)  # the lanes' seeds, too

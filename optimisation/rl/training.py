@@ -127,10 +127,12 @@ def train(job: Job, folder: Path, show: Show | None = None, threads: int | None 
             evaluations = list(read_evaluations(folder))
             show(evaluations[-1].steps, evaluations)
             return evaluations
-        env = make_lanes(job.env_id, job.hyperparameters, job.arguments, threads)
+        env, before = make_lanes(job.env_id, job.hyperparameters, job.arguments, threads), torch.get_num_threads()
+        torch.set_num_threads(1)  # the networks are so small that more threads only wait for one another
         try:
             return _train(job, folder, env, show)
         finally:
+            torch.set_num_threads(before)
             env.close()
 
 

@@ -219,11 +219,11 @@ def opened(problem: Problem, settings: Settings, journal: Path | None = None) ->
     StudyError if the file is in use, damaged, or of another problem, method or version.
     """
     settings.check(problem)
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
     if journal is None:
-        yield DesignStudy(problem, settings, _study(problem, settings, InMemoryStorage(), None))
+        with _quiet():
+            yield DesignStudy(problem, settings, _study(problem, settings, InMemoryStorage(), None))
         return
-    with alone(journal):
+    with alone(journal), _quiet():
         repair(journal)
         try:
             backend = Journal(journal)
@@ -233,6 +233,17 @@ def opened(problem: Problem, settings: Settings, journal: Path | None = None) ->
                 raise
             raise StudyError(f"study file = {journal} is not allowed: it is not a journal that Optuna can read ({error!r})") from error
         yield DesignStudy(problem, settings, study, backend.sync)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Let Optuna tell no more than warnings meanwhile."""
+    before = optuna.logging.get_verbosity()
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        yield
+    finally:
+        optuna.logging.set_verbosity(before)
 
 
 def _study(problem: Problem, settings: Settings, storage: optuna.storages.BaseStorage, journal: Path | None) -> optuna.Study:

@@ -57,7 +57,12 @@ def figure_part(
         made = f"{amounts(measured.conditions)}{sources(measured.conditions)} {seconds}"
         return {marker(label): "\n\n".join([*drawn, words(measured.values), made])}
 
-    return Part(label, title, measure=measure, markers=(marker(label),), sections=sections, figures=figures, tables=tables)
+    def drawn(measured: Measured) -> dict[str, Saver]:
+        from optimisation.studies.paper.style import styled  # matplotlib is slow to import
+
+        return {name: styled(save) for name, save in figures(measured).items()}
+
+    return Part(label, title, measure=measure, markers=(marker(label),), sections=sections, figures=drawn, tables=tables)
 
 
 def amounts(conditions: Json) -> str:

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rcParams
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
+
+from optimisation.studies.study import Saver
 
 WIDTH, DPI = 7.2, 180  # in inches the width of a page's text
 MM = 1e3
@@ -54,9 +56,13 @@ STUCK = Look("black", "-.")  # absorber as a fixed mass
 FAINT = "0.55"  # what stands behind: sweeps, guides
 
 
+def styled(save: Saver) -> Saver:
+    """Return what saves a figure in this look, and leaves that of others as it is."""
+    return rc_context(RC)(save)
+
+
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, NDArray[Any]]:
     """Return a figure of the page's width and ``height`` in inches, and its panels (rows, columns), named (a), (b) ... where there are several."""
-    rcParams.update(RC)  # for good: titles and texts are made as they are set
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     axes = np.asarray(figure.subplots(rows, columns, squeeze=False, **options))
     if axes.size > 1:

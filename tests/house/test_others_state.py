@@ -1,0 +1,92 @@
+"""What belongs to the whole process, and so to others, is as it was after an import, a compilation, runs and a study. In a fresh process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from places import ROOT, SUPPORT
+
+BEFORE = """
+import atexit, gc, locale, logging, multiprocessing, os, random, signal, sys, threading, warnings
+import matplotlib, numba, numpy as np, scipy.linalg, scipy.optimize, scipy.sparse.linalg
+import filelock, gymnasium, optuna
+
+@numba.njit(cache=True)
+def own(x):
+    return x + 1
+
+own(1)  # whatever numba does when it first compiles is done
+
+def state():
+    return {
+        "numba.config": {name: value for name, value in vars(numba.config).items() if name.isupper()},
+        "warnings": list(warnings.filters),
+        "logging": (logging.root.level, list(logging.root.handlers), logging.lastResort, logging.getLogger("impact_env").handlers),
+        "signals": {number: signal.getsignal(number) for number in signal.valid_signals()},
+        "environment": dict(os.environ),
+        "folder": os.getcwd(),
+        "numpy": (np.geterr(), np.geterrcall(), np.get_printoptions()),
+        "random": (random.getstate(), str(np.random.get_state())),
+        "atexit": atexit._ncallbacks(),
+        "gc": (gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), list(gc.callbacks)),
+        "sys": (list(sys.path), list(sys.meta_path), sys.excepthook, sys.stdout, sys.stderr, sys.getrecursionlimit(), sys.getswitchinterval()),
+        "threads": (threading.excepthook, numba.get_num_threads()),
+        "locale": locale.setlocale(locale.LC_ALL),
+        "matplotlib": (dict(matplotlib.rcParams), matplotlib.get_backend(auto_select=False)),
+        "multiprocessing": multiprocessing.get_start_method(allow_none=True),
+        "optuna": optuna.logging.get_verbosity(),
+    }
+
+state()  # asking for a backend imports one
+before = state()
+"""
+USE = """
+from impact_env import Beam, Drive, beam_scene, constant_frequency, simulate
+from impact_env.ensemble import Lane, run_lanes
+from impact_env.kernels.jit import jit
+from optimisation.search.study import opened
+import optimisation.report.sweep_report
+from design_studies import Model, problem, settings
+
+@jit
+def ours(x):
+    return x + 1
+
+ours(1)
+scene = beam_scene(Beam(modes=2))
+drive = Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0))
+simulate(scene, drive, progress=lambda time, end: None)
+run_lanes([Lane(scene, drive)] * 2)
+gymnasium.make("ImpactAbsorber/Passive-v0").close()
+with opened(problem(), settings()) as study:
+    study.run(2, Model())
+"""
+AFTER = """
+after = state()
+print(*(name for name in before if before[name] != after[name]))
+"""
+TOUCH = """
+import atexit, gc
+atexit.register(gc.freeze)
+numba.config.CACHE_DIR = "elsewhere"
+np.random.seed(1)
+matplotlib.rcParams["font.size"] = 3
+"""
+
+
+@pytest.mark.parametrize(("used", "touched"), [(USE, ""), (TOUCH, "numba.config random atexit matplotlib")])
+def test_what_others_have_set_stays(tmp_path: Path, used: str, touched: str) -> None:
+    pytest.importorskip("optuna")
+    pytest.importorskip("gymnasium")
+    (script := tmp_path / "script.py").write_text(BEFORE + used + AFTER)
+    kernels = tmp_path / "kernels"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(SUPPORT)]), "IMPACT_ENV_CACHE": str(kernels)}
+    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == touched.split()
+    assert list((tmp_path / "__pycache__").glob("script.own*.nbi"))  # where numba keeps what others compile
+    assert not list(kernels.rglob("script.own*"))
