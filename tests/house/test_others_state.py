@@ -11,7 +11,7 @@ import pytest
 from places import ROOT, SUPPORT
 
 BEFORE = """
-import atexit, gc, locale, logging, multiprocessing, os, random, signal, sys, threading, warnings
+import atexit, gc, locale, logging, multiprocessing, os, pathlib, random, signal, sys, threading, warnings
 import matplotlib, numba, numpy as np, scipy.linalg, scipy.optimize, scipy.sparse.linalg
 import filelock, gymnasium, optuna
 
@@ -50,6 +50,7 @@ from impact_env.ensemble import Lane, run_lanes
 from impact_env.kernels.jit import jit
 from optimisation.search.study import opened
 import optimisation.report.sweep_report
+from optimisation.studies.paper.style import finish, panels, styled
 from design_studies import Model, problem, settings
 
 @jit
@@ -64,6 +65,13 @@ run_lanes([Lane(scene, drive)] * 2)
 gymnasium.make("ImpactAbsorber/Passive-v0").close()
 with opened(problem(), settings()) as study:
     study.run(2, Model())
+
+def save(path):
+    figure, axes = panels(1, 1, 3.0)
+    assert axes[0, 0].xaxis.label.get_fontsize() == 8.5
+    finish(axes, path, figure)
+
+styled(save)(pathlib.Path(__file__).with_name("figure.png"))
 """
 AFTER = """
 after = state()
