@@ -12,7 +12,7 @@ from places import ROOT, SUPPORT
 
 BEFORE = """
 import atexit, gc, locale, logging, multiprocessing, os, pathlib, random, signal, sys, threading, warnings
-import matplotlib, numba, numpy as np, scipy.linalg, scipy.optimize, scipy.sparse.linalg
+import matplotlib.pyplot, numba, numpy as np, scipy.linalg, scipy.optimize, scipy.sparse.linalg
 import filelock, gymnasium, optuna
 
 @numba.njit(cache=True)
@@ -41,7 +41,6 @@ def state():
         "optuna": optuna.logging.get_verbosity(),
     }
 
-state()  # asking for a backend imports one
 before = state()
 """
 USE = """
