@@ -89,8 +89,9 @@ def simulate(
     """Integrate a scene under a drive from an initial state (default: rest) and return what ``record`` asks for (default: the level).
 
     The exact method may use ``most_events`` events (default: a million, and 5,000 for each pseudo period that has passed), and 40 evaluations for
-    each of them and for each pseudo period, so that no run goes on for ever. ``progress`` is told the time reached and the end time in s, ten times a second and at the end; the run then takes a thread of its own,
-    and a KeyboardInterrupt ends it at its next event. Without ``progress`` the interrupt waits for the run's end.
+    each of them and for each pseudo period, so that no run goes on for ever. ``progress`` is told the time reached and the end time in s, ten times
+    a second and at the end; the run then takes a thread of its own, and a KeyboardInterrupt ends it at its next event. Without ``progress`` the
+    interrupt waits for the run's end.
 
     Raises ParameterError if the method cannot do the scene, its step is too long, a stuck absorber is too heavy or the start is impossible,
     IntegrationError if the run breaks down or its budget is used up; it carries what was observed so far.

@@ -36,13 +36,13 @@ def series(t, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def sign_changes(l, h, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
-    """Return (changes, end): of sign between the Bernstein coefficients of `series` over (l, l + h), which bound its roots there; its value at the end."""
-    p1 = h * series(l, v, a, j, s, c, 0.0) / 5
-    p2 = h * h * series(l, a, j, s, c, 0.0, 0.0) / 20
-    p3 = h * h * h * series(l, j, s, c, 0.0, 0.0, 0.0) / 60
-    p4 = h * h * h * h * series(l, s, c, 0.0, 0.0, 0.0, 0.0) / 120
-    b0, end = series(l, d, v, a, j, s, c), series(l + h, d, v, a, j, s, c)
+def sign_changes(t, h, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
+    """Return (changes, end): of sign between the Bernstein coefficients of `series` over (t, t + h), which bound its roots; its value at t + h."""
+    p1 = h * series(t, v, a, j, s, c, 0.0) / 5
+    p2 = h * h * series(t, a, j, s, c, 0.0, 0.0) / 20
+    p3 = h * h * h * series(t, j, s, c, 0.0, 0.0, 0.0) / 60
+    p4 = h * h * h * h * series(t, s, c, 0.0, 0.0, 0.0, 0.0) / 120
+    b0, end = series(t, d, v, a, j, s, c), series(t + h, d, v, a, j, s, c)
     b1, b2, b3 = b0 + p1, b0 + 2 * p1 + p2, b0 + 3 * p1 + 3 * p2 + p3
     n0, n1, n2, n3, n4, n5 = b0 < 0.0, b1 < 0.0, b2 < 0.0, b3 < 0.0, b0 + 4 * p1 + 6 * p2 + 4 * p3 + p4 < 0.0, end < 0.0
     return (n0 != n1) + (n1 != n2) + (n2 != n3) + (n3 != n4) + (n4 != n5), end

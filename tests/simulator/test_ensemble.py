@@ -83,7 +83,7 @@ def test_members_follow_from_the_seed() -> None:
 def test_a_kind_leaves_the_other_part_as_it_is() -> None:
     both, phase, force = (draw_members(9, 3, kind) for kind in ("both", "phase", "force"))
     assert phase.key == Members(both.phases, np.ones(9)).key
-    assert rounding.key == Members(np.zeros(9), both.factors).key
+    assert force.key == Members(np.zeros(9), both.factors).key
     with pytest.raises(ParameterError, match="kind = 'neither'"):
         draw_members(2, 0, "neither")  # type: ignore[arg-type]
 

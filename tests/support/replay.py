@@ -1,7 +1,7 @@
 """Replay a run from its impacts alone: between them beam and absorbers move as textbook formulas say, in extended precision.
 
-Nothing of the package but its input and the list of impacts is used. Motion between impacts is linear, so that errors do not grow from one to the next;
-a frequency that is constant and absorbers without friction keep the formulas short.
+Nothing of the package but its input and the list of impacts is used. Motion between impacts is linear, so that errors do not grow from one to the
+next; a frequency that is constant and absorbers without friction keep the formulas short.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ def replay(response: Response, dense: int = 200) -> Replay:
         x[which] = tip + np.copysign(gap[which], x[which] - tip)  # as the list of impacts says
         result.speeds.append(abs(float(rate)))
         law = -(1 + e[which]) * gamma / compliance[which]
-        result.law = max(result.law, abs(float(gamma - rate)) / max(result.speeds), abs(float(law - impulse)) * float(compliance[which]) / max(result.speeds))
+        wrong = max(abs(float(gamma - rate)), abs(float((law - impulse) * compliance[which])))
+        result.law = max(result.law, wrong / max(result.speeds))
         y[which] += impulse / masses[which]
         v = v - shapes[which] * impulse
         result.flights += 1

@@ -1,4 +1,4 @@
-"""What a band stands for: levels of members that differ in the force's initial phase, by a millionth in its amplitude, or in both, and how much the phases explain."""
+"""What a band stands for: levels of members that differ in the force's phase, by a millionth in its amplitude, or both; what phases explain."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def random_structure(generator: np.random.Generator, scale: float, several: bool
         friction = None if generator.random() < 0.5 else float(10 ** generator.uniform(-6, 0))
         e, ratio = float(generator.choice([0.0, 0.3, 0.7, 0.9, 1.0])), float(10 ** generator.uniform(-3, -1))
         absorbers.append(impact_absorber(float(3 * reach / scale), e, friction, ratio))
-    model = ModalModel(omega, damping, *shapes, 1.0, places if several else None)
+    model = ModalModel(omega, damping, shapes[0], shapes[1], 1.0, places if several else None)
     return Scene(model, SeveralAbsorbers(tuple(absorbers), (1.0, 1.0)) if several else absorbers[0])
 
 
