@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
+ROOT = Path(__file__).resolve().parents[1]
 DISTRIBUTION = "impact-absorber-workbench"
 # as they are imported; the extras of pyproject.toml that bring them
 EXTRAS = {
@@ -28,18 +31,25 @@ EXTRAS = {
 }
 
 
-def how_to_install(package: str) -> str:
-    """Return the command that installs an optional package."""
-    return f'pip install "{DISTRIBUTION}[{EXTRAS[package]}]"'
+class MissingExtraError(ModuleNotFoundError):
+    """An optional package is not installed; the message says what installs it."""
+
+
+def how_to_install(*extras: str) -> str:
+    """Return the command that installs extras: into a checkout's own environment if that is the one that runs, else by pip."""
+    set_up = ROOT / "scripts" / "lib" / "set_up.py"
+    if Path(sys.prefix).resolve() == ROOT / ".venv" and set_up.exists():
+        return f'python3 "{set_up}" {" ".join(extras)}'
+    return f'pip install "{DISTRIBUTION}[{",".join(extras)}]"'
 
 
 @contextmanager
 def optional() -> Iterator[None]:
-    """Surround imports of optional packages; raises ModuleNotFoundError with the command that installs the one that is missing."""
+    """Surround imports of optional packages; raises MissingExtraError with the command that installs the one that is missing."""
     try:
         yield
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
-        if package not in EXTRAS or str(error).endswith(how_to_install(package)):
+        if package not in EXTRAS or isinstance(error, MissingExtraError):
             raise
-        raise ModuleNotFoundError(f"{package} is not installed; it comes with: {how_to_install(package)}", name=error.name) from error
+        raise MissingExtraError(f"{package} is not installed; it comes with: {how_to_install(EXTRAS[package])}", name=error.name) from error

@@ -11,11 +11,13 @@ import importlib.util
 import os
 import re
 import sys
+from copy import copy
+from functools import partial
 from pathlib import Path
 
 import click
 
-from impact_env.extras import DISTRIBUTION, EXTRAS
+from impact_env.extras import EXTRAS, how_to_install
 from optimisation.command_line import INTERRUPTED
 
 NEEDS = re.compile(r"^# needs: *(.*)$", re.MULTILINE)
@@ -36,14 +38,10 @@ def missing_extras(script: Path) -> dict[str, list[str]]:
     return {extra: packages for extra, packages in missing.items() if packages}
 
 
-def require_extras(script: Path) -> None:
-    """Raise ClickException with the command that installs what a script needs, if something is missing."""
-    missing = missing_extras(script)
-    if missing:
-        packages = ", ".join(package for names in missing.values() for package in names)
-        raise click.ClickException(
-            f'{script.stem} needs packages that are not installed ({packages}); they come with: pip install "{DISTRIBUTION}[{",".join(missing)}]"'
-        )
+def refuse(script: str, missing: dict[str, list[str]], **_options: object) -> None:
+    """Raise ClickException with the command that installs the extras that a script lacks."""
+    packages = ", ".join(package for names in missing.values() for package in names)
+    raise click.ClickException(f"{script} needs packages that are not installed ({packages}); they come with: {how_to_install(*missing)}")
 
 
 def first_line(script: Path) -> str:
@@ -59,11 +57,10 @@ class Studies(click.Group):
         return sorted(file.stem for file in scripts_folder().glob("[!_]*.py"))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a script's command, None if there is no such script; raises ClickException if an extra is missing."""
+        """Return a script's command, None if there is no such script; without an extra that the script needs, it can tell its options only."""
         if cmd_name not in self.list_commands(ctx):
             return None
         folder = scripts_folder()
-        require_extras(folder / f"{cmd_name}.py")
         if str(folder) not in sys.path:
             sys.path.insert(0, str(folder))  # the scripts import one another
         try:
@@ -71,6 +68,9 @@ class Studies(click.Group):
         except KeyboardInterrupt:  # click would call it an error of its own
             click.echo("Broken off.", err=True)
             sys.exit(INTERRUPTED)
+        if missing := missing_extras(folder / f"{cmd_name}.py"):
+            command = copy(command)
+            command.callback = partial(refuse, cmd_name, missing)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

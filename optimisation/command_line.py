@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from functools import wraps
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import click
 
+from impact_env.extras import MissingExtraError
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
 
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C
 RESUME = "Keep each finished piece in this .json file, and take from it what is there: goes on where a run was stopped."
+STANDARD_OUTPUT = "standard output.json"  # the file that stands for it while a command runs
+Command = Callable[..., Any]
 
 
 class BadInput(click.ClickException):
@@ -36,14 +42,37 @@ def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = (
         raise BadInput(f"{option} = {target} is not allowed: a name that ends in {', '.join(suffixes)}")
 
 
+def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
+    """Add --json to a command; with - the JSON is all that goes to standard output, and what else the command says to standard error."""
+
+    def add(command: Command) -> Command:
+        @wraps(command)
+        def called(**given: Any) -> Any:
+            if str(given[name]) != "-":
+                return command(**given)
+            with TemporaryDirectory() as folder:
+                file = Path(folder, STANDARD_OUTPUT)
+                try:
+                    with redirect_stdout(sys.stderr):
+                        return command(**given | {name: file})
+                finally:  # after Ctrl-C too: what is finished
+                    if file.exists():
+                        click.echo(file.read_text(encoding="utf-8"), nl=False)
+
+        kind = click.Path(dir_okay=False, path_type=Path)
+        return click.option("--json", name, type=kind, metavar="FILE|-", help=words)(called)
+
+    return add
+
+
 @contextmanager
 def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
-    """Turn a bad value, a run that breaks down, a file that cannot be written, and Ctrl-C into one line and an exit code."""
+    """Turn a bad value, a missing extra, a run that breaks down, a file that cannot be written, and Ctrl-C into one line and an exit code."""
     try:
         yield
     except ParameterError as error:
         raise BadInput(str(error)) from error
-    except IntegrationError as error:
+    except (IntegrationError, MissingExtraError) as error:
         raise click.ClickException(str(error)) from error
     except BrokenPipeError:  # who reads the output has gone, which click knows how to end
         raise
@@ -56,7 +85,7 @@ def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
 
 def name_files(files: Iterable[Path]) -> None:
     """Say what has been written."""
-    click.echo("\nwritten: " + ", ".join(str(file) for file in files))
+    click.echo("\nwritten: " + ", ".join("standard output" if file.name == STANDARD_OUTPUT else str(file) for file in files))
 
 
 def end_without(winner: bool) -> None:

@@ -33,7 +33,7 @@ def workers(threads: int | None, cluster: str | None) -> Iterator[Workers | None
         from optimisation.search.cluster import Workers
     except ImportError as error:
         raise ParameterError(
-            f"--cluster = {cluster} is not allowed: where the package distributed is installed; {how_to_install('distributed')}"
+            f"--cluster = {cluster} is not allowed: where the package distributed is installed; {how_to_install('cluster')}"
         ) from error
     with Workers(cluster) as found:
         yield found

@@ -9,7 +9,7 @@ import click
 
 from impact_env.parameters import RigidWalls
 from impact_env.periodic.balance_error import COLUMNS
-from optimisation.command_line import check_target, end_early, name_files, plain_errors
+from optimisation.command_line import check_target, end_early, json_option, name_files, plain_errors
 from optimisation.commands.balance_rows import computed
 from optimisation.commands.frequency_curves import FIGURES
 from optimisation.files import replacing, write_csv, write_json
@@ -28,7 +28,7 @@ from optimisation.report.balance_table import text
 @click.option("--weights", default="50,100,200", show_default=True, help="Weights of the contact in m_a omega_1^2, with commas between.")
 @click.option("--growing", is_flag=True, help="Weights are those at 20 harmonics and grow with the square of their number.")
 @click.option("--branches/--no-branches", default=True, show_default=True, help="Follow and time the branch at each setting too.")
-@click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the rows.")
+@json_option("Write the rows.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the rows.")
 @click.option(
     "--figure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw errors and times over harmonics: .png, .pdf or .svg."

@@ -1,5 +1,4 @@
 """The main job: impact absorber, friction damper and tuned absorbers compared over the force, near two resonances."""
-# needs: files
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
 """Give the cavity's gap for a force by the design rule, and check it and its neighbours by simulation."""
 
-# needs: files
-
 from __future__ import annotations
 
 from dataclasses import replace

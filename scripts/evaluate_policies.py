@@ -1,6 +1,6 @@
 """Policies judged on the same held-out seeds: rules and schedules without learning, and trained agents."""
 
-# needs: env, rl, optimise
+# needs: env
 
 from __future__ import annotations
 

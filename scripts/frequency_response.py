@@ -1,7 +1,5 @@
 """Frequency response of periodic motions: exact branches with their stability, harmonic balance, linear curves, and sweeps over them."""
 
-# needs: files
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -11,7 +9,7 @@ import click
 
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
 from impact_env.periodic.stationary import StationaryRuns
-from optimisation.command_line import RESUME, check_target, end_early, name_files, plain_errors
+from optimisation.command_line import RESUME, check_target, end_early, json_option, name_files, plain_errors
 from optimisation.commands.frequency_curves import BALANCE, BOTH, EXACT, FIGURES, FORCE, computed, written
 from optimisation.commands.scene_options import scene_options
 from optimisation.commands.sweep_scene import refuse_parts
@@ -43,7 +41,7 @@ from optimisation.report.response_table import text
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads of these runs; no number depends on it.  [default: all cores]")
 @cluster_option
 @click.option("--resume", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=RESUME)
-@click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write all curves, in SI units.")
+@json_option("Write all curves, in SI units.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a row for each point of a curve.")
 @click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw it: .png, .pdf or .svg.")
 def main(**given: Any) -> None:

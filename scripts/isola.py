@@ -1,7 +1,5 @@
 """Isolas of periodic responses: the forces at which they are born and merge, over frequency, restitution, friction and number of modes."""
 
-# needs: files
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -9,7 +7,7 @@ from typing import Any
 
 import click
 
-from optimisation.command_line import RESUME, check_target, end_early, name_files, plain_errors
+from optimisation.command_line import RESUME, check_target, end_early, json_option, name_files, plain_errors
 from optimisation.commands.isola_forces import computed, written
 from optimisation.commands.scene_options import scene_options
 from optimisation.commands.sweep_scene import refuse_parts
@@ -24,7 +22,7 @@ from optimisation.report.isola_table import table
 @click.option("--map-restitutions", default="", metavar="E,E,...", help="Restitutions of a map.  [default: --restitution]")
 @click.option("--map-friction-limits", default="", metavar="N,N,...", help="Friction limits of a map in N.  [default: --friction-limit]")
 @click.option("--resume", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=RESUME)
-@click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write fold force, thresholds and map, in SI units.")
+@json_option("Write fold force, thresholds and map, in SI units.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a row for each birth and merger.")
 @click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw it: .png, .pdf or .svg.")
 def main(**given: Any) -> None:

@@ -1,7 +1,5 @@
 """Tell the best gap over the design rule's for several masses of the absorber, by simulation."""
 
-# needs: files
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -3,7 +3,7 @@
 The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciPy; a study goes on where it was broken off.
 """
 
-# needs: optimise, cluster, files
+# needs: optimise
 
 from __future__ import annotations
 
@@ -52,8 +52,7 @@ from optimisation.search.find import SCIPY, Plan, find
 from optimisation.search.judge import AUDITED
 from optimisation.search.noisy import NOISY
 from optimisation.search.result import Findings
-from optimisation.search.samplers import SAMPLERS
-from optimisation.search.settings import FAST
+from optimisation.search.settings import FAST, SAMPLERS
 from optimisation.service import DRAWS, FEW, service
 
 ALL = "all"

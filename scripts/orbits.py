@@ -1,16 +1,13 @@
 """Exact periodic orbits of the impact absorber: two impacts a period and what a run settles to, folds, births and mergers of isolas."""
 
-# needs: files
-
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
 
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
-from optimisation.command_line import end_early, plain_errors
+from optimisation.command_line import end_early, json_option, plain_errors
 from optimisation.commands.orbit_list import FORCE_HELP, FROM, POINTS, TO, run
 from optimisation.commands.structure_option import structure_option
 from optimisation.files import write_json
@@ -32,7 +29,7 @@ from optimisation.files import write_json
 @click.option("--symmetric", is_flag=True, help="Symmetric orbits only, which is quicker.")
 @click.option("--folds", is_flag=True, help="The folds of the branches at this force instead of orbits.")
 @click.option("--thresholds", is_flag=True, help="The forces at which isolas are born and merge instead of orbits.")
-@click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the list, in SI units.")
+@json_option("Write the list, in SI units.")
 def main(**given: Any) -> None:
     """List exact periodic orbits of the impact absorber under a harmonic force, each confirmed by the exact method.
 

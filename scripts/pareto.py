@@ -3,7 +3,7 @@
 The front is searched by NSGA-II, run again on fresh members, and drawn with the paper's design and the limit.
 """
 
-# needs: optimise, cluster, files
+# needs: optimise
 
 from __future__ import annotations
 
@@ -36,8 +36,7 @@ from optimisation.objectives import Objective
 from optimisation.problem import Problem
 from optimisation.report.front_tables import Front, front_columns, front_rows, front_summary, front_text
 from optimisation.search.pareto import CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
-from optimisation.search.samplers import CMA, SAMPLERS
-from optimisation.search.settings import default_settings
+from optimisation.search.settings import CMA, SAMPLERS, default_settings
 
 RESONANCES, SEVERITY = "resonances", "severity"
 DESIGNS, QUICK_DESIGNS = 300, 100

@@ -1,6 +1,6 @@
 """Episodes of the feedback rules as an offline data set in Minari's format."""
 
-# needs: env, rl, optimise, offline
+# needs: env, offline
 
 from __future__ import annotations
 

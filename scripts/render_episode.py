@@ -1,6 +1,6 @@
 """An episode of an environment as a film: the bent beam, the absorber in its cavity, level and frequency."""
 
-# needs: env, rl
+# needs: env
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""One sweep through a resonance to look at: response level, impacts, energy balance and the time it took."""
-
-# needs: files
+"""One sweep through a resonance to look at: response level and impacts, on request energy balance and the time it took."""
 
 from __future__ import annotations
 
@@ -12,7 +10,7 @@ import click
 from impact_env.drive import PAPER_LIMITS
 from impact_env.methods import PAPER_STEPS
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber
-from optimisation.command_line import plain_errors
+from optimisation.command_line import json_option, plain_errors
 from optimisation.commands.structure_option import structure_option
 from optimisation.commands.sweep_run import FORCE, default, run
 from optimisation.commands.sweep_scene import (
@@ -80,14 +78,16 @@ from optimisation.executors import cluster_option
 @click.option("--members", type=int, default=1, show_default=True, help="Runs that differ in phase and by rounding; the first has --phase.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases and roundings.")
 @cluster_option
-@click.option("--json", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the results, in SI units.")
+@click.option("--energy", is_flag=True, help="Account for the energies of the first member, which takes a kernel of its own.")
+@click.option("--time", is_flag=True, help="Time an integration alone, with nothing observed, which takes a kernel of its own.")
+@json_option("Write the results, in SI units.")
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw the run: .png, .pdf or .svg.")
 def main(**given: Any) -> None:
     """Integrate one sweep of the force's frequency through a resonance of the beam, and print what came out.
 
-    In the JSON file response_level_m and level_frequency_ratio have one number for each member; impacts, tip, stuck time, energy balance and
-    time of integration are those of the first member, which runs here also with --cluster. wall_s is the time of an integration alone, compiled
-    and with nothing observed.
+    In the JSON file response_level_m and level_frequency_ratio have one number for each member; impacts, tip and stuck time are those of the first
+    member, which runs here also with --cluster, and so are energy_balance_relative_error with --energy, and with --time wall_s: the time of an
+    integration alone, compiled and with nothing observed.
     """
     with plain_errors():
         click.echo(run(given))

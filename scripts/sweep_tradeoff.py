@@ -1,6 +1,6 @@
 """Is there anything to choose in a passage? Level and score over the rate, for several scenes, and over the place of a slow window."""
 
-# needs: env, rl
+# needs: env
 
 from __future__ import annotations
 

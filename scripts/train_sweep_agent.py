@@ -1,6 +1,6 @@
 """Train agents for the environments with PPO and SAC: learning curves, checkpoints that resume, one small file an agent."""
 
-# needs: env, rl, optimise
+# needs: env, rl
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Rules and schedules without learning, their numbers chosen on training seeds: what agents are compared with."""
 
-# needs: env, rl, optimise
+# needs: env, optimise
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Tune the linear absorber: closed forms, numerical optima and the paper's values, with a proof of each peak."""
 
-# needs: optimise, files
+# needs: optimise
 
 from __future__ import annotations
 

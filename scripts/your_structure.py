@@ -1,6 +1,6 @@
 """Run the commands of docs/your_structure.md and write what they print into it."""
 
-# needs: optimise, cluster, files
+# needs: optimise
 
 from __future__ import annotations
 

@@ -212,7 +212,7 @@ class _Window:
         try:
             import pygame
         except ImportError as error:
-            raise ParameterError(f'render_mode = "human" is not allowed: it needs pygame-ce; {how_to_install("pygame")}') from error
+            raise ParameterError(f'render_mode = "human" is not allowed: it needs pygame-ce; {how_to_install("env")}') from error
         self._pygame = pygame
         pygame.display.init()
         self._surface = pygame.display.set_mode((WIDTH, HEIGHT))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -10,13 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numba
-import numpy as np
-import scipy
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import available_cores
-from impact_env.extras import optional
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
@@ -30,9 +25,7 @@ from optimisation.memory import peak_memory
 from optimisation.mounting import mounted
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
-
-with optional():
-    import optuna
+from optimisation.studies.machine import conditions
 
 KEPT = "Broken off; the study keeps what is finished."
 GOES_ON = "the same command goes on from here."
@@ -153,8 +146,8 @@ def executor_of(given: dict[str, Any]) -> AbstractContextManager[Executor]:
 
 def conditions_of(given: dict[str, Any]) -> dict[str, object]:
     """Return what a result was computed with and how much memory it took; worker processes of a cluster are not in it."""
-    versions = {"python": platform.python_version()} | {module.__name__: module.__version__ for module in (np, scipy, numba, optuna)}
     where = {"cluster": given["cluster"]} if given["cluster"] else {"threads": given["threads"] or available_cores()}
+    versions = conditions(("numpy", "scipy", "numba", "optuna"))["versions"]
     return {"versions": versions, **where, "memory_bytes": peak_memory()}
 
 

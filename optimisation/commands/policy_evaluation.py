@@ -11,7 +11,6 @@ from typing import Any
 from impact_env.parameters import require
 from optimisation.files import replacing, write_json
 from optimisation.progress import Bar
-from optimisation.report.policy_figures import CURVES, save_profiles
 from optimisation.report.policy_tables import short_table, table
 from optimisation.rl.agents import Agent
 from optimisation.rl.baselines import families, load, policy
@@ -62,6 +61,8 @@ def curves_of(task: str, policies: list[Policy], agents: list[Agent], arguments:
 
 def draw(task: str, out: Path, results: list[Judged], curves: dict[str, Any], resamples: int) -> None:
     """Draw the figures of a task."""
+    from optimisation.report.policy_figures import CURVES, save_profiles  # matplotlib is slow to import
+
     own = task_named(task)
     title = f"{own.words.capitalize()}: performance profile, {len(results[0].seeds)} held-out seeds"
     marks = {r.name: float(r.scores.mean()) for r in results if r.name in own.marked}

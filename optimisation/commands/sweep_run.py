@@ -1,4 +1,4 @@
-"""What scripts/run sweep does with its options: one run recorded and timed, other members, files."""
+"""What scripts/run sweep does with its options: one run recorded, and timed if asked for; other members, files."""
 
 from __future__ import annotations
 
@@ -71,9 +71,9 @@ def heard(work: Callable[[], T], bar: Bar) -> T:
     return results[0]
 
 
-def recorded(scene: Scene, drive: Drive, method: Method, plotted: bool, most_events: int | None) -> Response:
+def recorded(scene: Scene, drive: Drive, method: Method, record: Record, most_events: int | None) -> Response:
     """Run the first member, with a bar in pseudo periods."""
-    schedule, record = drive.schedule, Record(events=True, energy=True, series=plotted)
+    schedule = drive.schedule
     with Bar(total=round(schedule.periods), desc="integrating", bar_format=TIME_BAR, delay=1, leave=False) as bar:
 
         def show(time: float, _end: float) -> None:
@@ -84,18 +84,20 @@ def recorded(scene: Scene, drive: Drive, method: Method, plotted: bool, most_eve
 
 
 def compute(
-    scene: Scene, drives: list[Drive], method: Method, plotted: bool, most_events: int | None = None, executor: Executor | None = None
+    scene: Scene, drives: list[Drive], method: Method, record: Record, timed: bool, most_events: int | None, executor: Executor | None
 ) -> Result:
-    """Run all members, those after the first by an executor if there is one; the first is recorded and, by itself, timed."""
-    response, others = recorded(scene, drives[0], method, plotted, most_events), None
+    """Run all members, those after the first by an executor if there is one; the first is recorded and, if ``timed``, by itself timed."""
+    response, others, wall_time = recorded(scene, drives[0], method, record, most_events), None, None
     with Bar(total=len(drives), desc="integrating", unit="run", delay=1, leave=False) as bar:
         if len(drives) > 1:
             lanes = [Lane(scene, drive) for drive in drives[1:]]
             others = run_lanes(lanes, method, progress=lambda _done, _total: bar.update(), most_events=most_events, executor=executor)
             if not others.complete:
                 raise KeyboardInterrupt
-        bar.set_description("timing")
-        return Result(response, others, heard(lambda: integration_time(scene, drives[0], method, most_events), bar))
+        if timed:
+            bar.set_description("timing")
+            wall_time = heard(lambda: integration_time(scene, drives[0], method, most_events), bar)
+    return Result(response, others, wall_time)
 
 
 def ratio_of(given: Options, scene: Scene, schedule: FrequencySchedule) -> float | None:
@@ -143,7 +145,8 @@ def run(given: Options) -> str:
     first = Drive(given["force"], schedule, given["phase"])
     drives = draw_members(given["members"], given["seed"]).drives(first.amplitude, schedule, first.phase)
     with workers(None, given["cluster"]) as executor:
-        result = compute(scene, drives, method, given["plot"] is not None, given["most_events"], executor)
+        record = Record(events=True, energy=given["energy"], series=given["plot"] is not None)
+        result = compute(scene, drives, method, record, given["time"], given["most_events"], executor)
     result = replace(result, sweep_ratio=ratio_of(given, scene, schedule))
     write(result, given, beam)
     return summary(result, given["resonance"])

@@ -15,7 +15,7 @@ from optimisation.problem import Problem
 from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.search.judge import Judged, Verdict
 from optimisation.search.result import Cost, Findings
-from optimisation.search.study import Evaluated
+from optimisation.search.told import Evaluated
 from optimisation.statistics import COVERED, Gain
 from optimisation.sweep_rate import LEAST_RATIO
 

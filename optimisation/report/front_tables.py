@@ -14,7 +14,7 @@ from optimisation.report.design_tables import number
 from optimisation.search.front import hypervolume
 from optimisation.search.judge import Judged
 from optimisation.search.result import Cost
-from optimisation.search.study import Evaluated
+from optimisation.search.told import Evaluated
 
 Array = NDArray[np.float64]
 Json = dict[str, object]

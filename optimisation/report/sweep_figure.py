@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impact_env.energy import mechanical_energy
+from impact_env.energy import EnergyAccount, mechanical_energy
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.parameters import SlidingAbsorber, TunedAbsorber
 from impact_env.response import History, Response
@@ -43,7 +43,7 @@ class _Axis:
 
 
 def save_figure(path: Path, title: str, response: Response, resonance: int) -> None:
-    """Draw a response that has its level, events, history and energy recorded, and save it."""
+    """Draw a response that has its level, events and history recorded, and its energies if it has them; save it."""
     history, level = response.history, response.level
     assert history is not None
     assert level is not None
@@ -59,7 +59,10 @@ def save_figure(path: Path, title: str, response: Response, resonance: int) -> N
         _relative(axes[1, 0], response, history, axis)
         _relative_detail(axes[1, 1], response, history)
     _energies(axes[-1, 0], response, history, axis)
-    _account(axes[-1, 1], response, resonance)
+    if response.energy is None:
+        axes[-1, 1].remove()
+    else:
+        _account(axes[-1, 1], response.energy, resonance)
     for ax in axes[:, 0]:
         ax.set_xlim(*sorted((float(axis.of(np.array(0.0))), float(axis.of(response.drive.schedule.times[-1])))))
         ax.set_xlabel(axis.label)
@@ -189,9 +192,7 @@ def _energies(ax: Axes, response: Response, history: History, axis: _Axis) -> No
     ax.legend(loc="upper left", fontsize=8, ncols=3, framealpha=0.9)
 
 
-def _account(ax: Axes, response: Response, resonance: int) -> None:
-    account = response.energy
-    assert account is not None
+def _account(ax: Axes, account: EnergyAccount, resonance: int) -> None:
     parts = {
         "force's work": (account.work, WALL),
         f"damping, mode {resonance}": (float(account.modal_loss[resonance - 1]), TIP),

@@ -25,9 +25,6 @@ from impact_env.extras import optional
 from impact_env.parameters import ParameterError, require
 from optimisation.rl.policies import Informed, Policy
 
-with optional():
-    import gymnasium
-
 PLACE = "MINARI_DATASETS_PATH"  # where Minari looks for data sets
 HDF5 = Path("data") / "main_data.hdf5"
 
@@ -51,6 +48,8 @@ def record(policy: Policy, env_id: str, seeds: Sequence[int], arguments: Mapping
     """
     require(not isinstance(policy, Informed), "policy", policy.name, "one that sees what an agent sees, so that it can be imitated")
     lanes = len(seeds)
+    with optional():
+        import gymnasium
     env: Any = gymnasium.make_vec(env_id, num_envs=lanes, vectorization_mode="vector_entry_point", **(arguments or {}))
     rows: list[tuple[list[Any], list[Any], list[float]]] = [([], [], []) for _ in seeds]
     going, ended = np.ones(lanes, dtype=np.bool_), np.zeros(lanes, dtype=np.bool_)
@@ -102,6 +101,8 @@ def write_demonstrations(folder: Path, shown: Demonstrations, author: str, argum
     with tempfile.TemporaryDirectory(dir=folder.parent) as place, _minari(Path(place)) as minari:
         from minari.data_collector import EpisodeBuffer
 
+        with optional():
+            import gymnasium
         env = gymnasium.make(shown.env_id, **(arguments or {}))
         episodes = [_episode(EpisodeBuffer, shown, k) for k in range(len(shown.seeds))]
         words = f"{author} on {shown.env_id}, one episode for each of the seeds {shown.seeds[0]} to {shown.seeds[-1]}"

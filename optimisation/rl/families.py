@@ -17,9 +17,6 @@ from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
 from optimisation.rl.policies import Observations
 
-with optional():
-    import gymnasium
-
 Array = NDArray[np.float64]
 Info = Mapping[str, NDArray[Any]]
 FREQUENCY = [feature.name for feature in STATE].index("frequency")
@@ -54,6 +51,8 @@ class Stateless:
 
 def task_of(name: str, arguments: Mapping[str, Any]) -> Any:
     """Return the task behind one environment, for its settings."""
+    with optional():
+        import gymnasium
     env = gymnasium.make(name, **arguments)
     env.close()
     return env.unwrapped.task  # type: ignore[attr-defined]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
+from PIL import Image
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
@@ -15,9 +16,8 @@ from optimisation.files import replacing
 from optimisation.progress import Bar
 from optimisation.rl.agents import Agent
 
-with optional():
+if TYPE_CHECKING:
     import gymnasium
-    from PIL import Image
 
 NAMES = {name.split("/")[1].split("-")[0].lower(): name for name in ENVIRONMENTS}
 INTERVAL = 2.0625  # pseudo periods: frames show a slow motion, as under a stroboscope that is a little slower than the machine
@@ -30,11 +30,13 @@ def action_of(env: gymnasium.Env[Any, Any], observation: Any, action: float | Ag
         return env.action_space.sample()
     if isinstance(action, Agent):
         return action.act(np.asarray(observation)[None])[0]
-    return np.array([action], dtype=np.float32) if isinstance(env.action_space, gymnasium.spaces.Box) else 0
+    return 0 if env.action_space.shape == () else np.array([action], dtype=np.float32)
 
 
 def episode(name: str, mode: str, options: Mapping[str, Any], seed: int, action: float | Agent | None, most: int) -> tuple[list[np.ndarray], int]:
     """Return the frames of an episode of an environment, and how many of them are shown in a second; ``action`` None: a random one each time."""
+    with optional():
+        import gymnasium
     env = gymnasium.make(name, render_mode=mode, **options)
     try:
         return film(env, seed, action, most), int(env.metadata["render_fps"])

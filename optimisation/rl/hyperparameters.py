@@ -13,9 +13,6 @@ from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
 from impact_env.parameters import count, finite, fraction, non_negative, positive, require
 
-with optional():
-    import yaml
-
 PACKAGED = Path(__file__).with_name("hyperparameters.yaml")
 
 
@@ -177,6 +174,8 @@ ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {"ppo": PPOSettin
 
 def read(file: Path = PACKAGED) -> dict[str, dict[str, dict[str, Any]]]:
     """Return what a YAML file holds: values by environment, algorithm and name. Raises ParameterError for anything else."""
+    with optional():
+        import yaml
     name = "hyperparameters"
     try:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))

@@ -15,9 +15,6 @@ from impact_env.extras import optional
 from impact_env.parameters import require
 from optimisation.rl.policies import Informed, Policy
 
-with optional():
-    import gymnasium
-
 Array = NDArray[np.float64]
 SWEEP, GAP = "ImpactAbsorber/SweepRate-v0", "ImpactAbsorber/GapChoice-v0"
 PASSAGE, NOISY, DELAYED = "ImpactAbsorber/SweepRate-v1", "ImpactAbsorber/SweepRateNoisy-v1", "ImpactAbsorber/SweepRateDelayed-v1"
@@ -49,6 +46,8 @@ def play(policy: Policy, name: str, seeds: Sequence[int], arguments: Mapping[str
     """
     require(name in ENVIRONMENTS, "environment", name, f"one of {', '.join(ENVIRONMENTS)}")
     require(len(seeds) > 0, "seeds", seeds, "at least one seed")
+    with optional():
+        import gymnasium
     env = gymnasium.make_vec(name, num_envs=len(seeds), vectorization_mode="vector_entry_point", **(arguments or {}))
     try:
         return _play(policy, env, [int(seed) for seed in seeds], record)

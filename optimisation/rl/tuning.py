@@ -17,9 +17,6 @@ from impact_env.parameters import require
 from optimisation.rl.families import Array, Family, policy_of
 from optimisation.rl.play import play
 
-with optional():
-    from cmaes import CMA
-
 CHUNK = 512  # lanes that are played together: candidates times seeds
 Progress = Callable[[int], None]
 
@@ -94,6 +91,8 @@ def evolve(
     It sees a third of the seeds; the means of the distributions, the starts, and the best candidates of all generations (``finalists`` a start) are
     then compared on the others, which were not searched on, so that the luckiest candidate has no advantage.
     """
+    with optional():
+        from cmaes import CMA
     shown = searched(seeds)
     kept = seeds[len(shown) :]
     finalists: list[Array] = []

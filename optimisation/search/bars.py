@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from optimisation.progress import Bar, runs_bar
 from optimisation.search.find import Bars
-from optimisation.search.study import Progress
+from optimisation.search.told import Progress
 
 
 @contextmanager

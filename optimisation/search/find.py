@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from optimisation.designs import WITH_IMPACTS
 from optimisation.evaluation import Clocked, Executor, Threads
@@ -22,11 +23,13 @@ from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdi
 from optimisation.search.ledger import Ledger, remembering
 from optimisation.search.noisy import NOISY, noisy_search
 from optimisation.search.result import Cost, Findings
-from optimisation.search.samplers import CMA
-from optimisation.search.settings import Settings, default_settings
+from optimisation.search.settings import CMA, Settings, default_settings
 from optimisation.search.smooth import MEMBERS, smooth_search
-from optimisation.search.study import DesignStudy, Evaluated, Progress, opened
+from optimisation.search.told import Evaluated, Progress
 from optimisation.sources import fingerprint
+
+if TYPE_CHECKING:
+    from optimisation.search.study import DesignStudy
 
 SCIPY = "scipy"
 # the default where levels are noisy: the best of docs/search_methods.md; any of `SAMPLERS` and `NOISY` may stand here
@@ -76,6 +79,8 @@ def searched(
     label: str, problem: Problem, settings: Settings, designs: int, journal: Path | None, executor: Executor, bars: Bars = QUIET
 ) -> Iterator[tuple[DesignStudy, bool, Cost]]:
     """Run a study under a bar and give it, still open, with whether it came to its end and what it took; errors as in `opened`."""
+    from optimisation.search.study import opened  # the other searches need no Optuna
+
     with opened(problem, settings, journal) as study:
         with bars.study(label, settings.whole_batches(designs)) as show:
             finished = study.run(designs, executor, show)

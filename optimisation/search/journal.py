@@ -9,38 +9,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from impact_env.extras import optional
 from impact_env.parameters import ParameterError
-from optimisation.files import append, held
-
-with optional():
-    from optuna.storages.journal import JournalFileBackend
+from optimisation.files import held
 
 DAMAGED = ".damaged"
 
 
 class StudyError(ParameterError):
     """A study file cannot be used; the message says why and what to do."""
-
-
-class Journal(JournalFileBackend):
-    """Optuna's journal file for a writer that has it to itself: no lock for each line, and no wait for the disk but at `sync`.
-
-    A process that is killed loses nothing that it wrote; a machine that loses its power may lose what came after the last `sync`.
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(str(path))
-        self._path = path
-
-    def append_logs(self, logs: list[dict[str, Any]]) -> None:
-        """Write all of these lines or, with OSError, none of them."""
-        append(self._path, b"".join(line_of(log) for log in logs))
-
-    def sync(self) -> None:
-        """Wait until the disk has everything."""
-        with self._path.open("ab") as file:
-            os.fsync(file.fileno())
 
 
 def line_of(entry: dict[str, Any]) -> bytes:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,12 @@ from optimisation.insight import Levels
 from optimisation.measures import LEVEL
 from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem
-from optimisation.search.samplers import seed_of
-from optimisation.search.study import DesignStudy, Evaluated
+from optimisation.search.settings import seed_of
+from optimisation.search.told import Evaluated
 from optimisation.statistics import Gain, ratio_of_quantiles
+
+if TYPE_CHECKING:
+    from optimisation.search.study import DesignStudy
 
 Array = NDArray[np.float64]
 FINALISTS, AUDITED = 5, 8

@@ -27,7 +27,7 @@ from optimisation.designs import WITH_IMPACTS, Design
 from optimisation.evaluation import Executor, evaluate
 from optimisation.objectives import Score
 from optimisation.problem import Problem
-from optimisation.search.study import Evaluated
+from optimisation.search.told import Evaluated
 
 Array = NDArray[np.float64]
 MAP, REPLICATED = "map", "replicated"

@@ -8,7 +8,7 @@ from functools import cached_property
 from optimisation.insight import Levels, Sensitivity
 from optimisation.problem import Problem
 from optimisation.search.judge import Audit, MoreModes, Verdict
-from optimisation.search.study import Evaluated
+from optimisation.search.told import Evaluated
 from optimisation.service import Service
 
 

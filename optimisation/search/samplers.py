@@ -7,18 +7,15 @@ A sampler that keeps a random generator from trial to trial cannot be resumed. H
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import warnings
 import zlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from impact_env.extras import how_to_install, optional
-from impact_env.parameters import require
+from impact_env.extras import optional
 from optimisation.designs import DesignSpace
+from optimisation.search.settings import CMA, GP, NSGA2, RANDOM, seed_of
 
 with optional():
     import optuna
@@ -27,29 +24,12 @@ with optional():
     from optuna.samplers import nsgaii as genetic
     from optuna.trial import FrozenTrial, TrialState
 
-CMA, NSGA2, GP, RANDOM = "cma", "nsga2", "gp", "random"
-SAMPLERS = {CMA: "CMA-ES", NSGA2: "NSGA-II", GP: "Gaussian process", RANDOM: "random search"}
 _NOTED = "gp:relative_params"  # where Optuna keeps a proposal of the Gaussian process
-
-
-def seed_of(seed: int, *numbers: int) -> int:
-    """Return a seed of 31 bits that follows from a seed and numbers."""
-    return int(np.random.SeedSequence([seed, *numbers]).generate_state(1)[0] >> 1)
 
 
 def distributions(space: DesignSpace) -> dict[str, BaseDistribution]:
     """Return the free variables as Optuna's distributions."""
     return {v.name: IntDistribution(int(v.low), int(v.high)) if v.whole else FloatDistribution(v.low, v.high, log=v.log) for v in space.free}
-
-
-def check_sampler(name: str, space: DesignSpace, objectives: int) -> None:
-    """Raise ParameterError if a sampler is unknown or cannot do a problem."""
-    require(name in SAMPLERS, "sampler", name, f"one of {', '.join(SAMPLERS)}")
-    if name == CMA:
-        require(objectives == 1, "sampler", name, f"one objective; for {objectives} use {NSGA2}, {GP} or {RANDOM}")
-        require(len(space.free) >= 2, "sampler", name, f"two or more free variables; for one use {GP} or {RANDOM}")
-    if name == GP:
-        require(importlib.util.find_spec("torch") is not None, "sampler", name, f"where the package torch is installed; {how_to_install('torch')}")
 
 
 class _CmaEs(CmaEsSampler):

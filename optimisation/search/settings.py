@@ -9,17 +9,37 @@ the shortcut cost.
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import asdict, dataclass
 
-from impact_env.parameters import count, fraction, positive, require
-from optimisation.designs import TUNED
-from optimisation.problem import Problem
-from optimisation.search.samplers import CMA, GP, NSGA2, SAMPLERS, check_sampler
+import numpy as np
 
+from impact_env.extras import how_to_install
+from impact_env.parameters import count, fraction, positive, require
+from optimisation.designs import TUNED, DesignSpace
+from optimisation.problem import Problem
+
+CMA, NSGA2, GP, RANDOM = "cma", "nsga2", "gp", "random"
+SAMPLERS = {CMA: "CMA-ES", NSGA2: "NSGA-II", GP: "Gaussian process", RANDOM: "random search"}
 BATCHES = {CMA: 40, NSGA2: 20, GP: 8}
 FAST = 10.0  # rate of the first rung over the usual one: faster still, the sweep is over before the response has built up
 FEW = 2  # members of the first rungs
 KEPT = (0.2, 0.25)  # shares that go on from the first rungs: of 40 designs 8, and then 2
+
+
+def seed_of(seed: int, *numbers: int) -> int:
+    """Return a seed of 31 bits that follows from a seed and numbers."""
+    return int(np.random.SeedSequence([seed, *numbers]).generate_state(1)[0] >> 1)
+
+
+def check_sampler(name: str, space: DesignSpace, objectives: int) -> None:
+    """Raise ParameterError if a sampler is unknown or cannot do a problem."""
+    require(name in SAMPLERS, "sampler", name, f"one of {', '.join(SAMPLERS)}")
+    if name == CMA:
+        require(objectives == 1, "sampler", name, f"one objective; for {objectives} use {NSGA2}, {GP} or {RANDOM}")
+        require(len(space.free) >= 2, "sampler", name, f"two or more free variables; for one use {GP} or {RANDOM}")
+    if name == GP:
+        require(importlib.util.find_spec("torch") is not None, "sampler", name, f"where the package torch is installed; {how_to_install('rl')}")
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from impact_env.parameters import count, require
 from optimisation.designs import WITH_IMPACTS, Design
 from optimisation.evaluation import Executor, evaluate
 from optimisation.problem import Problem
-from optimisation.search.study import Evaluated
+from optimisation.search.told import Evaluated
 
 Array = NDArray[np.float64]
 STARTS, SCATTERED, MEMBERS = 3, 16, 2

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,18 +27,21 @@ from impact_env.parameters import ParameterError
 from optimisation.designs import Design
 from optimisation.differences import difference
 from optimisation.evaluation import Executor, evaluate
+from optimisation.files import append
 from optimisation.objectives import Score
 from optimisation.problem import Problem
-from optimisation.search.journal import Journal, StudyError, alone, repair
+from optimisation.search.journal import StudyError, alone, line_of, repair
 from optimisation.search.ledger import listed
-from optimisation.search.samplers import CMA, TrialSampler, distributions
-from optimisation.search.settings import Settings
+from optimisation.search.samplers import TrialSampler, distributions
+from optimisation.search.settings import CMA, Settings
+from optimisation.search.told import Evaluated, Progress
 from optimisation.sources import SEARCHING, fingerprint
 
 with optional():
     import optuna
     from optuna.samplers import RandomSampler
     from optuna.storages import InMemoryStorage, JournalStorage
+    from optuna.storages.journal import JournalFileBackend
     from optuna.trial import FrozenTrial, Trial, TrialState
 
 Array = NDArray[np.float64]
@@ -46,23 +51,24 @@ NAME = "design"
 _IDENTITY, _SCORE = "identity", "score"
 
 
-@dataclass(frozen=True, eq=False)
-class Evaluated:
-    """A design that was told: its ``number``, what it scored, and on how many ``rungs`` (all of them: it can win)."""
+class Journal(JournalFileBackend):
+    """Optuna's journal file for a writer that has it to itself: no lock for each line, and no wait for the disk but at `sync`.
 
-    number: int
-    design: Design
-    score: Score
-    rungs: int
+    A process that is killed loses nothing that it wrote; a machine that loses its power may lose what came after the last `sync`.
+    """
 
+    def __init__(self, path: Path) -> None:
+        super().__init__(str(path))
+        self._path = path
 
-@dataclass(frozen=True, eq=False)
-class Progress:
-    """How far a study is: ``designs`` told, ``wanted`` in all, and the ``runs`` made in this session."""
+    def append_logs(self, logs: list[dict[str, Any]]) -> None:
+        """Write all of these lines or, with OSError, none of them."""
+        append(self._path, b"".join(line_of(log) for log in logs))
 
-    designs: int
-    wanted: int
-    runs: int
+    def sync(self) -> None:
+        """Wait until the disk has everything."""
+        with self._path.open("ab") as file:
+            os.fsync(file.fileno())
 
 
 class DesignStudy:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import click
 
-from optimisation.command_line import check_target
+from optimisation.command_line import Command, check_target, json_option
 from optimisation.studies.machine import machine, sources
 from optimisation.studies.study import Json, Measured, Part, Place, Steps, Study
 
-Command = Callable[..., Any]
 S = TypeVar("S")
 
 
@@ -40,7 +39,7 @@ def table_options(marker: str, page: str) -> Callable[[Command], Command]:
 
     def add(command: Command) -> Command:
         command = click.option("--page", type=file, metavar="FILE", help=words)(command)
-        return click.option("--json", "target", type=file, metavar="FILE", help="Write the numbers, each repeat where there are any.")(command)
+        return json_option("Write the numbers, each repeat where there are any.", "target")(command)
 
     return add
 

@@ -19,7 +19,7 @@ from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.search.find import QUIET, Bars, Plan, find
 from optimisation.search.noisy import MAP, NOISY, REPLICATED
-from optimisation.search.samplers import CMA, RANDOM, SAMPLERS
+from optimisation.search.settings import CMA, RANDOM, SAMPLERS
 from optimisation.statistics import ratio_of_quantiles
 from optimisation.studies.rule import STRUCTURES
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -15,12 +16,14 @@ from places import ROOT
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
 
+import click
 from click.testing import CliRunner
 from commands import FAST, call, load
 
-from optimisation.command_line import plain_errors
+from optimisation.command_line import end_early, json_option, name_files, plain_errors
 from optimisation.evaluation import Threads
 from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
+from optimisation.files import write_json
 
 
 @pytest.mark.parametrize("name", ["optimise_design", "pareto"])
@@ -168,3 +171,17 @@ def test_cluster_is_an_option_of_commands_with_many_runs(monkeypatch: pytest.Mon
         assert result.exit_code == 2, result.output
         assert result.stdout == ""
         assert names in result.stderr
+
+
+def test_json_alone_goes_to_standard_output_and_what_is_finished_after_an_early_end() -> None:
+    @click.command()
+    @json_option("Numbers.", "target")
+    def command(target: Path) -> None:
+        click.echo("a table")
+        write_json(target, [1])
+        name_files([target])
+        end_early(False)
+
+    result = call(command, "--json", "-")
+    assert (result.exit_code, json.loads(result.stdout)) == (130, [1])
+    assert "a table\n\nwritten: standard output\nStopped early" in result.stderr

@@ -1,21 +1,64 @@
-"""The console command: from a wheel without a checkout, from the checkout, and without an extra."""
+"""The console command: from a wheel without a checkout, from the checkout, and with no more installed than what is declared."""
 
 from __future__ import annotations
 
 import ast
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from declared import environment
 from places import ROOT, SCRIPTS
 
 from optimisation import command
 
 POSIX_ONLY = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "termios", "tty"}
+BALANCE = "--modes 2 --method balance --harmonics 3 --no-sweeps"
+STEEP = "--quick --modes 2 --rate 20 --members 2"
+QUICK = {  # the shortest form of each command
+    "balance_error": "--modes 2 --harmonics 10 --weights 50 --no-branches",
+    "benchmark": "--quick --repeats 1",
+    "benchmark_energies": "--quick --repeats 1",
+    "benchmark_envs": "--quick",
+    "benchmark_periodic": "--quick",
+    "benchmark_start": "--quick",
+    "compare_absorbers": "--quick",
+    "cost_of_exact": "--quick",
+    "design_gap": "--quick --force 3.5",
+    "design_rule": "--quick",
+    "error_vs_runtime": "--quick",
+    "evaluate_policies": "--quick --without-agents --task sweep",
+    "findings": "--quick",
+    "frequency_response": BALANCE,
+    "friction_branches": "--quick --members 8",
+    "isola": "--modes 1 --from 0.93",
+    "mass_ratios": "--rate 100 --members 1 --mass-ratio 0.02 --resonances 1 1",
+    "optimise_design": f"{STEEP} --batch 4 --designs 4 --no-figures",
+    "orbits": "--modes 3 --friction-limit 0.01 --at 0.95 --symmetric",
+    "pareto": f"{STEEP} --batch 4 --designs 4",
+    "record_demonstrations": "--task passage --episodes 2",
+    "reference_levels": "--members 2",
+    "regimes": "--quick",
+    "render_episode": "--frames 4 --gif film.gif",
+    "reproduce_paper": "--quick",
+    "search_methods": "--quick",
+    "specialisation": "--quick",
+    "stability": "--quick",
+    "sweep": "--modes 2 --from 0.98 --to 1 --percent-per-100-periods 10 --energy --time --plot sweep.png",
+    "sweep_tradeoff": "--quick",
+    "train_sweep_agent": "--quick --steps 512",
+    "tune_baselines": "--quick --task gap",
+    "tune_ltva": "--quick --modes 1",
+    "your_structure": "",
+}
+OF_A_CHECKOUT = ("benchmark_start", "your_structure")  # which say so
 
 
 @pytest.fixture(scope="session")
@@ -31,11 +74,17 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "site"
 
 
-def run(installed: Path, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Call the installed command from a folder that is no checkout."""
-    environment = os.environ | {"PYTHONPATH": str(installed), "PYTHONSAFEPATH": "1", "COLUMNS": "160"}
+def run(installed: Path, folder: Path, *arguments: str, extras: tuple[str, ...] = (), **variables: str) -> subprocess.CompletedProcess[str]:
+    """Call the installed command from a folder that is no checkout, with no more packages than these extras bring."""
+    (folder / "hook").mkdir(exist_ok=True)
+    variables = environment(installed, extras, folder / "hook") | variables
     program = next((installed / "bin").glob("impact-absorber*"))
-    return subprocess.run([program, *arguments], cwd=folder, env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=300)
+    return subprocess.run([program, *arguments], cwd=folder, env=variables, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+
+
+def declared(script: Path) -> tuple[str, ...]:
+    """Return the extras that a script declares."""
+    return tuple(re.sub(",", " ", " ".join(re.findall(r"^# needs:(.*)$", script.read_text(), re.MULTILINE))).split())
 
 
 def scripts() -> list[Path]:
@@ -53,7 +102,7 @@ def test_a_wheel_lists_all_scripts(installed: Path, tmp_path: Path) -> None:
 
 def test_a_wheel_runs_a_study_without_a_checkout(installed: Path, tmp_path: Path) -> None:
     pytest.importorskip("cvxpy")
-    result = run(installed, tmp_path, "tune_ltva", "--quick", "--modes", "1")
+    result = run(installed, tmp_path, "tune_ltva", "--quick", "--modes", "1", extras=("optimise",))
     assert result.returncode == 0, result.stderr
     assert "written: results" in result.stdout
     (folder,) = (tmp_path / "results").iterdir()
@@ -69,12 +118,69 @@ def test_bad_input_is_one_error(installed: Path, tmp_path: Path, arguments: tupl
     assert "Traceback" not in result.stderr
 
 
-def test_each_script_names_itself_by_the_command() -> None:
-    for script in scripts():
-        if not command.missing_extras(script):
-            result = CliRunner().invoke(command.main, [script.stem, "--help"], prog_name="impact-absorber")
-            assert result.exit_code == 0, result.output
-            assert result.output.startswith(f"Usage: impact-absorber {script.stem} [OPTIONS]")
+def test_each_script_tells_its_options_without_any_extra(installed: Path, tmp_path: Path) -> None:
+    code = "import json, sys\nfrom click.testing import CliRunner\nfrom optimisation.command import main\n"
+    code += "names = main.list_commands(None)\nfound = [CliRunner().invoke(main, [n, '--help'], prog_name='impact-absorber') for n in names]\n"
+    code += "heavy = {'torch', 'cvxpy', 'optuna', 'gymnasium', 'distributed'} & set(sys.modules)\n"
+    code += "print(json.dumps([[[n, f.exit_code, f.output, repr(f.exception)] for n, f in zip(names, found)], sorted(heavy)]))"
+    call = [sys.executable, "-c", code]
+    done = subprocess.run(call, cwd=tmp_path, env=environment(installed, (), tmp_path), capture_output=True, text=True, check=True)
+    told, heavy = json.loads(done.stdout)
+    assert [name for name, *_ in told] == [script.stem for script in scripts()]
+    for name, code, output, error in told:
+        assert code == 0, f"{name}: {error} {output}"
+        assert output.startswith(f"Usage: impact-absorber {name} [OPTIONS]")
+        assert ("--json" in output) == ("--json FILE|-" in output)  # all are one option
+    assert heavy == []
+
+
+def test_what_is_not_declared_is_refused(installed: Path, tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    result = run(installed, tmp_path, "optimise_design", "--quick")
+    assert (result.returncode, result.stdout) == (1, "")
+    assert result.stderr.endswith('they come with: pip install "impact-absorber-workbench[optimise]"\n')
+    result = run(installed, tmp_path, "sweep", "--structure", str(ROOT / "docs" / "examples" / "measured.toml"))
+    assert (result.returncode, result.stdout) == (1, "")
+    assert result.stderr == 'Error: pyuff is not installed; it comes with: pip install "impact-absorber-workbench[files]"\n'
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_shell_completes_without_any_extra(shell: str, installed: Path, tmp_path: Path) -> None:
+    if shutil.which(shell):  # bash is asked for its version
+        source = run(installed, tmp_path, _IMPACT_ABSORBER_COMPLETE=f"{shell}_source")
+        assert (source.returncode, source.stderr) == (0, "")
+        assert "_IMPACT_ABSORBER_COMPLETE" in source.stdout
+    for words, wanted in (("impact-absorber tra", "train_sweep_agent"), ("impact-absorber optimise_design --samp", "--sampler")):
+        last = words.rsplit(" ", 1)[1]
+        typed = {
+            "COMP_WORDS": words.removesuffix(last) if shell == "fish" else words,
+            "COMP_CWORD": last if shell == "fish" else str(words.count(" ")),
+        }
+        result = run(installed, tmp_path, _IMPACT_ABSORBER_COMPLETE=f"{shell}_complete", **typed)
+        assert result.returncode == 0, result.stderr
+        assert wanted in result.stdout
+        assert result.stderr == ""
+
+
+def test_the_table_of_quick_forms_is_whole() -> None:
+    assert sorted(QUICK) == [script.stem for script in scripts()]
+
+
+@pytest.mark.wheel
+@pytest.mark.parametrize("name", sorted(QUICK))
+def test_a_quick_form_needs_no_more_than_what_is_declared(name: str, installed: Path, tmp_path: Path) -> None:
+    """The numbers of --json go to standard output, and nothing else does."""
+    script = installed / "optimisation" / "shipped" / "scripts" / f"{name}.py"
+    options = (SCRIPTS / f"{name}.py").read_text()
+    writes = "@json_option(" in options or "@table_options(" in options
+    try:
+        result = run(installed, tmp_path, name, *QUICK[name].split(), *(("--json", "-") if writes else ()), extras=declared(script))
+    except PackageNotFoundError as absent:
+        pytest.skip(f"{absent} is not installed here")
+    assert "Traceback" not in result.stderr
+    assert result.returncode == (2 if name in OF_A_CHECKOUT else 0), result.stderr
+    if writes and name not in OF_A_CHECKOUT:
+        assert json.loads(result.stdout)
 
 
 def test_whole_studies_go_to_results_without_a_checkout(installed: Path, tmp_path: Path) -> None:
@@ -88,11 +194,14 @@ def test_whole_studies_go_to_results_without_a_checkout(installed: Path, tmp_pat
 
 
 def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "show.py").write_text('"""Show one thing.\n\nMore words.\n"""\n\n# needs: rl, peers\n\nimport no_such_package_a\n')
+    head = '"""Show one thing.\n\nMore words.\n"""\n\n# needs: rl, peers\n\n'
+    (tmp_path / "show.py").write_text(head + "import click\n\n@click.command()\ndef main():\n    import no_such_package_a\n")
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
     monkeypatch.setattr(command, "EXTRAS", {"no_such_package_a": "rl", "no_such_package_b": "peers", "no_such_package_c": "optimise", "json": "rl"})
     monkeypatch.setattr(command, "scripts_folder", lambda: tmp_path)
     listed = CliRunner().invoke(command.main, ["--help"])
     assert "Show one thing." in listed.output
+    assert CliRunner().invoke(command.main, ["show", "--help"]).exit_code == 0
     result = CliRunner().invoke(command.main, ["show"])
     assert result.exit_code == 1
     assert "(no_such_package_a, no_such_package_b)" in result.stderr
@@ -101,9 +210,7 @@ def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_what_scripts_need_are_extras() -> None:
     for script in scripts():
-        head = "\n".join(script.read_text().splitlines()[: command.HEAD_LINES])
-        needed = {extra for line in command.NEEDS.findall(head) for extra in line.replace(",", " ").split()}
-        assert needed <= set(command.EXTRAS.values()), script.name
+        assert set(declared(script)) <= set(command.EXTRAS.values()), script.name
 
 
 def test_nothing_imports_what_one_system_has_alone() -> None:

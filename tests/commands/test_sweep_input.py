@@ -9,7 +9,6 @@ import pytest
 from places import ROOT, SCRIPTS
 from sweep_command import SHORT, call
 
-from optimisation.commands import sweep_run
 from optimisation.report import sweep_figure
 
 BAD = {
@@ -118,7 +117,6 @@ def test_failure_while_writing_leaves_what_was_there(tmp_path: Path, monkeypatch
         path.write_text("half a figure")
         raise OSError("disk full")
 
-    monkeypatch.setattr(sweep_run, "integration_time", lambda *_: 1.0)
     monkeypatch.setattr(sweep_figure, "save_figure", fail)
     old, figure = tmp_path / "sweep.json", tmp_path / "sweep.png"
     old.write_text("older results")

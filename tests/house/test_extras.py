@@ -23,18 +23,13 @@ SOLD_AS = {
 IMPORTS = {
     "optimisation.search.samplers": ("optuna", "optimise"),
     "optimisation.search.study": ("optuna", "optimise"),
-    "optimisation.search.journal": ("optuna", "optimise"),
     "optimisation.search.cluster": ("distributed", "cluster"),
     "optimisation.convex": ("cvxpy", "optimise"),
     "optimisation.bounds.relaxation": ("cvxpy", "optimise"),
     "optimisation.tuned.certificate": ("cvxpy", "optimise"),
-    "optimisation.rl.families": ("gymnasium", "env"),
-    "optimisation.rl.play": ("gymnasium", "env"),
-    "optimisation.rl.hyperparameters": ("yaml", "rl"),
     "optimisation.rl.vec_env": ("gymnasium", "env"),
     "optimisation.rl.models": ("gymnasium", "env"),
     "optimisation.rl.training": ("gymnasium", "env"),
-    "optimisation.rl.demonstrations": ("gymnasium", "env"),
     "impact_env.envs.sweep_rate_v1": ("gymnasium", "env"),
     "impact_env.envs.sweep_and_gap": ("gymnasium", "env"),
     "impact_env.envs.friction_choice": ("gymnasium", "env"),
@@ -47,6 +42,7 @@ IMPORTS = {
 }
 TRY = """
 import importlib, sys
+sys.prefix = "no checkout's own environment"
 class Missing:
     def find_spec(self, name, path=None, target=None):
         if name in {packages}:
@@ -61,6 +57,7 @@ for module in {modules}:
 """
 HUMAN = """
 import sys
+sys.prefix = "no checkout's own environment"
 sys.modules["pygame"] = None
 import gymnasium, impact_env
 env = gymnasium.make("ImpactAbsorber/Passive-v0", render_mode="human")
@@ -78,7 +75,7 @@ def fresh(code: str) -> list[str]:
 
 
 def expected(module: str, package: str, extra: str) -> str:
-    return f'{module} ModuleNotFoundError {package} is not installed; it comes with: pip install "{DISTRIBUTION}[{extra}]"'
+    return f'{module} MissingExtraError {package} is not installed; it comes with: pip install "{DISTRIBUTION}[{extra}]"'
 
 
 def test_an_import_names_the_extra() -> None:
@@ -91,7 +88,6 @@ def test_an_import_names_the_extra() -> None:
     [
         ("optimisation.rl.models", "torch", "rl"),
         ("optimisation.rl.vec_env", "stable_baselines3", "rl"),
-        ("optimisation.rl.tuning", "cmaes", "optimise"),
     ],
 )
 def test_one_of_several_packages_is_missing(module: str, package: str, extra: str) -> None:
@@ -102,7 +98,7 @@ def test_one_of_several_packages_is_missing(module: str, package: str, extra: st
 def test_a_window_without_its_package_names_the_extra() -> None:
     pytest.importorskip("gymnasium")
     (line,) = fresh(HUMAN)
-    assert line.endswith(how_to_install("pygame"))
+    assert line.endswith('pip install "impact-absorber-workbench[env]"')
 
 
 def test_the_environments_need_nothing_that_learns() -> None:
@@ -119,9 +115,19 @@ def test_the_environments_need_nothing_that_learns() -> None:
 
 def test_what_only_one_function_needs_is_named_by_it() -> None:
     pytest.importorskip("stable_baselines3")
-    calls = {"recurrent()": ("sb3_contrib", "rl"), "_minari(Path('.')).__enter__()": ("minari", "offline")}
-    code = TRY.format(packages=[package for package, _ in calls.values()], modules=[])
-    code += "from pathlib import Path\nfrom optimisation.rl.models import recurrent\nfrom optimisation.rl.demonstrations import _minari\n"
+    calls = {
+        "recurrent()": ("sb3_contrib", "rl"),
+        "_minari(Path('.')).__enter__()": ("minari", "offline"),
+        "task_of('', {})": ("gymnasium", "env"),
+        "read()": ("yaml", "rl"),
+        "evolve(*[None] * 7)": ("cmaes", "optimise"),
+        "read_modes(Path('.'))": ("pyuff", "files"),
+    }
+    code = "from pathlib import Path\nfrom optimisation.rl.models import recurrent\nfrom optimisation.rl.demonstrations import _minari\n"
+    code += "from optimisation.rl.families import task_of\nfrom optimisation.rl.hyperparameters import read\n"
+    code += "from optimisation.rl.tuning import evolve\nfrom impact_env.structures.universal import read_modes\n"
+    packages = [package for package, _ in calls.values()]
+    code += TRY.format(packages=packages, modules=[]) + f"for package in {packages}: sys.modules.pop(package, None)\n"
     code += "".join(f"try:\n    {call}\nexcept ImportError as error:\n    print(error)\n" for call in calls)
     for line, (package, extra) in zip(fresh(code), calls.values(), strict=True):
         assert line == f'{package} is not installed; it comes with: pip install "{DISTRIBUTION}[{extra}]"' or "h5py" in line
@@ -133,6 +139,12 @@ def test_extras_are_those_of_the_package() -> None:
     for package, extra in EXTRAS.items():
         name = SOLD_AS.get(package, package)
         assert any(requirement.startswith(name) for requirement in project["optional-dependencies"][extra]), package
+
+
+def test_in_a_checkouts_own_environment_its_own_set_up_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "prefix", str(ROOT / ".venv"))
+    assert how_to_install("files") == f'python3 "{SCRIPTS / "lib" / "set_up.py"}" files'
+    assert all((ROOT / "requirements" / f"{extra}.txt").is_file() for extra in EXTRAS.values())
 
 
 def test_other_failures_pass_as_they_are() -> None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,13 @@ from impact_env.drive import Drive
 from impact_env.kinds import is_linear
 from impact_env.methods import Exact, Method
 from impact_env.sweep import IntegrationError, simulate
-from impact_env.verification import digits
 from optimisation.studies.accuracy.cases import BARE, KINDS, WATCHED, Case, Kind, case, method_name
 from optimisation.studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
 from optimisation.studies.accuracy.settings import FULL, Cases, Row, Settings, median_time
 from optimisation.studies.study import left
+
+if TYPE_CHECKING:
+    from impact_env.verification import digits
 
 Array = NDArray[np.float64]
 NAME = "trajectory"
@@ -45,6 +47,8 @@ Maker = Callable[[float], Any]  # makes a peer's integrator from a tolerance; wh
 
 def truth_of(it: Case) -> Truth:
     """Compute the reference up to the middle of the widest gap between late impacts, where no method is just at one."""
+    from impact_env.verification import digits  # needs an extra
+
     drive = it.drive(MOST_PERIODS)
     walled = getattr(it.scene.absorber, "walls", None) is not None
     periods = WITHOUT_IMPACTS

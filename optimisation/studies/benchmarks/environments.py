@@ -19,9 +19,6 @@ from optimisation.report.markdown import markdown
 from optimisation.studies.one_table import table_study
 from optimisation.studies.study import Json, Measured
 
-with optional():
-    import gymnasium
-
 NAME = "speeds"
 PASSIVE, SWEEP = "ImpactAbsorber/Passive-v0", "ImpactAbsorber/SweepRate-v0"
 PASSAGE: dict[str, Any] = {"modes": 3, "force": 1.5, "interval": 1.0, "direction": "up", "limits": (0.98, 1.06)}
@@ -63,6 +60,8 @@ def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, adv
 
 def single(seconds: float, advance: Callable[[], object]) -> Speed:
     """Time one environment."""
+    with optional():
+        import gymnasium
     env = gymnasium.make(PASSIVE, **PASSAGE)
     env.reset(seed=0)
 
@@ -76,6 +75,8 @@ def single(seconds: float, advance: Callable[[], object]) -> Speed:
 
 def vector(name: str, mode: str, lanes: int, seconds: float, advance: Callable[[], object], **options: Any) -> Speed:
     """Time a vector of environments, made by Gymnasium's `make_vec` in this mode."""
+    with optional():
+        import gymnasium
     env = gymnasium.make_vec(PASSIVE, num_envs=lanes, vectorization_mode=mode, **options, **PASSAGE)
     try:
         env.reset(seed=0)
