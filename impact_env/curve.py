@@ -17,7 +17,7 @@ from impact_env.drive import PAPER_LIMITS, FrequencySchedule, default_rate, line
 from impact_env.ensemble import Executor, Lane, LaneLevels, Members, Progress, draw_members, run_lanes
 from impact_env.kinds import is_linear
 from impact_env.methods import Method
-from impact_env.parameters import require
+from impact_env.parameters import instance, pair, require, row
 from impact_env.response import DEFAULT_SAMPLES
 from impact_env.scene import Scene
 
@@ -41,12 +41,11 @@ class CurveCase:
     percent_per_100_periods: float = None  # type: ignore[assignment]  # replaced by `default_rate`
 
     def __post_init__(self) -> None:
-        forces = np.array(self.forces, dtype=np.float64, ndmin=1)
-        ok = forces.ndim == 1 and forces.size > 0 and bool(np.all(np.isfinite(forces) & (forces >= 0)))
-        require(ok, "forces", self.forces, "a row of finite forces in N, 0 or above")
-        require(self.limits[0] < self.limits[1], "limits", self.limits, "(low, high) with low below high")
-        forces.setflags(write=False)
+        instance("scene", self.scene, Scene)
+        forces = row("forces", self.forces, "a row of finite forces in N, 0 or above")
+        require(forces.size > 0 and bool(np.all(forces >= 0)), "forces", self.forces, "a row of finite forces in N, 0 or above")
         object.__setattr__(self, "forces", forces)
+        object.__setattr__(self, "limits", pair("limits", self.limits))
         if self.percent_per_100_periods is None:
             object.__setattr__(self, "percent_per_100_periods", default_rate(self.scene.model, (self.resonance,)))
         self.schedules()

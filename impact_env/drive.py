@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.modes import ModalModel
-from impact_env.parameters import Beam, finite, non_negative, positive, require
+from impact_env.parameters import Beam, finite, instance, listed, non_negative, positive, require, row
 
 PAPER_RATE = 1.0  # percent of the resonance frequency per 100 pseudo periods
 PAPER_LIMITS = (0.9, 1.06)  # of the resonance frequency
 assert isinstance(Beam.damping_ratio, float)
 PAPER_DAMPING = Beam.damping_ratio
+MOST_PERIODS = 1e9  # ten times the longest default sweep, that of a tuned absorber on a resonance without damping: hours for one run
+SLOWEST, FASTEST, MOST_RATIO = 1e-20, 1e20, 1e9  # of a reference frequency in rad/s, and how much faster a force may be
 LEAST_DAMPING = 1e-4  # the sweep of an undamped resonance would never end
 
 
@@ -30,17 +32,16 @@ class FrequencySchedule:
     reference: float
 
     def __post_init__(self) -> None:
-        times, omegas = (np.array(values, dtype=np.float64, ndmin=1) for values in (self.times, self.omegas))
-        ok = times.ndim == 1 and len(times) >= 2 and bool(np.all(np.isfinite(times)))
-        require(
-            ok and times[0] == 0 and bool(np.all(np.diff(times) > 0)), "times", self.times, "two or more finite times in s, strictly rising from 0"
-        )
-        ok = omegas.shape == times.shape and bool(np.all(np.isfinite(omegas))) and bool(np.all(omegas >= 0))
-        require(ok, "omegas", self.omegas, "one finite frequency in rad/s, 0 or above, for each time")
-        positive("reference frequency", self.reference)
+        allowed = "two or more finite times in s, strictly rising from 0"
+        times = row("times", self.times, allowed)
+        require(len(times) >= 2 and times[0] == 0 and bool(np.all(np.diff(times) > 0)), "times", self.times, allowed)
+        allowed = f"a finite frequency in rad/s, 0 or above, for each of the {len(times)} times"
+        omegas = row("omegas", self.omegas, allowed)
+        require(omegas.shape == times.shape and bool(np.all(omegas >= 0)), "omegas", self.omegas, allowed)
+        object.__setattr__(self, "reference", positive("reference frequency", self.reference, SLOWEST, FASTEST))
         for name, values in (("times", times), ("omegas", omegas)):
-            values.setflags(write=False)
             object.__setattr__(self, name, values)
+        require(self.periods <= MOST_PERIODS * (1 + 1e-12), "times", self.times, f"at most {MOST_PERIODS:g} pseudo periods of the reference frequency, not {self.periods:g}")
 
     @property
     def pseudo_period(self) -> float:
@@ -73,11 +74,14 @@ def linear_sweep(
     percent_per_100_periods: float = PAPER_RATE,
 ) -> FrequencySchedule:
     """Return a linear sweep between two ratios of ``reference`` (rad/s); up or down follows from the ratios (paper, section 3.3)."""
-    positive("reference frequency", reference)
-    start, stop = non_negative("start ratio", start_ratio), non_negative("stop ratio", stop_ratio)
+    reference = positive("reference frequency", reference, SLOWEST, FASTEST)
+    start, stop = non_negative("start ratio", start_ratio, MOST_RATIO), non_negative("stop ratio", stop_ratio, MOST_RATIO)
     require(start != stop, "stop ratio", stop_ratio, "different from the start ratio (use constant_frequency for a fixed one)")
     rate = positive("percent_per_100_periods", percent_per_100_periods)
     periods = abs(stop - start) * 100 * 100 / rate
+    least = rate * periods / MOST_PERIODS
+    allowed = f"{least:.3g} or more from start ratio {start:g} to stop ratio {stop:g}, which else takes more than {MOST_PERIODS:g} pseudo periods"
+    require(periods <= MOST_PERIODS, "percent_per_100_periods", rate, allowed)
     return FrequencySchedule(np.array([0.0, periods * 2 * np.pi / reference]), np.array([start, stop]) * reference, reference)
 
 
@@ -89,16 +93,17 @@ def default_rate(model: ModalModel, resonances: Iterable[int] = (1,)) -> float:
     damping; it is never faster than the paper's, since impacts have times of their own that no damping shortens. Of several resonances the least
     damped one counts, and a damping ratio below 1e-4 counts as 1e-4. Raises ParameterError for a resonance that the model lacks.
     """
-    ratios = [float(model.damping_ratio[k - 1]) for k in resonances if model.resonance_omega(k)]
+    instance("model", model, ModalModel)
+    ratios = [float(model.damping_ratio[k - 1]) for k in listed("resonances", resonances) if model.resonance_omega(k)]
     require(len(ratios) > 0, "resonances", ratios, "one or more")
     return PAPER_RATE * min(1.0, max(min(ratios), LEAST_DAMPING) / PAPER_DAMPING) ** 2
 
 
 def constant_frequency(reference: float, ratio: float, periods: float) -> FrequencySchedule:
     """Return a constant frequency ``ratio * reference`` over a number of pseudo periods."""
-    positive("reference frequency", reference)
-    duration = positive("periods", periods) * 2 * np.pi / reference
-    return FrequencySchedule(np.array([0.0, duration]), np.full(2, non_negative("ratio", ratio) * reference), reference)
+    reference = positive("reference frequency", reference, SLOWEST, FASTEST)
+    duration = positive("periods", periods, most=MOST_PERIODS) * 2 * np.pi / reference
+    return FrequencySchedule(np.array([0.0, duration]), np.full(2, non_negative("ratio", ratio, MOST_RATIO) * reference), reference)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,3 +117,4 @@ class Drive:
     def __post_init__(self) -> None:
         object.__setattr__(self, "amplitude", finite("force amplitude", self.amplitude))
         object.__setattr__(self, "phase", finite("phase", self.phase))
+        instance("schedule", self.schedule, FrequencySchedule)

@@ -19,7 +19,7 @@ from impact_env.budget import checked_budget
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import kernel_key
 from impact_env.methods import Exact, Method
-from impact_env.parameters import ParameterError, count, require
+from impact_env.parameters import ParameterError, count, instance, listed, require, row
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, simulate
@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 PERTURBATION = 1e-6  # of the force: far above rounding and far below what a force is known to
 MemberKind = Literal["both", "phase", "force"]
 Progress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
+MOST_MEMBERS = 1_000_000
 LANES_A_BATCH = 4  # that an executor gets at once: few enough to spread, and more work than it takes to send them
 T = TypeVar("T")
 R = TypeVar("R")
@@ -49,6 +50,9 @@ class Lane:
 
     scene: Scene
     drive: Drive
+
+    def __post_init__(self) -> None:
+        instance("scene", self.scene, Scene), instance("drive", self.drive, Drive)
 
     def __str__(self) -> str:
         return f"{self.drive.amplitude:g} N, phase {self.drive.phase:g} rad, absorber {self.scene.absorber}"
@@ -79,11 +83,9 @@ class Members:
     factors: Array
 
     def __post_init__(self) -> None:
-        phases, factors = (np.array(values, dtype=np.float64, ndmin=1) for values in (self.phases, self.factors))
-        require(phases.ndim == 1 and phases.shape == factors.shape, "members", (phases.shape, factors.shape), "as many phases as factors")
-        for name, values in (("phases", phases), ("factors", factors)):
-            values.setflags(write=False)
-            object.__setattr__(self, name, values)
+        for name in ("phases", "factors"):
+            object.__setattr__(self, name, row(name, getattr(self, name), "a row of finite numbers"))
+        require(len(self.phases) == len(self.factors), "members", (len(self.phases), len(self.factors)), "as many phases as factors")
 
     def __len__(self) -> int:
         return len(self.phases)
@@ -108,7 +110,7 @@ def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
     force's last digits, a share uniform within `PERTURBATION`, which is far above rounding. ``kind`` "phase" and "force" vary one of them
     alone. More members with the same seed continue the same lists, and a kind's list does not depend on the other.
     """
-    count("members", members, 1)
+    count("members", members, 1, MOST_MEMBERS)
     require(kind in get_args(MemberKind), "kind", kind, " or ".join(get_args(MemberKind)))
     own = np.random.SeedSequence(count("seed", seed, 0))
     phases, factors = np.zeros(members), np.ones(members)
@@ -146,7 +148,7 @@ def run_lanes(
     """
     method = Exact() if method is None else method
     require(threads is None or executor is None, "threads", threads, "None with an executor, which has its own")
-    method = Exact() if method is None else method
+    lanes = [instance("lanes", lane, Lane) for lane in listed("lanes", lanes)]
     measure = _Level(method, Record(samples_per_period=samples_per_period), checked_budget(most_events))
     values = np.full((6, len(lanes)), np.nan)
     for k, found in enumerate(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)):

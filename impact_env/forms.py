@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -26,15 +25,9 @@ class Sort:
 Keys = Mapping[str, tuple[str, Sort]]  # key of the plain form -> argument and attribute of the class, and its sort
 
 
-def _number(path: str, plain: Any) -> Any:
-    """Return what is given: the classes check single numbers themselves, but an int of a file may be too large for any of their checks."""
-    require(not isinstance(plain, int) or abs(plain) <= sys.float_info.max, path, "a whole number of very many digits", "a finite number")
-    return plain
-
-
 def _numbers(path: str, plain: Any) -> list[float]:
     require(isinstance(plain, list | tuple) and len(plain) > 0, path, plain, "a list of finite numbers")
-    return [finite(f"{path}[{i}]", _number(f"{path}[{i}]", x)) for i, x in enumerate(plain)]
+    return [finite(f"{path}[{i}]", x) for i, x in enumerate(plain)]
 
 
 def _lists(path: str, plain: Any) -> list[list[float]]:
@@ -48,8 +41,8 @@ def _row(values: Any) -> list[float]:
     return [float(x) for x in values]
 
 
-NUMBER = Sort(_number, float)
-WHOLE = Sort(_number, int)
+NUMBER = Sort(lambda _path, plain: plain, float)  # the classes check single numbers themselves
+WHOLE = Sort(NUMBER.read, int)
 ROW = Sort(_numbers, _row)
 ROWS = Sort(_lists, lambda values: [_row(row) for row in values])
 

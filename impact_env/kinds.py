@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from impact_env.parameters import CompliantWalls, ElasticCoulombFriction, SeveralAbsorbers, SlidingAbsorber
+from impact_env.parameters import CompliantWalls, ElasticCoulombFriction, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, TunedAbsorber, instance
 from impact_env.scene import Scene
 
 
@@ -19,11 +19,12 @@ class SceneKind(Enum):
 
 def kind_of(scene: Scene) -> SceneKind:
     """Return a scene's kind."""
-    absorber = scene.absorber
+    absorber = instance("scene", scene, Scene).absorber
     if isinstance(absorber, SeveralAbsorbers):
         return SceneKind.SEVERAL
-    if not isinstance(absorber, SlidingAbsorber):
+    if absorber is None or isinstance(absorber, StuckAbsorber | TunedAbsorber):
         return SceneKind.LINEAR
+    instance("absorber", absorber, SlidingAbsorber)
     if isinstance(absorber.walls, CompliantWalls) or isinstance(absorber.friction, ElasticCoulombFriction):
         return SceneKind.COMPLIANT
     return SceneKind.RIGID

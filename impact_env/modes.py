@@ -7,23 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from impact_env.beam import deflection_row, matrices, rigid_shapes, strain_energy
-from impact_env.parameters import Beam, positive, require, suspended
+from impact_env.parameters import MOST_DAMPING, SMALL, Beam, instance, listed, positive, require, row, suspended
 
 # mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
 MOST_HEAVINESS = 1e7
 
 
 Real = NDArray[np.float64]
-
-
-def _frozen(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    array = np.array(values, dtype=np.float64, ndmin=1)
-    require(array.ndim == 1 and bool(np.all(np.isfinite(array))), name, values, "a row of finite numbers")
-    array.setflags(write=False)
-    return array
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,18 +42,18 @@ class ModalModel:
         optional = tuple(name for name in ("response_shape", "stress_shape") if getattr(self, name) is not None)
         rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *optional)
         for name in rows:
-            object.__setattr__(self, name, _frozen(name, getattr(self, name)))
+            object.__setattr__(self, name, row(name, getattr(self, name), "a row of finite numbers"))
         object.__setattr__(self, "beam_mass", positive("beam_mass", self.beam_mass))
         lengths = {len(getattr(self, name)) for name in rows}
-        require(len(lengths) == 1, "modal model", lengths, "arrays of one length")
+        require(len(lengths) == 1 and min(lengths) > 0, f"number of modes in {', '.join(rows)}", lengths, "one for all, 1 or more")
         if self.absorber_shapes is not None:
-            shapes = np.array(self.absorber_shapes, dtype=np.float64)
-            ok = shapes.ndim == 2 and shapes.shape[1] == len(self.omega) and bool(np.all(np.isfinite(shapes)))
-            require(ok, "absorber_shapes", self.absorber_shapes, f"a row of {len(self.omega)} finite numbers for each absorber")
-            shapes.setflags(write=False)
+            allowed = f"a row of {len(self.omega)} finite numbers for each absorber"
+            shapes = row("absorber_shapes", self.absorber_shapes, allowed, axes=2)
+            require(shapes.shape[1] == len(self.omega) and len(shapes) > 0, "absorber_shapes", self.absorber_shapes, allowed)
             object.__setattr__(self, "absorber_shapes", shapes)
-        require(bool(np.all(self.omega > 0)), "omega", self.omega, "frequencies above 0 rad/s")
-        require(bool(np.all(self.damping_ratio >= 0)), "damping_ratio", self.damping_ratio, "0 or above")
+        require(bool(np.all(self.omega >= SMALL)), "omega", self.omega, f"frequencies above 0, from {SMALL:g} rad/s")
+        ok = bool(np.all((self.damping_ratio >= 0) & (self.damping_ratio <= MOST_DAMPING)))
+        require(ok, "damping_ratio", self.damping_ratio, f"0 or above and at most {MOST_DAMPING}")
 
     @property
     def modes(self) -> int:
@@ -101,7 +94,7 @@ class ModalModel:
 
     def resonance_omega(self, resonance: int) -> float:
         """Return a resonance's circular frequency in rad/s; raises ParameterError if the model lacks that mode."""
-        ok = isinstance(resonance, int | np.integer) and 1 <= resonance <= self.modes
+        ok = isinstance(resonance, int | np.integer) and not isinstance(resonance, bool) and 1 <= resonance <= self.modes
         require(ok, "resonance", resonance, f"a mode of the model, 1 to {self.modes}")
         return float(self.omega[resonance - 1])
 
@@ -119,7 +112,10 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
     if isinstance(beam, ModalModel):
         require(positions is None, "positions", positions, "for beams only: a modal model has shapes at the places of its absorbers, and no others")
         return beam
-    mass, stiffness = matrices(beam)
+    mass, stiffness = matrices(instance("beam", beam, Beam | ModalModel))
+    if positions is not None:
+        positions = listed("positions", positions)
+        require(len(positions) > 0, "positions", positions, "one or more shares of the length")
     vectors, squares = _elastic(beam, mass, stiffness) if beam.rigid_motions == 0 else _suspended(beam, mass, stiffness)
     omega = np.sqrt(squares)[: beam.modes]
     for mode, ratio in beam.modal_frequency_ratio.items():

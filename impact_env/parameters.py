@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from numbers import Integral, Real
+from typing import TypeVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+T = TypeVar("T")
 
 
 class ParameterError(ValueError):
@@ -15,35 +21,46 @@ class ParameterError(ValueError):
 def require(ok: bool, name: str, value: object, allowed: str) -> None:
     """Raise ParameterError unless ``ok``."""
     if not ok:
-        raise ParameterError(f"{name} = {value!r} is not allowed: {allowed}")
+        long = isinstance(value, int) and abs(value) >= MOST_SHOWN
+        raise ParameterError(f"{name} = {'a whole number of very many digits' if long else repr(value)} is not allowed: {allowed}")
 
 
-def _is_real(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
+MOST_SHOWN = 10**300
+SMALL, LARGE = 1e-30, 1e30  # products of several such numbers, and powers of order five, are still numbers
 
 
-def positive(name: str, value: object) -> float:
-    """Return ``value`` as a float if it is finite and above zero."""
-    require(_is_real(value) and math.isfinite(value) and value > 0, name, value, "a finite number above 0")  # type: ignore[arg-type,operator]
-    return float(value)  # type: ignore[arg-type]
+def number(value: object) -> float:
+    """Return a real number of any type as a float, NaN for what is none, or too large to be one; a truth value is no number."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
 
 
-def non_negative(name: str, value: object) -> float:
-    """Return ``value`` as a float if it is finite and not below zero."""
-    require(_is_real(value) and math.isfinite(value) and value >= 0, name, value, "a finite number, 0 or above")  # type: ignore[arg-type,operator]
-    return float(value)  # type: ignore[arg-type]
+def positive(name: str, value: object, least: float = SMALL, most: float = LARGE) -> float:
+    """Return ``value`` as a float if it lies from ``least`` to ``most``."""
+    require(least <= number(value) <= most, name, value, f"a finite number above 0, from {least:g} to {most:g}")
+    return number(value)
+
+
+def non_negative(name: str, value: object, most: float = LARGE) -> float:
+    """Return ``value`` as a float if it lies from 0 to ``most``."""
+    require(0 <= number(value) <= most, name, value, f"a finite number, 0 or above and at most {most:g}")
+    return number(value)
 
 
 def finite(name: str, value: object) -> float:
-    """Return ``value`` as a float if it is finite."""
-    require(_is_real(value) and math.isfinite(value), name, value, "a finite number")  # type: ignore[arg-type]
-    return float(value)  # type: ignore[arg-type]
+    """Return ``value`` as a float if it lies from -1e30 to 1e30."""
+    require(abs(number(value)) <= LARGE, name, value, f"a finite number, from -{LARGE:g} to {LARGE:g}")
+    return number(value)
 
 
 def fraction(name: str, value: object) -> float:
     """Return ``value`` as a float if it lies in (0, 1]."""
-    require(_is_real(value) and 0 < value <= 1, name, value, "a number in (0, 1]")  # type: ignore[operator]
-    return float(value)  # type: ignore[arg-type]
+    require(0 < number(value) <= 1, name, value, "a number in (0, 1]")
+    return number(value)
 
 
 def count(name: str, value: object, low: int, high: int | None = None) -> int:
@@ -52,6 +69,46 @@ def count(name: str, value: object, low: int, high: int | None = None) -> int:
     ok = isinstance(value, Integral) and not isinstance(value, bool)
     require(ok and value >= low and (high is None or value <= high), name, value, allowed)  # type: ignore[operator]
     return int(value)  # type: ignore[call-overload]
+
+
+def flag(name: str, value: object) -> bool:
+    """Return ``value`` as a bool if it is True or False."""
+    require(isinstance(value, bool | np.bool_), name, value, "True or False")
+    return bool(value)
+
+
+def instance(name: str, value: T, kinds: object) -> T:
+    """Return ``value`` if it is an object of a class, or of one of those that are joined by ``|``."""
+    words = [getattr(kind, "__name__", "").replace("NoneType", "None") for kind in get_args(kinds) or (kinds,)]
+    require(isinstance(value, kinds), name, value, f"an object of the kind {' or '.join(words)}")  # type: ignore[arg-type]
+    return value
+
+
+def listed(name: str, values: Iterable[T]) -> tuple[T, ...]:
+    """Return what a list, a tuple or anything else holds that has an order and is no text."""
+    ok = isinstance(values, Iterable) and not isinstance(values, str | bytes | Mapping | Set) and getattr(values, "ndim", 1) == 1
+    require(ok, name, values, "a list or tuple")
+    return tuple(values)
+
+
+def pair(name: str, values: Iterable[float]) -> tuple[float, float]:
+    """Return a range (low, high) of two finite numbers, 0 or above, low below high, as floats."""
+    found = listed(name, values)
+    require(len(found) == 2 and 0 <= number(found[0]) < number(found[1]) <= LARGE, name, values, "(low, high), two numbers with 0 <= low < high")
+    return number(found[0]), number(found[1])
+
+
+def row(name: str, values: object, allowed: str, axes: int = 1) -> NDArray[np.float64]:
+    """Return a read-only copy of an array of that many axes, of numbers from -1e30 to 1e30; one number is a row of one."""
+    try:
+        array = np.array(values, ndmin=1)
+    except (ValueError, OverflowError):  # rows of several lengths, or huge whole numbers among others
+        array = np.array(None)
+    ok = array.ndim == axes and (array.dtype.kind in "iuf" or array.size == 0) and bool(np.all(np.abs(array.astype(float)) <= LARGE))
+    require(ok, name, values, allowed)
+    array = array.astype(np.float64)
+    array.setflags(write=False)
+    return array
 
 
 SUSPENSION_STEP = 0.1  # further motions that bend nothing have so much higher frequencies each: two of one frequency have no modes of their own
@@ -67,6 +124,10 @@ ENDS = {"clamped-free": 0, "clamped-pinned": 0, "clamped-clamped": 0, "pinned-pi
 SUSPENDED = "given: these ends leave the beam rigid-body motions, whose frequency a soft suspension makes, in Hz, far below the first bending mode"
 
 
+MOST_ELEMENTS = 1000  # matrices are dense
+MOST_DAMPING = 1000  # one of a mode's two rates is fast then and the other slow, a million times apart
+
+
 @dataclass(frozen=True)
 class Section:
     """Some ``elements`` of a beam, one after the other, with their own bending stiffness EI (N m^2) and mass per length (kg/m)."""
@@ -76,7 +137,7 @@ class Section:
     mass_per_length: float
 
     def __post_init__(self) -> None:
-        count("section's elements", self.elements, 1)
+        count("section's elements", self.elements, 1, MOST_ELEMENTS)
         for name in ("bending_stiffness", "mass_per_length"):
             object.__setattr__(self, name, positive(name, getattr(self, name)))
 
@@ -109,31 +170,31 @@ class Beam:
     suspension_frequency: float | None = None  # Hz
 
     def __post_init__(self) -> None:
-        for name in ("length", "bending_stiffness", "mass_per_length"):
-            object.__setattr__(self, name, positive(name, getattr(self, name)))
-        count("elements", self.elements, 1)
+        for name, scale in (("length", 1e9), ("bending_stiffness", 1e20), ("mass_per_length", 1e20)):  # so that omega is a number whatever they are
+            object.__setattr__(self, name, positive(name, getattr(self, name), 1 / scale, scale))
+        count("elements", self.elements, 1, MOST_ELEMENTS)
         require(isinstance(self.ends, str) and self.ends in ENDS, "ends", self.ends, f"one of {', '.join(ENDS)}")
         self._check_parts()
         for name in ("force_position", "absorber_position", "response_position"):
-            if getattr(self, name) is not None:
+            if getattr(self, name) is not None or name != "response_position":
                 object.__setattr__(self, name, self.place(name, getattr(self, name)))
-        count("modes", self.modes, 1, self.freedoms)
-        if not isinstance(self.damping_ratio, Iterable):
-            object.__setattr__(self, "damping_ratio", non_negative("damping_ratio", self.damping_ratio))
-        else:
-            ratios = tuple(non_negative("damping_ratio", d) for d in self.damping_ratio)
-            require(len(ratios) == self.modes, "damping_ratio", ratios, f"one number, or one for each of the {self.modes} modes")
-            object.__setattr__(self, "damping_ratio", ratios)
-        for mode, ratio in self.modal_frequency_ratio.items():
+        most = f"a whole number from 1 to {self.freedoms}, as many as {self.elements} elements have freedoms"
+        require(count("modes", self.modes, 1) <= self.freedoms, "modes", self.modes, most)
+        allowed = f"one number from 0 to {MOST_DAMPING}, or one for each of the {self.modes} modes"
+        ratios = row("damping_ratio", self.damping_ratio, allowed)
+        single = np.ndim(self.damping_ratio) == 0
+        require((single or len(ratios) == self.modes) and bool(np.all((ratios >= 0) & (ratios <= MOST_DAMPING))), "damping_ratio", self.damping_ratio, allowed)
+        object.__setattr__(self, "damping_ratio", float(ratios[0]) if single else tuple(ratios.tolist()))
+        for mode, ratio in instance("modal_frequency_ratio", self.modal_frequency_ratio, Mapping).items():
             count("modal_frequency_ratio's mode", mode, 2, self.modes)
             positive(f"modal_frequency_ratio[{mode}]", ratio)
 
     def _check_parts(self) -> None:
         object.__setattr__(self, "tip_mass", non_negative("tip_mass", self.tip_mass))
         require(self.tip_mass == 0 or self.ends.endswith("-free"), "tip_mass", self.tip_mass, f"0 with {self.ends} ends, where the tip does not move")
-        object.__setattr__(self, "sections", tuple(self.sections))
+        object.__setattr__(self, "sections", listed("sections", self.sections))
         for section in self.sections:
-            require(isinstance(section, Section), "sections", section, "values of the class Section")
+            instance("sections", section, Section)
         taken = sum(section.elements for section in self.sections)
         require(taken <= self.elements, "sections", self.sections, f"with {self.elements} elements or fewer in all, not {taken}")
         if self.suspension_frequency is not None or self.rigid_motions:
@@ -146,9 +207,9 @@ class Beam:
         low, high = self.ends.startswith("free"), self.ends.endswith("free")
         if not low and high:
             return fraction(name, value)
-        ok = _is_real(value) and (0 < value < 1 or (low and value == 0) or (high and value == 1))  # type: ignore[operator]
-        require(ok, name, value, f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} beam moves")
-        return float(value)  # type: ignore[arg-type]
+        x = number(value)
+        require(0 < x < 1 or (low and x == 0) or (high and x == 1), name, value, f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} beam moves")
+        return x
 
     @property
     def rigid_motions(self) -> int:
@@ -182,10 +243,10 @@ class RigidWalls:
     restitution: float = 1.0
 
     def __post_init__(self) -> None:
-        require(_is_real(self.gap) and self.gap >= 0, "gap", self.gap, "a number in m, 0 or above (infinity: no wall)")
-        require(_is_real(self.restitution) and 0 <= self.restitution <= 1, "restitution", self.restitution, "a number from 0 to 1")
-        object.__setattr__(self, "gap", float(self.gap))
-        object.__setattr__(self, "restitution", float(self.restitution))
+        require(number(self.gap) >= 0, "gap", self.gap, "a number in m, 0 or above (infinity: no wall)")
+        require(0 <= number(self.restitution) <= 1, "restitution", self.restitution, "a number from 0 to 1")
+        object.__setattr__(self, "gap", number(self.gap))
+        object.__setattr__(self, "restitution", number(self.restitution))
 
 
 @dataclass(frozen=True)
@@ -200,6 +261,9 @@ class CompliantWalls:
         object.__setattr__(self, "gap", non_negative("gap", self.gap))
 
 
+LEAST_LIMIT = 1e-300  # N: a limit may stand for none
+
+
 @dataclass(frozen=True)
 class CoulombFriction:
     """Rigid Coulomb friction (paper, Eq. coulomb). ``limit`` is mu f_N in N."""
@@ -207,7 +271,7 @@ class CoulombFriction:
     limit: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "limit", positive("friction limit", self.limit))
+        object.__setattr__(self, "limit", positive("friction limit", self.limit, LEAST_LIMIT))
 
 
 @dataclass(frozen=True)
@@ -218,7 +282,7 @@ class ElasticCoulombFriction:
     stiffness: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "limit", positive("friction limit", self.limit))
+        object.__setattr__(self, "limit", positive("friction limit", self.limit, LEAST_LIMIT))
         object.__setattr__(self, "stiffness", positive("friction stiffness", self.stiffness))
 
 
@@ -262,6 +326,8 @@ class SlidingAbsorber:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
+        instance("walls", self.walls, RigidWalls | CompliantWalls | None)
+        instance("friction", self.friction, CoulombFriction | ElasticCoulombFriction | None)
         require(
             self.walls is not None or self.friction is not None,
             "absorber",
@@ -286,15 +352,15 @@ class SeveralAbsorbers:
     positions: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "absorbers", tuple(self.absorbers))
-        object.__setattr__(self, "positions", tuple(fraction("position", x) for x in self.positions))
+        object.__setattr__(self, "absorbers", listed("absorbers", self.absorbers))
+        object.__setattr__(self, "positions", tuple(fraction("positions", x) for x in listed("positions", self.positions)))
         n = len(self.absorbers)
         require(2 <= n <= MOST_ABSORBERS, "number of absorbers", n, f"2 to {MOST_ABSORBERS}; one is an absorber by itself")
         require(len(self.positions) == n, "positions", self.positions, f"one for each of the {n} absorbers")
         for absorber in self.absorbers:
             rigid = isinstance(absorber, SlidingAbsorber) and not isinstance(absorber.walls, CompliantWalls)
             rigid = rigid and not isinstance(absorber.friction, ElasticCoulombFriction)
-            require(rigid, "absorber", absorber, "among several only impact absorbers and friction dampers with rigid contact")
+            require(rigid, "absorbers", absorber, "among several only impact absorbers and friction dampers with rigid contact")
             walls = absorber.walls
             touches = absorber.friction is not None or (walls is not None and math.isfinite(walls.gap))
             require(walls is None or walls.gap > 0, "gap", getattr(walls, "gap", None), "above 0 among several absorbers")

@@ -68,7 +68,8 @@ def set_modes(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
         shapes = modes.shapes * _twice(modes.values)[:, None]
         return basis_error(np.concatenate([shapes, shapes * modes.values[:, None]], axis=1).T, modes.into, scale)
 
-    return complete(lambda weak: _together(model, masses, shapes, weak), spanned, "damping, masses and positions away from a double eigenvalue")
+    kilograms, allowed = f"{[float(m) for m in masses]} kg", "damping, masses and positions away from a double eigenvalue"
+    return complete(lambda weak: _together(model, masses, shapes, weak), spanned, "mass_ratio of several absorbers", kilograms, allowed)
 
 
 def _maps(modes: SetModes, joined: list[int], shapes: Real, size: int) -> tuple[Real, Real]:

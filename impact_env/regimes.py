@@ -183,8 +183,11 @@ def basis_error(out: Complex, into: Complex, scale: Real) -> float:
     return float(np.max(np.abs(error))) if np.all(np.isfinite(error)) else float("inf")
 
 
-def complete(modes_for: Callable[[float], M], error_of: Callable[[M], float], allowed: str) -> M:
-    """Return the modes that span the state best among those that start values of different kinds lead to; ParameterError if none do."""
+def complete(modes_for: Callable[[float], M], error_of: Callable[[M], float], name: str, value: object, allowed: str) -> M:
+    """Return the modes that span the state best among those that start values of different kinds lead to; ParameterError if none do.
+
+    The error says that a parameter of this ``name`` and ``value`` is not what is ``allowed``.
+    """
     best, least = None, np.inf
     for weak in WEAK:
         try:
@@ -197,7 +200,7 @@ def complete(modes_for: Callable[[float], M], error_of: Callable[[M], float], al
         if error < SOUND:
             break
     if best is None or least > COMPLETE:
-        raise ParameterError(f"scene = 'modal basis off by {least:.1e}' is not allowed: {allowed}")
+        raise ParameterError(f"{name} = {value} is not allowed: {allowed} (modal basis off by {least:.1e})")
     return best
 
 
@@ -216,7 +219,7 @@ def _needed_of_spring(model: ModalModel, stiffness: float, damper: float) -> str
     if max(stiffness / first**2, damper / first) * mobility <= STIFF:
         return DISTINCT
     most, damped = STIFF * first**2 / mobility, STIFF * first / mobility
-    return f"a contact or absorber of at most about {most:.1e} N/m and {damped:.1e} N s/m on this beam: a stretch that hardly changes has no digits"
+    return f"a contact stiffness, friction stiffness or absorber of at most about {most:.1e} N/m and {damped:.1e} N s/m on this beam: a stretch that hardly changes has no digits"
 
 
 def _energy_scale(model: ModalModel, mass: float, stiffness: float | None) -> Real:
@@ -234,12 +237,15 @@ def checked_modes(model: ModalModel, mass: float, stiffness: float | None, dampe
     """Return the modes of beam and absorber that span the state; raises ParameterError where none do."""
     scale = _energy_scale(model, mass, stiffness)
     states = np.flatnonzero(scale)
-    allowed = _needed_of_mass(model, mass) if stiffness is None else _needed_of_spring(model, stiffness, damper)
+    name, value, allowed = "mass_ratio", f"{mass / model.beam_mass:g}", _needed_of_mass(model, mass)
+    if stiffness is not None:
+        value, allowed = f"{value}, {stiffness:g} N/m, {damper:g} N s/m", _needed_of_spring(model, stiffness, damper)
+        name = "mass_ratio, stiffness, damping"
 
     def spanned(modes: Modes) -> float:
         return basis_error(modes.out[states], modes.into[:, states], scale[states])
 
-    return complete(lambda weak: coupled_modes(model, mass, stiffness, damper, weak), spanned, allowed)
+    return complete(lambda weak: coupled_modes(model, mass, stiffness, damper, weak), spanned, name, value, allowed)
 
 
 def free_regime(model: ModalModel, size: int, reach: float) -> Regime:

@@ -11,10 +11,11 @@ from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount
 from impact_env.level import ResponseLevel
 from impact_env.methods import Method
-from impact_env.parameters import count, require
+from impact_env.parameters import count, flag
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
+MOST_SAMPLES = 100_000  # the level keeps those of twenty pseudo periods
 DEFAULT_SAMPLES = 32  # per pseudo period: the harmonics of the tip that count are resolved
 
 
@@ -33,8 +34,9 @@ class Record:
     check: bool = False
 
     def __post_init__(self) -> None:
-        count("samples_per_period", self.samples_per_period, 4)
-        require(isinstance(self.check, bool), "check", self.check, "True or False")
+        count("samples_per_period", self.samples_per_period, 4, MOST_SAMPLES)
+        for name in ("level", "events", "series", "energy", "check"):
+            object.__setattr__(self, name, flag(name, getattr(self, name)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Absorber, Beam, RigidWalls, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
+from impact_env.parameters import Absorber, Beam, RigidWalls, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, instance, require, row
 from impact_env.wording import absorber_words, number_of_modes
 
 
@@ -21,8 +21,8 @@ class Scene:
     absorber: Absorber | None = None
 
     def __post_init__(self) -> None:
-        allowed = (StuckAbsorber, TunedAbsorber, SlidingAbsorber, SeveralAbsorbers)
-        require(self.absorber is None or isinstance(self.absorber, allowed), "absorber", self.absorber, "None or one of the absorber classes")
+        instance("model", self.model, ModalModel)
+        instance("absorber", self.absorber, Absorber | None)
         shapes, several = self.model.absorber_shapes, self.absorber if isinstance(self.absorber, SeveralAbsorbers) else None
         if several is not None and self.model.response_shape is not None:  # several absorbers have shapes of their own, and the level is the tip's
             object.__setattr__(self, "model", replace(self.model, tip_shape=self.model.level_shape, response_shape=None))
@@ -81,7 +81,7 @@ def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) 
     Several absorbers have their own positions on a beam; the level is measured at the beam's response position, or at its absorber position, which
     then must be the free end. In a modal model they are where its absorber shapes say.
     """
-    beam = Beam() if beam is None else beam
+    beam = Beam() if beam is None else instance("beam", beam, Beam | ModalModel)
     if isinstance(beam, ModalModel) or not isinstance(absorber, SeveralAbsorbers):
         return Scene(modal_model(beam), absorber)
     if beam.response_position is not None:
@@ -105,10 +105,17 @@ class InitialState:
     absorber_displacement: float | Sequence[float] | NDArray[np.float64] | None = None
     absorber_velocity: float | Sequence[float] | NDArray[np.float64] = 0.0
 
+    def __post_init__(self) -> None:
+        for name in ("modal_displacement", "modal_velocity", "absorber_displacement", "absorber_velocity"):
+            given = getattr(self, name)
+            if given is not None or name == "absorber_velocity":
+                values = row(name, given, "finite numbers: one for each mode, or of an absorber one, or one for each")
+                object.__setattr__(self, name, values if np.ndim(given) > 0 or name.startswith("modal") else float(values[0]))
+
     def vector(self, scene: Scene) -> NDArray[np.float64]:
         """Return (2 N_m + 2 n,): modal displacements, displacements of the n absorbers, modal velocities, velocities of the absorbers.
 
-        Without an absorber n is 1 as well. Raises ParameterError on a wrong length, a value that is not finite, or a start outside the cavity.
+        Without an absorber n is 1 as well. Raises ParameterError on a wrong length, or a start outside the cavity.
         """
         n, places = scene.model.modes, scene.places
         half = n + places
@@ -116,15 +123,12 @@ class InitialState:
         for name, at in (("modal_displacement", 0), ("modal_velocity", half)):
             values = getattr(self, name)
             if values is not None:
-                values = np.asarray(values, dtype=float)
-                require(values.shape == (n,) and bool(np.all(np.isfinite(values))), name, values, f"{n} finite numbers, one per mode")
+                require(len(values) == n, name, values, f"{n} finite numbers, one per mode")
                 state[at : at + n] = values
         beam = np.array([shape @ state[:n] for shape in scene.absorber_shapes])
         for name, at in (("absorber_displacement", n), ("absorber_velocity", half + n)):
-            given = getattr(self, name)
-            values = beam if given is None else np.asarray(given, dtype=float)
-            ok = values.shape in {(), (places,)} and bool(np.all(np.isfinite(values)))
-            require(ok, f"absorber start, {name}", given, "a finite number, or one for each absorber")
+            values = beam if getattr(self, name) is None else getattr(self, name)
+            require(np.ndim(values) == 0 or len(values) == places, name, values, f"a finite number, or one for each of {places} absorbers")
             state[at : at + places] = values
         for a in range(places):
             walls = scene.cavity(a)

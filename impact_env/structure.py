@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.modes import Structure, modal_model
-from impact_env.parameters import Beam, ParameterError, require, suspended
+from impact_env.parameters import Beam, ParameterError, instance, require, suspended
 from impact_env.plain import to_structure
 from impact_env.plain_files import read_plain
 from impact_env.structures.checks import warnings_of
@@ -28,7 +28,7 @@ def load_structure(path: Path | str) -> Structure:
     at the response's place, or at the absorber's if it names none. Raises ParameterError that names file, key, value and what is
     allowed; warns with a StructureWarning about what looks wrong: shapes that are not mass-normalised, frequencies that coincide, units.
     """
-    path = Path(path)
+    path = Path(instance("path", path, str | Path))
     plain = read_plain(path)
     try:
         structure = _read(plain, path)

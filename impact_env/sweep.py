@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -17,13 +18,14 @@ from impact_env.first_use import CompilingFor
 from impact_env.kernels import observers
 from impact_env.kernels.level import new_level
 from impact_env.kernels.observers import Check, Counters, Energy, Series, new_check, new_energy, new_events
-from impact_env.level import HALF_WINDOW_PERIODS, level_of, read_level
+from impact_env.level import HALF_WINDOW_PERIODS, level_of, read_level, require_samples
 from impact_env.methods import Exact, Method, check_mass, check_step
-from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
+from impact_env.parameters import SeveralAbsorbers, StuckAbsorber, count, instance
 from impact_env.response import ContactPhases, History, Impacts, Record, Response, SearchCheck
 from impact_env.scene import InitialState, Scene
 
 Array = NDArray[np.float64]
+MOST_EVENTS = 10**15  # of a budget: more than a run of a year has
 FIRST_CAPACITY = 16384  # of the list of impacts: enough for a sweep at the paper's rate
 
 
@@ -97,7 +99,11 @@ def simulate(
     IntegrationError if the run breaks down or its budget is used up; it carries what was observed so far.
     """
     method = Exact() if method is None else method
-    record = Record() if record is None else record
+    record = Record() if record is None else instance("record", record, Record)
+    initial = InitialState() if initial is None else instance("initial", initial, InitialState)
+    instance("scene", scene, Scene), instance("drive", drive, Drive), instance("progress", progress, Callable | None)
+    if record.level and drive.amplitude != 0:
+        require_samples(record.samples_per_period, float(drive.schedule.omegas.max()) / drive.schedule.reference)
     if record.level and scene.model.response_shape is not None and not isinstance(scene.absorber, SeveralAbsorbers):
         sampled = replace(record, level=False, series=True)
         found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress)
@@ -105,8 +111,8 @@ def simulate(
     kernels = family(scene, method)
     check_mass(scene)
     check_step(scene, drive, method)
-    budget = checked_budget(most_events)
-    start = (InitialState() if initial is None else initial).vector(scene)
+    budget = checked_budget(most_events if most_events is None else count("most_events", most_events, 1, MOST_EVENTS))
+    start = initial.vector(scene)
     interval = drive.schedule.pseudo_period / record.samples_per_period
     end, capacity = float(drive.schedule.times[-1]), FIRST_CAPACITY
     tell = None if progress is None else onwards(progress)

@@ -97,6 +97,7 @@ class Design:
             return impact_absorber(v[GAP], v[RESTITUTION], v[FRICTION_LIMIT], v[MASS_RATIO])
         if self.concept == FRICTION:
             return friction_damper(v[FRICTION_LIMIT], v[MASS_RATIO])
+        require(self.concept == TUNED, "concept", self.concept, f"one of {', '.join(VARIABLES)}")
         return TunedAbsorber(v[MASS_RATIO], v[STIFFNESS], v[DAMPING])
 
     def scene(self, structure: Structure) -> Scene:

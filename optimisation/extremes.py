@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from impact_env.drive import MOST_PERIODS
 from impact_env.parameters import positive, require
 
 MOST_FORCE = 1e12  # N: far above what any structure bears, and far below where squares of displacements overflow
 MOST_MASS = 1.0  # of the structure's: design rule, limit and tunings are those of an absorber, not of what it would hang on
 LEAST_PERIODS = 5.0  # of a sweep: in fewer the response has not begun to build up
-MOST_PERIODS = 1e9  # ten times the longest default sweep, that of a tuned absorber on a resonance without damping: hours for one run
 
 
 def usable_force(name: str, value: float) -> float:

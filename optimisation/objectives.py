@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS
-from impact_env.parameters import count, finite, fraction, positive, require
+from impact_env.parameters import count, finite, fraction, pair, positive, require
 from optimisation.designs import MASS_RATIO, Design
 from optimisation.extremes import usable_force
 from optimisation.measures import DAMAGE, FRICTION_HEAT, IMPACT_POWER, IMPACT_SPEED, LEVEL, STROKE
@@ -45,9 +45,8 @@ class Condition:
     def __post_init__(self) -> None:
         count("resonance", self.resonance, 1)
         object.__setattr__(self, "force", usable_force("force", self.force))
-        low, high = positive("lower end of the sweep", self.limits[0]), finite("upper end of the sweep", self.limits[1])
-        require(low < high, "limits of the sweep", self.limits, "(low, high) with low below high")
-        object.__setattr__(self, "limits", (low, high))
+        low, high = pair("limits of the sweep", self.limits)
+        object.__setattr__(self, "limits", (positive("lower end of the sweep", low), high))
         require(abs(finite("detuning", self.detuning)) < 0.5, "detuning", self.detuning, "above -0.5 and below 0.5")
 
     def describe(self) -> dict[str, object]:

@@ -15,6 +15,7 @@ from impact_env.envs.reference import mean_power_of_cosine
 from impact_env.envs.settings import Range, Settings, one_of, span
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.frequency import receptance
+from impact_env.level import require_samples
 from impact_env.parameters import RigidWalls, SlidingAbsorber, positive, require
 
 OBJECTIVES = ("rms", "fatigue")
@@ -51,6 +52,7 @@ class GapTask(Task):
         absorber = settings.scene.absorber
         rigid = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)
         require(rigid, "absorber", settings.absorber, "impact with rigid walls: there must be a cavity whose walls can be set")
+        require_samples(settings.samples_per_period, span("frequency_ratio", control.frequency_ratio)[1])
         self.control = control
         self.fatigue = control.objective == "fatigue"
         steps = max(1, math.ceil(control.time_budget / settings.interval - 1e-9))

@@ -31,7 +31,7 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.plain import from_scene, to_beam, to_scene
-from impact_env.response import DEFAULT_SAMPLES
+from impact_env.response import DEFAULT_SAMPLES, MOST_SAMPLES
 from impact_env.scene import Scene, beam_scene
 from impact_env.structure import load_structure
 
@@ -216,7 +216,7 @@ class Settings:
         low, high = self.forces
         allowed = f"a force in N from {FORCES[0]:g} to {FORCES[1]:g}, or a pair (low, high) of such to draw from"
         require(FORCES[0] <= low <= high <= FORCES[1], "force", self.force, allowed)
-        count("samples_per_period", self.samples_per_period, 8)
+        count("samples_per_period", self.samples_per_period, 8, MOST_SAMPLES)
         positive("interval", self.interval)
         samples = self.interval * self.samples_per_period
         whole = abs(samples - round(samples)) < 1e-9 and round(samples) >= 4

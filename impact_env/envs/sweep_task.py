@@ -17,6 +17,7 @@ from impact_env.envs.settings import OBJECTIVES, Range, Settings, one_of, span
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
 from impact_env.kernels.episodes import Way, go_on, pay_for_damage, pay_for_level
 from impact_env.kernels.interval import spread
+from impact_env.level import require_samples
 from impact_env.parameters import non_negative, positive, require
 
 DIRECTIONS = ("up", "down", "random")
@@ -77,6 +78,7 @@ class SweepTask(Task):
         exponent = passage_settings.fatigue_exponent if self.fatigue else 0.0
         super().__init__(settings, lanes, max(1, math.ceil(passage_settings.time_budget / settings.interval - 1e-9)), exponent)
         low, high = passage_settings.limits
+        require_samples(settings.samples_per_period, high)
         self._ends = np.array([(low, high), (high, low)])
         yardstick = (settings.samples_per_period, exponent, settings.length)
         self._references = [passage(settings.scene, settings.resonance, *ends, *yardstick) for ends in self._ends.tolist()]

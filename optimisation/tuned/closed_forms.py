@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.modes import ModalModel
-from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber, positive, require
+from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber, instance, positive, require
 
 PAPER = TunedAbsorber()  # the paper's values are the defaults
 
@@ -20,7 +20,7 @@ def effective_mass_ratio(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RAT
 
     ``mass_ratio`` is m_a over the beam's mass. Raises ParameterError if the mode has a node at the absorber: nothing can be tuned there.
     """
-    model.resonance_omega(resonance)
+    instance("model", model, ModalModel).resonance_omega(resonance)
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
     shape = float(model.tip_shape[resonance - 1])
     require(shape != 0, f"tip_shape of mode {resonance}", shape, "not 0: an absorber at a node of a mode cannot act on it")
@@ -72,5 +72,5 @@ def paper_rule(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resona
 
     For the paper's beam it gives the paper's k = 701.8 N/m and c = 0.728 N s/m to the digits printed. Not a rule to follow.
     """
-    mu = positive("mass_ratio", mass_ratio) * model.beam_mass  # in kg, over a modal mass of one
+    mu = positive("mass_ratio", mass_ratio) * instance("model", model, ModalModel).beam_mass  # in kg, over a modal mass of one
     return _tuned(model, mass_ratio, resonance, 1 / (1 + mu), 2 * float(np.sqrt(3 * mu / (8 * (1 + mu)))))
