@@ -17,7 +17,7 @@ from impact_env.drive import PAPER_LIMITS, FrequencySchedule, default_rate, line
 from impact_env.ensemble import Executor, Lane, LaneLevels, Members, Progress, draw_members, run_lanes
 from impact_env.kinds import is_linear
 from impact_env.methods import Method
-from impact_env.parameters import instance, pair, require, row
+from impact_env.parameters import instance, require, row, two
 from impact_env.response import DEFAULT_SAMPLES
 from impact_env.scene import Scene
 
@@ -45,7 +45,7 @@ class CurveCase:
         forces = row("forces", self.forces, "a row of finite forces in N, 0 or above")
         require(forces.size > 0 and bool(np.all(forces >= 0)), "forces", self.forces, "a row of finite forces in N, 0 or above")
         object.__setattr__(self, "forces", forces)
-        object.__setattr__(self, "limits", pair("limits", self.limits))
+        object.__setattr__(self, "limits", two("limits", self.limits))
         if self.percent_per_100_periods is None:
             object.__setattr__(self, "percent_per_100_periods", default_rate(self.scene.model, (self.resonance,)))
         self.schedules()
@@ -216,7 +216,7 @@ def performance_curve(
 ) -> PerformanceCurve:
     """Compute one curve; see `CurveCase` and `performance_curves`."""
     rate: Any = percent_per_100_periods
-    case = CurveCase(scene, np.asarray(forces, dtype=np.float64), resonance, limits, rate)
+    case = CurveCase(scene, forces, resonance, limits, rate)  # type: ignore[arg-type]  # made an array there
     (curve,) = performance_curves(
         [case], members, seed, method, threads=threads, samples_per_period=samples_per_period, progress=progress, most_events=most_events
     )

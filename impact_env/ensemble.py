@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeVar, get_args
+from typing import Any, Literal, Protocol, TypeVar, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from impact_env.budget import checked_budget
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import kernel_key
 from impact_env.methods import Exact, Method
-from impact_env.parameters import ParameterError, count, instance, listed, require, row
+from impact_env.parameters import ParameterError, count, instance, listed, one_of, require, row
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, simulate
@@ -34,6 +34,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
+@runtime_checkable
 class Executor(Protocol):
     """Something that does work elsewhere than in threads of this process, as a cluster's workers do."""
 
@@ -111,7 +112,7 @@ def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
     alone. More members with the same seed continue the same lists, and a kind's list does not depend on the other.
     """
     count("members", members, 1, MOST_MEMBERS)
-    require(kind in get_args(MemberKind), "kind", kind, " or ".join(get_args(MemberKind)))
+    one_of("kind", kind, get_args(MemberKind))
     own = np.random.SeedSequence(count("seed", seed, 0))
     phases, factors = np.zeros(members), np.ones(members)
     if kind != "force":
@@ -149,6 +150,7 @@ def run_lanes(
     method = Exact() if method is None else method
     require(threads is None or executor is None, "threads", threads, "None with an executor, which has its own")
     lanes = [instance("lanes", lane, Lane) for lane in listed("lanes", lanes)]
+    instance("progress", progress, Callable | None), instance("executor", executor, Executor | None)
     measure = _Level(method, Record(samples_per_period=samples_per_period), checked_budget(most_events))
     values = np.full((6, len(lanes)), np.nan)
     for k, found in enumerate(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)):

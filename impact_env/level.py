@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive
 from impact_env.kernels.level import Level, close_level, new_level, push_block
-from impact_env.parameters import count, positive, require, row
+from impact_env.parameters import count, require, row
 
 HALF_WINDOW_PERIODS = 10  # pseudo periods to either side of the maximum
+MOST_SAMPLES = 100_000  # a pseudo period: the level keeps those of twenty
 LEAST_A_CYCLE = 4  # samples of the force's fastest cycle: the mean square of a cosine is right from three on, its peak at most 3/10 too low with four
 
 
@@ -41,8 +42,8 @@ def response_level(
     """Return (response level, largest |q_tip|) in m of equidistant samples (S,) in m, S >= 2; the window is cut at the ends of the series."""
     values = row("tip_displacement", tip_displacement, "two or more finite samples")
     require(len(values) >= 2, "tip_displacement", values, "two or more finite samples")
-    count("samples_per_period", samples_per_period, 1)
-    positive("half_window_periods", half_window_periods)
+    count("samples_per_period", samples_per_period, 1, MOST_SAMPLES)
+    count("half_window_periods", half_window_periods, 1, MOST_SAMPLES)
     rms, _, largest = close_level(level_of(values, samples_per_period, half_window_periods))
     return float(rms), float(largest)
 

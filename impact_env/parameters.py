@@ -84,6 +84,12 @@ def instance(name: str, value: T, kinds: object) -> T:
     return value
 
 
+def one_of(name: str, value: object, allowed: Iterable[str]) -> str:
+    """Return ``value`` if it is one of the words ``allowed``."""
+    require(isinstance(value, str) and value in allowed, name, value, f"one of {', '.join(allowed)}")
+    return str(value)
+
+
 def listed(name: str, values: Iterable[T]) -> tuple[T, ...]:
     """Return what a list, a tuple or anything else holds that has an order and is no text."""
     ok = isinstance(values, Iterable) and not isinstance(values, str | bytes | Mapping | Set) and getattr(values, "ndim", 1) == 1
@@ -91,11 +97,11 @@ def listed(name: str, values: Iterable[T]) -> tuple[T, ...]:
     return tuple(values)
 
 
-def pair(name: str, values: Iterable[float]) -> tuple[float, float]:
-    """Return a range (low, high) of two finite numbers, 0 or above, low below high, as floats."""
-    found = listed(name, values)
-    require(len(found) == 2 and 0 <= number(found[0]) < number(found[1]) <= LARGE, name, values, "(low, high), two numbers with 0 <= low < high")
-    return number(found[0]), number(found[1])
+def two(name: str, values: Iterable[float]) -> tuple[float, float]:
+    """Return a range (low, high) of two finite numbers, low below high, as floats."""
+    low, high = (*map(number, listed(name, values)), math.nan, math.nan)[:2]
+    require(len(listed(name, values)) == 2 and -LARGE <= low < high <= LARGE, name, values, "(low, high), two finite numbers with low below high")
+    return low, high
 
 
 def row(name: str, values: object, allowed: str, axes: int = 1) -> NDArray[np.float64]:
@@ -173,7 +179,7 @@ class Beam:
         for name, scale in (("length", 1e9), ("bending_stiffness", 1e20), ("mass_per_length", 1e20)):  # so that omega is a number whatever they are
             object.__setattr__(self, name, positive(name, getattr(self, name), 1 / scale, scale))
         count("elements", self.elements, 1, MOST_ELEMENTS)
-        require(isinstance(self.ends, str) and self.ends in ENDS, "ends", self.ends, f"one of {', '.join(ENDS)}")
+        one_of("ends", self.ends, ENDS)
         self._check_parts()
         for name in ("force_position", "absorber_position", "response_position"):
             if getattr(self, name) is not None or name != "response_position":
@@ -183,7 +189,12 @@ class Beam:
         allowed = f"one number from 0 to {MOST_DAMPING}, or one for each of the {self.modes} modes"
         ratios = row("damping_ratio", self.damping_ratio, allowed)
         single = np.ndim(self.damping_ratio) == 0
-        require((single or len(ratios) == self.modes) and bool(np.all((ratios >= 0) & (ratios <= MOST_DAMPING))), "damping_ratio", self.damping_ratio, allowed)
+        require(
+            (single or len(ratios) == self.modes) and bool(np.all((ratios >= 0) & (ratios <= MOST_DAMPING))),
+            "damping_ratio",
+            self.damping_ratio,
+            allowed,
+        )
         object.__setattr__(self, "damping_ratio", float(ratios[0]) if single else tuple(ratios.tolist()))
         for mode, ratio in instance("modal_frequency_ratio", self.modal_frequency_ratio, Mapping).items():
             count("modal_frequency_ratio's mode", mode, 2, self.modes)
@@ -208,7 +219,12 @@ class Beam:
         if not low and high:
             return fraction(name, value)
         x = number(value)
-        require(0 < x < 1 or (low and x == 0) or (high and x == 1), name, value, f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} beam moves")
+        require(
+            0 < x < 1 or (low and x == 0) or (high and x == 1),
+            name,
+            value,
+            f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} beam moves",
+        )
         return x
 
     @property

@@ -219,7 +219,8 @@ def _needed_of_spring(model: ModalModel, stiffness: float, damper: float) -> str
     if max(stiffness / first**2, damper / first) * mobility <= STIFF:
         return DISTINCT
     most, damped = STIFF * first**2 / mobility, STIFF * first / mobility
-    return f"a contact stiffness, friction stiffness or absorber of at most about {most:.1e} N/m and {damped:.1e} N s/m on this beam: a stretch that hardly changes has no digits"
+    limits = f"{most:.1e} N/m and {damped:.1e} N s/m on this beam: a stretch that hardly changes has no digits"
+    return f"a contact stiffness, friction stiffness or absorber of at most about {limits}"
 
 
 def _energy_scale(model: ModalModel, mass: float, stiffness: float | None) -> Real:

@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount
-from impact_env.level import ResponseLevel
+from impact_env.level import MOST_SAMPLES, ResponseLevel
 from impact_env.methods import Method
 from impact_env.parameters import count, flag
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
-MOST_SAMPLES = 100_000  # the level keeps those of twenty pseudo periods
 DEFAULT_SAMPLES = 32  # per pseudo period: the harmonics of the tip that count are resolved
 
 

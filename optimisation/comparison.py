@@ -29,6 +29,8 @@ from impact_env.parameters import (
     count,
     friction_damper,
     impact_absorber,
+    instance,
+    listed,
     positive,
     require,
 )
@@ -44,7 +46,7 @@ Array = NDArray[np.float64]
 WIDE_LIMITS = (LOW, HIGH)
 WIDE = f"swept {LOW:g} to {HIGH:g}"
 RESTITUTION = 0.7  # of the paper's absorber
-DEFAULT_FORCES = 24
+DEFAULT_FORCES, MOST_FORCES = 24, 10_000
 RESONANCES = (1, 2)
 # range of forces over the design force of the resonance: from where no wall is reached to where the absorber is almost an added mass
 FORCE_SPAN = (0.06, 5.0)
@@ -170,7 +172,8 @@ def is_paper(structure: Structure) -> bool:
 
 def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
     """Return rising forces in N, (forces,), over `FORCE_SPAN` times the design force (N), denser around it; at least 2."""
-    count("forces", forces, 2)
+    count("forces", forces, 2, MOST_FORCES)
+    design = positive("design force", design)
     marks = np.log([FORCE_SPAN[0], OPTIMUM_SPAN[0], OPTIMUM_SPAN[1], FORCE_SPAN[1]])
     return np.asarray(design * np.exp(np.interp(np.linspace(0, 1, forces), [0, 0.4, 0.8, 1], marks)))
 
@@ -197,8 +200,8 @@ def compare(
     or force, they follow from rules (`scaled_concepts`): the gap in m, by default 1 mm, or that which the design rule gives for a ``force`` in N
     near the first of the resonances. Forces go around the design force of each resonance.
     """
-    model = mounted(Beam() if beam is None else beam)
-    every = tuple(dict.fromkeys(resonances))
+    model = mounted(Beam() if beam is None else instance("beam", beam, Beam | ModalModel))
+    every = tuple(dict.fromkeys(count("resonances", resonance, 1) for resonance in listed("resonances", resonances)))
     require(len(every) > 0, "resonances", resonances, "one or more, counted from 1")
     rate = default_rate(model, every) if percent_per_100_periods is None else percent_per_100_periods
     mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass

@@ -18,9 +18,14 @@ from impact_env.parameters import (
     Beam,
     ParameterError,
     TunedAbsorber,
+    finite,
     friction_damper,
     impact_absorber,
+    instance,
+    listed,
+    one_of,
     require,
+    two,
 )
 from impact_env.scene import Scene
 from impact_env.shared_mass import impact_absorbers
@@ -86,6 +91,11 @@ class Design:
     concept: str
     values: Values
 
+    def __post_init__(self) -> None:
+        names = _known(self.concept)
+        require(set(instance("values", self.values, Mapping)) == set(names), "values", dict(self.values), f"one for each of {', '.join(names)}")
+        object.__setattr__(self, "values", {name: finite(f"values[{name}]", value) for name, value in self.values.items()})
+
     def absorber(self) -> Absorber:
         """Return the absorber; a friction limit of 0 leaves friction out."""
         v = self.values
@@ -97,7 +107,6 @@ class Design:
             return impact_absorber(v[GAP], v[RESTITUTION], v[FRICTION_LIMIT], v[MASS_RATIO])
         if self.concept == FRICTION:
             return friction_damper(v[FRICTION_LIMIT], v[MASS_RATIO])
-        require(self.concept == TUNED, "concept", self.concept, f"one of {', '.join(VARIABLES)}")
         return TunedAbsorber(v[MASS_RATIO], v[STIFFNESS], v[DAMPING])
 
     def scene(self, structure: Structure) -> Scene:
@@ -127,14 +136,15 @@ class DesignSpace:
 
     def __post_init__(self) -> None:
         known = _known(self.concept)
-        names = [variable.name for variable in self.free]
+        instance("fixed", self.fixed, Mapping), instance("units", self.units, Units | None)
+        names = [instance("free variables", variable, Variable).name for variable in listed("free variables", self.free)]
         require(len(names) > 0, "free variables", names, f"one or more of {', '.join(known)}")
         require(len(set(names)) == len(names), "free variables", names, "each of them once")
         for name in [*names, *self.fixed]:
             require(name in known, f"variable of the concept {self.concept!r}", name, f"one of {', '.join(known)}")
         both = sorted(set(names) & set(self.fixed))
         require(not both, "variables", both, "free or fixed, not both")
-        object.__setattr__(self, "fixed", {name: float(self.fixed[name]) for name in known if name in self.fixed})
+        object.__setattr__(self, "fixed", {name: finite(f"fixed[{name}]", self.fixed[name]) for name in known if name in self.fixed})
         for share in (0.0, 1.0):  # bounds and fixed values that the simulator refuses are named now, not in the middle of a search
             design = self.at([share] * len(self.free))
             design.absorber()
@@ -264,8 +274,7 @@ def _rank(v: Variable) -> int:
 
 
 def _known(concept: str) -> dict[str, Variable]:
-    require(concept in VARIABLES, "concept", concept, f"one of {', '.join(VARIABLES)}")
-    return {variable.name: variable for variable in VARIABLES[concept]}
+    return {variable.name: variable for variable in VARIABLES[one_of("concept", concept, VARIABLES)]}
 
 
 def design_space(
@@ -279,13 +288,14 @@ def design_space(
     What is neither free nor fixed has the paper's value, scaled to the structure. Raises ParameterError for a name that the concept
     lacks, and for bounds that are empty or inverted.
     """
-    known, names = _known(concept), tuple(FREE.get(concept, ()) if free is None else free)
-    bounds = {} if bounds is None else bounds
+    known = _known(concept)
+    names = FREE[concept] if free is None else tuple(one_of("free variables", name, known) for name in listed("free variables", free))
+    bounds = {} if bounds is None else instance("bounds", bounds, Mapping)
     for name in (*names, *bounds):
         require(name in known, f"variable of the concept {concept!r}", name, f"one of {', '.join(known)}")
     unused = sorted(set(bounds) - set(names))
     if unused:
         raise ParameterError(f"bounds of {', '.join(unused)} are not allowed: bounds are for free variables, which are {', '.join(names)}")
     variables = [known[name] for name in names]
-    chosen = tuple(v.within(*bounds[v.name]) if v.name in bounds else v for v in variables)
+    chosen = tuple(v.within(*two(f"bounds of {v.name}", bounds[v.name])) if v.name in bounds else v for v in variables)
     return DesignSpace(concept, chosen, {} if fixed is None else fixed)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS
-from impact_env.parameters import count, finite, fraction, pair, positive, require
+from impact_env.parameters import count, finite, fraction, one_of, positive, require, two
 from optimisation.designs import MASS_RATIO, Design
 from optimisation.extremes import usable_force
 from optimisation.measures import DAMAGE, FRICTION_HEAT, IMPACT_POWER, IMPACT_SPEED, LEVEL, STROKE
@@ -45,7 +45,7 @@ class Condition:
     def __post_init__(self) -> None:
         count("resonance", self.resonance, 1)
         object.__setattr__(self, "force", usable_force("force", self.force))
-        low, high = pair("limits of the sweep", self.limits)
+        low, high = two("limits of the sweep", self.limits)
         object.__setattr__(self, "limits", (positive("lower end of the sweep", low), high))
         require(abs(finite("detuning", self.detuning)) < 0.5, "detuning", self.detuning, "above -0.5 and below 0.5")
 
@@ -87,8 +87,8 @@ class Objective:
     limit: float | None = None
 
     def __post_init__(self) -> None:
-        require(self.kind in KINDS, "objective", self.kind, f"one of {', '.join(KINDS)}")
-        require(self.over in (WORST, MEAN), "over", self.over, f"{WORST} or {MEAN}")
+        one_of("objective", self.kind, KINDS)
+        one_of("over", self.over, (WORST, MEAN))
         object.__setattr__(self, "quantile", fraction("quantile", self.quantile))
         if self.kind == "range":
             object.__setattr__(self, "limit", positive("limit of the relative level", self.limit))
@@ -183,7 +183,7 @@ class Constraint:
     limit: float
 
     def __post_init__(self) -> None:
-        require(self.name in LIMITABLE, "constraint", self.name, f"one of {', '.join(LIMITABLE)}")
+        one_of("constraint", self.name, LIMITABLE)
         object.__setattr__(self, "limit", positive(f"limit of {self.name}", self.limit))
 
     def value(self, design: Design, measured: dict[str, Array]) -> float:

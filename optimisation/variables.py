@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, CoulombFriction, RigidWalls, TunedAbsorber, friction_damper, require
+from impact_env.parameters import DEFAULT_MASS_RATIO, LARGE, Beam, CoulombFriction, RigidWalls, TunedAbsorber, friction_damper, number, require
 from optimisation.friction_rule import PAPER_FRICTION
 
 IMPACT, FRICTION, TUNED, SEVERAL = "impact", "friction", "tuned", "several"
@@ -39,17 +39,19 @@ class Variable:
     whole: bool = False
 
     def __post_init__(self) -> None:
-        ok = math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high
+        ok = -LARGE <= number(self.low) < number(self.high) <= LARGE
         require(ok, f"bounds of {self.name}", (self.low, self.high), "two finite numbers, the first below the second")
         require(not self.log or self.low > 0, f"bounds of {self.name}", (self.low, self.high), "above 0, as it is searched in logarithms")
         ends = self.low, self.high
         require(not self.whole or all(x == round(x) for x in ends), f"bounds of {self.name}", ends, "whole numbers: it is a choice among them")
+        for name in ("low", "high"):
+            object.__setattr__(self, name, float(getattr(self, name)))
         if not self.scaled:
             object.__setattr__(self, "si", self.unit)
 
     def within(self, low: float, high: float) -> Variable:
         """Return the variable with other bounds, in SI units."""
-        return replace(self, low=float(low), high=float(high), unit=self.si, scaled=False)
+        return replace(self, low=low, high=high, unit=self.si, scaled=False)
 
     def choice(self, number: int) -> Variable:
         """Return the variable as a choice among the places 1 to ``number``; bounds that are its own by default give way, others stay."""

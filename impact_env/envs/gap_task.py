@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.reference import mean_power_of_cosine
-from impact_env.envs.settings import Range, Settings, one_of, span
+from impact_env.envs.settings import Range, Settings, span
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.frequency import receptance
 from impact_env.level import require_samples
-from impact_env.parameters import RigidWalls, SlidingAbsorber, positive, require
+from impact_env.parameters import RigidWalls, SlidingAbsorber, one_of, positive, require
 
 OBJECTIVES = ("rms", "fatigue")
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.level import MOST_SAMPLES
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
@@ -27,11 +28,12 @@ from impact_env.parameters import (
     friction_damper,
     friction_law,
     non_negative,
+    one_of,
     positive,
     require,
 )
 from impact_env.plain import from_scene, to_beam, to_scene
-from impact_env.response import DEFAULT_SAMPLES, MOST_SAMPLES
+from impact_env.response import DEFAULT_SAMPLES
 from impact_env.scene import Scene, beam_scene
 from impact_env.structure import load_structure
 
@@ -55,12 +57,6 @@ def known(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[str, A
     strange = sorted(set(value) - allowed)
     require(not strange, name, value, f"only the keys {', '.join(sorted(allowed))}" if allowed else "no keys")
     return dict(value)
-
-
-def one_of(name: str, value: Any, allowed: Sequence[str]) -> str:
-    """Return ``value`` if it is one of the words ``allowed``."""
-    require(isinstance(value, str) and value in allowed, name, value, f"one of {', '.join(allowed)}")
-    return str(value)
 
 
 def span(name: str, value: Any) -> Range:

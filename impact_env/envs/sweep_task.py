@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.reference import passage
-from impact_env.envs.settings import OBJECTIVES, Range, Settings, one_of, span
+from impact_env.envs.settings import OBJECTIVES, Range, Settings, span
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
 from impact_env.kernels.episodes import Way, go_on, pay_for_damage, pay_for_level
 from impact_env.kernels.interval import spread
 from impact_env.level import require_samples
-from impact_env.parameters import non_negative, positive, require
+from impact_env.parameters import non_negative, one_of, positive, require
 
 DIRECTIONS = ("up", "down", "random")
 BUDGET_ENDS = ("truncated", "terminated")

@@ -29,6 +29,7 @@ from impact_env import (
     modal_model,
     simulate,
 )
+from impact_env.kinds import kind_of
 
 NAN, INF = math.nan, math.inf
 
@@ -116,6 +117,23 @@ def test_bad_numbers_from_zero(value: object) -> None:
     ):
         with pytest.raises(ParameterError, match=name):
             make(value)
+
+
+def test_too_few_samples_for_the_level_of_a_fast_force() -> None:
+    """At 20 times the reference 32 samples a pseudo period are 1.6 a cycle."""
+    scene = beam_scene(Beam(modes=2))
+    drive = Drive(1.0, linear_sweep(scene.model.resonance_omega(1), 0.5, 20.0, 1e4))
+    with pytest.raises(ParameterError, match=r"samples_per_period = 32 is not allowed: 80 or more"):
+        simulate(scene, drive)
+    assert simulate(scene, drive, record=Record(samples_per_period=80)).level is not None
+    assert simulate(scene, drive, record=Record(level=False)).level is None
+
+
+def test_an_unknown_absorber_is_of_no_kind() -> None:
+    scene = Scene(modal_model(Beam(modes=1)))
+    object.__setattr__(scene, "absorber", RigidWalls())
+    with pytest.raises(ParameterError, match="absorber"):
+        kind_of(scene)
 
 
 def test_contradictory_absorbers() -> None:

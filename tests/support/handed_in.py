@@ -45,7 +45,6 @@ from impact_env import (
     friction_damper,
     impact_absorber,
     impact_absorbers,
-    modal_model,
     simulate,
 )
 
@@ -65,7 +64,18 @@ WORDS = ("", "1", "no", b"1", "exact", Path("nowhere"), True, False, np.bool_(Tr
 TABLES = ({}, {"a": 1.0}, {2: 3.0}, {2: "3"}, {2: 1e300}, {1, 2}, object(), len)
 CLASSES = (Beam, RigidWalls, Exact, Drive, SlidingAbsorber)
 OBJECTS = (BEAM, SCENE, SCENE.model, DRIVE, DRIVE.schedule, RigidWalls(), CompliantWalls(1e5), CoulombFriction(0.1), ElasticCoulombFriction(0.1, 1e5))
-MORE = (impact_absorber(), TunedAbsorber(), StuckAbsorber(), SEVERAL, [impact_absorber(), 1], InitialState(), Record(), Exact(), Moreau(), RungeKutta())
+MORE = (
+    impact_absorber(),
+    TunedAbsorber(),
+    StuckAbsorber(),
+    SEVERAL,
+    [impact_absorber(), 1],
+    InitialState(),
+    Record(),
+    Exact(),
+    Moreau(),
+    RungeKutta(),
+)
 VALUES = (*NUMBERS, *OTHER_NUMBERS, *LISTS, *ARRAYS, *WORDS, *TABLES, *CLASSES, *OBJECTS, *MORE)
 
 
@@ -73,6 +83,8 @@ def fits(value: Any, hint: Any) -> bool:
     """Return whether a value is of the kind that a type hint says; a number is also an array of one."""
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
     value = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
+    if origin is np.ndarray or "_SupportsArray" in str(hint):
+        return _is_array(value)
     if origin in (typing.Union, types.UnionType):
         return any(fits(value, part) for part in parts)
     if hint is Any:
@@ -80,7 +92,7 @@ def fits(value: Any, hint: Any) -> bool:
     if hint is None or hint is type(None):
         return value is None
     if origin is typing.Literal:
-        return value in parts
+        return isinstance(value, str) and value in parts
     if hint in (bool, float, int):
         kinds = {bool: bool | np.bool_, float: Real, int: Integral}[hint]
         return isinstance(value, kinds) and (hint is bool or not isinstance(value, bool))
@@ -88,8 +100,6 @@ def fits(value: Any, hint: Any) -> bool:
         return isinstance(value, Mapping) and all(fits(k, parts[0]) and fits(v, parts[1]) for k, v in value.items())
     if origin is Callable or hint is Callable:
         return callable(value)
-    if origin is np.ndarray or "ArrayLike" in str(hint):
-        return _is_array(value)
     if isinstance(origin, type) and issubclass(origin, Iterable):
         return isinstance(value, Iterable) and not isinstance(value, str | bytes) and all(fits(part, parts[0]) for part in value)
     return isinstance(value, hint)
@@ -121,11 +131,21 @@ BY_NAME: dict[str, Any] = {
     "reference": OMEGA,
     "stiffness": 1e5,
     "model": SCENE.model,
+    "forces": [1.0, 2.0],
     "beam": BEAM,
     "structure": BEAM,
 }
-ALSO = {"path": "file"}  # what an error may call an argument
-BY_TYPE: dict[Any, Any] = {float: 1.0, int: 2, np.ndarray: [1.0, 2.0], FrequencySchedule: DRIVE.schedule, Scene: SCENE, Drive: DRIVE, ModalModel: SCENE.model}
+# what an error may call an argument
+ALSO = {"path": "file", "kind": "objective", "name": "constraint", "free": "variable", "fixed": "variable", "bounds": "variable"}
+BY_TYPE: dict[Any, Any] = {
+    float: 1.0,
+    int: 2,
+    np.ndarray: [1.0, 2.0],
+    FrequencySchedule: DRIVE.schedule,
+    Scene: SCENE,
+    Drive: DRIVE,
+    ModalModel: SCENE.model,
+}
 
 
 def good_arguments(make: Callable[..., Any], own: Mapping[str, Any]) -> dict[str, Any]:
@@ -162,7 +182,9 @@ def used(result: Any) -> None:
     elif isinstance(result, InitialState):
         used(simulate(SCENE, DRIVE, initial=result, most_events=FEW))
     elif isinstance(result, Record):
-        used(simulate(beam_scene(BEAM), DRIVE, record=dataclasses.replace(result, energy=False, check=False)))  # each set of observers is one more kernel
+        used(
+            simulate(beam_scene(BEAM), DRIVE, record=dataclasses.replace(result, energy=False, check=False))
+        )  # each set of observers is one more kernel
     elif isinstance(result, Exact | Moreau | RungeKutta):
         used(simulate(beam_scene(BEAM, friction_damper()) if isinstance(result, Moreau) else beam_scene(BEAM), DRIVE, result))
     elif isinstance(result, float | np.ndarray):
@@ -172,16 +194,17 @@ def used(result: Any) -> None:
             used(part)
 
 
-def complaints(name: str, make: Callable[..., Any], own: Mapping[str, Any], use: Callable[[Any], None] = used) -> Iterator[str | None]:
-    """Yield for each argument and each of `VALUES` what is wrong with the call, None if nothing is."""
+def complaints(name: str, make: Callable[..., Any], own: Mapping[str, Any], *, dear: bool = False) -> Iterator[str | None]:
+    """Yield for each argument and each of `VALUES` what is wrong with the call, None if nothing is; ``dear``: only of values of a wrong kind."""
     good = good_arguments(make, own)
-    use(make(**good))
+    if not dear:
+        used(make(**good))
     for argument, hint in hints_of(make).items():
         for value in VALUES:
-            if "Callable" in str(hint) and callable(value):  # what it does is the caller's
+            if fits(value, hint) and (dear or "Callable" in str(hint)):  # what is called is the caller's
                 continue
             try:
-                problem = _complaint(make, good, argument, value, hint, use)
+                problem = _complaint(make, good, argument, value, hint)
             except Exception as error:
                 problem = f"{type(error).__name__}: {error}"
             yield None if problem is None else f"{name}({argument}={_text(value)}): {problem}"
@@ -191,7 +214,7 @@ def _text(value: Any) -> str:
     return "10**5000" if isinstance(value, int) and value > 10**4000 else repr(value)[:80]
 
 
-def _complaint(make: Callable[..., Any], good: Mapping[str, Any], argument: str, value: Any, hint: Any, use: Callable[[Any], None]) -> str | None:
+def _complaint(make: Callable[..., Any], good: Mapping[str, Any], argument: str, value: Any, hint: Any) -> str | None:
     try:
         result = make(**{**good, argument: value})
         if not fits(value, hint) and value is not inspect.signature(make).parameters[argument].default:
@@ -199,7 +222,7 @@ def _complaint(make: Callable[..., Any], good: Mapping[str, Any], argument: str,
         kept = getattr(result, argument, value)
         if kept is not value and _is_array(value) and not np.allclose(kept, value, rtol=1e-12, atol=0):
             return f"kept as {kept!r}"
-        use(result)
+        used(result)
     except ParameterError as error:
         named = any(_words(name).removesuffix("s") in _words(str(error)) for name in (argument, ALSO.get(argument, argument)))
         return None if named else f"refused without the argument's name: {error}"
