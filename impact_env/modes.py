@@ -45,11 +45,11 @@ class ModalModel:
             object.__setattr__(self, name, row(name, getattr(self, name), "a row of finite numbers"))
         object.__setattr__(self, "beam_mass", positive("beam_mass", self.beam_mass))
         lengths = {len(getattr(self, name)) for name in rows}
-        require(len(lengths) == 1 and min(lengths) > 0, f"number of modes in {', '.join(rows)}", lengths, "one for all, 1 or more")
+        require(len(lengths) == 1 and min(lengths) > 0, "modal model", lengths, f"arrays of one length, 1 or more: {', '.join(rows)}")
         if self.absorber_shapes is not None:
             allowed = f"a row of {len(self.omega)} finite numbers for each absorber"
             shapes = row("absorber_shapes", self.absorber_shapes, allowed, axes=2)
-            require(shapes.shape[1] == len(self.omega) and len(shapes) > 0, "absorber_shapes", self.absorber_shapes, allowed)
+            require(shapes.shape[1] == len(self.omega), "absorber_shapes", self.absorber_shapes, allowed)
             object.__setattr__(self, "absorber_shapes", shapes)
         require(bool(np.all(self.omega >= SMALL)), "omega", self.omega, f"frequencies above 0, from {SMALL:g} rad/s")
         ok = bool(np.all((self.damping_ratio >= 0) & (self.damping_ratio <= MOST_DAMPING)))

@@ -184,17 +184,12 @@ class Beam:
         for name in ("force_position", "absorber_position", "response_position"):
             if getattr(self, name) is not None or name != "response_position":
                 object.__setattr__(self, name, self.place(name, getattr(self, name)))
-        most = f"a whole number from 1 to {self.freedoms}, as many as {self.elements} elements have freedoms"
-        require(count("modes", self.modes, 1) <= self.freedoms, "modes", self.modes, most)
-        allowed = f"one number from 0 to {MOST_DAMPING}, or one for each of the {self.modes} modes"
+        count("modes", self.modes, 1, self.freedoms)
+        allowed = f"one number, or one for each of the {self.modes} modes, from 0 to {MOST_DAMPING}"
         ratios = row("damping_ratio", self.damping_ratio, allowed)
         single = np.ndim(self.damping_ratio) == 0
-        require(
-            (single or len(ratios) == self.modes) and bool(np.all((ratios >= 0) & (ratios <= MOST_DAMPING))),
-            "damping_ratio",
-            self.damping_ratio,
-            allowed,
-        )
+        ok = (single or len(ratios) == self.modes) and bool(np.all((ratios >= 0) & (ratios <= MOST_DAMPING)))
+        require(ok, "damping_ratio", self.damping_ratio, allowed)
         object.__setattr__(self, "damping_ratio", float(ratios[0]) if single else tuple(ratios.tolist()))
         for mode, ratio in instance("modal_frequency_ratio", self.modal_frequency_ratio, Mapping).items():
             count("modal_frequency_ratio's mode", mode, 2, self.modes)
@@ -218,13 +213,8 @@ class Beam:
         low, high = self.ends.startswith("free"), self.ends.endswith("free")
         if not low and high:
             return fraction(name, value)
-        x = number(value)
-        require(
-            0 < x < 1 or (low and x == 0) or (high and x == 1),
-            name,
-            value,
-            f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} beam moves",
-        )
+        x, allowed = number(value), f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} beam moves"
+        require(0 < x < 1 or (low and x == 0) or (high and x == 1), name, value, allowed)
         return x
 
     @property

@@ -15,6 +15,7 @@ from impact_env.level import MOST_SAMPLES
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
+    MOST_ELEMENTS,
     Absorber,
     Beam,
     CompliantWalls,
@@ -61,7 +62,7 @@ def known(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[str, A
 
 def span(name: str, value: Any) -> Range:
     """Return (low, high) for a finite number, or for a pair of them with low not above high."""
-    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and getattr(value, "ndim", 1) > 0:
         require(len(value) == 2, name, value, "a number, or a pair (low, high)")
         low, high = (finite(name, float(x) if isinstance(x, np.floating) else x) for x in value)
         require(low <= high, name, value, "a pair (low, high) with low not above high")
@@ -71,7 +72,7 @@ def span(name: str, value: Any) -> Range:
 
 def make_absorber(kind: str, options: Mapping[str, Any]) -> Absorber | None:
     """Return an absorber from plain values; those left out keep the defaults of `impact_env.parameters`."""
-    one_of("absorber", kind, tuple(ABSORBERS))
+    one_of("absorber", kind, ABSORBERS)
     given = {name: value for name, value in known("absorber_options", options, ABSORBERS[kind]).items() if value is not None}
     mass = {name: given[name] for name in ("mass_ratio",) if name in given}
     if kind == "none":
@@ -200,6 +201,10 @@ class Settings:
     structure: str | None = None
 
     def __post_init__(self) -> None:
+        known("absorber_options", self.absorber_options, ABSORBERS[one_of("absorber", self.absorber, ABSORBERS)])
+        count("modes", self.modes, 1, 2 * MOST_ELEMENTS)
+        if self.threads is not None:
+            count("threads", self.threads, 1)
         beam = known("beam", self.beam, {f.name for f in fields(Beam)})
         require("modes" not in beam, "beam", self.beam, "no key modes: that is an argument of its own")
         if self.whole_scene is not None:

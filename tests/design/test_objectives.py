@@ -233,7 +233,7 @@ def test_constraints_are_the_worst_of_all_runs() -> None:
     ("make", "names"),
     [
         (lambda: Objective("beauty"), ["objective = 'beauty'", ", ".join(KINDS)]),
-        (lambda: Objective(over="sum"), ["over", "worst or mean"]),
+        (lambda: Objective(over="sum"), ["over", "worst, mean"]),
         (lambda: Objective(quantile=0.0), ["quantile"]),
         (lambda: Objective("range"), ["limit of the relative level"]),
         (lambda: Objective(limit=0.5), ["limit"]),

@@ -15,10 +15,13 @@ from impact_env import CoulombFriction
 from impact_env.curve import CurveCase, performance_curve
 from impact_env.drive import default_rate
 from impact_env.ensemble import Lane, Members, draw_members, run_lanes
+from impact_env.envs.settings import Settings
 from impact_env.level import response_level
 
 MADE_BY_RUNS = ("Response", "IntegrationError", "ParameterError", "StructureWarning", "__version__")
-MORE = {make.__name__: make for make in (CurveCase, Lane, Members, default_rate, draw_members, performance_curve, response_level, run_lanes)}
+MORE = {
+    make.__name__: make for make in (CurveCase, Lane, Members, default_rate, draw_members, performance_curve, response_level, run_lanes, Settings)
+}
 PUBLIC = {name: getattr(impact_env, name) for name in impact_env.__all__ if name not in MADE_BY_RUNS} | MORE
 OWN: dict[str, dict[str, Any]] = {
     "Beam": {"modes": 2, "elements": 4},

@@ -136,7 +136,16 @@ BY_NAME: dict[str, Any] = {
     "structure": BEAM,
 }
 # what an error may call an argument
-ALSO = {"path": "file", "kind": "objective", "name": "constraint", "free": "variable", "fixed": "variable", "bounds": "variable"}
+ALSO = {
+    "path": "file",
+    "structure": "file",
+    "whole_scene": "scene",
+    "kind": "objective",
+    "name": "constraint",
+    "free": "variable",
+    "fixed": "variable",
+    "bounds": "variable",
+}
 BY_TYPE: dict[Any, Any] = {
     float: 1.0,
     int: 2,
