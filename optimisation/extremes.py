@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from impact_env.drive import MOST_PERIODS
-from impact_env.parameters import positive, require
+from impact_env.parameters import number, positive, require
 
 MOST_FORCE = 1e12  # N: far above what any structure bears, and far below where squares of displacements overflow
 MOST_MASS = 1.0  # of the structure's: design rule, limit and tunings are those of an absorber, not of what it would hang on
@@ -14,9 +14,8 @@ LEAST_PERIODS = 5.0  # of a sweep: in fewer the response has not begun to build 
 
 def usable_force(name: str, value: float) -> float:
     """Return a force in N; raises ParameterError unless it is above 0 and at most `MOST_FORCE`."""
-    force = positive(name, value)
-    require(force <= MOST_FORCE, name, value, f"above 0 and at most {MOST_FORCE:g} N")
-    return force
+    require(0 < number(value) <= MOST_FORCE, name, value, f"above 0 and at most {MOST_FORCE:g} N")
+    return positive(name, value)
 
 
 def usable_mass_ratio(name: str, value: float) -> float:

@@ -32,7 +32,8 @@ SPRING = 100 * Beam().static_tip_stiffness
 
 def run(scene: Scene, drive: Drive, start: InitialState | None = None) -> Response:
     """Observe all, and find no miss in a second run, which is the same: `test_check` has shown that."""
-    checked = simulate(scene, drive, initial=start, most_events=200_000, record=Record(check=True))
+    samples = max(32, int(np.ceil(4 * drive.schedule.omegas.max() / drive.schedule.reference)))  # of a level: four a cycle
+    checked = simulate(scene, drive, initial=start, most_events=200_000, record=Record(check=True, samples_per_period=samples))
     assert checked.check is not None
     assert checked.check.misses == 0
     response = core.run(scene, drive, initial=start)
