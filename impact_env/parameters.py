@@ -279,7 +279,7 @@ class SeveralAbsorbers:
         for absorber in self.absorbers:
             rigid = isinstance(absorber, SlidingAbsorber) and not isinstance(absorber.walls, CompliantWalls)
             rigid = rigid and not isinstance(absorber.friction, ElasticCoulombFriction)
-            require(rigid, "absorbers", absorber, "among several only impact absorbers and friction dampers with rigid contact")
+            require(rigid, "absorber", absorber, "among several only impact absorbers and friction dampers with rigid contact")
             walls = absorber.walls
             touches = absorber.friction is not None or (walls is not None and math.isfinite(walls.gap))
             require(walls is None or walls.gap > 0, "gap", getattr(walls, "gap", None), "above 0 among several absorbers")

@@ -128,7 +128,7 @@ class InitialState:
         beam = np.array([shape @ state[:n] for shape in scene.absorber_shapes])
         for name, at in (("absorber_displacement", n), ("absorber_velocity", half + n)):
             values = beam if getattr(self, name) is None else getattr(self, name)
-            require(np.ndim(values) == 0 or len(values) == places, name, values, f"a finite number, or one for each of {places} absorbers")
+            require(np.ndim(values) == 0 or len(values) == places, name, values, "a finite number, or one for each absorber")
             state[at : at + places] = values
         for a in range(places):
             walls = scene.cavity(a)
