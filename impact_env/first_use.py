@@ -14,6 +14,7 @@ from typing import Literal
 
 from numba.core import event
 
+from impact_env.checks import require
 from impact_env.kernels.parts import COMPILING
 
 LOG = logging.getLogger("impact_env")
@@ -45,6 +46,7 @@ def on_compile(callback: Callable[[Compilation], object]) -> Callable[[], None]:
     >>> end = on_compile(told.append)
     >>> end()
     """
+    require(callable(callback), "callback", callback, "a function of one argument")
     own = [callback]  # the same callback may be given twice
     _callbacks.extend(own)
 

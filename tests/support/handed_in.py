@@ -154,6 +154,7 @@ BY_TYPE: dict[Any, Any] = {
     Scene: SCENE,
     Drive: DRIVE,
     ModalModel: SCENE.model,
+    Callable: print,
 }
 
 
