@@ -1,4 +1,4 @@
-"""The suite in which feedback pays: rules, demonstrations, agents with memory, and a short training that beats haste."""
+"""The suite in which feedback pays: rules, demonstrations, agents with memory, clones and short trainings that beat haste."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from optimisation.rl.tasks.table import FIRST, SUITE, TASKS  # noqa: E402
 from optimisation.rl.tasks.task import Task  # noqa: E402
 
 POLICIES = ROOT / "docs" / "policies"
-FRESH = range(7_000_000, 7_000_096)  # neither trained, tuned nor judged on
+FRESH = range(7_000_000, 7_000_192)  # neither trained, tuned nor judged on
 RATES = Rates(0.05, 4.0, 0.93, 1.03, 4.0, 0.98, 0.0125)
 WAY = [0.9, 0.8, 0.5, 0.5, 0.1, 0.35, -0.6]  # entry 1.02 to 1.01, slow from 0.98, back at 0.965
-HASTE = (-0.63, -0.605)  # the mean score of always fastest on v1, 1,024 seeds: -0.617
+# Bounds on means over seeds lie six of their standard deviations off, as found with six eigenbases that differ by rounding.
 pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")
 
 
@@ -80,20 +80,18 @@ def test_on_the_passage_the_stored_rule_beats_the_schedule_which_beats_haste() -
     rules = stored("passage")
     scores = {name: play(rules[name], PASSAGE, FRESH).scores for name in (FEEDBACK, BEST_SCHEDULE)}
     haste = play(Constant(1.0), PASSAGE, FRESH).scores
-    assert HASTE[0] < haste.mean() < HASTE[1]
-    gains = (scores[FEEDBACK] - scores[BEST_SCHEDULE], scores[BEST_SCHEDULE] - haste)
-    for gain, low, high in zip(gains, (0.02, 0.04), (0.12, 0.14), strict=True):
-        assert low < gain.mean() < high
-        assert gain.mean() > 2 * gain.std() / np.sqrt(len(gain))
+    assert -0.637 < haste.mean() < -0.597  # 1,024 seeds: -0.617
+    assert 0.0 < (scores[FEEDBACK] - scores[BEST_SCHEDULE]).mean() < 0.12
+    assert 0.04 < (scores[BEST_SCHEDULE] - haste).mean() < 0.16
 
 
 def test_with_rate_and_gap_looking_beats_the_schedule_which_beats_constants() -> None:
     rules = stored("adaptive")
     names = (ORACLE, FEEDBACK, BEST_SCHEDULE, BEST_PAIR)
     means = {name: play(rules[name], ADAPTIVE, FRESH).scores.mean() for name in names}
-    for name, low, high in ((ORACLE, -0.175, -0.155), (FEEDBACK, -0.185, -0.165), (BEST_SCHEDULE, -0.265, -0.22), (BEST_PAIR, -0.52, -0.41)):
+    for name, low, high in ((ORACLE, -0.19, -0.14), (FEEDBACK, -0.185, -0.16), (BEST_SCHEDULE, -0.265, -0.22), (BEST_PAIR, -0.52, -0.41)):
         assert low < means[name] < high, name
-    assert list(means.values()) == sorted(means.values(), reverse=True)
+    assert means[FEEDBACK] > means[BEST_SCHEDULE] > means[BEST_PAIR]
 
 
 def test_the_rule_of_the_friction_limit_looks_once_and_remembers() -> None:
@@ -123,9 +121,7 @@ def test_with_the_friction_limit_looking_beats_the_schedule_which_hardly_beats_a
     scores = {name: play(rules[name], FRICTION, FRESH).scores for name in names}
     for name, low, high in ((FEEDBACK, -0.46, -0.41), (BEST_SCHEDULE, -0.64, -0.56), (BEST_LIMIT, -0.65, -0.58)):
         assert low < scores[name].mean() < high, name
-    gain = scores[FEEDBACK] - scores[BEST_SCHEDULE]
-    assert gain.mean() > 0.1
-    assert gain.mean() > 4 * gain.std() / np.sqrt(len(gain))
+    assert (scores[FEEDBACK] - scores[BEST_SCHEDULE]).mean() > 0.1
 
 
 @pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
@@ -197,14 +193,14 @@ def test_demonstrations_are_what_was_played_and_come_back_from_their_files(tmp_p
         record(stored("adaptive")[ORACLE], ADAPTIVE, range(2))
 
 
-def trained(algorithm: str, env_id: str, **given: Any) -> tuple[Any, Any]:
+def trained(algorithm: str, env_id: str, seed: int = 0, **given: Any) -> tuple[Any, Any]:
     from optimisation.rl.hyperparameters import settings_for
     from optimisation.rl.models import begin_leg, make_lanes, make_model
 
     chosen = settings_for(env_id, algorithm, None, **given)
     env = make_lanes(env_id, chosen, {}, 1)
-    model = make_model(chosen, env, 0)
-    begin_leg(model, 0, 0, chosen.learning_rate)
+    model = make_model(chosen, env, seed)
+    begin_leg(model, seed, 0, chosen.learning_rate)
     return model, chosen
 
 
@@ -245,14 +241,44 @@ def test_imitation_does_in_each_situation_what_was_shown() -> None:
         assert score > -0.38  # the best constant pair: -0.465; the rule remembers, so one step of it cannot be copied exactly
 
 
-def test_a_short_training_beats_haste() -> None:
-    """PPO from scratch, a sixth of its steps, one seed: more than a third of the way from haste to the feedback rule, on seeds that nobody saw."""
+def test_a_clone_of_the_rule_beats_haste_and_updates_improve_what_they_are_to_improve() -> None:
+    """On one batch: PPO's clipped objective, which begins at zero, and the error of the values."""
+    pytest.importorskip("stable_baselines3")
+    import torch
+
+    from optimisation.rl.agents import actor_of
+    from optimisation.rl.cloning import imitate
+
+    model, chosen = trained("ppo", PASSAGE, learning_rate=1e-4)
+    imitate(model, record(stored("passage")[FEEDBACK], PASSAGE, range(1000, 1256)), seed=0, epochs=15)
+    gain = play(actor_of(model, PASSAGE, 0, {}), PASSAGE, FRESH).scores - play(Constant(1.0), PASSAGE, FRESH).scores
+    assert gain.mean() > 0.06  # 0.130 to 0.153 over four ways to shuffle; the rule: 0.16
+    model.learn(1)  # collects the batch, and updates once
+    for _ in range(2):
+        model.train()
+    batch = next(model.rollout_buffer.get(None))
+    advantages = (batch.advantages - batch.advantages.mean()) / batch.advantages.std()
+    with torch.no_grad():
+        values, probability, _ = model.policy.evaluate_actions(batch.observations, batch.actions)
+    ratio = torch.exp(probability - batch.old_log_prob)
+    objective = torch.min(ratio * advantages, torch.clamp(ratio, 1 - chosen.clip_range, 1 + chosen.clip_range) * advantages).mean()
+    errors = [float(((some - batch.returns) ** 2).mean()) for some in (batch.old_values, values[:, 0])]
+    assert objective > 4e-4  # 0.0020 to 0.0027 over four seeds
+    assert errors[1] < 0.85 * errors[0]  # 0.58 to 0.63
+
+
+@pytest.mark.nightly
+def test_short_trainings_beat_haste() -> None:
+    """PPO from scratch, a third of its steps: most of the way from haste to the feedback rule, on seeds that nobody saw.
+
+    One of three seeds gains 0.14, give or take 0.025 by how soon it turns: a false alarm is seven standard deviations away.
+    """
     pytest.importorskip("stable_baselines3")
     from optimisation.rl.agents import actor_of
 
-    model, _ = trained("ppo", PASSAGE, steps=200000)
-    model.learn(130000)
-    agent = actor_of(model, PASSAGE, 0, {})
-    gain = play(agent, PASSAGE, FRESH).scores - play(Constant(1.0), PASSAGE, FRESH).scores
-    assert gain.mean() > 0.03
-    assert gain.mean() > 2 * gain.std() / np.sqrt(len(gain))
+    haste, gains = play(Constant(1.0), PASSAGE, FRESH).scores.mean(), []
+    for seed in range(3):
+        model, _ = trained("ppo", PASSAGE, seed, steps=200000)
+        model.learn(200000)
+        gains.append(play(actor_of(model, PASSAGE, seed, {}), PASSAGE, FRESH).scores.mean() - haste)
+    assert np.mean(gains) > 0.03
