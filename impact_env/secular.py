@@ -25,6 +25,7 @@ what is of second order in b is right: the error is of sixth order in SPLIT, 1e-
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,13 @@ class Coupling:
     ratio: Real
     psi: Real
     sprung: bool
+
+    def __post_init__(self) -> None:
+        """Part equal frequencies by their last digit: a motion of both without the masses would lie at two poles at once, and not be found."""
+        omega, order = np.array(self.omega), np.argsort(self.omega, kind="stable")
+        for a, b in pairwise(order):
+            omega[b] = max(omega[b], np.nextafter(omega[a], np.inf))
+        object.__setattr__(self, "omega", omega)
 
     @property
     def rate(self) -> Real:

@@ -162,11 +162,12 @@ def test_tip_shapes_that_almost_vanish(ratio: float, share: float) -> None:
 
 @pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-9, 1e-4])
 def test_two_modes_with_one_frequency(apart: float) -> None:
-    model = custom(4, 4, 0.01, 2)
-    omega = np.array(model.omega)
-    omega[2] = omega[1] * (1 + apart)
-    equal = ModalModel(omega, model.damping_ratio, model.force_shape, model.tip_shape, 1.0, model.absorber_shapes)
-    assert max(all_errors(equal, 0.1, 1.0, 0.1)) < BAR
+    for seed in range(20):
+        model = custom(seed, 4, 0.01, 2)
+        omega = np.array(model.omega)
+        omega[2] = omega[1] * (1 + apart)
+        equal = ModalModel(omega, model.damping_ratio, model.force_shape, model.tip_shape, 1.0, model.absorber_shapes)
+        assert max(all_errors(equal, 0.1, 1.0, 0.1)) < BAR
 
 
 @pytest.mark.parametrize(("mass", "stiffness"), [(1.7e-6, 2.8e7), (1e-9, 1e9), (1e-4, 1e-6), (50.0, 1.0)])
