@@ -1,0 +1,174 @@
+"""The suite as other machines would run it, each with an environment of its own in .venv-check; docs/machines.md says what came out."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import NamedTuple
+
+from impact_env.kernels.cache import digest
+from optimisation.studies.machine import processor
+from optimisation.studies.page import fill
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "machines.md"
+HEADER = ("machine", "Python", "packages", "settings", "passed", "failed", "skipped", "peak of a process", "made")
+VARIED = ("numpy", "scipy", "numba", "gymnasium")
+LAYERS = ("main", "test", "files", "optimise", "env", "cluster", "peers", "offline", "rl", "clients")
+TORCH = ("rl", "clients")
+
+
+class Machine(NamedTuple):
+    """A machine's Python, which versions of `VARIED` it has, layers of requirements, and variables that make the processor another one.
+
+    ``wheel``: whether commands are also run from the wheel, which says the same on any processor.
+    """
+
+    python: str
+    versions: str
+    settings: dict[str, str]
+    layers: tuple[str, ...] = LAYERS
+    wheel: bool = False
+
+
+MACHINES = {
+    "old-processor": Machine(
+        "3.11",
+        "pinned",
+        {
+            "MKL_CBWR": "COMPATIBLE",
+            "ATEN_CPU_CAPABILITY": "default",
+            "OPENBLAS_CORETYPE": "Nehalem",
+            "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
+            "NUMBA_CPU_NAME": "generic",
+            "NUMBA_CPU_FEATURES": "",
+        },
+        wheel=True,
+    ),
+    "oldest-versions": Machine("3.11", "oldest", {"MKL_CBWR": "AVX2,STRICT", "OPENBLAS_CORETYPE": "Haswell"}),
+    "newest-versions": Machine("3.13", "newest", {}, tuple(layer for layer in LAYERS if layer not in TORCH)),
+}
+
+
+def requirements(machine: Machine) -> list[str]:
+    """Return what pip is asked for: all pinned versions, but the varied packages' oldest or newest that pyproject.toml allows."""
+    lines = [
+        line for layer in machine.layers for line in (ROOT / "requirements" / f"{layer}.txt").read_text().splitlines() if not line.startswith("#")
+    ]
+    if machine.versions == "pinned":
+        return lines
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    ranges = [one for one in project["dependencies"] + project["optional-dependencies"]["env"] if re.split("[<>=]", one)[0] in VARIED]
+    asked = ranges if machine.versions == "newest" else [one.split(",")[0].replace(">=", "==") for one in ranges]
+    return asked + [line for line in lines if line.partition("==")[0] not in (*VARIED, "llvmlite")]
+
+
+def environment(name: str, machine: Machine) -> Path:
+    """Return the machine's Python, in an environment that is made if it is not as asked for; raises FileNotFoundError without that Python."""
+    folder = ROOT / ".venv-check" / name
+    python, stamp, asked = folder / "bin" / "python", folder / "made", "\n".join([machine.python, *requirements(machine)])
+    if stamp.exists() and stamp.read_text() == asked:
+        return python
+    base = shutil.which(f"python{machine.python}")
+    if base is None or subprocess.run([base, "-c", ""], capture_output=True).returncode:
+        raise FileNotFoundError(f"no python{machine.python} was found")
+    shutil.rmtree(folder, ignore_errors=True)
+    subprocess.run([base, "-m", "venv", str(folder)], check=True)
+    pip = [str(python), "-m", "pip", "install", "-qq", "--no-input", "--disable-pip-version-check"]
+    subprocess.run([*pip, *requirements(machine)], check=True)
+    subprocess.run([*pip, "--no-deps", "--no-build-isolation", "--editable", str(ROOT)], check=True)
+    stamp.write_text(asked)
+    return python
+
+
+def packages(python: Path) -> tuple[str, str]:
+    """Return an environment's Python, and the versions of what was varied in it and of torch."""
+    code = "import sys, importlib.metadata as m; print(sys.version.split()[0], *(f'{d.name} {d.version},' for d in m.distributions()))"
+    version, *rest = subprocess.run([str(python), "-c", code], check=True, capture_output=True, text=True).stdout.split()
+    found = dict(zip(rest[::2], rest[1::2], strict=True))
+    return version, " ".join(f"{name} {found[name]}" for name in (*VARIED, "torch") if name in found).rstrip(",") + (
+        "" if "torch" in found else ", no torch"
+    )
+
+
+def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], bool]:
+    """Run the suite on a machine; return its row of the table, and whether tests ran and none failed."""
+    settings = " ".join(f"`{key}={value}`" for key, value in machine.settings.items())
+    made = f"{datetime.datetime.now(datetime.UTC).date().isoformat()}, {digest()}"
+    try:
+        python = environment(name, machine)
+    except FileNotFoundError as error:
+        return [name, machine.python, machine.versions, settings, f"not run: {error}", "", "", "", made], False
+    report = python.parents[1] / "report.xml"
+    report.unlink(missing_ok=True)
+    cache = {"IMPACT_ENV_CACHE": str(python.parents[1] / "kernel-cache"), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    command = [str(python), "-m", "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-q", f"--junitxml={report}"]
+    marked = "wheel or not wheel" if machine.wheel else "not wheel"
+    began = time.monotonic()
+    process = subprocess.Popen([*command, "-m", marked, *options], cwd=ROOT, env={**os.environ, **cache, **machine.settings})
+    _, status, usage = os.wait4(process.pid, 0)  # the usage is that of its children, too
+    process.returncode = os.waitstatus_to_exitcode(status)
+    passed, failed, skipped = read(report)
+    stopped = "no test ran" if process.returncode == 5 else "did not end"
+    verdict = str(failed) if process.returncode in (0, 1) else f"{stopped} (code {process.returncode})"
+    peak = f"{usage.ru_maxrss * (1 if sys.platform == 'darwin' else 1024) / 1e9:.1f} GB"
+    row = [name, *packages(python), settings, str(passed), verdict, skipped, peak, f"{made}, {(time.monotonic() - began) / 60:.0f} min"]
+    return row, process.returncode == 0 and passed > 0 == failed
+
+
+def read(report: Path) -> tuple[int, int, str]:
+    """Return how many tests of a report passed and failed, and how many were skipped, for want of what; none where there is no report."""
+    if not report.exists():
+        return 0, 0, ""
+    suite = ET.parse(report).getroot()[0]
+    total, failed, skipped = int(suite.get("tests", 0)), int(suite.get("failures", 0)) + int(suite.get("errors", 0)), int(suite.get("skipped", 0))
+    missing = sorted(set(re.findall(r"could not import '(\w+)", " ".join(one.get("message", "") for one in suite.iter("skipped")))))
+    return total - failed - skipped, failed, f"{skipped}" + (f" (no {', '.join(missing)})" if missing else "")
+
+
+def table(rows: dict[str, list[str]]) -> str:
+    """Return the page's table, with the machines in their order."""
+    lines = [HEADER, ("---",) * len(HEADER), *(rows.get(name, [name, *[""] * 3, "not run", *[""] * (len(HEADER) - 5)]) for name in MACHINES)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + f"\n\nOn {processor()}."
+
+
+def kept() -> dict[str, list[str]]:
+    """Return the rows that the page has."""
+    cells = ([cell.strip() for cell in line.strip("|").split("|")] for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| "))
+    return {row[0]: row for row in cells if row[0] in MACHINES and len(row) == len(HEADER)}
+
+
+def main() -> int:
+    """Run each machine; write its row as soon as it is there, so that Ctrl-C keeps those of others."""
+    parser = argparse.ArgumentParser(
+        prog="scripts/check_all", description=__doc__, epilog="Further options go to pytest; the page is then left as it is."
+    )
+    parser.add_argument("--only", choices=MACHINES, action="append", help="this machine alone; can be given several times")
+    asked, options = parser.parse_known_args()
+    rows, fine = kept(), True
+    try:
+        for name in asked.only or MACHINES:
+            print(f"== {name} {shlex.join(options)}", flush=True)
+            rows[name], ok = run(name, MACHINES[name], options)
+            fine = fine and ok
+            print(" | ".join(rows[name]), flush=True)
+            if not options:
+                fill(PAGE, PAGE, {"machines": table(rows)})
+    except KeyboardInterrupt:
+        print("Broken off; finished machines are kept.", file=sys.stderr)
+        return 130
+    return 0 if fine else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
