@@ -8,6 +8,7 @@ import pytest
 from choice import LONGEST_FIRST, QUICK
 from cpu_times import CPUTimes
 from hypothesis import settings
+from peak import Peaks
 
 settings.register_profile("workbench", derandomize=True, deadline=None)
 settings.load_profile("workbench")
@@ -23,6 +24,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "slow: takes long for its file; left out by --quick")
+    config.pluginmanager.register(Peaks())
     if config.getoption("--cpu"):
         config.pluginmanager.register(CPUTimes(config.getoption("--cpu")))
 
