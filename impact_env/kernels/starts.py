@@ -20,7 +20,8 @@ from impact_env.kernels.slots import FASTEST, SPEED, high_derivatives
 MICRO_REACH = 0.01
 FINEST = 2.0**-20  # of the reach
 RATE_NOISE = 16.0 * NOISE  # rounding of a computed rate, relative to its scale
-BEND_NOISE = 1e-10  # of a second derivative's scale: above the rounding of a change of basis
+BEND_NOISE = 1e-11  # of a second derivative's scale: above the rounding of a change of basis
+WALL_NOISE = 10.0 * BEND_NOISE  # the same where a wall pushes: what is released there near critical damping has more
 
 
 @jit_inline
@@ -37,42 +38,47 @@ def series(t, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
 
 @jit_inline
 def sign_changes(t, h, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
-    """Return (changes, end): of sign between the Bernstein coefficients of `series` over (t, t + h), which bound its roots; its value at t + h."""
-    p1 = h * series(t, v, a, j, s, c, 0.0) / 5
+    """Return how often the Bernstein coefficients of `series` over (t, t + h) change their sign: a bound of the number of its roots there."""
+    p0, p1 = series(t, d, v, a, j, s, c), h * series(t, v, a, j, s, c, 0.0) / 5
     p2 = h * h * series(t, a, j, s, c, 0.0, 0.0) / 20
     p3 = h * h * h * series(t, j, s, c, 0.0, 0.0, 0.0) / 60
     p4 = h * h * h * h * series(t, s, c, 0.0, 0.0, 0.0, 0.0) / 120
-    b0, end = series(t, d, v, a, j, s, c), series(t + h, d, v, a, j, s, c)
-    b1, b2, b3 = b0 + p1, b0 + 2 * p1 + p2, b0 + 3 * p1 + 3 * p2 + p3
-    n0, n1, n2, n3, n4, n5 = b0 < 0.0, b1 < 0.0, b2 < 0.0, b3 < 0.0, b0 + 4 * p1 + 6 * p2 + 4 * p3 + p4 < 0.0, end < 0.0
-    return (n0 != n1) + (n1 != n2) + (n2 != n3) + (n3 != n4) + (n4 != n5), end
+    n0, n1, n2, n3 = p0 < 0.0, p0 + p1 < 0.0, p0 + 2 * p1 + p2 < 0.0, p0 + 3 * p1 + 3 * p2 + p3 < 0.0
+    n4, n5 = p0 + 4 * p1 + 6 * p2 + 4 * p3 + p4 < 0.0, series(t + h, d, v, a, j, s, c) < 0.0
+    return (n0 != n1) + (n1 != n2) + (n2 != n3) + (n3 != n4) + (n4 != n5)
 
 
 @jit
-def micro_root(d, v, a, j, s, c, reach):  # type: ignore[no-untyped-def]
-    """Return the first root in (0, reach] of `series`, or -1 if it does not turn negative; d below 0 is rounding.
+def bisect(left, right, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
+    """Return the first number after a root of `series`, which is negative at ``right``."""
+    for _ in range(200):
+        mid = 0.5 * (left + right)
+        if mid <= left or mid >= right:
+            break
+        if series(mid, d, v, a, j, s, c) > 0.0:
+            left = mid
+        else:
+            right = mid
+    return right
 
-    Intervals are halved until the coefficients allow no root or only one. What dips below 0 within less than FINEST of the reach is below the
-    rounding of the signal.
+
+@jit
+def micro_root(d, v, a, j, s, c, reach, noise):  # type: ignore[no-untyped-def]
+    """Return the first root in (0, reach] of `series`, whose rounding is ``noise``, or -1 if it does not turn negative.
+
+    A start below 0 counts as 0, unless it goes on below. Intervals are halved until the coefficients allow no root or only one. What dips below 0 and
+    turns there by less than its rounding, or within less than FINEST of the reach, does not reach it.
     """
-    start = max(d, 0.0)
-    if sign_changes(0.0, reach, start, v, a, j, s, c)[0] == 0:
+    left, h, start = 0.0, reach / 4, max(d, 0.0)
+    if d < 0.0 and series(h, d, v, a, j, s, c) < 0.0:
+        return bisect(0.0, h, d, v, a, j, s, c)
+    if sign_changes(0.0, reach, start, v, a, j, s, c) == 0:
         return -1.0
-    left, h = 0.0, reach / 4
     while left < reach:
         h = min(h, reach - left)
-        changes, end = sign_changes(left, h, start, v, a, j, s, c)
-        right = left + h
-        if end < 0.0 and (changes == 1 or h <= FINEST * reach):
-            for _ in range(200):
-                mid = 0.5 * (left + right)
-                if mid <= left or mid >= right:
-                    break
-                if series(mid, d, v, a, j, s, c) > 0.0:
-                    left = mid
-                else:
-                    right = mid
-            return right
+        changes, right = sign_changes(left, h, start + noise, v, a, j, s, c), left + h
+        if series(right, start, v, a, j, s, c) < 0.0 and (changes <= 1 or h <= FINEST * reach):
+            return bisect(left, right, d, v, a, j, s, c)
         if changes == 0 or h <= FINEST * reach:
             left, h = right, min(2 * h, reach / 4)
         else:
@@ -113,8 +119,11 @@ def rate_noise(rows, u, rate_bound, rate):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def first_reversal(guards, now, high, reach):  # type: ignore[no-untyped-def]
-    """Return when, within ``reach`` (s) of a start on a guard, the rate first changes its sign, or -1; ``high``: the third to fifth derivatives."""
+def first_reversal(guards, now, high, reach, noise):  # type: ignore[no-untyped-def]
+    """Return when, within ``reach`` (s) of a start on a guard, the rate first changes its sign, or -1.
+
+    ``high``: the third to fifth derivatives; ``noise``: the rounding of the rate.
+    """
     if guards.direction is None:
         return -1.0
     direction, (j, s, c) = guards.direction, high
@@ -122,35 +131,38 @@ def first_reversal(guards, now, high, reach):  # type: ignore[no-untyped-def]
         bend = direction * now.a
         if -BEND_NOISE * now.b2 <= bend < 0.0:
             bend = 0.0
-        return micro_root(bend, direction * j / 2, direction * s / 3, direction * c / 4, 0.0, 0.0, reach)
-    return micro_root(direction * now.v, direction * now.a, direction * j, direction * s, direction * c, 0.0, reach)
+        return micro_root(bend, direction * j / 2, direction * s / 3, direction * c / 4, 0.0, 0.0, reach, BEND_NOISE * now.b2)
+    return micro_root(direction * now.v, direction * now.a, direction * j, direction * s, direction * c, 0.0, reach, noise)
 
 
 @jit_inline
-def first_hit(guards, now, v, high, reach):  # type: ignore[no-untyped-def]
-    """Return (time, event) of the first hit within ``reach`` (s), else a time of -1.
+def first_hit(guards, now, v, high, reach, noise):  # type: ignore[no-untyped-def]
+    """Return (time, event) of the first hit within ``reach`` (s), else a time of -1; ``high`` and ``noise`` as in `first_reversal`.
 
     From a wall: back on it, or on the opposite one, whichever is first. In a gap far below the amplitudes that one, too, lies within reach: a flight
     that is slow beside them makes up to b2 reach^2 in it, 1e-4 of the amplitudes. What begins at rest on a wall leaves it. From a start at rate
     zero inside the cavity: the wall ahead.
     """
     side, (j, s, c) = guards.side, high
+    if guards.low is None:
+        return -1.0, NOTHING
     if side != 0:
         bend = -side * now.a
-        if guards.zero_rate and -BEND_NOISE * now.b2 <= bend < 0.0:
+        if guards.zero_rate and -WALL_NOISE * now.b2 <= bend < 0.0:
             bend = 0.0
-        back = micro_root(-side * v, bend / 2, -side * j / 3, -side * s / 4, -side * c / 5, 0.0, reach)
-        across = micro_root(guards.high - guards.low, side * v, side * now.a, side * j, side * s, side * c, reach if back < 0.0 else back)
+        back = micro_root(-side * v, bend / 2, -side * j / 3, -side * s / 4, -side * c / 5, 0.0, reach, noise)
+        until = reach if back < 0.0 else back
+        across = micro_root(guards.high - guards.low, side * v, side * now.a, side * j, side * s, side * c, until, noise * until)
         if across >= 0.0:
             return across, HIT_LOW if side > 0 else HIT_HIGH
         return back, HIT_HIGH if side > 0 else HIT_LOW
-    if guards.low is None or guards.direction is None:
+    if guards.direction is None:
         return -1.0, NOTHING
     direction = guards.direction
     ahead = guards.high - now.y if direction > 0.0 else now.y - guards.low
     if not ahead < np.inf:
         return -1.0, NOTHING
-    t = micro_root(max(ahead, 0.0), 0.0, -direction * now.a, -direction * j, -direction * s, -direction * c, reach)
+    t = micro_root(max(ahead, 0.0), 0.0, -direction * now.a, -direction * j, -direction * s, -direction * c, reach, noise * reach)
     return t, HIT_HIGH if direction > 0.0 else HIT_LOW
 
 
@@ -162,19 +174,19 @@ def start_on_guard(course, guards, now):  # type: ignore[no-untyped-def]
     event is returned.
     """
     slots, signals, omega, tau = course.slots, course.forced.signals, course.omega, course.tau
-    v = 0.0 if guards.zero_rate else now.v
+    v, noise = 0.0 if guards.zero_rate else now.v, rate_noise(slots.rows, course.signal.u, course.forced.bound[1], course.signal.polynomial[1])
     if guards.side != 0:
-        if guards.side * v > rate_noise(slots.rows, course.signal.u, course.forced.bound[1], course.signal.polynomial[1]):
+        if guards.side * v > noise:
             return 0.0, HIT_HIGH if guards.side > 0 else HIT_LOW
     j, s, c = high_derivatives(slots.rows, course.signal.u)
     j += signal_value(signals, THIRD, omega, tau)
     s += signal_value(signals, FOURTH, omega, tau)
     c += signal_value(signals, FIFTH, omega, tau)
     offset, event = micro_reach(course), NOTHING
-    t = first_reversal(guards, now, (j, s, c), offset)
+    t = first_reversal(guards, now, (j, s, c), offset, noise)
     if t >= 0.0:
         offset, event = t, REVERSAL
-    t, hit = first_hit(guards, now, v, (j, s, c), offset)
+    t, hit = first_hit(guards, now, v, (j, s, c), offset, noise)
     if t >= 0.0:
         offset, event = t, hit
     return offset, event

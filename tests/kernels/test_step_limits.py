@@ -11,6 +11,7 @@ from impact_env import (
     Exact,
     Moreau,
     ParameterError,
+    Record,
     RungeKutta,
     StuckAbsorber,
     TunedAbsorber,
@@ -56,7 +57,7 @@ def test_any_slot_within_the_sure_reach_is_stable() -> None:
 
 @pytest.mark.parametrize("method", [Moreau, RungeKutta])
 def test_steps_that_the_message_asks_for_are_allowed(method: type[Moreau] | type[RungeKutta]) -> None:
-    for ratio in (5.0, 50.0, 5000.0):
+    for ratio in (5.0, 50.0, 500.0):
         with pytest.raises(ParameterError) as caught:
             checked(ratio, method())
         checked(ratio, method(int(str(caught.value).partition("about ")[2].split()[0])))
@@ -78,7 +79,7 @@ def test_friction_under_a_force_far_above_all_modes() -> None:
     """The micro flights after a reversal are then set by the force, not by the modes."""
     scene = beam_scene(Beam(modes=3), impact_absorber(restitution=0.7, friction_limit=0.1))
     drive = Drive(1e7, constant_frequency(float(scene.model.omega[0]), 1e4, 0.002))
-    exact, stepped = (simulate(scene, drive, method).end_state for method in (Exact(), Moreau(400_000)))
+    exact, stepped = (simulate(scene, drive, method, record=Record(level=False)).end_state for method in (Exact(), Moreau(400_000)))
     np.testing.assert_allclose(exact, stepped, atol=3e-5 * float(np.max(np.abs(stepped))))
 
 
