@@ -41,13 +41,18 @@ def require_wide_range(model: ModalModel, mass_ratio: float, resonance: int, low
     require(low <= first and high >= second, "scoring range (low, high)", (low, high), allowed)
 
 
+def _inside(s: NDArray[np.complex128], low: float, high: float) -> NDArray[np.bool_]:
+    """Return which poles lie in low..high, the ends included up to rounding: there an undamped response is infinite, too."""
+    return np.asarray((s.imag >= low * (1 - 1e-12)) & (s.imag <= high * (1 + 1e-12)))
+
+
 def _grid(model: ModalModel, absorber: LinearAbsorber | None, omega_r: float, low: float, high: float) -> NDArray[np.float64] | None:
     """Return frequency ratios that no resonance peak can hide between, or None if an undamped pole lies in the range."""
     s = poles(model, absorber) / omega_r
-    s = s[(s.imag > low - 5 * np.abs(s.real)) & (s.imag < high + 5 * np.abs(s.real))]
-    inside = (s.imag >= low) & (s.imag <= high)
+    inside = _inside(s, low, high)
     if np.any(-s.real[inside] <= _UNDAMPED * s.imag[inside]):
         return None
+    s = s[(s.imag > low - 5 * np.abs(s.real)) & (s.imag < high + 5 * np.abs(s.real))]
     beside = (s.imag[:, None] + np.abs(s.real)[:, None] * _BESIDE_POLE).ravel()
     return np.unique(np.concatenate([np.linspace(low, high, _GRID), beside[(beside > low) & (beside < high)]]))
 
@@ -87,7 +92,7 @@ def _highest(model: ModalModel, absorber: LinearAbsorber | None, omega_r: float,
     grid = _grid(model, absorber, omega_r, low, high)
     if grid is None:
         s = poles(model, absorber) / omega_r
-        return float("inf"), float(s.imag[np.argmin(np.where((s.imag >= low) & (s.imag <= high), -s.real, np.inf))])
+        return float("inf"), float(s.imag[np.argmin(np.where(_inside(s, low, high), -s.real, np.inf))])
     found = _local_maxima(model, absorber, omega_r, grid)
     return max(found or [(float(abs(tip_response(model, absorber, x * omega_r))), float(x)) for x in (low, high)])
 

@@ -71,3 +71,10 @@ def test_bad_input() -> None:
     ):
         with pytest.raises(ParameterError, match=name):
             call()
+
+
+@pytest.mark.parametrize("end", [1 - 4e-16, 1 - 1e-16, 1.0, 1 + 2e-16])
+def test_an_undamped_resonance_at_an_end_of_the_range_has_no_stationary_level(end: float) -> None:
+    for modes in (1, 3, 10):
+        model = modal_model(Beam(modes=modes, damping_ratio=0.0))
+        assert [stationary_level(model, limits=limits) for limits in ((0.9, end), (end, 1.1))] == [np.inf, np.inf]

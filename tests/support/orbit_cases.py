@@ -47,10 +47,20 @@ def one_sided() -> Orbit:
 
 
 @cache
+def attractor(ratio: float, multiple: int) -> Orbit:
+    """The orbit over ``multiple`` periods that ten modes with friction come to.
+
+    One run in forty is elsewhere by then, on another attractor or not settled; which ones, rounding decides. Of six none is there once in 1e9.
+    """
+    for phase in range(6):
+        found = orbit_of_simulation(paper_case(10, ratio, 3.5, 0.7, 0.1), phase=float(phase))
+        if isinstance(found, Orbit) and found.schedule.period_multiple == multiple:
+            return found
+    raise AssertionError(f"no orbit over {multiple} periods")
+
+
 def many_reversals() -> Orbit:
-    found = orbit_of_simulation(paper_case(10, 0.97, 3.5, 0.7, 0.1))
-    assert isinstance(found, Orbit)
-    return found
+    return attractor(0.97, 1)
 
 
 def other_case() -> Case:
