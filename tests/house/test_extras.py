@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import pytest
 from places import ROOT, SCRIPTS
@@ -70,7 +71,8 @@ except impact_env.ParameterError as error:
 
 
 def fresh(code: str) -> list[str]:
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(SCRIPTS)])}
+    kept = Path(sys.prefix) / "kernel-cache"  # not in the folder that its sys.prefix names
+    environment = {"IMPACT_ENV_CACHE": str(kept)} | os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(SCRIPTS)])}
     return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
 
 
