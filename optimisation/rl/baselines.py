@@ -22,6 +22,7 @@ from optimisation.rl.tuning import Progress, Tuned
 
 VERSION = 1
 FIRST_TRAINING_SEED = 1000
+TUNED = Path(__file__).with_name("tuned")  # what tune_baselines has found, TASK_baselines.json
 
 
 def families(task: str, arguments: Mapping[str, Any]) -> dict[str, Family]:

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from impact_env.kernels.cache import digest
-from optimisation.studies.machine import processor
-from optimisation.studies.page import fill
+from optimisation.machine import processor
+from optimisation.page import fill
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "machines.md"

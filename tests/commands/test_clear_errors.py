@@ -20,7 +20,7 @@ import click
 from click.testing import CliRunner
 from commands import FAST, call, load
 
-from optimisation.command_line import end_early, json_option, name_files, plain_errors
+from optimisation.cli.common import end_early, json_option, name_files, plain_errors
 from optimisation.evaluation import Threads
 from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
 from optimisation.files import write_json
@@ -99,7 +99,7 @@ def heed_interrupts() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a signal as a terminal does")
-@pytest.mark.parametrize("start", [["scripts/lib/start.py", "scripts/optimise_design.py"], ["-m", "optimisation.command", "optimise_design"]])
+@pytest.mark.parametrize("start", [["-c", "from optimisation.cli.start import main; main()"], ["-m", "optimisation.cli.group"]])
 def test_interrupt_during_imports_is_one_line(tmp_path: Path, start: list[str]) -> None:
     """A module that takes for ever stands first on the path: the signal comes while it is being imported."""
     (tmp_path / "cmaes.py").write_text("")
@@ -107,7 +107,13 @@ def test_interrupt_during_imports_is_one_line(tmp_path: Path, start: list[str]) 
     (tmp_path / "tqdm.py").write_text(f"import pathlib, time\npathlib.Path({str(mark)!r}).touch()\ntime.sleep(100)\n")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
     process = subprocess.Popen(
-        [sys.executable, *start], cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts
+        [sys.executable, *start, "optimise_design"],
+        cwd=ROOT,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=heed_interrupts,
     )
     until = time.monotonic() + 120
     while not mark.exists() and process.poll() is None and time.monotonic() < until:
@@ -122,7 +128,7 @@ def test_interrupt_before_the_console_command_has_begun_is_one_line(tmp_path: Pa
     mark = tmp_path / "there"
     (tmp_path / "click.py").write_text(f"import pathlib, time\npathlib.Path({str(mark)!r}).touch()\ntime.sleep(100)\n")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
-    command = [sys.executable, "-c", "from optimisation.start import main; main()"]
+    command = [sys.executable, "-c", "from optimisation.cli.start import main; main()"]
     process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts)
     until = time.monotonic() + 120
     while not mark.exists() and process.poll() is None and time.monotonic() < until:

@@ -14,17 +14,14 @@ from sweep_command import call as sweep
 pytest.importorskip("distributed")
 pytest.importorskip("optuna")
 
-import design_gap
-import design_rule
 import distributed
-import frequency_response
-import friction_branches
-import mass_ratios
-import search_methods as search_methods_script
 
+from optimisation.cli import design_gap, frequency_response, mass_ratios
 from optimisation.evaluation import Threads
 from optimisation.search.cluster import Workers
-from optimisation.studies import rule, search_methods
+from studies import rule, search_methods
+from studies.cli import design_rule, friction_branches
+from studies.cli import search_methods as search_methods_script
 
 
 @pytest.fixture(scope="module")

@@ -4,61 +4,44 @@ from __future__ import annotations
 
 import ast
 import json
-import os
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
+from types import SimpleNamespace
 
+import click
 import pytest
 from click.testing import CliRunner
 from declared import environment
-from places import ROOT, SCRIPTS
+from places import ROOT
 
-from optimisation import command
+from optimisation.cli import group as command
 
 POSIX_ONLY = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "termios", "tty"}
 BALANCE = "--modes 2 --method balance --harmonics 3 --no-sweeps"
 STEEP = "--quick --modes 2 --rate 20 --members 2"
 QUICK = {  # the shortest form of each command
     "balance_error": "--modes 2 --harmonics 10 --weights 50 --no-branches",
-    "benchmark": "--quick --repeats 1",
-    "benchmark_energies": "--quick --repeats 1",
-    "benchmark_envs": "--quick",
-    "benchmark_periodic": "--quick",
-    "benchmark_start": "--quick",
     "compare_absorbers": "--quick",
-    "cost_of_exact": "--quick",
     "design_gap": "--quick --force 3.5",
-    "design_rule": "--quick",
-    "error_vs_runtime": "--quick",
     "evaluate_policies": "--quick --without-agents --task sweep",
-    "findings": "--quick",
     "frequency_response": BALANCE,
-    "friction_branches": "--quick --members 8",
     "isola": "--modes 1 --from 0.93",
     "mass_ratios": "--rate 100 --members 1 --mass-ratio 0.02 --resonances 1 1",
     "optimise_design": f"{STEEP} --batch 4 --designs 4 --no-figures",
     "orbits": "--modes 3 --friction-limit 0.01 --at 0.95 --symmetric",
     "pareto": f"{STEEP} --batch 4 --designs 4",
     "record_demonstrations": "--task passage --episodes 2",
-    "reference_levels": "--members 2",
-    "regimes": "--quick",
     "render_episode": "--frames 4 --gif film.gif",
-    "reproduce_paper": "--quick",
-    "search_methods": "--quick",
-    "specialisation": "--quick",
-    "stability": "--quick",
     "sweep": "--modes 2 --from 0.98 --to 1 --percent-per-100-periods 10 --energy --time --plot sweep.png",
-    "sweep_tradeoff": "--quick",
     "train_sweep_agent": "--quick --steps 512",
     "tune_baselines": "--quick --task gap",
     "tune_ltva": "--quick --modes 1",
-    "your_structure": "",
 }
-OF_A_CHECKOUT = ("benchmark_start", "your_structure")  # which say so
 
 
 @pytest.fixture(scope="session")
@@ -87,17 +70,24 @@ def declared(script: Path) -> tuple[str, ...]:
     return tuple(re.sub(",", " ", " ".join(re.findall(r"^# needs:(.*)$", script.read_text(), re.MULTILINE))).split())
 
 
-def scripts() -> list[Path]:
-    return sorted((SCRIPTS).glob("[!_]*.py"))
+def shipped() -> dict[str, Path]:
+    """Return the modules of the commands that a wheel has."""
+    return {name: command.HERE / f"{name}.py" for names in command.HEADINGS.values() for name in names}
 
 
-def test_a_wheel_lists_all_scripts(installed: Path, tmp_path: Path) -> None:
+def test_a_wheel_lists_its_commands_under_headings(installed: Path, tmp_path: Path) -> None:
     result = run(installed, tmp_path, "--help")
     assert result.returncode == 0, result.stderr
-    assert [line.split()[0] for line in result.stdout.partition("NAME is one of:")[2].splitlines() if line[2:3].strip()] == [
-        s.stem for s in scripts()
-    ]
+    headings = "".join(f"{heading}:(?:\\n  .*)*\\n+" for heading in command.HEADINGS)
+    (listed,) = re.findall(headings, result.stdout)
+    assert {line.split()[0] for line in listed.splitlines() if line[2:3].strip() and line.startswith("  ")} == set(shipped())
     assert "Give the cavity's gap for a force by the design rule" in result.stdout
+    assert "scripts" not in result.stdout
+
+
+def test_the_version_is_told(installed: Path, tmp_path: Path) -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert run(installed, tmp_path, "--version").stdout == f"impact-absorber, version {version}\n"
 
 
 def test_a_wheel_runs_a_study_without_a_checkout(installed: Path, tmp_path: Path) -> None:
@@ -119,14 +109,14 @@ def test_bad_input_is_one_error(installed: Path, tmp_path: Path, arguments: tupl
 
 
 def test_each_script_tells_its_options_without_any_extra(installed: Path, tmp_path: Path) -> None:
-    code = "import json, sys\nfrom click.testing import CliRunner\nfrom optimisation.command import main\n"
+    code = "import json, sys\nfrom click.testing import CliRunner\nfrom optimisation.cli.group import main\n"
     code += "names = main.list_commands(None)\nfound = [CliRunner().invoke(main, [n, '--help'], prog_name='impact-absorber') for n in names]\n"
     code += "heavy = {'torch', 'cvxpy', 'optuna', 'gymnasium', 'distributed'} & set(sys.modules)\n"
     code += "print(json.dumps([[[n, f.exit_code, f.output, repr(f.exception)] for n, f in zip(names, found)], sorted(heavy)]))"
     call = [sys.executable, "-c", code]
     done = subprocess.run(call, cwd=tmp_path, env=environment(installed, (), tmp_path), capture_output=True, text=True, check=True)
     told, heavy = json.loads(done.stdout)
-    assert [name for name, *_ in told] == [script.stem for script in scripts()]
+    assert [name for name, *_ in told] == sorted(shipped())
     for name, code, output, error in told:
         assert code == 0, f"{name}: {error} {output}"
         assert output.startswith(f"Usage: impact-absorber {name} [OPTIONS]")
@@ -163,42 +153,32 @@ def test_a_shell_completes_without_any_extra(shell: str, installed: Path, tmp_pa
 
 
 def test_the_table_of_quick_forms_is_whole() -> None:
-    assert sorted(QUICK) == [script.stem for script in scripts()]
+    assert sorted(QUICK) == sorted(shipped())
 
 
 @pytest.mark.wheel
 @pytest.mark.parametrize("name", sorted(QUICK))
 def test_a_quick_form_needs_no_more_than_what_is_declared(name: str, installed: Path, tmp_path: Path) -> None:
     """The numbers of --json go to standard output, and nothing else does."""
-    script = installed / "optimisation" / "shipped" / "scripts" / f"{name}.py"
-    options = (SCRIPTS / f"{name}.py").read_text()
+    options = shipped()[name].read_text()
     writes = "@json_option(" in options or "@table_options(" in options
     try:
-        result = run(installed, tmp_path, name, *QUICK[name].split(), *(("--json", "-") if writes else ()), extras=declared(script))
+        result = run(installed, tmp_path, name, *QUICK[name].split(), *(("--json", "-") if writes else ()), extras=declared(shipped()[name]))
     except PackageNotFoundError as absent:
         pytest.skip(f"{absent} is not installed here")
     assert "Traceback" not in result.stderr
-    assert result.returncode == (2 if name in OF_A_CHECKOUT else 0), result.stderr
-    if writes and name not in OF_A_CHECKOUT:
+    assert result.returncode == 0, result.stderr
+    if writes:
         assert json.loads(result.stdout)
-
-
-def test_whole_studies_go_to_results_without_a_checkout(installed: Path, tmp_path: Path) -> None:
-    places = "import findings, stability, specialisation; print(*(m.OUT.as_posix() for m in (findings, stability, specialisation)))"
-    pytest.importorskip("optuna")
-    pytest.importorskip("distributed")
-    paths = os.pathsep.join([str(installed), str(installed / "optimisation" / "shipped" / "scripts")])
-    environment = os.environ | {"PYTHONPATH": paths, "PYTHONSAFEPATH": "1"}
-    result = subprocess.run([sys.executable, "-c", places], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
-    assert result.stdout.split() == ["results/findings", "results/stability", "results/specialisation"]
 
 
 def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     head = '"""Show one thing.\n\nMore words.\n"""\n\n# needs: rl, peers\n\n'
-    (tmp_path / "show.py").write_text(head + "import click\n\n@click.command()\ndef main():\n    import no_such_package_a\n")
+    (tmp_path / "show.py").write_text(head)
+    monkeypatch.setattr(command, "imported", lambda name: SimpleNamespace(main=click.Command(name)))
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     monkeypatch.setattr(command, "EXTRAS", {"no_such_package_a": "rl", "no_such_package_b": "peers", "no_such_package_c": "optimise", "json": "rl"})
-    monkeypatch.setattr(command, "scripts_folder", lambda: tmp_path)
+    monkeypatch.setattr(command, "PAGES", tmp_path)
     listed = CliRunner().invoke(command.main, ["--help"])
     assert "Show one thing." in listed.output
     assert CliRunner().invoke(command.main, ["show", "--help"]).exit_code == 0
@@ -209,8 +189,9 @@ def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_what_scripts_need_are_extras() -> None:
-    for script in scripts():
-        assert set(declared(script)) <= set(command.EXTRAS.values()), script.name
+    for commands in command.files().values():
+        for name, file in commands.items():
+            assert set(declared(file)) <= set(command.EXTRAS.values()), name
 
 
 def test_nothing_imports_what_one_system_has_alone() -> None:

@@ -8,12 +8,12 @@ from functools import partial
 from pathlib import Path
 from types import ModuleType
 
-import compare_absorbers
 import numpy as np
 import pytest
 from commands import call
 
 from impact_env import Beam
+from optimisation.cli import compare_absorbers
 from optimisation.comparison import FORCE_SPAN, IMPACT, LTVA_PAPER, NONE, Comparison, compare, force_grid
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
@@ -38,7 +38,7 @@ def study() -> Comparison:
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.setattr("optimisation.commands.comparison_run.compare", small)
+    monkeypatch.setattr("optimisation.cli.compare_absorbers.compare", small)
     return compare_absorbers
 
 
@@ -142,7 +142,7 @@ def interrupted_after(lanes: int) -> Callable[..., Comparison]:
 
 @pytest.mark.parametrize("lanes", [1, 60])
 def test_interrupt_leaves_what_is_finished(script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lanes: int) -> None:
-    monkeypatch.setattr("optimisation.commands.comparison_run.compare", interrupted_after(lanes))
+    monkeypatch.setattr("optimisation.cli.compare_absorbers.compare", interrupted_after(lanes))
     result = call(script, "--forces", 4, "--members", 4, "--out", tmp_path)
     assert result.exit_code == 130
     assert "Stopped early" in result.output
@@ -182,7 +182,7 @@ def test_break_while_writing_leaves_no_part_of_a_file(script: ModuleType, tmp_pa
     ],
 )
 def test_bad_input_is_named(script: ModuleType, monkeypatch: pytest.MonkeyPatch, arguments: list[object], names: list[str]) -> None:
-    monkeypatch.setattr("optimisation.commands.comparison_run.compare", lambda **_options: pytest.fail("computed"))
+    monkeypatch.setattr("optimisation.cli.compare_absorbers.compare", lambda **_options: pytest.fail("computed"))
     result = call(script, *arguments)
     assert result.exit_code == 2
     assert result.stdout == ""

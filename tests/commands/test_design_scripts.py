@@ -17,7 +17,7 @@ from places import ROOT
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError, friction_damper
 from optimisation.bounds import design_gap
-from optimisation.commands import gap_answer
+from optimisation.cli import design_gap as gap_answer
 from optimisation.gap_check import GapCheck, check_gap, gap_factors, sweep_limits
 from optimisation.tuned import den_hartog, undamped_h2
 

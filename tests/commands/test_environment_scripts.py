@@ -9,14 +9,14 @@ import pytest
 from commands import call
 
 pytest.importorskip("stable_baselines3")
-import benchmark_envs
-import render_episode
 from PIL import Image
 from places import ROOT
 
+from optimisation.cli import render_episode
 from optimisation.rl.agents import load_agent
 from optimisation.rl.play import play
-from optimisation.studies.benchmarks import environments
+from studies.benchmarks import environments
+from studies.cli import benchmark_envs
 
 
 def test_film_moves_and_is_whole(tmp_path: Path) -> None:

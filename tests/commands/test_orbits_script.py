@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import orbits
 import pytest
 from click.testing import CliRunner, Result
 
-from optimisation.commands import orbit_list
+from optimisation.cli import orbits
+from optimisation.cli import orbits as orbit_list
 
 KEYS = {"omega_ratio", "period_multiple", "symmetric", "impacts", "tip_max_m", "tip_rms_m", "stable", "residual"}
 PAPER = ["--modes", "3", "--friction-limit", "0.01", "--restitution", "1", "--force", "1.5"]

@@ -10,16 +10,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from commands import load
-from places import EXAMPLES, ROOT, SCRIPTS
+from places import EXAMPLES, ROOT
 
 from impact_env import Beam, load_structure, modal_model
 from impact_env.periodic.case import Case
 from impact_env.periodic.survey import closed_form_orbits
 from optimisation.bounds import design_force, design_gap
-from optimisation.commands.page_of_commands import BLOCK, PAGE
+from optimisation.cli.group import file_of
 from optimisation.friction_rule import best_friction
-from optimisation.studies.regimes.cases import Settings as RegimeSettings
 from optimisation.tuned import den_hartog, undamped_h2
+from studies.cli.your_structure import BLOCK, PAGE
+from studies.regimes.cases import Settings as RegimeSettings
 
 STEEL, FRAME, MEASURED = (str(EXAMPLES / f"{name}.toml") for name in ("steel_beam_tip", "frame", "measured"))
 WITHOUT_FOLDER = ("sweep", "orbits", "isola", "frequency_response")
@@ -193,6 +194,6 @@ def test_the_page_has_what_its_commands_print() -> None:
     assert len(blocks) == page.count("scripts/run ") - page.count("`scripts/run ")
     for block in blocks:
         _, name, *arguments = shlex.split(block["command"])
-        assert (SCRIPTS / f"{name}.py").is_file()
+        assert file_of(name) is not None
         assert (ROOT / arguments[arguments.index("--structure") + 1]).is_file()
         assert block["printed"].strip()

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from places import ROOT, SCRIPTS
+from places import ROOT
 from sweep_command import SHORT, call
 
 from optimisation.report import sweep_figure
@@ -127,7 +127,7 @@ def test_failure_while_writing_leaves_what_was_there(tmp_path: Path, monkeypatch
 
 
 def test_the_process_ends_with_code_2(tmp_path: Path) -> None:
-    command = [sys.executable, str(SCRIPTS / "sweep.py"), "--gap", "-1", "--json", str(tmp_path / "sweep.json")]
+    command = [sys.executable, "-m", "optimisation.cli.group", "sweep", "--gap", "-1", "--json", str(tmp_path / "sweep.json")]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)})
     assert done.returncode == 2
     assert done.stdout == ""

@@ -24,7 +24,7 @@ from impact_env.parameters import (
 )
 from impact_env.plain import from_scene
 from impact_env.scene import beam_scene
-from optimisation.commands import sweep_scene
+from optimisation.cli import sweep_scene
 
 STRONG = [*SHORT, "--force", "20"]
 CONSTANT = ["--modes", "2", "--from", "1", "--to", "1"]

@@ -10,7 +10,6 @@ import pytest
 from impact_env import Drive, ParameterError, Scene
 from impact_env.drive import constant_frequency
 from impact_env.ensemble import Lane
-from impact_env.verification import dense
 from optimisation.branches import branches
 from optimisation.designs import design_space
 from optimisation.evaluation import Threads, measured_chunks
@@ -21,8 +20,9 @@ from optimisation.problem import Problem
 from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
 from optimisation.statistics import ratio_of_quantiles, standard_error
-from optimisation.studies.friction import LIMITS, rows
-from optimisation.studies.rule import STRUCTURES
+from reference import dense
+from studies.friction import LIMITS, rows
+from studies.rule import STRUCTURES
 
 STEEL = replace(STRUCTURES["steel"], modes=2)
 

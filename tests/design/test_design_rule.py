@@ -22,8 +22,8 @@ from optimisation.bounds import (
     share_reached,
 )
 from optimisation.friction_rule import scaled_friction
-from optimisation.studies.rule import STRUCTURES
 from optimisation.tuned import peak
+from studies.rule import STRUCTURES
 
 MODEL = modal_model(Beam())
 MASS, GAP = 0.02 * MODEL.beam_mass, 1e-3

@@ -20,7 +20,7 @@ from optimisation.bounds import design_gap, free_amplitude
 from optimisation.designs import FREE, VARIABLES, Design, DesignSpace, Variable, design_space
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.studies.rule import STRUCTURES
+from studies.rule import STRUCTURES
 
 
 def test_defaults_are_the_papers() -> None:

@@ -13,7 +13,7 @@ from optimisation.designs import design_space
 from optimisation.evaluation import Threads, evaluate
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
-from optimisation.studies.rule import STRUCTURES
+from studies.rule import STRUCTURES
 
 STEEL = replace(STRUCTURES["steel"], modes=2)
 

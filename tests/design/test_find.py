@@ -20,7 +20,7 @@ from optimisation.report.design_tables import summary, text
 from optimisation.search.find import Bars, Plan, find
 from optimisation.search.judge import AUDIT, CHOICE, VERDICT, more_modes
 from optimisation.search.result import Findings
-from optimisation.studies.rule import STRUCTURES
+from studies.rule import STRUCTURES
 
 STEEL = replace(STRUCTURES["steel"], modes=2, damping_ratio=0.005)
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import search_methods as search_methods_command
 from click.testing import CliRunner
 from scipy.stats import norm
+
+from studies.cli import search_methods as search_methods_command
 
 pytest.importorskip("optuna")
 
@@ -22,8 +23,8 @@ from optimisation.objectives import Condition
 from optimisation.search.find import Plan, find
 from optimisation.search.noisy import NOISY, best_width, fitted, kernel_quantile, noisy_search
 from optimisation.search.settings import Rung, Settings, default_settings
-from optimisation.studies import search_methods, search_methods_study
-from optimisation.studies.search_methods import Trial, standings, winner
+from studies import search_methods, search_methods_study
+from studies.search_methods import Trial, standings, winner
 
 
 class Noisy(Model):

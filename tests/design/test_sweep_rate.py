@@ -14,8 +14,8 @@ from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
-from optimisation.studies.rule import STRUCTURES
 from optimisation.sweep_rate import stationary_level, sweep_ratio
+from studies.rule import STRUCTURES
 
 
 @pytest.mark.parametrize(("damping", "ratio"), [(0.01, 0.989), (0.005, 0.934), (0.002, 0.718), (0.001, 0.491)])

@@ -28,7 +28,7 @@ from optimisation.rl.tasks.effort import QUICK, Effort  # noqa: E402
 from optimisation.rl.tasks.table import task_named  # noqa: E402
 from optimisation.rl.traces import gap_curves, passage_curves  # noqa: E402
 from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores  # noqa: E402
-from optimisation.studies import tradeoff  # noqa: E402
+from studies import tradeoff  # noqa: E402
 
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}
 SWIFT: dict[str, Any] = {"rates": (1.0, 20.0), "time_budget": 400.0}

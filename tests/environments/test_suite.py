@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from places import ROOT
 
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("cmaes")
@@ -15,7 +14,7 @@ pytest.importorskip("cmaes")
 from impact_env.envs import ENVIRONMENTS  # noqa: E402
 from impact_env.parameters import ParameterError  # noqa: E402
 from optimisation.rl.agents import Agent, Memory, load_agent, save_agent  # noqa: E402
-from optimisation.rl.baselines import families, load, policy  # noqa: E402
+from optimisation.rl.baselines import TUNED, families, load, policy  # noqa: E402
 from optimisation.rl.ceiling import best_by_luck  # noqa: E402
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations, record, write_demonstrations  # noqa: E402
 from optimisation.rl.families import Rates, policy_of  # noqa: E402
@@ -27,7 +26,6 @@ from optimisation.rl.tasks.baseline import BEST_LIMIT, BEST_PAIR, BEST_SCHEDULE,
 from optimisation.rl.tasks.table import FIRST, SUITE, TASKS  # noqa: E402
 from optimisation.rl.tasks.task import Task  # noqa: E402
 
-POLICIES = ROOT / "docs" / "policies"
 FRESH = range(7_000_000, 7_000_192)  # neither trained, tuned nor judged on
 RATES = Rates(0.05, 4.0, 0.93, 1.03, 4.0, 0.98, 0.0125)
 WAY = [0.9, 0.8, 0.5, 0.5, 0.1, 0.35, -0.6]  # entry 1.02 to 1.01, slow from 0.98, back at 0.965
@@ -71,7 +69,7 @@ def test_rates_that_go_back_belong_to_their_actions() -> None:
 
 
 def stored(task: str) -> dict[str, Any]:
-    baselines, arguments = load(POLICIES / f"{task}_baselines.json", task)
+    baselines, arguments = load(TUNED / f"{task}_baselines.json", task)
     kinds = families(task, arguments)
     return {baseline.name: policy(baseline, kinds) for baseline in baselines}
 

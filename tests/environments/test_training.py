@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from places import ROOT, SCRIPTS
+from places import ROOT
 
 pytest.importorskip("stable_baselines3")
 
 import torch
-import train_sweep_agent
 
 from impact_env.parameters import ParameterError
+from optimisation.cli import train_sweep_agent
 from optimisation.rl.agents import Agent, actor_of, find_agents, load_agent, save_agent
 from optimisation.rl.checkpoints import checkpoints
 from optimisation.rl.hyperparameters import PACKAGED, PPOSettings, SACSettings, read, settings_for
@@ -49,7 +49,7 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 
 
 def started(*arguments: object) -> subprocess.Popen[str]:
-    command = [sys.executable, str(SCRIPTS / "train_sweep_agent.py"), *map(str, arguments)]
+    command = [sys.executable, "-m", "optimisation.cli.group", "train_sweep_agent", *map(str, arguments)]
     return subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
 
 

@@ -6,9 +6,10 @@ import re
 from pathlib import Path
 
 import pytest
-from places import ROOT, SCRIPTS
+from places import ROOT
 
-from optimisation.studies.page import has_markers
+from optimisation.cli.group import file_of, files
+from optimisation.page import has_markers
 
 KERNELS = ROOT / "impact_env" / "kernels"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), KERNELS / "README.md"]
@@ -45,7 +46,7 @@ def test_the_index_has_every_page_and_names_real_commands() -> None:
     assert {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"} == {link for link in LINK.findall(text) if "/" not in link}
     listed = re.findall(r"^\| \[[^\]]*\]\(([^)]*)\)", text, re.MULTILINE)
     assert len(listed) == len(set(listed))
-    scripts = {script.stem for script in (SCRIPTS).glob("[!_]*.py")}
+    scripts = {name for commands in files().values() for name in commands}
     named = {name for row in re.findall(r"^\| .* \|$", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", row.rsplit(" | ", 1)[1])}
     assert named <= scripts
     assert {"findings", "stability", "evaluate_policies"} <= named
@@ -84,7 +85,7 @@ def test_tables_are_written_by_the_commands_that_pages_name() -> None:
         assert not re.search(r"prints th(is|e) table", text), page.name
         for command, target in re.findall(r"scripts/run (\w+) --page ([\w./]+)", text):
             assert (ROOT / target).resolve() == page
-            assert target in (SCRIPTS / f"{command}.py").read_text(encoding="utf-8")
+            assert target in file_of(command).read_text(encoding="utf-8")
 
 
 def test_files_of_tests_that_pages_name_exist() -> None:

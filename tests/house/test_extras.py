@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from places import ROOT, SCRIPTS
+from places import ROOT, SCRIPTS, SUPPORT
 
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install, optional
 
@@ -38,8 +38,8 @@ IMPORTS = {
     "impact_env.envs.gap_choice": ("gymnasium", "env"),
     "impact_env.envs.passive": ("gymnasium", "env"),
     "impact_env.envs.drawing": ("PIL", "env"),
-    "optimisation.studies.accuracy.heyoka_peer": ("heyoka", "peers"),
-    "impact_env.verification.digits": ("mpmath", "peers"),
+    "studies.accuracy.heyoka_peer": ("heyoka", "peers"),
+    "reference.digits": ("mpmath", "peers"),
 }
 TRY = """
 import importlib, sys
@@ -72,7 +72,7 @@ except impact_env.ParameterError as error:
 
 def fresh(code: str) -> list[str]:
     kept = Path(sys.prefix) / "kernel-cache"  # not in the folder that its sys.prefix names
-    environment = {"IMPACT_ENV_CACHE": str(kept)} | os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(SCRIPTS)])}
+    environment = {"IMPACT_ENV_CACHE": str(kept)} | os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (ROOT, SCRIPTS, SUPPORT.parent)))}
     return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
 
 

@@ -49,7 +49,7 @@ from impact_env.ensemble import Lane, run_lanes
 from impact_env.kernels.jit import jit
 from optimisation.search.study import opened
 import optimisation.report.sweep_report
-from optimisation.studies.paper.style import finish, panels, styled
+from studies.paper.style import finish, panels, styled
 from design_studies import Model, problem, settings
 
 @jit

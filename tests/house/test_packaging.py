@@ -88,12 +88,9 @@ def test_wheel_holds_both_packages(tmp_path: Path) -> None:
         "impact_env/parameters.py",
         "impact_env/kernels/jit.py",
         "optimisation/rl/hyperparameters.yaml",
-        "optimisation/shipped/scripts/sweep.py",
-        "optimisation/shipped/scripts/error_vs_runtime.py",
-        "optimisation/studies/study.py",
-        "optimisation/shipped/docs/findings.md",
+        "optimisation/rl/tuned/sweep_baselines.json",
+        "optimisation/cli/sweep.py",
     } <= names
-    assert not [name for name in names if "/scripts/lib/" in name or name.endswith(("scripts/run", ".pyc"))]
     assert {name.split("/")[0] for name in names if ".dist-info" not in name} == {"impact_env", "optimisation"}
 
 
@@ -116,7 +113,8 @@ def checkout(tmp_path: Path) -> Path:
     shutil.copytree(SCRIPTS / "lib", root / "scripts" / "lib", ignore=shutil.ignore_patterns("__pycache__"))
     for file in ("pyproject.toml", "scripts/run"):
         shutil.copy2(ROOT / file, root / file)
-    (root / "scripts" / "show.py").write_text('"""Show one thing.\n\nMore words.\n"""\n')
+    (root / "scripts" / "studies" / "cli").mkdir(parents=True)
+    (root / "scripts" / "studies" / "cli" / "show.py").write_text('"""Show one thing.\n\nMore words.\n"""\n')
     stub = root / ".venv" / "bin" / "python"
     stub.parent.mkdir(parents=True)
     stub.write_text('#!/bin/sh\necho "$MPLBACKEND|$*"\nexit 7\n')
@@ -136,32 +134,25 @@ def _run(root: Path, *arguments: str, **variables: str) -> subprocess.CompletedP
     )
 
 
-@pytest.mark.parametrize("arguments", [(), ("no_such_script",), ("../lib/set_up",), ("lib/set_up",), ("--force",)])
-def test_unknown_script_lists_the_scripts(checkout: Path, arguments: tuple[str, ...]) -> None:
-    result = _run(checkout, *arguments)
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert "show                     Show one thing." in result.stderr
-    assert all(argument in result.stderr for argument in arguments)
+@pytest.mark.parametrize("arguments", [("no_such_script",), ("../lib/set_up",), ("swep",)])
+def test_an_unknown_command_of_this_checkout_is_one_error(arguments: tuple[str, ...]) -> None:
+    result = _run(ROOT, *arguments)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert f"there is no command {arguments[0]}" in result.stderr
+    assert ("did you mean sweep" in result.stderr) == (arguments == ("swep",))
 
 
-def test_help_lists_the_scripts(checkout: Path) -> None:
-    result = _run(checkout, "--help")
+def test_a_checkout_lists_what_makes_its_pages() -> None:
+    result = _run(ROOT, "--help")
     assert result.returncode == 0
-    assert "Show one thing." in result.stdout
-
-
-def test_unknown_script_of_this_checkout() -> None:
-    result = _run(ROOT, "no_such_script")
-    assert result.returncode == 2
-    for file in (SCRIPTS).glob("[!_]*.py"):
-        assert file.stem in result.stderr
+    for file in (SCRIPTS / "studies" / "cli").glob("[!_]*.py"):
+        assert f"  {file.stem} " in result.stdout
 
 
 def test_script_runs_without_set_up_when_nothing_changed(checkout: Path) -> None:
     result = _run(checkout, "show", "--force", "a b", PYTHON="/nonexistent", PATH="/usr/bin:/bin")
     assert result.returncode == 7
-    assert result.stdout == f"Agg|{checkout}/scripts/lib/start.py {checkout}/scripts/show.py --force a b\n"
+    assert result.stdout == 'Agg|-P -c from optimisation.cli.start import main; main("scripts/run") show --force a b\n'
     assert result.stderr == ""
 
 
@@ -177,7 +168,7 @@ def test_quick_tests_need_neither_torch_nor_a_cluster(checkout: Path) -> None:
 
 
 def test_extra_layer_has_its_own_stamp(checkout: Path) -> None:
-    script = checkout / "scripts" / "show.py"
+    script = checkout / "scripts" / "studies" / "cli" / "show.py"
     script.write_text(script.read_text() + "# needs: rl\n")
     assert _run(checkout, "show").returncode == 7
     script.write_text(script.read_text().replace("# needs: rl", "# needs: nothing_known"))

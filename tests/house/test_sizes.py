@@ -14,11 +14,12 @@ LINES, KERNEL_LINES = 350, 450
 PLACES = 8  # arguments that can be given by place
 # more than that: commands, whose options come by name, and one that is told place, range, phases and judgement in a row
 MORE = {
-    "scripts/design_gap.py main": 17,
-    "scripts/tune_ltva.py main": 11,
+    "optimisation/cli/design_gap.py main": 17,
+    "optimisation/cli/tune_ltva.py main": 11,
     "impact_env/periodic/jump.py jumps": 9,
 }
-FILES = sorted(file.relative_to(ROOT) for folder in ("impact_env", "optimisation", "scripts") for file in (ROOT / folder).rglob("*.py"))
+FOLDERS = ("impact_env", "optimisation", "scripts", "tests/reference")
+FILES = sorted(file.relative_to(ROOT) for folder in FOLDERS for file in (ROOT / folder).rglob("*.py"))
 
 
 def too_long(text: str, file: Path) -> bool:

@@ -7,9 +7,9 @@ from core import OMEGA, PERIOD, Array, drive_of, run, scene_of, still
 from impact_env import Beam, Drive, FrequencySchedule, InitialState, ParameterError, Scene, StuckAbsorber, TunedAbsorber
 from impact_env.parameters import Absorber
 from impact_env.response import Response
-from impact_env.verification import dense
-from impact_env.verification.automaton import Automaton
-from impact_env.verification.mechanics import Mechanics
+from reference import dense
+from reference.automaton import Automaton
+from reference.mechanics import Mechanics
 
 LINEAR = [None, StuckAbsorber(0.5), TunedAbsorber(), TunedAbsorber(damping=0.0), TunedAbsorber(0.1, 1e6, 300.0)]
 
@@ -110,7 +110,7 @@ def test_all_modes(absorber: Absorber | None) -> None:
 @pytest.mark.parametrize("absorber", [StuckAbsorber(), TunedAbsorber()])
 def test_fast_chirp_against_many_digits(absorber: Absorber) -> None:
     pytest.importorskip("mpmath")
-    from impact_env.verification import digits
+    from reference import digits
 
     scene, drive = scene_of(absorber), drive_of(1.0, 0.2, 6.0, periods=2)
     state, truth = run(scene, drive).end_state, digits.follow(scene, drive).end_state

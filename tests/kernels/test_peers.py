@@ -11,9 +11,9 @@ from impact_env import ElasticCoulombFriction, InitialState, SlidingAbsorber, im
 
 pytest.importorskip("mpmath")
 from impact_env.scene import beam_scene
-from impact_env.verification import digits
-from impact_env.verification.automaton import Automaton
-from optimisation.studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError, PeerRun, follow, scipy_integrator
+from reference import digits
+from reference.automaton import Automaton
+from studies.accuracy.event_driven import Integrator, Mechanics, PeerFailedError, PeerRun, follow, scipy_integrator
 
 REST = InitialState()
 
@@ -37,7 +37,7 @@ def test_scipy_follows_the_reference(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["friction", "impacts", "impacts and friction", "springs", "tuned"])
 def test_heyoka_follows_the_reference(name: str) -> None:
-    heyoka_peer = pytest.importorskip("optimisation.studies.accuracy.heyoka_peer", exc_type=ImportError)
+    heyoka_peer = pytest.importorskip("studies.accuracy.heyoka_peer", exc_type=ImportError)
     scene, drive = scene_of(SCENES[name], modes=2), drive_of(12.0, 0.97, 1.0, periods=3.3)
     found = follow(scene, drive, REST, heyoka_peer.heyoka_integrator(1e-15), energy=True)
     assert found.balance is not None

@@ -15,7 +15,7 @@ from impact_env.regime_sets import set_modes
 from impact_env.regimes import basis_error, fastest, free_regime, joined_regime, padded_size, sprung_regime
 
 pytest.importorskip("mpmath")
-from impact_env.verification.motion import joined_motion, sprung_motion, swinging_tip
+from reference.motion import joined_motion, sprung_motion, swinging_tip
 
 BAR = 1e-12  # of the energy norm
 

@@ -19,7 +19,7 @@ from impact_env.parameters import (
     impact_absorber,
 )
 from impact_env.scene import InitialState, Scene, beam_scene
-from impact_env.verification import dense
+from reference import dense
 
 LIGHT = 1e-9  # mass ratio of an absorber that the beam does not feel
 OMEGA = beam_scene(Beam(modes=1)).model.omega[0]

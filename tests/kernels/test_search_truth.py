@@ -15,7 +15,7 @@ from impact_env.kernels.search import search
 from impact_env.kernels.signals import Course, new_signal
 from impact_env.kernels.signals import Guards as SearchGuards
 from impact_env.kernels.slots import SPEED, S, Slots
-from impact_env.verification.signals import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Signals, first_events
+from reference.signals import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Signals, first_events
 
 Model = tuple[str, int]
 MODELS: tuple[Model, ...] = (("paper", 2), ("paper", 10), ("paper", 30), ("other", 2), ("other", 10), ("other", 30))

@@ -13,10 +13,10 @@ from stepped import golden
 from truth_scenes import SCENES, SEVERAL
 
 from impact_env import CompliantWalls, Drive, FrequencySchedule, InitialState, Response, Scene, SlidingAbsorber, StuckAbsorber, impact_absorber
-from impact_env.verification import dense
+from reference import dense
 
 mpmath = pytest.importorskip("mpmath")
-from impact_env.verification import digits  # noqa: E402 - it needs mpmath
+from reference import digits  # noqa: E402 - it needs mpmath
 
 DIGITS = 60
 MOST_EVENTS = 1000

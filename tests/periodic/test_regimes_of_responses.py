@@ -15,7 +15,7 @@ from impact_env.periodic.envelope import envelope, shares, stationary_members
 from impact_env.periodic.jump import Range, hazard, jumps
 from impact_env.periodic.residence import ExitRate, Stays, exit_rate, first_silence, stay_of, stays, survival
 from impact_env.periodic.survey import closed_form_orbits
-from optimisation.studies.regimes.cases import strip_scene
+from studies.regimes.cases import strip_scene
 
 PERIODS = 60
 

@@ -15,7 +15,7 @@ from impact_env.energy import stored_energy
 from impact_env.kernels.rigid_contact import FREE
 from impact_env.methods import Method
 from impact_env.parameters import SlidingAbsorber
-from impact_env.verification import dense
+from reference import dense
 
 SAMPLES, PERIODS = 32, 0.75  # of an interval: short, so that many limits change
 ABSORBERS = {"damper": friction_damper(0.3), "impacts": impact_absorber(restitution=0.6, friction_limit=0.1), "dead": impact_absorber(1e-3, 0.0, 0.1)}

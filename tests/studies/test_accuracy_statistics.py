@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from optimisation.studies.accuracy.statistics import (
+from studies.accuracy.statistics import (
     between_groups,
     bootstrap,
     clopper_pearson,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import benchmark_periodic
 import pytest
 from click.testing import CliRunner
 from places import ROOT
 
-from optimisation.studies.benchmarks import periodic
+from studies.benchmarks import periodic
+from studies.cli import benchmark_periodic
 
 
 def test_every_line_is_measured_and_the_accuracy_lines_keep_their_bars(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

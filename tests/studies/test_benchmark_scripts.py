@@ -4,20 +4,17 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import benchmark
-import benchmark_energies
-import cost_of_exact
 import numpy as np
 import pytest
-import reference_levels
 from click import Command
 from commands import call
 
 from impact_env import SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, TunedAbsorber
 from optimisation.report.markdown import markdown
-from optimisation.studies import levels
-from optimisation.studies.benchmarks import energies, speed
-from optimisation.studies.cost import study as cost
+from studies import levels
+from studies.benchmarks import energies, speed
+from studies.cli import benchmark, benchmark_energies, cost_of_exact, reference_levels
+from studies.cost import study as cost
 
 
 def assert_block(page: Path, name: str, table: str, kernels: str) -> None:

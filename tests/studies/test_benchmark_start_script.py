@@ -8,11 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import benchmark_start
 import pytest
 from click.testing import CliRunner
 
-from optimisation.studies.specialisation import start
+from studies.cli import benchmark_start
+from studies.specialisation import start
 
 SET_UP = """
 import os, sys, time

@@ -13,16 +13,15 @@ import pytest
 from click.testing import CliRunner, Result
 
 pytest.importorskip("mpmath")
-import error_vs_runtime
-
 from impact_env import Exact, Moreau
 from impact_env.sweep import IntegrationError
-from optimisation.command_line import INTERRUPTED
-from optimisation.studies.accuracy import bands, cost, distribution, growth, jumps, settings, study, tables, trajectory
-from optimisation.studies.accuracy.cases import case, kind_named
-from optimisation.studies.accuracy.statistics import wilson
-from optimisation.studies.runner import measure
-from optimisation.studies.study import Measured, left, rows_by_case
+from optimisation.cli.common import INTERRUPTED
+from studies.accuracy import bands, cost, distribution, growth, jumps, settings, study, tables, trajectory
+from studies.accuracy.cases import case, kind_named
+from studies.accuracy.statistics import wilson
+from studies.cli import error_vs_runtime
+from studies.runner import measure
+from studies.study import Measured, left, rows_by_case
 
 TINY = settings.Settings(
     quick=True,

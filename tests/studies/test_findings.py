@@ -31,8 +31,8 @@ PAGE = "# Findings\n" + "".join(f"<!-- findings:{part} -->\n<!-- /findings:{part
 @pytest.fixture
 def findings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     module = load("findings", monkeypatch)
-    from optimisation.studies import study as pattern
-    from optimisation.studies.findings import parts, study
+    from studies import study as pattern
+    from studies.findings import parts, study
 
     def small(self: object, concept: str, at: object, free: object = None, bounds: object = None, members: int | None = None) -> Problem:
         space, conditions = parts.design_space(concept, free, bounds), parts.make_conditions(concept, list(at))  # type: ignore[call-overload]
@@ -92,7 +92,7 @@ def test_interrupt_keeps_finished_parts(findings: ModuleType, tmp_path: Path, mo
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("optimisation.studies.findings.parts.place", stop)
+    monkeypatch.setattr("studies.findings.parts.place", stop)
     run = call(findings, "--quick", "--out", tmp_path, "--part", "optima", "--part", "place")
     assert run.exit_code == 130
     assert "goes on from here" in run.stderr
@@ -101,7 +101,7 @@ def test_interrupt_keeps_finished_parts(findings: ModuleType, tmp_path: Path, mo
 
 
 def test_scaling_compares_one_worker_with_two(findings: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from optimisation.studies.findings import measured
+    from studies.findings import measured
 
     class Slow(measured.Threads):
         def run(self, chunks):  # type: ignore[no-untyped-def]

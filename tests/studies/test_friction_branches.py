@@ -6,14 +6,15 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-import friction_branches
 import pytest
 from click.testing import CliRunner
 
+from studies.cli import friction_branches
+
 pytest.importorskip("optuna")
 
-from optimisation.studies import friction
-from optimisation.studies.friction import CASES, LIMITS, Row
+from studies import friction
+from studies.friction import CASES, LIMITS, Row
 
 
 def test_less_damping_gets_fewer_members() -> None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mass_ratios
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from impact_env import Beam, modal_model
 from optimisation.bounds import design_gap, reach
-from optimisation.commands import mass_table
+from optimisation.cli import mass_ratios
+from optimisation.cli import mass_ratios as mass_table
 from optimisation.gap_check import check_gap, scaled_absorber
 
 MODEL = modal_model(Beam(modes=2))

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
-from optimisation.studies.paper import basics_claims, modes_needed, modulation, optimum, starts
-from optimisation.studies.paper.basics import beam_numbers, linear_numbers, tuned_numbers
-from optimisation.studies.paper.claim import Claim, Verdict
-from optimisation.studies.study import Measured
+from studies.paper import basics_claims, modes_needed, modulation, optimum, starts
+from studies.paper.basics import beam_numbers, linear_numbers, tuned_numbers
+from studies.paper.claim import Claim, Verdict
+from studies.study import Measured
 
 Real = NDArray[np.float64]
 LENGTH, STIFFNESS, DENSITY, DAMPING, MODES = 0.5, 362.88, 1.1275, 0.01, 10  # the paper's Table 1, typed again

@@ -17,16 +17,16 @@ from impact_env.methods import Exact
 from impact_env.parameters import Beam, ParameterError, friction_damper, impact_absorber
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
-from optimisation.studies.machine import PACKAGES, conditions
-from optimisation.studies.paper import dissinf, m12, oprange, oprange_two, scat, second_mode, vard
-from optimisation.studies.paper.account import accounted, contact_ends, window_around
-from optimisation.studies.paper.claim import Verdict
-from optimisation.studies.paper.curve import Curve, curve_of, force_grid, plain_curve, watched_curve
-from optimisation.studies.paper.judging import claim, interval, verdict
-from optimisation.studies.paper.ranges import operating_ranges, ranges_of, slopes
-from optimisation.studies.paper.settings import Settings
-from optimisation.studies.paper.watched import WATCHED, Contacts, Envelope, part_of, sampled_level
-from optimisation.studies.study import Measured, Part
+from optimisation.machine import PACKAGES, conditions
+from studies.paper import dissinf, m12, oprange, oprange_two, scat, second_mode, vard
+from studies.paper.account import accounted, contact_ends, window_around
+from studies.paper.claim import Verdict
+from studies.paper.curve import Curve, curve_of, force_grid, plain_curve, watched_curve
+from studies.paper.judging import claim, interval, verdict
+from studies.paper.ranges import operating_ranges, ranges_of, slopes
+from studies.paper.settings import Settings
+from studies.paper.watched import WATCHED, Contacts, Envelope, part_of, sampled_level
+from studies.study import Measured, Part
 
 FORCES = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
 

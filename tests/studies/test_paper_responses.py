@@ -17,12 +17,12 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.periodic.approach import Approach, hold
 from impact_env.periodic.jump import jumps
 from impact_env.periodic.residence import stays
-from optimisation.studies.paper import conv, high_low, high_low_claims, jump, jump_claims, smr
-from optimisation.studies.paper.claim import Claim, Verdict, from_plain
-from optimisation.studies.paper.settings import Settings
-from optimisation.studies.paper.study import FIGURES
-from optimisation.studies.paper.words import between, middle, spread
-from optimisation.studies.study import Measured
+from studies.paper import conv, high_low, high_low_claims, jump, jump_claims, smr
+from studies.paper.claim import Claim, Verdict, from_plain
+from studies.paper.settings import Settings
+from studies.paper.study import FIGURES
+from studies.paper.words import between, middle, spread
+from studies.study import Measured
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 QUICK = Settings(Path("nowhere"), quick=True, threads=1)

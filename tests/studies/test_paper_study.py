@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -13,26 +13,21 @@ from typing import Any, cast
 
 import pytest
 from click.testing import CliRunner, Result
-from places import ROOT, SCRIPTS
+from places import ROOT
 
 from impact_env.parameters import ParameterError
-from optimisation.studies.paper import study
-from optimisation.studies.paper.claim import Claim, Verdict, from_plain, judged
-from optimisation.studies.paper.claims import CLAIMS, claims_part, reasons, table
-from optimisation.studies.paper.frame import figure_part, in_turn, marker
-from optimisation.studies.paper.settings import Settings
-from optimisation.studies.study import Json, Measured, Steps
-
-SCRIPT = SCRIPTS / "reproduce_paper.py"
+from studies.cli import reproduce_paper
+from studies.paper import study
+from studies.paper.claim import Claim, Verdict, from_plain, judged
+from studies.paper.claims import CLAIMS, claims_part, reasons, table
+from studies.paper.frame import figure_part, in_turn, marker
+from studies.paper.settings import Settings
+from studies.study import Json, Measured, Steps
 
 
 def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("reproduce_paper", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    """Return the command as it is with the figures that there are now."""
+    return importlib.reload(reproduce_paper)
 
 
 def call(module: ModuleType, *options: Any) -> Result:

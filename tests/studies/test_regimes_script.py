@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import regimes
 from commands import call
 from places import ROOT
 
 from impact_env.periodic import residence
-from optimisation.studies.regimes import measured
-from optimisation.studies.regimes.cases import PAPER, cases
-from optimisation.studies.regimes.study import JUMP, KINDS
-from optimisation.studies.regimes.tables import hazard_of, kind_table, of_case
+from studies.cli import regimes
+from studies.regimes import measured
+from studies.regimes.cases import PAPER, cases
+from studies.regimes.study import JUMP, KINDS
+from studies.regimes.tables import hazard_of, kind_table, of_case
 
 OWN = ["--modes", "2", "--friction-limit", "0.025", "--force", "1.5", "--quick", "--members", "6", "--points", "3", "--from", "0.98", "--to", "0.96"]
 

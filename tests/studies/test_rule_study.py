@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import design_rule
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -13,8 +12,9 @@ from click.testing import CliRunner
 from impact_env.modes import modal_model
 from impact_env.parameters import ParameterError
 from optimisation.bounds import design_gap, expected_factor, expected_gap, reach
-from optimisation.studies import rule
-from optimisation.studies.rule import STRUCTURES, Row, price_at, row_of, run_case, verdicts
+from studies import rule
+from studies.cli import design_rule
+from studies.rule import STRUCTURES, Row, price_at, row_of, run_case, verdicts
 
 
 def a_row(reach: float, best: float) -> Row:

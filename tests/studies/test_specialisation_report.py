@@ -9,15 +9,15 @@ from typing import Any
 
 import numba
 import pytest
-import specialisation
 from click.testing import CliRunner
 from places import ROOT
 
 from optimisation.files import write_json
-from optimisation.studies import variants
-from optimisation.studies.machine import conditions
-from optimisation.studies.specialisation import probe, results, study
-from optimisation.studies.study import Measured
+from optimisation.machine import conditions
+from studies import variants
+from studies.cli import specialisation
+from studies.specialisation import probe, results, study
+from studies.study import Measured
 
 
 def function(name: str, arithmetic: int = 3) -> dict[str, Any]:

@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-import stability
 from click.testing import CliRunner
 
 from impact_env import Beam, modal_model
 from impact_env.parameters import ParameterError
 from optimisation import workers
 from optimisation.files import write_json
-from optimisation.studies import machine
-from optimisation.studies import study as pattern
-from optimisation.studies.page import DOCS, fill
-from optimisation.studies.stability import case as one_case
-from optimisation.studies.stability import cases, cells, checks, eigen, limits, page, study, tasks
-from optimisation.studies.stability import soak as soaks
+from optimisation.page import DOCS, fill
+from studies import machine
+from studies import study as pattern
+from studies.cli import stability
+from studies.stability import case as one_case
+from studies.stability import cases, cells, checks, eigen, limits, page, study, tasks
+from studies.stability import soak as soaks
 
 
 def case(group: str, name: str) -> one_case.Case:

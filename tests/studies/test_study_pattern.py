@@ -15,10 +15,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from impact_env import Beam, IntegrationError, modal_model
-from optimisation.studies import runner
-from optimisation.studies.machine import sources
-from optimisation.studies.page import has_markers
-from optimisation.studies.study import Measured, Part, Place, Study, Table, left, rows_by_case
+from optimisation.machine import sources
+from optimisation.page import has_markers
+from studies import runner
+from studies.study import Measured, Part, Place, Study, Table, left, rows_by_case
 
 PAGE = "by hand\n<!-- omega -->\nold\n<!-- /omega -->\nalso by hand\n<!-- shape -->\nold\n<!-- /shape -->\n"
 Event = Callable[[], object]

@@ -8,7 +8,7 @@ import numpy as np
 from core import Array
 
 from impact_env import Drive, InitialState, Scene, SeveralAbsorbers
-from impact_env.verification.mechanics import Mechanics
+from reference.mechanics import Mechanics
 
 
 @dataclass

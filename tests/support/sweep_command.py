@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import sweep
 from click.testing import CliRunner, Result
+
+from optimisation.cli import sweep
 
 SHORT = ["--modes", "2", "--from", "0.98", "--to", "1", "--percent-per-100-periods", "10"]  # 20 pseudo periods
 

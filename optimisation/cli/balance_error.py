@@ -1,0 +1,89 @@
+"""Harmonic balance beside the exact orbit: error over harmonics and weight, and what a branch takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from impact_env.modes import modal_model
+from impact_env.parameters import Beam, ParameterError, RigidWalls, count, positive, require
+from impact_env.periodic.balance_error import COLUMNS, BalanceRow, Exact, balance_rows, exact_orbit, settings_of
+from impact_env.periodic.case import Case
+from optimisation.cli.common import check_target, end_early, json_option, name_files, plain_errors
+from optimisation.cli.frequency_curves import FIGURES
+from optimisation.files import replacing, write_csv, write_json
+from optimisation.progress import BAR, Bar
+from optimisation.report.balance_table import text
+
+
+def numbers(option: str, text: str) -> list[float]:
+    """Return comma-separated numbers above 0; raises ParameterError that names the option."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise ParameterError(f"{option} = {text!r} is not allowed: numbers with commas between") from error
+    return [positive(option, value) for value in values]
+
+
+def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
+    """Do what the options ask for; False: ended by Ctrl-C."""
+    harmonics = [count("--harmonics", round(h), 1, 1000) for h in numbers("--harmonics", given["harmonics"])]
+    weights, low, high = numbers("--weights", given["weights"]), positive("--from", given["start"]), positive("--to", given["stop"])
+    require(low < given["at"] < high, "--at", given["at"], f"between --from = {low} and --to = {high}")
+    model = modal_model(Beam(modes=given["modes"]))
+    case = Case(model, given["at"] * float(model.omega[0]), given["force"], given["gap"], 1.0, given["friction_limit"])
+    exact, rows, complete = exact_orbit(case, low, high), [], True
+    settings = settings_of(harmonics, weights, given["growing"])
+    try:
+        with Bar(total=len(settings), desc="harmonic balance", bar_format=BAR, leave=False) as bar:
+            for row in balance_rows(exact, low, high, settings, given["branches"]):
+                rows.append(row)
+                bar.update()
+    except KeyboardInterrupt:
+        complete = False
+    return exact, rows, complete
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 130})
+@click.option("--modes", type=int, default=3, show_default=True, help="Number of modes of the paper's beam.")
+@click.option("--friction-limit", type=float, default=0.01, show_default=True, help="Friction limit in N; 0: no friction.")
+@click.option("--gap", type=float, default=RigidWalls.gap, show_default=True, help="Clearance to either wall in m.")
+@click.option("--force", type=float, default=1.5, show_default=True, help="Amplitude of the harmonic force in N.")
+@click.option("--at", type=float, default=0.95, show_default=True, help="Frequency over the first resonance's at which displacements are compared.")
+@click.option("--from", "start", type=float, default=0.85, show_default=True, help="Lowest frequency of the branch over the first resonance's.")
+@click.option("--to", "stop", type=float, default=1.1, show_default=True, help="Highest frequency of the branch over the first resonance's.")
+@click.option("--harmonics", default="10,20,40", show_default=True, help="Highest harmonics, with commas between.")
+@click.option("--weights", default="50,100,200", show_default=True, help="Weights of the contact in m_a omega_1^2, with commas between.")
+@click.option("--growing", is_flag=True, help="Weights are those at 20 harmonics and grow with the square of their number.")
+@click.option("--branches/--no-branches", default=True, show_default=True, help="Follow and time the branch at each setting too.")
+@json_option("Write the rows.")
+@click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the rows.")
+@click.option(
+    "--figure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw errors and times over harmonics: .png, .pdf or .svg."
+)
+def main(**given: Any) -> None:
+    """Compare harmonic balance with the exact orbit of the larger impulse, at one frequency and along its branch.
+
+    Times are those of the processor; nothing is compiled.
+    """
+    with plain_errors():
+        for option in ("json", "csv"):
+            check_target(f"--{option}", given[option], (f".{option}",))
+        check_target("--figure", given["figure"], FIGURES)
+        exact, rows, complete = computed(given)
+        if given["json"] is not None:
+            write_json(given["json"], {"complete": complete, "rows": [row.to_plain() for row in rows]})
+        if given["csv"] is not None:
+            write_csv(given["csv"], COLUMNS, (["" if v is None else v for v in row.to_plain().values()] for row in rows))
+        if given["figure"] is not None:
+            from optimisation.report.balance_figure import save_figure  # matplotlib is slow to import
+
+            with replacing(given["figure"]) as temporary:
+                save_figure(temporary, exact, rows, given["growing"])
+    click.echo(text(exact, rows))
+    files = [given[option] for option in ("json", "csv", "figure") if given[option] is not None]
+    if files:
+        name_files(files)
+    end_early(complete)

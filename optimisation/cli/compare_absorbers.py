@@ -1,0 +1,95 @@
+"""The main job: impact absorber, friction damper and tuned absorbers compared over the force, near two resonances."""
+
+from __future__ import annotations
+
+import platform
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+import numba
+import numpy
+import scipy
+
+from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.ensemble import available_cores
+from impact_env.modes import Structure
+from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls
+from optimisation.cli.common import end_early, name_files, plain_errors
+from optimisation.cli.structure_option import RESONANCES_HELP, read_structure, structure_option
+from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
+from optimisation.executors import cluster_option, workers
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.memory import peak_memory
+from optimisation.progress import sweeps_bar
+from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
+
+QUICK_FORCES, QUICK_MEMBERS = 10, 2
+
+
+def compared(structure: Structure | None, cluster: str | None, given: dict[str, Any]) -> Comparison:
+    """Return what `compare` finds with the arguments ``given``; ``structure`` None is the paper's beam, ``cluster`` an address or None."""
+    own: dict[str, Any] = {} if structure is None else {"beam": structure}
+    with workers(given["threads"], cluster) as executor, sweeps_bar("comparing") as show:
+        return compare(**own, progress=show, executor=executor, **given)
+
+
+def conditions(started: float, threads: int | None, cluster: str | None) -> dict[str, object]:
+    """Return versions, threads or cluster, the time since ``started`` (of ``time.perf_counter``, s) and the memory used."""
+    versions = {"python": platform.python_version(), "numpy": numpy.__version__, "scipy": scipy.__version__, "numba": numba.__version__}
+    return {
+        "versions": versions,
+        **({"cluster": cluster} if cluster else {"threads": threads or available_cores()}),
+        "wall_s": round(time.perf_counter() - started, 2),
+        "memory_bytes": peak_memory(),
+    }
+
+
+def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Path]:
+    """Write runs, curves, summary (with the conditions ``made``) and figure into a folder, each whole or not at all; return the files."""
+    from optimisation.report.comparison_figure import save_figure  # matplotlib is slow to import
+
+    files = [out / name for name in ("runs.csv", "curves.csv", "summary.json", "comparison.png")]
+    write_csv(files[0], RUN_COLUMNS, run_rows(comparison))
+    write_csv(files[1], CURVE_COLUMNS, curve_rows(comparison))
+    write_json(files[2], made | summary(comparison))
+    with replacing(files[3]) as temporary:
+        save_figure(temporary, comparison)
+    return files
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@structure_option
+@click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
+@click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Mass of each absorber over the structure's.")
+@click.option("--force", type=float, help="Force in N near the first of the resonances for which the design rule gives the gap.")
+@click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: by --force, or {RigidWalls.gap}]")
+@click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
+@click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given.")
+@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point, with other phases and roundings.  [default: {DEFAULT_MEMBERS}]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
+@click.option("--forces", type=click.IntRange(min=2), help=f"Number of forces for each resonance.  [default: {DEFAULT_FORCES}]")
+@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@cluster_option
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("results/compare_absorbers"), show_default=True, help="Folder for figure and tables."
+)
+def main(structure: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
+    """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
+
+    On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
+    scaling law and the energy of a cycle, the linear absorber tuned to the first of the resonances. Writes comparison.png, curves.csv
+    (medians and bands), runs.csv (every run) and summary.json, and prints a table. Ctrl-C ends the run early and leaves what is finished.
+    """
+    started = time.perf_counter()
+    given["members"] = given["members"] or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
+    given["forces"] = given["forces"] or (QUICK_FORCES if quick else DEFAULT_FORCES)
+    given["percent_per_100_periods"] = given.pop("rate")
+    with plain_errors():
+        require_writable("--out", out)
+        comparison = compared(None if structure is None else read_structure(structure), cluster, given)
+        files = write(out, comparison, conditions(started, given["threads"], cluster))
+    click.echo(text_table(comparison))
+    name_files(files)
+    end_early(comparison.complete, "the files hold the runs that were finished.")

@@ -1,0 +1,157 @@
+"""What the scripts of the design studies share: options, and the problem that they describe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.ensemble import available_cores
+from impact_env.modes import Structure, modal_model
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
+from optimisation.bounds import LEAST_REACH, design_force, reach
+from optimisation.cli.structure_option import RESONANCES_HELP, is_given, read_structure, refuse_beside, structure_option
+from optimisation.comparison import RESONANCES
+from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
+from optimisation.designs import MASS_RATIO, VARIABLES, DesignSpace, design_space
+from optimisation.evaluation import Executor
+from optimisation.executors import cluster_option, executor
+from optimisation.machine import conditions
+from optimisation.memory import peak_memory
+from optimisation.mounting import mounted
+from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
+from optimisation.problem import Problem
+
+KEPT = "Broken off; the study keeps what is finished."
+GOES_ON = "the same command goes on from here."
+
+Command = Callable[..., Any]
+
+
+class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
+    """RESONANCE:FORCE, the force in N."""
+
+    name = "resonance:force"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, float]:
+        """Return what ``value`` says, or fail with what is allowed."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            resonance, force = str(value).split(":")
+            return int(resonance), float(force)
+        except ValueError:
+            self.fail(f"{value!r} is not RESONANCE:FORCE, as in 1:3.5", param, ctx)
+
+
+SHARED = (
+    structure_option,
+    click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=f"{RESONANCES_HELP} Forces by the design rule."),
+    click.option("--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."),
+    click.option("--bounds", multiple=True, type=(str, float, float), metavar="NAME LOW HIGH", help="Bounds of a free variable, in SI units."),
+    click.option("--fix", multiple=True, type=(str, float), metavar="NAME VALUE", help="Value of a variable not searched.  [default: the paper's]"),
+    click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point.  [default: {DEFAULT_MEMBERS}, for fronts 4]"),
+    click.option("--batch", type=click.IntRange(min=2), help="Designs run in one call; the population of CMA-ES and NSGA-II."),
+    click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of search and members."),
+    click.option("--modes", type=click.IntRange(min=1), default=Beam.modes, show_default=True, help="Modes of the beam."),
+    click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]"),
+    click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=f"Upper limit of {', '.join(LIMITABLE)}, in SI units."),
+    click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
+    click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]"),
+    cluster_option,
+)
+
+
+study_option = click.option(
+    "--study", type=click.Path(path_type=Path, dir_okay=False), help="Study file.  [default: study.journal in the folder, quick.journal with --quick]"
+)
+
+
+def shared_options(command: Command) -> Command:
+    """Give a command the options of every design study."""
+    for option in reversed(SHARED):
+        command = option(command)
+    return command
+
+
+def variables_help() -> str:
+    """Return the concepts' variables for a help text."""
+    lines = ["\b", "Variables and bounds:"]
+    for concept, variables in VARIABLES.items():
+        lines += [f"  {concept}: " + ", ".join(f"{v.name} {v.low:g} to {v.high:g} {v.unit}".rstrip() for v in variables)]
+    return "\n".join(lines)
+
+
+def make_space(concept: str, given: dict[str, Any]) -> DesignSpace:
+    """Return the space of a concept; with all concepts at once, what a concept lacks does not concern it."""
+    known = {v.name for v in VARIABLES[concept]}
+    every = given.get("every", False)
+    free = [name for name in given["free"] if name in known or not every]
+    bounds = {name: (low, high) for name, low, high in given["bounds"] if name in known or not every}
+    fixed = {name: value for name, value in given["fix"] if name in known or not every}
+    return design_space(concept, free or None, bounds, fixed)
+
+
+def structure_of(given: dict[str, Any]) -> Structure:
+    """Return the structure of the file, read once, or the paper's beam with the options' modes."""
+    if given["structure"] is None:
+        return replace(Beam(), modes=given["modes"])
+    refuse_beside(given["structure"], "modes")
+    if "read" not in given:
+        given["read"] = read_structure(given["structure"])
+    found: Structure = given["read"]
+    return found
+
+
+def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> list[tuple[int, float]]:
+    """Return the resonances and their forces: those of --at, the ``usual`` ones, or for a structure from a file those of --resonances by the rule.
+
+    The rule's forces are those for a gap of 1 mm; by the scaling law another gap has the same answers at other forces. They stand to each other as
+    the usual ones do to the design forces of the paper's beam.
+    """
+    if given["at"]:
+        if is_given("resonances"):
+            raise ParameterError(f"--resonances = {given['resonances']} is not allowed: beside --at, which names resonances with their forces")
+        return list(given["at"])
+    if given["structure"] is None and not is_given("resonances"):
+        return list(usual)
+    model, paper = mounted(structure_of(given)), modal_model(Beam())
+    ratio = dict(given["fix"]).get(MASS_RATIO, DEFAULT_MASS_RATIO)
+    mass = positive(MASS_RATIO, ratio) * model.beam_mass
+    shares = [force / design_force(paper, DEFAULT_MASS_RATIO * paper.beam_mass, RigidWalls.gap, resonance) for resonance, force in usual]
+    for k in dict.fromkeys(given["resonances"]):
+        if (found := reach(model, mass, k)) < LEAST_REACH:
+            click.echo(f"warning: at resonance {k} the free amplitude is {found:.2g} of the rule's gap: no wall would be touched there", err=True)
+    wanted = tuple(dict.fromkeys(given["resonances"]))[: len(usual)]
+    return [(k, float(f"{share * design_force(model, mass, RigidWalls.gap, k):.3g}")) for k, share in zip(wanted, shares, strict=False)]
+
+
+def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tuple[Objective, ...], given: dict[str, Any]) -> Problem:
+    """Return the problem that the options describe."""
+    members = given["members"] or (QUICK_MEMBERS if given["quick"] else DEFAULT_MEMBERS)
+    constraints = tuple(Constraint(name, limit) for name, limit in given["constraint"])
+    problem = Problem(make_space(concept, given), conditions, objectives, constraints, structure_of(given), members, given["seed"], given["rate"])
+    return replace(problem, rate=QUICK_SPEED * problem.rate) if given["quick"] else problem
+
+
+def executor_of(given: dict[str, Any]) -> AbstractContextManager[Executor]:
+    """Give the executor that the options ask for."""
+    return executor(given["threads"], given["cluster"])
+
+
+def conditions_of(given: dict[str, Any]) -> dict[str, object]:
+    """Return what a result was computed with and how much memory it took; worker processes of a cluster are not in it."""
+    where = {"cluster": given["cluster"]} if given["cluster"] else {"threads": given["threads"] or available_cores()}
+    versions = conditions(("numpy", "scipy", "numba", "optuna"))["versions"]
+    return {"versions": versions, **where, "memory_bytes": peak_memory()}
+
+
+def journal_of(given: dict[str, Any], folder: Path) -> Path:
+    """Return the file named by --study, or the folder's own: a quick look has one for itself, as it is another study."""
+    study: Path | None = given["study"]
+    return study or folder / ("quick.journal" if given["quick"] else "study.journal")

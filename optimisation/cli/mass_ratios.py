@@ -1,0 +1,122 @@
+"""Tell the best gap over the design rule's for several masses of the absorber, by simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+
+from impact_env.drive import PAPER_LIMITS
+from impact_env.ensemble import Executor
+from impact_env.modes import ModalModel
+from impact_env.parameters import Beam
+from optimisation.cli.common import check_target, name_files, plain_errors
+from optimisation.cli.structure_option import RESONANCES_HELP, model_of, structure_option
+from optimisation.comparison import RESONANCES
+from optimisation.executors import cluster_option, workers
+from optimisation.extremes import usable_rate
+from optimisation.gap_check import GapCheck, check_gap, scaled_absorber
+from optimisation.machine import conditions, sources
+from optimisation.page import fill, require_markers
+from optimisation.progress import runs_bar
+from optimisation.report.markdown import markdown
+
+MARKER = "masses"
+RATIOS = (0.01, 0.02, 0.05, 0.1)
+FACTORS = 1.12 ** np.arange(-8, 5.0)  # of the rule's gap, 12 % apart, from 0.40 to 1.57
+FORCE = 1.0  # N: any would do, as gap and friction are in proportion to it
+
+
+def checks(
+    model: ModalModel,
+    ratios: Sequence[float],
+    resonances: Sequence[int],
+    members: int,
+    rate: float | None,
+    threads: int | None,
+    executor: Executor | None,
+) -> list[GapCheck]:
+    """Simulate the rule's gap and its neighbours for each mass ratio near each resonance, by mass. Raises KeyboardInterrupt if it is stopped."""
+    found = []
+    for ratio in ratios:
+        for resonance in resonances:
+            absorber = scaled_absorber(model, FORCE, resonance, ratio)
+            given = {"members": members, "percent_per_100_periods": rate, "threads": threads, "executor": executor}
+            with runs_bar(f"mass ratio {ratio:g}, resonance {resonance}") as show:
+                check = check_gap(model, FORCE, resonance, absorber, factors=FACTORS, everywhere=True, progress=show, **given)  # type: ignore[arg-type]
+            if not check.complete:
+                raise KeyboardInterrupt
+            found.append(check)
+    return found
+
+
+def _cells(check: GapCheck) -> tuple[str, ...]:
+    best = check.best
+    assert best is not None
+    price = float(check.level[check.at_rule] / check.level[best])
+    edge = " or less" if best == 0 else " or more" if best == len(check.gaps) - 1 else ""
+    return (
+        f"{100 * check.absorber.mass_ratio:g} %",
+        str(check.resonance),
+        f"{check.reach:.3g}",
+        f"{check.gaps[best] / check.rule:.2f}{edge}",
+        f"{100 * check.relative[best]:.1f}",
+        f"{100 * check.relative[check.at_rule]:.1f}",
+        f"{price:.2f}",
+    )
+
+
+def text(found: Sequence[GapCheck]) -> str:
+    """Return a line for each mass and resonance."""
+    header = ("mass ratio", "resonance", "free amplitude over gap", "best gap over the rule's")
+    return markdown((*header, "level there, %", "level at the rule's, %", "rule's over best"), [_cells(check) for check in found])
+
+
+MEMBERS = 4
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@structure_option
+@click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
+@click.option("--mass-ratio", "ratios", type=float, multiple=True, help=f"Absorber mass over the structure's; may be repeated.  [default: {RATIOS}]")
+@click.option("--members", type=click.IntRange(min=1), default=MEMBERS, show_default=True, help="Runs for each gap, with other phases and roundings.")
+@click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
+@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
+@cluster_option
+@click.option(
+    "--page",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help=f"Write the table into this page, between <!-- {MARKER} --> and <!-- /{MARKER} -->, as in docs/limits.md.",
+)
+def main(
+    structure: Path | None,
+    resonances: tuple[int, int],
+    ratios: tuple[float, ...],
+    members: int,
+    rate: float | None,
+    threads: int | None,
+    cluster: str | None,
+    page: Path | None,
+) -> None:
+    """Simulate gaps from 0.4 to 1.6 times the design rule's for several masses, near two resonances, and print the best of each.
+
+    By the scaling law the force does not matter: gap and friction are in proportion to it. Levels are relative to no absorber, at its own place.
+    """
+    with plain_errors():
+        check_target("--page", page)
+        if page is not None:
+            require_markers(page, page, (MARKER,))
+        model = model_of(structure, Beam.absorber_position)
+        if rate is not None:
+            usable_rate("--rate", rate, [PAPER_LIMITS])
+        with workers(threads, cluster) as executor:
+            found = checks(model, ratios or RATIOS, tuple(dict.fromkeys(resonances)), members, rate, threads, executor)
+        table = text(found)
+        if page is not None:
+            fill(page, page, {MARKER: f"{table}\n\n{sources(conditions())}"})
+    click.echo(table)
+    if page is not None:
+        name_files([page])

@@ -1,0 +1,189 @@
+"""Find the best design of a concept: search, judge again on fresh runs, and explain.
+
+The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciPy; a study goes on where it was broken off.
+"""
+
+# needs: optimise
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from impact_env.parameters import ParameterError
+from optimisation.cli.common import end_early, end_without, name_files, plain_errors
+from optimisation.cli.design_options import (
+    GOES_ON,
+    KEPT,
+    At,
+    conditions_of,
+    executor_of,
+    forces_at,
+    journal_of,
+    make_problem,
+    shared_options,
+    study_option,
+    variables_help,
+)
+from optimisation.conditions import make_conditions
+from optimisation.designs import GAP, IMPACT, VARIABLES
+from optimisation.evaluation import Executor
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.insight import detuned, levels, over_force, sensitivity, varied, with_gaps
+from optimisation.objectives import KINDS, MEAN, WORST, Objective
+from optimisation.problem import Problem
+from optimisation.progress import runs_bar
+from optimisation.report.design_tables import (
+    LEVEL_COLUMNS,
+    PAPER,
+    WINNER,
+    design_columns,
+    design_rows,
+    level_rows,
+    summary,
+    text,
+)
+from optimisation.search.bars import BARS
+from optimisation.search.find import SCIPY, Plan, find
+from optimisation.search.judge import AUDITED
+from optimisation.search.noisy import NOISY
+from optimisation.search.result import Findings
+from optimisation.search.settings import FAST, SAMPLERS
+from optimisation.service import DRAWS, FEW, service
+
+ALL = "all"
+DESIGNS, QUICK_DESIGNS = 400, 80
+AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and 2:35, with --structure by the design rule]"
+USUAL = ((1, 3.5), (2, 35.0))
+FORCES, DETUNINGS, MAP = 10, 9, 16
+SOBOL, QUICK_SOBOL = 64, 16
+QUICK_DRAWS = 8
+
+
+def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Findings:
+    """Run the winner in service, and what the figures show around it."""
+    problem, found = findings.problem, findings.verdict
+    if found is None or given["no_figures"] or not findings.finished:
+        return findings
+    name, few = problem.space.concept, min(FEW, problem.members)
+    with runs_bar(f"{name}: winner in service") as show:
+        draws = QUICK_DRAWS if given["quick"] else DRAWS
+        findings = replace(findings, service=service(problem, found.winner.design, executor, few, draws, show))
+    both = [found.winner.design, found.paper.design]
+    main = _one_a_resonance(problem)
+    with runs_bar(f"{name}: curves over the force") as show:
+        parts = [levels(problem, both, over_force(c, np.geomspace(c.force / 5, 5 * c.force, FORCES)), few, executor, show) for c in main]
+        findings = replace(findings, curves=tuple(parts))
+    with runs_bar(f"{name}: detuned beams") as show:
+        parts = [levels(problem, both, detuned(c, np.linspace(-0.1, 0.1, DETUNINGS)), few, executor, show) for c in main]
+        findings = replace(findings, detuned=tuple(parts))
+    if name == IMPACT:
+        gap = found.winner.design.values[GAP]
+        gaps = np.geomspace(gap / 5, 5 * gap, MAP)
+        with runs_bar(f"{name}: map over gap and force") as show:
+            fast = problem.rate if given["quick"] else FAST * problem.rate
+            designs = with_gaps(found.winner.design, gaps)
+            parts = [levels(problem, designs, over_force(c, np.geomspace(c.force / 5, 5 * c.force, MAP)), 1, executor, show, fast) for c in main]
+        findings = replace(findings, gap_map=tuple(parts), gaps=tuple(gaps.tolist()))
+    if len(varied(problem.space)) > 1:
+        samples = QUICK_SOBOL if given["quick"] else SOBOL
+        with runs_bar(f"{name}: sensitivity") as show:
+            findings = replace(findings, sensitivity=sensitivity(problem, found.winner.design, samples, few, executor, progress=show))
+    return findings
+
+
+def _one_a_resonance(problem: Problem) -> list[Any]:
+    """Return the middle condition of each resonance."""
+    by_resonance: dict[int, list[Any]] = {}
+    for condition in problem.conditions:
+        by_resonance.setdefault(condition.resonance, []).append(condition)
+    return [part[len(part) // 2] for part in by_resonance.values()]
+
+
+def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
+    """Write tables and figures of what was found, and return the files."""
+    from optimisation.report.design_figures import save_curves, save_map, save_robustness, save_sensitivity  # matplotlib is slow to import
+
+    files = [out / "designs.csv", out / "summary.json"]
+    write_csv(files[0], design_columns(findings.problem), design_rows(findings.problem, findings.told))
+    write_json(files[1], conditions_of(given) | summary(findings))
+    tables = (("curves", findings.curves, save_curves), ("detuned", findings.detuned, save_robustness), ("map", findings.gap_map, save_map))
+    for name, part, save in tables:
+        if part is not None:
+            names, gaps = ([], findings.gaps) if name == "map" else ((WINNER, PAPER), ())
+            write_csv(out / f"{name}.csv", LEVEL_COLUMNS, level_rows(part, names, gaps))
+            with replacing(out / f"{name}.png") as temporary:
+                save(temporary, findings)
+            files += [out / f"{name}.csv", out / f"{name}.png"]
+    if findings.sensitivity is not None:
+        with replacing(out / "sensitivity.png") as temporary:
+            save_sensitivity(temporary, findings)
+        files.append(out / "sensitivity.png")
+    return files
+
+
+def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
+    """Return what was found of a concept, and written."""
+    conditions = make_conditions(concept, forces_at(given, USUAL), given["objective"] == "range")
+    objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])
+    problem = make_problem(concept, conditions, (objective,), given)
+    designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
+    plan = Plan(designs, given["sampler"], given["batch"], given["seed"], not given["no_screening"], given["from_scratch"], given["audit"])
+    findings = find(problem, plan, journal_of(given, out), executor, BARS)
+    try:
+        findings = explain(findings, given, executor)
+    except KeyboardInterrupt:
+        findings = replace(findings, finished=False)
+    files = write(out, findings, given)
+    click.echo(text(findings))
+    name_files(files)
+    click.echo()
+    return findings
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
+@click.option("--concept", type=click.Choice([*VARIABLES, ALL]), default=IMPACT, show_default=True, help="Kind of absorber.")
+@click.option("--at", multiple=True, type=At(), help=AT_HELP)
+@click.option("--objective", type=click.Choice(list(KINDS)), default="level", show_default=True, help="What makes a design good.")
+@click.option("--over", type=click.Choice([WORST, MEAN]), default=WORST, show_default=True, help="How resonances and forces join.")
+@click.option("--quantile", type=float, default=0.5, show_default=True, help="Share of the members that meet or better the value.")
+@click.option("--limit", type=float, help="Relative level that the objective range must stay under.")
+@click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")
+@click.option(
+    "--sampler", type=click.Choice([*SAMPLERS, SCIPY, *NOISY]), help="Method.  [default: scipy without walls; cma; random for one variable]"
+)
+@click.option("--from-scratch", is_flag=True, help="Do not begin with the paper's design.")
+@click.option("--no-screening", is_flag=True, help="Run every design in full instead of leaving hopeless ones behind.")
+@click.option("--audit", type=click.IntRange(min=0), default=AUDITED, show_default=True, help="Designs left behind to run in full all the same.")
+@click.option("--no-figures", is_flag=True, help="Search and judge only.")
+@study_option
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("results/optimise_design"), show_default=True, help="Folder; a concept has one in it."
+)
+@shared_options
+def main(**given: Any) -> None:
+    """Find the best design of an absorber for one or more resonances and forces.
+
+    Every design runs under all of them, up and down; the finalists run again on fresh members, and the winner on others, beside the paper's and
+    the rule's design, with more modes, and in service (impacts, wear, heat, tolerances). Writes designs.csv, summary.json, and curves, map, detuned
+    and sensitivity as figures and tables. Ctrl-C ends the search; the same command goes on from there.
+    """
+    concepts = list(VARIABLES) if given["concept"] == ALL else [given["concept"]]
+    given["every"] = len(concepts) > 1
+    found: list[Findings] = []
+    with plain_errors(KEPT):
+        if given["every"] and given["study"] is not None:
+            raise ParameterError(f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own")
+        with executor_of(given) as executor:
+            for concept in concepts:
+                out = given["out"] / concept
+                require_writable("--out", out)
+                found.append(run_concept(concept, given, executor, out))
+                if not found[-1].finished:
+                    break
+    end_early(all(findings.finished for findings in found), GOES_ON)
+    end_without(all(findings.verdict is not None for findings in found))

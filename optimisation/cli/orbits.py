@@ -1,0 +1,164 @@
+"""Exact periodic orbits of the impact absorber: two impacts a period and what a run settles to, folds, births and mergers of isolas."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, count, positive
+from impact_env.periodic.case import Case
+from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.isolas import folds, thresholds
+from impact_env.periodic.offspring import all_orbits_over
+from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.survey import Found, attractors, different, orbits_over
+from impact_env.periodic.validation import trials_alongside
+from optimisation.bounds import design_force
+from optimisation.cli.common import BadInput, check_target, end_early, json_option, plain_errors
+from optimisation.cli.structure_option import model_of, refuse_beside, structure_option
+from optimisation.files import write_json
+from optimisation.progress import stages_bar
+from optimisation.report.orbit_tables import fold_text, orbit_table, plain_fold, plain_orbit, plain_threshold, refusals, threshold_text
+
+FORCE = 1.5  # N, the paper's moderate level of excitation
+FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure by the design rule]"
+FROM, TO = 0.9, 1.06  # of the first resonance, the paper's range
+POINTS, AROUND, RANGE = 81, 21, 0.02  # frequencies listed, and those from which branches lead to a single one, with its neighbourhood
+Told = Callable[[str, int, int], None]
+Array = NDArray[np.float64]
+
+
+@contextmanager
+def kept(complete: list[bool]) -> Iterator[None]:
+    """Let Ctrl-C end what is under way, and keep what is finished."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        complete[0] = False
+
+
+def searched(case: Case, ratios: Array, symmetric: bool, told: Told, settle: bool = True) -> Iterator[Found]:
+    """Yield the orbits at each ratio (M,): the symmetric ones only, or also what leaves their branches and, with ``settle``, what runs come to."""
+    if symmetric:
+        return orbits_over(case, ratios, lambda done, total: told("frequencies", done, total))
+    return all_orbits_over(case, ratios, told, settle=settle)
+
+
+def listed(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) -> list[Found]:
+    """Orbits at the frequencies asked for. At a single one branches come from its neighbourhood, and runs add what they settle to."""
+    found: list[Found] = []
+    with kept(complete):
+        if given["at"] is None:
+            found += searched(case, np.linspace(given["start"], given["stop"], given["points"]), given["symmetric"], told)
+            return found
+        around(case, given, told, found)
+        here = found[0]
+        for settled in () if given["symmetric"] else attractors(here.case, here.orbits):
+            if isinstance(settled, NoOrbit):
+                found[0] = replace(found[0], refused=(*found[0].refused, settled))
+            else:
+                found[0] = replace(found[0], orbits=tuple(different([*found[0].orbits, settled])))
+    return found
+
+
+def around(case: Case, given: dict[str, Any], told: Told, found: list[Found]) -> None:
+    """Add the orbits at the single frequency asked for to ``found``, even after Ctrl-C; its neighbours are where branches begin."""
+    at, groups = given["at"], list[Found]()
+    low, high = max(given["start"], at - RANGE), min(given["stop"], at + RANGE)
+    try:
+        groups += searched(case, np.union1d(np.linspace(low, high, AROUND), [at]), given["symmetric"], told, settle=False)
+    finally:
+        found += [group for group in groups if abs(group.case.omega_ratio - at) < 1e-12]
+
+
+def check(given: dict[str, Any]) -> None:
+    """Raise BadInput or ParameterError, before any work is done, if options do not go together or a file cannot be written."""
+    if given["folds"] and given["thresholds"]:
+        raise BadInput("--folds does not go with --thresholds: the JSON file has one list")
+    if given["at"] is not None and (given["folds"] or given["thresholds"]):
+        raise BadInput("--at does not go with --folds or --thresholds: they are sought from --from to --to")
+    if not 0 < given["start"] < given["stop"]:
+        raise BadInput(f"--from = {given['start']} is not allowed: a ratio above 0 and below --to = {given['stop']}")
+    if given["at"] is not None and not given["start"] <= given["at"] <= given["stop"]:
+        raise BadInput(f"--at = {given['at']} is not allowed: a ratio from --from = {given['start']} to --to = {given['stop']}")
+    count("points", given["points"], 2)
+    check_target("--json", given["json"], (".json",))
+
+
+def case_of(given: dict[str, Any]) -> Case:
+    """Return structure and absorber at the first resonance; on a structure from a file the force follows from the gap by the design rule."""
+    refuse_beside(given["structure"], "modes", "damping")
+    model = model_of(given["structure"], modes=given["modes"], damping_ratio=given["damping"])
+    force, gap, ratio = given["force"], positive("gap", given["gap"]), positive("mass_ratio", given["mass_ratio"])
+    if force is None:
+        force = FORCE if given["structure"] is None else design_force(model, ratio * model.beam_mass, gap, 1)
+    return Case(model, float(model.omega[0]), force, gap, given["restitution"], given["friction_limit"], ratio)
+
+
+def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
+    """Return the text, the contents of the JSON file, and whether the work came to its end."""
+    check(given)
+    case = case_of(given)
+    with trials_alongside(case):
+        return asked_for(case, given)
+
+
+def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
+    """Return folds, thresholds or orbits, as `run`."""
+    low, high = given["start"], given["stop"]
+    if given["thresholds"]:
+        levels = thresholds(case, low, high)
+        return threshold_text(levels), [plain_threshold(t) for t in levels if isinstance(t.orbit, Orbit)], True
+    if given["folds"]:
+        located = folds(case, low, high)
+        return fold_text(located), [plain_fold(fold) for fold in located if isinstance(fold.orbit, Orbit)], True
+    complete = [True]
+    with stages_bar("orbits", leave=False) as told:
+        found = listed(case, given, told, complete)
+    orbits = [orbit for group in found for orbit in group.orbits]
+    notes = refusals([orbit for group in found for orbit in group.refused], "solutions or runs are")
+    stable = sum(orbit.stability.stable for orbit in orbits)
+    text = "\n".join([orbit_table(orbits), "", f"{len(orbits)} orbits, {stable} of them stable.", *notes])
+    return text, [plain_orbit(orbit) for orbit in orbits], complete[0]
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})
+@structure_option
+@click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
+@click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
+@click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
+@click.option("--gap", type=float, default=RigidWalls.gap, show_default=True, help="Clearance to either wall in m.")
+@click.option("--restitution", type=float, default=RigidWalls.restitution, show_default=True, help="Coefficient of restitution, 0 to 1.")
+@click.option("--friction-limit", type=float, default=0.0, show_default=True, help="Friction limit in N; 0: no friction.")
+@click.option("--force", type=float, help=FORCE_HELP)
+@click.option("--from", "start", type=float, default=FROM, show_default=True, help="First frequency over that of the first resonance.")
+@click.option("--to", "stop", type=float, default=TO, show_default=True, help="Last frequency over that of the first resonance.")
+@click.option("--at", type=float, help="One frequency only; also what runs settle to there, of any period up to eight of the force's.")
+@click.option("--points", type=int, default=POINTS, show_default=True, help="Frequencies listed from the first to the last.")
+@click.option("--symmetric", is_flag=True, help="Symmetric orbits only, which is quicker.")
+@click.option("--folds", is_flag=True, help="The folds of the branches at this force instead of orbits.")
+@click.option("--thresholds", is_flag=True, help="The forces at which isolas are born and merge instead of orbits.")
+@json_option("Write the list, in SI units.")
+def main(**given: Any) -> None:
+    """List exact periodic orbits of the impact absorber under a harmonic force, each confirmed by the exact method.
+
+    It is on the paper's beam, or on another structure.
+
+    Symmetric orbits with one impact a wall are found in closed form, with all reversals of friction, and along their branches. What leaves these
+    where the symmetry breaks and where periods double, up to eight of the force's, is followed too, and where nothing is stable, what runs settle to.
+
+    Multipliers of symmetric orbits are those of half a period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair
+    that lives as long as the beam's vibration, and of all others. Held: friction or a wall holds the absorber for a while.
+    """
+    with plain_errors():
+        text, content, complete = run(given)
+        if given["json"] is not None:
+            write_json(given["json"].resolve(), content)
+    click.echo(text)
+    end_early(complete, "what was finished is shown.")

@@ -1,0 +1,123 @@
+"""Trade two aims of one absorber against each other: Pareto fronts of first against second resonance, or level against impact severity.
+
+The front is searched by NSGA-II, run again on fresh members, and drawn with the paper's design and the limit.
+"""
+
+# needs: optimise
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from impact_env.parameters import ParameterError
+from optimisation.cli.common import end_early, end_without, name_files, plain_errors
+from optimisation.cli.design_options import (
+    GOES_ON,
+    KEPT,
+    At,
+    conditions_of,
+    executor_of,
+    forces_at,
+    journal_of,
+    make_problem,
+    shared_options,
+    study_option,
+    variables_help,
+)
+from optimisation.conditions import make_conditions
+from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT
+from optimisation.evaluation import Executor
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.objectives import Objective
+from optimisation.problem import Problem
+from optimisation.report.front_tables import Front, front_columns, front_rows, front_summary, front_text
+from optimisation.search.pareto import CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
+from optimisation.search.settings import CMA, SAMPLERS, default_settings
+
+RESONANCES, SEVERITY = "resonances", "severity"
+DESIGNS, QUICK_DESIGNS = 300, 100
+AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and, for resonances, 2:15; with --structure by the design rule]"
+MEMBERS, QUICK_MEMBERS = 4, 2
+DEFAULT_AT = {RESONANCES: FORCES, SEVERITY: ((1, 3.5),)}
+SEVEREST = 0.1  # W: a corner for hypervolumes
+CORNERS = {RESONANCES: CORNER, SEVERITY: (CORNER[0], SEVEREST)}
+
+
+def make(against: str, given: dict[str, Any]) -> Problem:
+    """Return the problem; where severity counts, the restitution is the material's and not free, as elastic walls lose nothing."""
+    pairs = forces_at(given, DEFAULT_AT[against])
+    if against == RESONANCES:
+        if len({resonance for resonance, _ in pairs}) != 2:
+            raise ParameterError(f"--at = {pairs} is not allowed: with --against {RESONANCES} two resonances")
+        objectives = tuple(Objective(resonance=resonance) for resonance in sorted({resonance for resonance, _ in pairs}))
+    else:
+        objectives = (Objective(), Objective("severity"))
+        given["free"] = given["free"] or (GAP, FRICTION_LIMIT)
+    given["members"] = given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS)
+    return make_problem(IMPACT, make_conditions(IMPACT, pairs), objectives, given)
+
+
+def study(problem: Problem, given: dict[str, Any], journal: Path, executor: Executor) -> Front:
+    """Search, judge and compare; what a Ctrl-C breaks off is left out."""
+    designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
+    settings = default_settings(problem, given["sampler"], given["batch"], given["seed"])
+    front = search_front(problem, settings, designs, CORNERS[given["against"]], journal, executor)
+    if front.finished and front.index:
+        front = judge_front(front, executor)
+        front = compare_with_random(front, settings, given["random_seeds"], executor) if given["random_seeds"] else front
+    return front
+
+
+def write(out: Path, front: Front, given: dict[str, Any]) -> list[Path]:
+    """Write the tables and figures of a front, and return the files."""
+    from optimisation.report.design_figures import save_front  # matplotlib is slow to import
+
+    files = [out / "front.csv", out / "summary.json"]
+    write_csv(files[0], front_columns(front.problem), front_rows(front))
+    write_json(files[1], conditions_of(given) | front_summary(front))
+    if front.fresh and front.paper is not None:
+        labels = [o.label for o in front.problem.objectives]
+        searched, found = (np.array([e.score.values for e in part]) for part in (front.told, front.members))
+        fresh, paper = np.array([j.score.values for j in front.fresh]), np.array(front.paper.score.values)
+        files.append(out / "front.png")
+        with replacing(files[-1]) as temporary:
+            save_front(temporary, (labels[0], labels[1]), searched, found, fresh, paper, bounds_of(front))
+    return files
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
+@click.option("--against", type=click.Choice([RESONANCES, SEVERITY]), default=RESONANCES, show_default=True, help="What is traded against what.")
+@click.option("--at", multiple=True, type=At(), help=AT_HELP)
+@click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")
+@click.option("--sampler", type=click.Choice([name for name in SAMPLERS if name != CMA]), help="Method.  [default: nsga2]")
+@click.option("--random-seeds", type=click.IntRange(min=0), default=0, show_default=True, help="Compare with random search, with this many seeds.")
+@study_option
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("results/pareto"),
+    show_default=True,
+    help="Folder; each choice of --against has one in it.",
+)
+@shared_options
+def main(**given: Any) -> None:
+    """Search a Pareto front of impact absorbers: first against second resonance, or response level against impact severity.
+
+    Writes front.png, front.csv (every design) and summary.json, and prints the front. Ctrl-C ends the search; the same command goes
+    on from there.
+    """
+    out = given["out"] / given["against"]
+    with plain_errors(KEPT):
+        require_writable("--out", out)
+        problem = make(given["against"], given)
+        with executor_of(given) as executor:
+            front = study(problem, given, journal_of(given, out), executor)
+        files = write(out, front, given)
+    click.echo(front_text(front))
+    name_files(files)
+    end_early(front.finished, GOES_ON)
+    end_without(bool(front.index))

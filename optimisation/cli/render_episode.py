@@ -1,0 +1,58 @@
+"""An episode of an environment as a film: the bent beam, the absorber in its cavity, level and frequency."""
+
+# needs: env
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from optimisation.cli.common import BadInput, check_target, plain_errors
+from optimisation.cli.structure_option import is_given
+from optimisation.rl.agents import Agent, load_agent
+from optimisation.rl.films import INTERVAL, NAMES, episode, save
+
+OPTIONS = {"name": "env", "action": "action", "chance": "random", "interval": "interval"}
+
+
+def agents_choice(path: Path) -> tuple[str, dict[str, Any], Agent]:
+    """Return the environment of an agent, its arguments, and who acts. Raises BadInput for options that contradict the agent, ParameterError."""
+    for option in ("name", "action", "chance", "interval"):
+        if is_given(option):
+            raise BadInput(f"--{OPTIONS[option]} does not go with --agent: the agent acts, in the environment that it was trained in")
+    found = load_agent(path)
+    return found.env_id, dict(found.arguments), found
+
+
+def plain_choice(name: str, given: dict[str, Any]) -> tuple[str, dict[str, Any], float | None]:
+    """Return an environment by its short name, its arguments, and the action of every interval, None for a random one."""
+    interval = INTERVAL if given["interval"] is None else given["interval"]
+    return NAMES[name.lower()], {"interval": interval}, None if given["chance"] else given["action"]
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--env", "name", type=click.Choice(sorted(NAMES), case_sensitive=False), default="sweeprate", show_default=True)
+@click.option("--gif", "target", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the film instead of showing it.")
+@click.option("--action", type=click.FloatRange(-1, 1), default=1.0, show_default=True, help="What is done in every interval.")
+@click.option("--random", "chance", is_flag=True, help="Do something random in every interval instead.")
+@click.option("--agent", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="A trained agent acts, in its own environment.")
+@click.option("--interval", type=float, help=f"Pseudo periods from frame to frame.  [default: {INTERVAL}, an agent's: as it was trained]")
+@click.option("--force", type=float, help="Force in N.  [default: the environment's]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--frames", type=click.IntRange(min=2), default=400, show_default=True, help="Largest number of frames.")
+def main(name: str, target: Path | None, agent: Path | None, **given: Any) -> None:
+    """Run one episode and show it in a window, or write it as an animated GIF.
+
+    By default the machine runs down through the resonance at the fastest rate of the task.
+    """
+    check_target("--gif", target, (".gif",))
+    mode = "human" if target is None else "rgb_array"
+    with plain_errors():
+        which, options, action = agents_choice(agent) if agent is not None else plain_choice(name, given)
+        options = {**options, **({} if given["force"] is None else {"force": given["force"]})}
+        pictures, fps = episode(which, mode, options, given["seed"], action, given["frames"])
+    if target is not None:
+        save(target, pictures, fps)
+        click.echo(f"written: {target}, {len(pictures)} frames, {target.stat().st_size / 1e6:.1f} MB")

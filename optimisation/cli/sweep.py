@@ -1,0 +1,236 @@
+"""One sweep through a resonance to look at: response level and impacts, on request energy balance and the time it took."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule
+from impact_env.ensemble import Executor, Lane, draw_members, run_lanes
+from impact_env.methods import PAPER_STEPS, Method, check_supported
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
+from impact_env.response import Record, Response
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
+from impact_env.wording import absorber_words
+from optimisation.cli.common import BadInput, check_target, json_option, plain_errors
+from optimisation.cli.structure_option import structure_option
+from optimisation.cli.sweep_scene import (
+    DEFAULT_ABSORBER,
+    FRICTION_DAMPER_LIMIT,
+    PARTS,
+    Options,
+    make_method,
+    make_scene,
+    make_schedule,
+    refuse_contradictions,
+)
+from optimisation.executors import cluster_option, workers
+from optimisation.files import replacing
+from optimisation.progress import Bar
+from optimisation.report.sweep_report import Result, contract, describe_run, summary
+from optimisation.sweep_rate import sweep_ratio
+from optimisation.timing import Timed
+
+FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
+SHORT = 2.0  # s: a run below this is timed three times
+TIME_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} pseudo periods [{elapsed}, {remaining} left]"
+MOST_PLOTTED = 2**30  # bytes of states that a figure may need
+T = TypeVar("T")
+
+
+def integration_time(scene: Scene, drive: Drive, method: Method, most_events: int | None = None) -> float:
+    """Return the time in s of an integration that observes nothing, without compilation: the median of three, or one if it is long."""
+    timed = Timed(scene, drive, method, most_events)
+    times = [timed.run().wall_time]
+    while times[0] < SHORT and len(times) < 3:
+        times.append(timed.run().wall_time)
+    return statistics.median(times)
+
+
+def heard(work: Callable[[], T], bar: Bar) -> T:
+    """Do ``work`` in a thread, so that Ctrl-C is heard and the bar's clock runs while compiled code does."""
+    results: list[T] = []
+    errors: list[Exception] = []
+
+    def run() -> None:
+        try:
+            results.append(work())
+        except Exception as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(1.0)
+    while thread.is_alive():
+        bar.refresh()
+        thread.join(0.2)
+    if errors:
+        raise errors[0]
+    return results[0]
+
+
+def recorded(scene: Scene, drive: Drive, method: Method, record: Record, most_events: int | None) -> Response:
+    """Run the first member, with a bar in pseudo periods."""
+    schedule = drive.schedule
+    with Bar(total=round(schedule.periods), desc="integrating", bar_format=TIME_BAR, delay=1, leave=False) as bar:
+
+        def show(time: float, _end: float) -> None:
+            bar.update(round(time / schedule.pseudo_period) - bar.n)
+            bar.refresh()
+
+        return simulate(scene, drive, method, record=record, most_events=most_events, progress=show)
+
+
+def compute(
+    scene: Scene, drives: list[Drive], method: Method, record: Record, timed: bool, most_events: int | None, executor: Executor | None
+) -> Result:
+    """Run all members, those after the first by an executor if there is one; the first is recorded and, if ``timed``, by itself timed."""
+    response, others, wall_time = recorded(scene, drives[0], method, record, most_events), None, None
+    with Bar(total=len(drives), desc="integrating", unit="run", delay=1, leave=False) as bar:
+        if len(drives) > 1:
+            lanes = [Lane(scene, drive) for drive in drives[1:]]
+            others = run_lanes(lanes, method, progress=lambda _done, _total: bar.update(), most_events=most_events, executor=executor)
+            if not others.complete:
+                raise KeyboardInterrupt
+        if timed:
+            bar.set_description("timing")
+            wall_time = heard(lambda: integration_time(scene, drives[0], method, most_events), bar)
+    return Result(response, others, wall_time)
+
+
+def ratio_of(given: Options, scene: Scene, schedule: FrequencySchedule) -> float | None:
+    """Return what such sweeps without absorber show of the stationary level; None at a constant frequency, where nothing is swept."""
+    low, high = sorted(schedule.omegas / schedule.reference)
+    if low == high:
+        return None
+    return sweep_ratio(scene.model, 1e4 * (high - low) / schedule.periods, given["resonance"], (float(low), float(high)))
+
+
+def refuse_long_plot(scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
+    """Raise BadInput if the record for a figure would not fit into the memory that is allowed for it."""
+    size = 8 * (2 * scene.model.modes + 2) * schedule.periods * samples
+    if size > MOST_PLOTTED:
+        raise BadInput(f"--plot of {schedule.periods:g} pseudo periods needs {size / 2**30:.1f} GiB: leave it out, or take fewer periods or modes")
+
+
+def write(result: Result, given: Options, beam: Beam | None) -> None:
+    """Write the files asked for: all of them or none."""
+    with ExitStack() as files:
+        if given["json"] is not None:
+            text = json.dumps(contract(result, beam), indent=1, allow_nan=False)
+            files.enter_context(replacing(given["json"].resolve())).write_text(text + "\n")
+        if given["plot"] is not None:
+            from optimisation.report.sweep_figure import save_figure
+
+            absorbers = absorber_words(result.response.scene.absorber).split("; ")  # a line for each of several
+            title = "\n".join([*absorbers, describe_run(result.response, given["resonance"])])
+            save_figure(files.enter_context(replacing(given["plot"].resolve())), title, result.response, given["resonance"])
+
+
+def run(given: Options) -> str:
+    """Do what the options ask for and return the summary. Raises BadInput or ParameterError before anything is computed or written."""
+    refuse_contradictions(given)
+    given["force"] = FORCE if given["force"] is None and given["structure"] is None else given["force"]
+    check_target("--json", given["json"])
+    check_target("--plot", given["plot"], (".png", ".pdf", ".svg"))
+    (scene, beam), method = make_scene(given), make_method(given)
+    check_supported(scene, method)
+    schedule = make_schedule(given, scene)
+    if count("members", given["members"], 1) == 1 and given["cluster"] is not None:
+        raise BadInput("--cluster needs --members above 1: the first member runs here")
+    if given["plot"] is not None:
+        refuse_long_plot(scene, schedule, Record().samples_per_period)
+    first = Drive(given["force"], schedule, given["phase"])
+    drives = draw_members(given["members"], given["seed"]).drives(first.amplitude, schedule, first.phase)
+    with workers(None, given["cluster"]) as executor:
+        record = Record(events=True, energy=given["energy"], series=given["plot"] is not None)
+        result = compute(scene, drives, method, record, given["time"], given["most_events"], executor)
+    result = replace(result, sweep_ratio=ratio_of(given, scene, schedule))
+    write(result, given, beam)
+    return summary(result, given["resonance"])
+
+
+def default(text: str, value: object) -> str:
+    """Return a help text with a default that click does not know of."""
+    return f"{text}  [default: {value}]"
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})
+@click.option(
+    "--absorber",
+    type=click.Choice(list(PARTS)),
+    help=default("Impact absorber, friction damper, linear tuned absorber, added mass, nothing.", DEFAULT_ABSORBER),
+)
+@click.option(
+    "--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Beam and absorber from a .toml or .json file (docs/scenes.md)."
+)
+@structure_option
+@click.option("--modes", type=int, help=default("Number of modes kept.", Beam.modes))
+@click.option("--damping", type=float, help=default("Modal damping ratio, the same for all modes.", Beam.damping_ratio))
+@click.option("--mass-ratio", type=float, help=default("Absorber mass over beam mass.", DEFAULT_MASS_RATIO))
+@click.option("--gap", type=float, help=default("Clearance to either wall in m (impact).", f"{RigidWalls.gap}, with --structure by the design rule"))
+@click.option("--restitution", type=float, help=default("Coefficient of restitution, 0 to 1 (impact, rigid walls).", RigidWalls.restitution))
+@click.option(
+    "--friction-limit",
+    type=float,
+    help=default(
+        "Friction limit in N; 0: no friction.", f"none for impact, {FRICTION_DAMPER_LIMIT} for friction, with --structure by the energy of a cycle"
+    ),
+)
+@click.option("--contact-stiffness", type=float, help="Makes the walls springs of this stiffness in N/m (impact).")
+@click.option(
+    "--friction-stiffness",
+    type=float,
+    help="Makes friction elastic with this stiffness in N/m.  [default with compliant walls: the contact stiffness]",
+)
+@click.option("--stiffness", type=float, help=default("Spring of the tuned absorber in N/m.", f"{TunedAbsorber.stiffness}, with --structure tuned"))
+@click.option(
+    "--absorber-damping", type=float, help=default("Damper of the tuned absorber in N s/m.", f"{TunedAbsorber.damping}, with --structure tuned")
+)
+@click.option("--force", type=float, help=default("Amplitude of the harmonic force in N.", f"{FORCE}, with --structure by the design rule"))
+@click.option("--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad.")
+@click.option("--resonance", type=int, default=1, show_default=True, help="Resonance, counted from 1, that frequencies and pseudo periods refer to.")
+@click.option("--from", "start", type=float, default=PAPER_LIMITS[0], show_default=True, help="First frequency over the resonance frequency.")
+@click.option(
+    "--to",
+    "stop",
+    type=float,
+    default=PAPER_LIMITS[1],
+    show_default=True,
+    help="Last frequency over the resonance frequency; equal to --from: constant.",
+)
+@click.option("--periods", type=float, help="Length in pseudo periods at a constant frequency.")
+@click.option(
+    "--percent-per-100-periods",
+    type=float,
+    help=default("Rate of the sweep in percent of the resonance frequency.", "1, less by the square of damping below 1 %"),
+)
+@click.option("--down", is_flag=True, help="Sweep down: swaps --from and --to.")
+@click.option("--method", type=click.Choice(["exact", "moreau", "runge-kutta"]), default="exact", show_default=True, help="Method of integration.")
+@click.option("--steps-per-period", type=int, help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS))
+@click.option("--most-events", type=int, help=default("Events after which a run is given up (exact).", "a million, and 5000 each pseudo period"))
+@click.option("--members", type=int, default=1, show_default=True, help="Runs that differ in phase and by rounding; the first has --phase.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases and roundings.")
+@cluster_option
+@click.option("--energy", is_flag=True, help="Account for the energies of the first member, which takes a kernel of its own.")
+@click.option("--time", is_flag=True, help="Time an integration alone, with nothing observed, which takes a kernel of its own.")
+@json_option("Write the results, in SI units.")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw the run: .png, .pdf or .svg.")
+def main(**given: Any) -> None:
+    """Integrate one sweep of the force's frequency through a resonance of the beam, and print what came out.
+
+    In the JSON file response_level_m and level_frequency_ratio have one number for each member; impacts, tip and stuck time are those of the first
+    member, which runs here also with --cluster, and so are energy_balance_relative_error with --energy, and with --time wall_s: the time of an
+    integration alone, compiled and with nothing observed.
+    """
+    with plain_errors():
+        click.echo(run(given))

@@ -1,0 +1,182 @@
+"""Train agents for the environments with PPO and SAC: learning curves, checkpoints that resume, one small file an agent."""
+
+
+# needs: env, rl
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from impact_env.ensemble import available_cores
+from impact_env.parameters import ParameterError
+from optimisation.cli.common import INTERRUPTED, BadInput
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.progress import Bar
+from optimisation.report.markdown import markdown
+from optimisation.rl.baselines import TUNED, families, load, policy
+from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for
+from optimisation.rl.policies import Constant, Random
+from optimisation.rl.runs import Evaluation, collect, find_runs, run_folder
+from optimisation.rl.tasks.baseline import RANDOM
+from optimisation.rl.tasks.table import GROUPS, GROUPS_HELP, TASKS, task_named
+
+BOTH = "both"
+SEEDS, CONSTANTS = 10, 17
+QUICK_SHARE, QUICK_LEGS, QUICK_CONSTANTS = 0.25, 10, 5
+OUT = Path("results/train_sweep_agent")
+
+
+def plan(task: str, given: dict[str, Any]) -> list[Any]:
+    """Return the runs of a task; raise ParameterError before anything is trained if one cannot be made or gone on with."""
+    from optimisation.rl.training import Job, check_folder  # torch is slow to import
+    from optimisation.rl.training_runs import Planned
+
+    env_id = task_named(task).env_id
+    algorithms = recipes(env_id) if given["algorithm"] == BOTH else [given["algorithm"]]
+    runs = []
+    for seed in range(given["seeds"]):
+        for algorithm in algorithms:
+            chosen = settings_for(env_id, algorithm, given["hyperparameters"])
+            steps = given["steps"] or (round(QUICK_SHARE * chosen.steps) if given["quick"] else chosen.steps)
+            legs = max(1, min(QUICK_LEGS if given["quick"] else chosen.legs, steps // chosen.round))
+            chosen = settings_for(env_id, algorithm, given["hyperparameters"], steps=steps, legs=legs)
+            job = Job(env_id, algorithm, seed, chosen, given["arguments"], demonstrations=given["demonstrations"])
+            folder = run_folder(given["out"], task, algorithm, seed)
+            check_folder(job, folder)
+            runs.append(Planned(job, folder))
+    return runs
+
+
+def beside(task: str, job: Any, count: int, folder: Path) -> dict[str, float]:
+    """Return mean scores on the evaluation seeds: of chance, and of the tuned policies in a folder or else of the best constant action."""
+    from optimisation.rl.training import evaluate
+
+    file = folder / f"{task}_baselines.json"
+    if file.exists():
+        stored, arguments = load(file, task)
+        if arguments == job.arguments:
+            kinds = families(task, arguments)
+            names = (RANDOM, *task_named(task).yardsticks)
+            chosen = [policy(baseline, kinds) for baseline in stored if baseline.name in names]
+            return {p.name: evaluate(p, job, 0, 0).score for p in Bar(chosen, desc="baselines", leave=False)}
+    scores, numbers = {}, job.numbers
+    constants = (Constant([float(a)] * numbers) for a in np.linspace(-1, 1, count))
+    for simple in Bar([Random(numbers=numbers), *constants], desc="constant actions", leave=False):
+        scores[simple.name if isinstance(simple, Random) else f"{simple.actions[0]:g}"] = evaluate(simple, job, 0, 0).score
+    chance = scores.pop("random")
+    best = max(scores, key=scores.__getitem__)
+    return {"random": chance, f"best constant action ({float(best):+.2f})": scores[best]}
+
+
+def told(baselines: dict[str, float]) -> Any:
+    """Return what says how an agent does, beside the policies that need no training."""
+    beside = ", ".join(f"{name} {score:.4f}" for name, score in baselines.items())
+
+    def line(planned: Any, evaluation: Evaluation) -> str:
+        return f"{planned.label}: score {evaluation.score:.4f} after {evaluation.steps:,} steps   ({beside})"
+
+    return line
+
+
+def write(out: Path, task: str, baselines: dict[str, float]) -> None:
+    """Write figure and tables of a task from its runs' files, and print the table."""
+    from optimisation.report.learning_report import COLUMNS, HEADER, learning_rows, save_learning_curve, table_rows  # matplotlib is slow to import
+
+    runs, env_id = find_runs(out / task), task_named(task).env_id
+    write_csv(out / f"learning_{task}.csv", COLUMNS, learning_rows(runs))
+    write_json(out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})})
+    with replacing(out / f"learning_{task}.png") as temporary:
+        save_learning_curve(temporary, env_id.split("/")[1], runs, baselines)
+    unfinished = sum(not run.finished for run in runs)
+    click.echo(markdown(HEADER, table_rows(runs, baselines)))
+    click.echo(f"\n{env_id}; mean scores on the evaluation seeds" + (f"; {unfinished} of {len(runs)} runs are not finished" if unfinished else ""))
+    click.echo(f"written: {out / f'learning_{task}.png'}, .csv, .json, and the runs in {out / task}\n")
+
+
+def environment_arguments(pairs: tuple[tuple[str, str], ...]) -> dict[str, Any]:
+    """Return keyword arguments of the environment from names and JSON values; what is no JSON is text."""
+    arguments: dict[str, Any] = {}
+    for name, text in pairs:
+        try:
+            arguments[name] = json.loads(text)
+        except ValueError:
+            arguments[name] = text
+    return arguments
+
+
+def train_task(task: str, given: dict[str, Any]) -> bool:
+    """Train all runs of a task and report; return False if Ctrl-C ended it early."""
+    from optimisation.rl.training_runs import report_failures, train_all
+
+    runs, finished, failures = plan(task, given), True, []
+    count = QUICK_CONSTANTS if given["quick"] else CONSTANTS
+    baselines = beside(task, runs[0].job, count, given["baselines"])
+    for name, score in baselines.items():
+        click.echo(f"{task}, {name}: score {score:.4f}")
+    try:
+        failures = train_all(runs, given["workers"], told(baselines) if given["quick"] else None)
+    except KeyboardInterrupt:
+        finished = False
+    write(given["out"], task, baselines)
+    report_failures(failures)
+    return finished
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--task", type=click.Choice([*TASKS, *GROUPS]), default="sweep", show_default=True, help=GROUPS_HELP)
+@click.option(
+    "--algorithm",
+    type=click.Choice([*ALGORITHMS, BOTH]),
+    default=BOTH,
+    show_default=True,
+    help="Both: all that the task has.",
+)
+@click.option("--seeds", type=click.IntRange(min=1), help=f"Agents of each algorithm.  [default: {SEEDS}, with --quick 1]")
+@click.option("--steps", type=click.IntRange(min=1), help="Steps of the environment for each agent.  [default: as in the hyperparameters]")
+@click.option("--quick", is_flag=True, help=f"A look: one seed, {100 * QUICK_SHARE:g} % of the steps, and a line for every evaluation.")
+@click.option("--hyperparameters", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="YAML; replaces those it names.")
+@click.option("--argument", "arguments", multiple=True, type=(str, str), metavar="NAME VALUE", help="Argument of the environment; may be repeated.")
+@click.option("--demonstrations", type=click.Path(path_type=Path), metavar="FOLDER", help="Data set of record_demonstrations to begin by imitating.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes to train in, each on one core.  [default: all cores]")
+@click.option("--out", type=click.Path(path_type=Path), help=f"Folder.  [default: {OUT}, with --quick {OUT}_quick]")
+@click.option(
+    "--baselines",
+    type=click.Path(path_type=Path),
+    default=TUNED,
+    help="Folder of TASK_baselines.json to compare with.  [default: this package's]",
+)
+@click.option("--collect", "target", type=click.Path(path_type=Path), metavar="FOLDER", help="Copy agents and evaluations there in the end.")
+def main(**given: Any) -> None:
+    """Train agents, seed by seed, and draw their learning curves.
+
+    Each agent has a folder TASK/ALGORITHM/seed-N with settings.json, evaluations.csv, final.npz, best.npz (best on the evaluation seeds), its
+    last two checkpoints and TensorBoard's files. Ctrl-C, or kill -9, ends training early, and the same command goes on from the last
+    checkpoint; agents that are finished are not trained again.
+    """
+    quick = given["quick"]
+    given["seeds"] = given["seeds"] or (1 if quick else SEEDS)
+    given["workers"] = given["workers"] or available_cores()
+    given["out"] = given["out"] or (OUT.with_name(f"{OUT.name}_quick") if quick else OUT)
+    given["arguments"] = environment_arguments(given["arguments"])
+    finished = True
+    try:
+        require_writable("--out", given["out"])
+        if given["target"] is not None:
+            require_writable("--collect", given["target"])
+        for task in GROUPS.get(given["task"], (given["task"],)):
+            finished = finished and train_task(task, given)
+        if finished and given["target"] is not None:
+            click.echo(f"{collect(find_runs(given['out']), given['out'], given['target'])} agents copied to {given['target']}")
+    except ParameterError as error:
+        raise BadInput(str(error)) from error
+    except KeyboardInterrupt:
+        finished = False
+    if not finished:
+        click.echo("Stopped early: the same command goes on from the last checkpoints.", err=True)
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,106 @@
+"""Tune the linear absorber: closed forms, numerical optima and the paper's values, with a proof of each peak."""
+
+
+# needs: optimise
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
+from optimisation.cli.common import check_target, name_files, plain_errors
+from optimisation.cli.structure_option import POSITION_HELP, model_of, refuse_beside, structure_option
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.machine import conditions, sources
+from optimisation.page import fill, require_markers
+from optimisation.progress import BAR, Bar
+from optimisation.report.tuning_table import text
+from optimisation.tuned import HIGH, LOW
+from optimisation.tuned.table import TuningTable, tuning_table
+
+MARKER = "tunings"
+
+
+def certificates(table: TuningTable) -> dict[str, float]:
+    """Return the proved largest amplitude (m/N) of each tuning by its key; one that cannot be proved is told and left out."""
+    from optimisation.convex import NotOptimalError  # needs cvxpy, which is slow to import
+    from optimisation.tuned.certificate import certify
+
+    bounds = {}
+    for tuning in Bar(table.tunings, desc="proving", bar_format=BAR, leave=False):
+        try:
+            bounds[tuning.key] = certify(table.model, tuning.absorber, table.resonance, table.low, table.high).bound
+        except NotOptimalError as error:  # its cell stays empty: the others are none the worse for it
+            click.echo(f"Not proved, {tuning.label}: {error}", err=True)
+    return bounds
+
+
+def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]:
+    """Write the figure and the tables into a folder, and return the files."""
+    from optimisation.report.tuning_report import COLUMNS, rows, save_figure, summary  # matplotlib is slow to import
+
+    files = [out / name for name in ("tunings.csv", "summary.json", "tunings.png")]
+    write_csv(files[0], COLUMNS, rows(table, bounds))
+    write_json(files[1], summary(table, bounds))
+    with replacing(files[2]) as temporary:
+        save_figure(temporary, table)
+    return files
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@structure_option
+@click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance to tune to, counted from 1.")
+@click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
+@click.option(
+    "--position",
+    type=float,
+    default=Beam.absorber_position,
+    show_default=True,
+    help=POSITION_HELP,
+)
+@click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
+@click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
+@click.option("--low", type=float, default=LOW, show_default=True, help="Begin of the scoring range over the resonance frequency.")
+@click.option("--high", type=float, default=HIGH, show_default=True, help="End of the scoring range; a range that cannot hold both peaks is refused.")
+@click.option("--quick", is_flag=True, help="Without the proofs, which take a second for the first resonance and a minute for higher ones.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("results/tune_ltva"), show_default=True, help="Folder for figure and tables.")
+@click.option(
+    "--page",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help=f"Write the table into this page, between <!-- {MARKER} --> and <!-- /{MARKER} -->, as in docs/limits.md.",
+)
+def main(
+    structure: Path | None,
+    resonance: int,
+    mass_ratio: float,
+    position: float,
+    modes: int,
+    damping: float,
+    low: float,
+    high: float,
+    quick: bool,
+    out: Path,
+    page: Path | None,
+) -> None:
+    """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam, or another structure.
+
+    Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
+    """
+    with plain_errors():
+        refuse_beside(structure, "modes", "damping")
+        model = model_of(structure, position, modes=modes, damping_ratio=damping)
+        require_writable("--out", out)
+        check_target("--page", page)
+        if page is not None:
+            require_markers(page, page, (MARKER,))
+        table = tuning_table(model, mass_ratio, resonance, low, high)
+        bounds = {} if quick else certificates(table)
+        files = write(out, table, bounds)
+        if page is not None:
+            fill(page, page, {MARKER: f"{text(table, bounds)}\n\n{sources(conditions())}"})
+            files.append(page)
+    click.echo(text(table, bounds))
+    name_files(files)

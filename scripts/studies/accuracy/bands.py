@@ -1,0 +1,112 @@
+"""What a band stands for: levels of members that differ in the force's phase, by a millionth in its amplitude, or both; what phases explain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import get_args
+
+import numpy as np
+
+from impact_env.drive import PAPER_LIMITS, linear_sweep
+from impact_env.ensemble import Lane, MemberKind, Members, draw_members, run_lanes
+from impact_env.parameters import Beam
+from impact_env.scene import beam_scene
+from studies.accuracy.cases import kind_named
+from studies.accuracy.settings import Cases, Row, Settings, unique
+from studies.accuracy.statistics import between_groups, kolmogorov_smirnov
+
+NAME = "bands"
+KIND, MODES = "impact, e = 0.7, with friction", 10
+CROSSED = "phases x forces"
+KINDS: tuple[MemberKind, ...] = get_args(MemberKind)
+DIRECTIONS = ("up", "down")
+
+
+def _plans(settings: Settings) -> Iterator[tuple[str, Members, int]]:
+    """Yield kind, members and the number of members that share a phase. No member is in two of the samples, as the test between them wants."""
+    for k, kind in enumerate(KINDS):
+        yield kind, draw_members(settings.band_members + 1, settings.seed + k, kind)[1:], 1
+    phases, repeats, seed = settings.band_phases, settings.band_repeats, settings.seed + len(KINDS)
+    drawn = draw_members(phases + 1, seed, "phase").phases[1:]
+    yield CROSSED, Members(np.repeat(drawn, repeats), draw_members(phases * repeats + 1, seed, "force").factors[1:]), repeats
+
+
+def key(row: Row) -> tuple[str, str]:
+    """Return direction and kind of members."""
+    return row["direction"], row["kind"]
+
+
+def cases(settings: Settings) -> Cases:
+    """Return a case for each direction and kind of members."""
+    return {
+        (direction, name): partial(_measured, direction, name, members, shared)
+        for direction in DIRECTIONS
+        for name, members, shared in _plans(settings)
+    }
+
+
+def _measured(direction: str, name: str, members: Members, shared: int) -> list[Row]:
+    """Return a row for each run of the exact method."""
+    kind = kind_named(KIND)
+    scene = beam_scene(Beam(modes=MODES), kind.absorber())
+    limits = PAPER_LIMITS if direction == DIRECTIONS[0] else PAPER_LIMITS[::-1]
+    schedule = linear_sweep(scene.model.resonance_omega(1), *limits)
+    levels = run_lanes([Lane(scene, drive) for drive in members.drives(kind.force, schedule)])
+    if not levels.complete:
+        raise KeyboardInterrupt
+    return [
+        {
+            "direction": direction,
+            "kind": name,
+            "member": m,
+            "group": m // shared,
+            "phase_rad": float(members.phases[m]),
+            "force_factor": float(members.factors[m]),
+            "level_m": float(level),
+        }
+        for m, level in enumerate(levels.level)
+    ]
+
+
+@dataclass(frozen=True)
+class Band:
+    """One kind of members in one direction: levels in m, and those of the other kinds by name; ``groups`` (phases, forces) or None."""
+
+    direction: str
+    kind: str
+    levels: np.ndarray
+    others: dict[str, np.ndarray]
+    groups: np.ndarray | None
+
+    @property
+    def quantiles(self) -> tuple[float, float, float]:
+        """5 %, median and 95 % in m."""
+        low, middle, high = np.quantile(self.levels, (0.05, 0.5, 0.95))
+        return float(low), float(middle), float(high)
+
+    def against(self, kind: str) -> tuple[float, float]:
+        """Return statistic and p-value of the two-sample Kolmogorov-Smirnov test."""
+        return kolmogorov_smirnov(self.levels, self.others[kind])
+
+    @property
+    def between(self) -> tuple[float, float, float] | None:
+        """Share of the variance that lies between phases, with its 95 % interval, or None if it was not measured."""
+        return None if self.groups is None else between_groups(self.groups)
+
+
+def bands(all_rows: list[Row]) -> list[Band]:
+    """Return the kinds of each direction; the share between phases belongs to members that differ in both."""
+    result = []
+    for direction in unique(row["direction"] for row in all_rows):
+        own = [row for row in all_rows if row["direction"] == direction]
+        found: dict[str, np.ndarray] = {
+            kind: np.array([row["level_m"] for row in own if row["kind"] == kind]) for kind in KINDS if any(row["kind"] == kind for row in own)
+        }
+        crossed = [row for row in own if row["kind"] == CROSSED]
+        groups = np.array([row["level_m"] for row in crossed]).reshape(len({row["group"] for row in crossed}), -1) if crossed else None
+        for kind, levels in found.items():
+            others = {name: values for name, values in found.items() if name != kind}
+            result.append(Band(direction, kind, levels, others, groups if kind == KINDS[0] else None))
+    return result

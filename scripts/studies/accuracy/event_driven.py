@@ -1,0 +1,238 @@
+"""Peers that a user would reach for, on the regimes of `reference.contact`: SciPy's solve_ivp, and heyoka, both with terminal events.
+
+A peer integrates one regime until a guard turns negative; what is between regimes is the same for all peers. Events are directional, and a run
+in which a guard is found violated is refused: a missed event otherwise gives a wrong trajectory without a word.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from impact_env.drive import Drive
+from impact_env.parameters import SeveralAbsorbers, StuckAbsorber
+from impact_env.scene import InitialState, Scene
+from reference.automaton import Automaton, Guard, Regime
+from reference.contact import Contacts
+
+Array = NDArray[np.float64]
+REST_SPEED = 1e-11  # m/s: slower bounces end a chatter
+MAX_EVENTS = 5000
+NUDGE = 1e-13  # m/s: sliding starts with this relative velocity, clear of rounding, so that its reversal is not found at once
+VIOLATED = 1e-6  # of the gap, or of a typical value: a guard below minus this was missed
+
+
+class PeerFailedError(RuntimeError):
+    """A peer could not follow the scene."""
+
+
+@dataclass(frozen=True, eq=False)
+class PeerRun:
+    """Impact times (s), end state (2 N_m + 2,), relative error of the energy balance if it was asked for, time (s) in the integrator alone."""
+
+    impact_time: Array
+    end_state: Array
+    balance: float | None
+    wall_time: float
+
+
+class Integrator(Protocol):
+    """Integrates a state (2 N_m + 4,) in a regime: returns the time reached, the state, and the guard that ended it (-1: none)."""
+
+    def __call__(self, regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]:
+        """Integrate from ``start`` to ``stop`` (s)."""
+
+
+class Mechanics:
+    """A scene's right-hand side. The state is q, q_a, q', v_a; with ``energy`` also the work of the force and the losses in J."""
+
+    def __init__(self, scene: Scene, drive: Drive, energy: bool) -> None:
+        if isinstance(scene.absorber, StuckAbsorber | SeveralAbsorbers) or len(drive.schedule.times) != 2:
+            raise ValueError("a stuck absorber, several absorbers and a bent schedule are not covered")
+        automaton = Automaton(scene.absorber)
+        if automaton.slider is not None or automaton.bonded:
+            raise ValueError("elastic friction, and walls without clearance, are not covered")
+        self.scene, self.drive, self.model, self.modes = scene, drive, scene.model, scene.model.modes
+        self.energy = energy
+        self.mass = 1.0 if scene.absorber_mass is None else scene.absorber_mass
+        self.compliance = 1 / self.mass + float(np.sum(self.model.tip_shape**2))
+        self.square, self.rate = self.model.omega**2, 2 * self.model.damping_ratio * self.model.omega
+        self.tip_shape, self.force_shape = np.array(self.model.tip_shape), np.array(self.model.force_shape)
+        omegas = drive.schedule.omegas
+        self.start_omega, self.slope = float(omegas[0]), float((omegas[1] - omegas[0]) / drive.schedule.times[1])
+
+    def force(self, t: float) -> float:
+        """Return the force (N) at a time (s)."""
+        return self.drive.amplitude * np.cos(self.drive.phase + (self.start_omega + 0.5 * self.slope * t) * t)
+
+    def relative(self, x: Array) -> tuple[float, float]:
+        """Return the absorber's displacement and velocity relative to the tip (m, m/s)."""
+        n = self.modes
+        return x[n] - self.tip_shape @ x[:n], x[2 * n + 1] - self.tip_shape @ x[n + 1 : 2 * n + 1]
+
+    def unjoined(self, f: float, x: Array) -> Array:
+        """Return the accelerations of the modes (N_m,) under a force, without contact."""
+        n = self.modes
+        return self.force_shape * f - self.square * x[:n] - self.rate * x[n + 1 : 2 * n + 1]
+
+    def joint_force(self, t: float, x: Array) -> float:
+        """Return the force (N) that holds the absorber at the tip."""
+        return float(self.tip_shape @ self.unjoined(self.force(t), x)) / self.compliance
+
+    def contact_force(self, regime: Regime, f: float, x: Array) -> float:
+        """Return the force (N) on the absorber in a regime."""
+        if regime.joined:
+            return float(self.tip_shape @ self.unjoined(f, x)) / self.compliance
+        if regime.stiffness == 0 and regime.damping == 0:
+            return regime.constant
+        y, gamma = self.relative(x)
+        return regime.constant - regime.stiffness * (y - regime.rest) - regime.damping * gamma
+
+    def rates(self, regime: Regime, t: float, x: Array) -> Array:
+        """Return the rate of a state, with those of work and losses where energy is asked for."""
+        n = self.modes
+        f = self.force(t)
+        u = x[n + 1 : 2 * n + 1]
+        contact = self.contact_force(regime, f, x)
+        out = np.empty_like(x)
+        out[: n + 1] = x[n + 1 : 2 * n + 2]
+        out[n + 1 : 2 * n + 1] = self.unjoined(f, x) - self.tip_shape * contact
+        out[2 * n + 1] = contact / self.mass
+        if self.energy:
+            out[2 * n + 2] = f * (self.force_shape @ u)
+            out[2 * n + 3] = self.rate @ u**2 - contact * (x[2 * n + 1] - self.tip_shape @ u)
+        return out
+
+    def guard(self, regime: Regime, guard: Guard, t: float, x: Array) -> float:
+        """Return a guard's value."""
+        y, gamma = self.relative(x)
+        value = guard.constant + guard.y_weight * y + guard.gamma_weight * gamma
+        return value + guard.force_weight * self.contact_force(regime, self.force(t), x) if guard.force_weight else value
+
+    def kick(self, x: Array, restitution: float) -> None:
+        """Apply an impact in place, and account for its loss."""
+        n, gamma = self.modes, self.relative(x)[1]
+        impulse = -(1 + restitution) * gamma / self.compliance
+        x[n + 1 : 2 * n + 1] -= self.tip_shape * impulse
+        x[2 * n + 1] += impulse / self.mass
+        if self.energy:
+            x[2 * n + 3] += 0.5 * (1 - restitution**2) * gamma**2 / self.compliance
+
+    def stored(self, x: Array) -> float:
+        """Return the energy of modes and absorber; springs between them are in the losses."""
+        n = self.modes
+        energy = 0.5 * float(np.sum(self.square * x[:n] ** 2 + x[n + 1 : 2 * n + 1] ** 2))
+        return energy + (0.0 if self.scene.absorber_mass is None else 0.5 * self.mass * x[2 * n + 1] ** 2)
+
+
+def follow(scene: Scene, drive: Drive, initial: InitialState, make: Callable[[Mechanics, Automaton], Integrator], energy: bool = False) -> PeerRun:
+    """Run a scene with a peer over the whole drive, with an account of its energy if wanted.
+
+    Raises PeerFailedError if an event was missed or the peer gives up.
+    """
+    mechanics = Mechanics(scene, drive, energy)
+    n, end = mechanics.modes, float(drive.schedule.times[1])
+    x = np.concatenate([initial.vector(scene), np.zeros(2 if energy else 0)])
+    integrate, start = make(mechanics, Automaton(scene.absorber)), x.copy()
+    state = _State(mechanics, x)
+    contacts = Contacts(scene, state, REST_SPEED)
+    state.nudge(contacts.regimes[0])
+    times, events, wall_time = [0.0] * len(contacts.struck), 0, 0.0
+    while state.t < end:
+        regime, began = contacts.regimes[0], time.perf_counter()
+        state.t, state.x, hit = integrate(regime, state.t, end, state.x)
+        wall_time += time.perf_counter() - began
+        _check(mechanics, regime, state.t, state.x)
+        if hit < 0:
+            break
+        events += 1
+        if events > MAX_EVENTS:
+            raise PeerFailedError(f"more than {MAX_EVENTS} events")
+        contacts.jump(0, regime.guards[hit])
+        times += [state.t] * len(contacts.struck)
+        state.nudge(contacts.regimes[0])
+    return PeerRun(np.array(times), state.x[: 2 * n + 2].copy(), _balance(mechanics, start, state.x) if energy else None, wall_time)
+
+
+class _State:
+    """The state of a peer's run, as the contacts want to see and to change it."""
+
+    def __init__(self, mechanics: Mechanics, x: Array) -> None:
+        self.mechanics, self.x, self.t = mechanics, x, 0.0
+        self.mobility = np.array([[mechanics.compliance]])
+
+    def relative(self, which: int) -> tuple[float, float]:  # noqa: ARG002 - there is one absorber
+        y, gamma = self.mechanics.relative(self.x)
+        return float(y), float(gamma)
+
+    def pull(self) -> Array:
+        return np.array([self.mechanics.joint_force(self.t, self.x) * self.mechanics.compliance])
+
+    def strike(self, which: int, restitution: float) -> None:  # noqa: ARG002
+        self.mechanics.kick(self.x, restitution)
+
+    def stop(self, which: Sequence[int]) -> None:  # noqa: ARG002
+        self.mechanics.kick(self.x, 0.0)
+
+    def nudge(self, regime: Regime) -> None:
+        """Start sliding from rest with a velocity of its sign."""
+        if regime.sliding and abs(self.relative(0)[1]) < NUDGE:
+            self.x[2 * self.mechanics.modes + 1] += regime.sliding * NUDGE
+
+
+def _balance(mechanics: Mechanics, start: Array, end: Array) -> float:
+    """Return work less losses less gain of stored energy, relative to the largest of them."""
+    before, after, (work, losses) = mechanics.stored(start), mechanics.stored(end), end[-2:]
+    return float(abs(work - losses - after + before) / max(abs(work), abs(losses), before, after))
+
+
+def _check(mechanics: Mechanics, regime: Regime, t: float, x: Array) -> None:
+    if not np.all(np.isfinite(x)):
+        raise PeerFailedError("the state is not finite")
+    for guard in regime.guards:
+        size = abs(guard.constant) if guard.constant else abs(x[2 * mechanics.modes + 1]) + abs(x[mechanics.modes + 1])
+        if mechanics.guard(regime, guard, t, x) < -VIOLATED * max(size, 1e-12):
+            raise PeerFailedError(f"passed a guard without noticing it ({guard.event} in {regime.name})")
+
+
+def scipy_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integrator]:
+    """Return SciPy's DOP853 with terminal events; the absolute tolerance is relative to the gap's order of magnitude."""
+
+    def make(mechanics: Mechanics, automaton: Automaton) -> Integrator:  # noqa: ARG001 - as all peers
+        first = 0.05 / float(np.max(mechanics.model.omega))
+
+        def integrate(regime: Regime, start: float, stop: float, state: Array) -> tuple[float, Array, int]:
+            events: list[Any] = []
+            for guard in regime.guards:
+
+                def event(t: float, x: Array, guard: Guard = guard) -> float:
+                    return mechanics.guard(regime, guard, t, x)
+
+                event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
+                events.append(event)
+            solution = solve_ivp(
+                lambda t, x: mechanics.rates(regime, t, x),
+                (start, stop),
+                state,
+                method="DOP853",
+                rtol=max(tolerance, 3e-14),
+                atol=tolerance * 1e-3,
+                events=events,
+                first_step=min(first, stop - start),
+            )
+            if solution.status < 0:
+                raise PeerFailedError(solution.message)
+            hit = next((k for k, at in enumerate(solution.t_events or ()) if len(at)), -1)
+            if hit >= 0 and solution.t[-1] <= start:
+                raise PeerFailedError("an event is found again at its own time")
+            return float(solution.t[-1]), np.array(solution.y[:, -1]), hit
+
+        return integrate
+
+    return make

@@ -1,0 +1,169 @@
+"""How fast errors grow: the largest Lyapunov exponent of each scene from twin trajectories, and the twins' impact times one by one.
+
+Two runs of the exact method differ by a small amount. After each stretch their distance is noted and scaled back (G. Benettin, L. Galgani,
+A. Giorgilli, J.-M. Strelcyn, Meccanica 15, 1980). The mean logarithm of the growth is the exponent.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive, constant_frequency
+from impact_env.methods import Exact
+from impact_env.scene import InitialState
+from impact_env.sweep import simulate
+from studies.accuracy.cases import BARE, WATCHED, Case, case, kind_named
+from studies.accuracy.settings import Cases, Row, Settings
+
+Array = NDArray[np.float64]
+NAME = "growth"
+KINDS = (
+    "friction damper",
+    "impact, e = 1",
+    "impact, e = 0.7",
+    "impact, e = 0.7, with friction",
+    "compliant walls, soft",
+    "compliant walls, stiff",
+)
+STRETCH = 0.5  # pseudo periods at most; less where impacts are many, since the distance has to stay small
+STRETCH_IMPACTS = 3.0
+DISTANCE = 1e-8  # of the state's norm
+LEAST_PERIODS = 10.0  # pseudo periods in all
+SETTLING = 4  # stretches until the difference points where it grows most
+TWIN_DISTANCE = 1e-15
+FOLLOWED = 40  # impacts
+MOST_PERIODS = 80.0
+
+
+def _kinds(settings: Settings) -> list[str]:
+    return [name for name in KINDS if not settings.kinds or name in settings.kinds]
+
+
+class _Continued:
+    """A case at a constant frequency, which can be gone on with from any state and time."""
+
+    def __init__(self, it: Case) -> None:
+        self.it, self.scene = it, it.scene
+        self.reference = self.scene.model.resonance_omega(1)
+        model, mass = self.scene.model, self.scene.absorber_mass or 0.0
+        n = it.modes
+        self.weights = np.concatenate([model.omega**2, [mass * model.omega[0] ** 2], np.ones(n), [mass]])
+        self.stretch = STRETCH
+        trial = 10
+        self.stretch = min(STRETCH, STRETCH_IMPACTS * STRETCH * trial / max(1, self.run(it.initial.vector(it.scene), 0, trial)[1]))
+
+    def norm(self, state: Array) -> float:
+        return float(np.sqrt(np.sum(self.weights * state**2)))
+
+    def initial(self, state: Array) -> InitialState:
+        """Return a start; one that rounding has put outside the cavity is put onto the wall."""
+        n, state = self.it.modes, state.copy()
+        walls = getattr(self.scene.absorber, "walls", None)
+        if walls is not None and hasattr(walls, "restitution"):
+            tip = float(self.scene.model.tip_shape @ state[:n])
+            state[n] = tip + np.clip(state[n] - tip, -walls.gap, walls.gap)
+        return InitialState(state[:n], state[n + 1 : 2 * n + 1], float(state[n]), float(state[-1]))
+
+    def drive(self, stretch: int, periods: float) -> Drive:
+        ratio = self.it.omega / self.reference
+        phase = self.it.phase + self.it.omega * stretch * self.stretch * self.it.period
+        return Drive(self.it.kind.force, constant_frequency(self.reference, ratio, periods), float(np.mod(phase, 2 * np.pi)))
+
+    def run(self, state: Array, stretch: int, stretches: int = 1) -> tuple[Array, int]:
+        response = simulate(self.scene, self.drive(stretch, stretches * self.stretch), Exact(), initial=self.initial(state), record=BARE)
+        return response.end_state, response.impact_count
+
+    def impact_times(self, state: Array, stretch: int, periods: float) -> Array:
+        response = simulate(self.scene, self.drive(stretch, periods), Exact(), initial=self.initial(state), record=WATCHED)
+        assert response.impacts is not None
+        return response.impacts.time[:FOLLOWED]
+
+
+def _direction(run: _Continued, generator: np.random.Generator) -> Array:
+    """Return a random difference of norm one, in which all freedoms take part with the same energy."""
+    raw = generator.standard_normal(len(run.weights)) / np.sqrt(run.weights)
+    return raw / run.norm(raw)
+
+
+def _grow(run: _Continued, settings: Settings, generator: np.random.Generator) -> tuple[list[float], int, list[tuple[Array, int]]]:
+    """Return the logarithms of the growth in each stretch, the number of impacts, and states along the way with their stretch."""
+    n = run.it.modes
+    start = run.it.initial.vector(run.scene)
+    state, growth, impacts, states = start, [], 0, []
+    size = DISTANCE * run.norm(state)
+    difference = size * _direction(run, generator)
+    stretches = int(np.clip(LEAST_PERIODS / run.stretch, settings.stretches, 5 * settings.stretches))
+    every = -(-stretches // settings.twins)
+    for k in range(SETTLING + stretches):
+        twin, _ = run.run(state + difference, k)
+        state, hits = run.run(state, k)
+        grown = run.norm(twin - state)
+        if k >= SETTLING:
+            impacts += hits
+            growth.append(float(np.log(grown / size)) if grown > 0 else float(np.log(np.finfo(float).eps)))
+            if (k - SETTLING) % every == 0:
+                states.append((state, k + 1))
+        difference = (twin - state) * (size / grown) if grown > 0 else size * _direction(run, generator)
+        if grown == 0:  # both at rest in the cavity: the absorber's freedom must stay so
+            difference[[n, 2 * n + 1]] = 0.0
+    return growth, impacts, states
+
+
+def _twins(run: _Continued, states: list[tuple[Array, int]], per_period: float, generator: np.random.Generator) -> Array:
+    """Return (pairs, FOLLOWED): how far the k-th impacts of two runs that differ by rounding lie apart, in pseudo periods; NaN where none is."""
+    periods = float(np.clip(1.3 * FOLLOWED / max(per_period, 1e-9), 1.0, MOST_PERIODS))
+    off = np.full((len(states), FOLLOWED), np.nan)
+    for row, (state, stretch) in zip(off, states, strict=True):
+        nudged = state + TWIN_DISTANCE * run.norm(state) * _direction(run, generator)
+        one, other = (run.impact_times(x, stretch, periods) for x in (state, nudged))
+        both = min(len(one), len(other))
+        row[:both] = np.abs(one[:both] - other[:both]) / run.it.period
+    return off
+
+
+def key(row: Row) -> tuple[str, int]:
+    """Return scene and number of modes."""
+    return row["scene"], row["modes"]
+
+
+def cases(settings: Settings) -> Cases:
+    """Return a case for each scene and number of modes."""
+    return {(name, modes): partial(_measured, name, modes, settings) for name in _kinds(settings) for modes in settings.modes}
+
+
+def _measured(name: str, modes: int, settings: Settings) -> list[Row]:
+    """Return a row for the exponent, and one for each impact followed."""
+    run = _Continued(case(kind_named(name), modes))
+    generator = np.random.default_rng(settings.seed)
+    growth, impacts, states = _grow(run, settings, generator)
+    return _rows(run, name, growth, impacts, states, generator)
+
+
+def _rows(
+    run: _Continued, name: str, growth: list[float], impacts: int, states: list[tuple[Array, int]], generator: np.random.Generator
+) -> list[Row]:
+    means = [np.mean(generator.choice(growth, len(growth))) for _ in range(1000)]
+    low, high = np.quantile(means, [0.025, 0.975]) / run.stretch
+    exponent, per_period = float(np.mean(growth)) / run.stretch, impacts / (run.stretch * len(growth))
+    shared = {"scene": name, "modes": run.it.modes}
+    row: Row = {
+        **shared,
+        "impact": None,
+        "exponent_per_period": exponent,
+        "exponent_low": float(low),
+        "exponent_high": float(high),
+        "impacts_per_period": per_period,
+        "factor_per_impact": float(np.exp(exponent / per_period)) if per_period > 0 else None,
+        "difference_periods": None,
+    }
+    found = [row]
+    if per_period > 0:
+        off = _twins(run, states, per_period, generator)
+        for k in range(FOLLOWED):
+            known = off[:, k][np.isfinite(off[:, k])]
+            if known.size:
+                found.append({**dict.fromkeys(row), **shared, "impact": k + 1, "difference_periods": float(np.median(known))})
+    return found

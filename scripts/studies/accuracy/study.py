@@ -1,0 +1,132 @@
+"""The study of error against run time: its parts, its files and its page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import click
+
+from optimisation.page import has_markers, published
+from studies.accuracy import bands, cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
+from studies.accuracy.settings import Cases, Row, Settings
+from studies.study import Json, Measured, Part, Place, Study, Table, left, rows_by_case
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+QUICK_OUT = Path("results/error_vs_runtime")
+OUT = published(Path("docs/error_vs_runtime"), QUICK_OUT)
+DPI = 110
+
+
+class Measures(Protocol):
+    """A module that measures rows: its cases, and the key of the case that a row belongs to."""
+
+    NAME: str
+
+    def cases(self, settings: Settings) -> Cases:
+        """Return what measures the rows of each case."""
+
+    def key(self, row: Row) -> Any:
+        """Return the key of a row's case."""
+
+
+def place(out: Path, names: tuple[str, ...]) -> Place:
+    """Return where files go: all into a folder, tables into the page FOLDER.md beside it, if there is one that has a place for them."""
+    page = out.with_suffix(".md")
+    if not page.is_file():
+        return Place(out)
+    text = page.read_text(encoding="utf-8")
+    missing = [name for name in names if not has_markers(text, name)]
+    if missing:
+        click.echo(f"{page} has no place for {', '.join(missing)}", err=True)
+    return Place(out, None if missing else page)
+
+
+def _part(
+    module: Measures,
+    title: str,
+    table: Callable[[list[Row]], str],
+    draw: Callable[[list[Row]], dict[str, Figure]] = lambda _: {},
+    order: Callable[[Settings], list[Any] | None] = lambda _: None,
+    whole: Callable[[Settings, Json], bool] = lambda *_: True,
+) -> Part[Settings]:
+    """Return a part of the study: a module that measures, a table and figures by file name, of its rows."""
+
+    def tabulated(measured: Measured) -> list[Table]:
+        rows = measured.values["rows"]
+        columns = list(dict.fromkeys(column for row in rows for column in row))
+        return [Table(module.NAME, columns, ([_cell(row.get(column)) for column in columns] for row in rows))]
+
+    return Part(
+        module.NAME,
+        title,
+        measure=lambda settings, known: rows_by_case(module.cases(settings), module.key, known, order(settings)),
+        markers=(module.NAME,),
+        sections=lambda measured: {module.NAME: f"{table(measured.values['rows'])}\n\n{tables.made_with(measured)}"},
+        steps=lambda settings, known: len(left(module.cases(settings), module.key, known)),
+        whole=whole,
+        tables=tabulated,
+        figures=lambda measured: {file: partial(figure.savefig, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()},
+    )
+
+
+def _cell(value: object) -> object:
+    return " ".join(map(str, value)) if isinstance(value, list) else "" if value is None else value
+
+
+def pack(name: str, measured: Measured) -> Json:
+    """Return what PART.json holds."""
+    made = dict(measured.conditions)
+    versions = dict(made.pop("versions"))
+    renamed = {
+        "machine": made.pop("processor"),
+        "cores": made.pop("cores"),
+        "python": versions.pop("python"),
+        "versions": versions,
+        "date": made.pop("date"),
+        "quick": made.pop("quick"),
+        "complete": measured.complete,
+        "seconds": made.pop("wall_s"),
+        "failure": made.pop("failure", ""),
+    }
+    return {"part": name, **renamed, **made, "rows": measured.values["rows"]}
+
+
+def unpack(name: str, content: Json) -> Measured:
+    """Return what `pack` has packed; raises KeyError or ValueError if it was another."""
+    if content.pop("part") != name:
+        raise ValueError(f"not the part {name}")
+    rows, complete = content.pop("rows"), content.pop("complete")
+    if not isinstance(rows, list):
+        raise TypeError("rows are no list")
+    made = {
+        "date": content.pop("date"),
+        "processor": content.pop("machine"),
+        "versions": {"python": content.pop("python"), **content.pop("versions")},
+        "wall_s": content.pop("seconds"),
+    }
+    return Measured({"rows": rows}, made | content, bool(complete))
+
+
+STUDY: Study[Settings] = Study(
+    (
+        _part(
+            trajectory, "errors over the first impacts", tables.trajectory_table, figures.trajectory_figures, trajectory.order, trajectory.is_whole
+        ),
+        _part(distribution, "errors of the level's distribution", tables.distribution_table, figures.distribution_figures),
+        _part(bands, "what a band stands for", tables.band_table),
+        _part(growth, "how fast errors grow", tables.growth_table, more_figures.growth_figures),
+        _part(jumps, "the jump of the two-mode absorber", tables.jump_table, more_figures.jump_figures),
+        _part(cost, "what a pseudo period costs", tables.cost_table, more_figures.cost_figures),
+    ),
+    notes=lambda settings: {"quick": settings.quick, "seed": settings.seed, "peers": settings.peers},
+    pack=pack,
+    unpack=unpack,
+    packages=("numpy", "scipy", "numba", "mpmath", "heyoka"),
+    same=("processor", "versions", "quick", "seed", "peers"),
+)
+PARTS = tuple(part.name for part in STUDY.parts)

@@ -1,0 +1,220 @@
+"""Error over the first impacts and balance of energy against run time, for each scene and method."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive
+from impact_env.kinds import is_linear
+from impact_env.methods import Exact, Method
+from impact_env.sweep import IntegrationError, simulate
+from studies.accuracy.cases import BARE, KINDS, WATCHED, Case, Kind, case, method_name
+from studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
+from studies.accuracy.settings import FULL, Cases, Row, Settings, median_time
+from studies.study import left
+
+if TYPE_CHECKING:
+    from reference import digits
+
+Array = NDArray[np.float64]
+NAME = "trajectory"
+IMPACTS = 5  # the error is read in the widest gap between two impacts from this one on
+LATEST = 9
+MOST_PERIODS = 6.0
+WITHOUT_IMPACTS = 2.3  # pseudo periods
+LONGEST = 100.0  # pseudo periods of a timed run
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The reference of a case: end of the compared stretch in pseudo periods, state there, impact times (s) up to there."""
+
+    periods: float
+    end_state: Array
+    impact_time: Array
+
+
+Start = tuple[Case, Truth]
+Maker = Callable[[float], Any]  # makes a peer's integrator from a tolerance; what it compiles belongs to one scene and drive
+
+
+def truth_of(it: Case) -> Truth:
+    """Compute the reference up to the middle of the widest gap between late impacts, where no method is just at one."""
+    from reference import digits  # needs an extra
+
+    drive = it.drive(MOST_PERIODS)
+    walled = getattr(it.scene.absorber, "walls", None) is not None
+    periods = WITHOUT_IMPACTS
+    if walled:
+        times = _times(digits.follow(it.scene, drive, it.initial, impacts=LATEST)) / it.period
+        late = times[IMPACTS - 1 :]
+        if len(late) > 1:
+            k = int(np.argmax(np.diff(late)))
+            periods = float(0.5 * (late[k] + late[k + 1]))
+    ended = digits.follow(it.scene, it.drive(periods), it.initial)
+    return Truth(periods, ended.end_state, _times(ended))
+
+
+def _times(trajectory: digits.Trajectory) -> Array:
+    return np.array([float(t) for t in trajectory.impact_time])
+
+
+def state_error(it: Case, state: Array, true: Array) -> float:
+    """Return the distance of two states in the norm of energy, relative to the true state's.
+
+    The absorber's place counts as if on a spring that gives it the first resonance.
+    """
+    n, model = it.modes, it.scene.model
+    mass = it.scene.absorber_mass or 0.0
+    weights = np.concatenate([model.omega**2, [mass * model.omega[0] ** 2], np.ones(n), [mass]])
+    return float(np.sqrt(np.sum(weights * (state - true) ** 2) / np.sum(weights * true**2)))
+
+
+def _impact_error(it: Case, times: Array, truth: Truth, k: int) -> float | None:
+    if min(len(times), len(truth.impact_time)) < k:
+        return None
+    return float(abs(times[k - 1] - truth.impact_time[k - 1]) / it.period)
+
+
+ERRORS = ("state_error", "first_impact_error_periods", "fifth_impact_error_periods", "balance_error")
+
+
+def _errors(it: Case, truth: Truth, state: Array, times: Array, balance: float | None) -> tuple[float | None, ...]:
+    """Return what the names in ERRORS say."""
+    return state_error(it, state, truth.end_state), _impact_error(it, times, truth, 1), _impact_error(it, times, truth, IMPACTS), balance
+
+
+def _row(start: Start, name: str, setting: float | None, found: list[tuple[float | None, ...]], us: float | None, note: str = "") -> Row:
+    """Return a row: medians over the starts."""
+    it, truth = start
+    row: Row = {
+        "scene": it.kind.name,
+        "modes": it.modes,
+        "method": name,
+        "setting": setting,
+        "compared_periods": truth.periods,
+        "impacts": len(truth.impact_time),
+        "starts": len(found),
+        "us_per_period": us,
+    }
+    for k, error in enumerate(ERRORS):
+        known = [values[k] for values in found if values[k] is not None]
+        row[error] = float(np.median(known)) if known else None  # type: ignore[arg-type]
+    return {**row, "note": note}
+
+
+def own_row(starts: list[Start], method: Method, settings: Settings) -> Row:
+    """Measure one of the package's methods. Slow runs are made from fewer starts."""
+    it, truth = starts[0]
+    found, us, note = [], None, ""
+    try:
+        simulate(it.scene, it.drive(0.01), method, initial=it.initial, record=WATCHED)  # compile
+        began = time.perf_counter()
+        for each, true in starts:
+            response = simulate(each.scene, each.drive(true.periods), method, initial=each.initial, record=WATCHED)
+            assert response.impacts is not None
+            assert response.energy is not None
+            found.append(_errors(each, true, response.end_state, response.impacts.time, response.energy.relative_error))
+            if time.perf_counter() - began > settings.patience:
+                break
+        us = own_time(it, method, truth.periods, settings)
+    except IntegrationError as error:
+        note = str(error)
+    return _row(starts[0], method_name(method, it.scene), None if isinstance(method, Exact) else method.steps_per_period, found, us, note)
+
+
+def own_time(it: Case, method: Method, shortest: float, settings: Settings) -> float:
+    """Return the time of a pseudo period in us: the median of runs that are long enough to be timed."""
+
+    def run(periods: float) -> float:
+        return simulate(it.scene, it.drive(periods), method, initial=it.initial, record=BARE).wall_time / periods
+
+    run(0.01)  # compile
+    rough = run(min(shortest, 1.0))
+    periods = float(np.clip(settings.timed_seconds / max(rough, 1e-9), min(shortest, 1.0), LONGEST))
+    return 1e6 * median_time(lambda: run(periods), settings.repeats, settings.patience)
+
+
+def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, settings: Settings) -> Row:
+    """Measure a peer. Slow ones are run from fewer starts."""
+    found, us, note = [], None, ""
+    began = time.perf_counter()
+    try:
+        for it, truth in starts:
+            drive = it.drive(truth.periods)
+            balance = follow(it.scene, drive, it.initial, make(tolerance), energy=True).balance
+            maker = make(tolerance)
+            run: PeerRun = follow(it.scene, drive, it.initial, maker)
+            found.append(_errors(it, truth, run.end_state, run.impact_time, balance))
+            if us is None:
+                us = 1e6 * _peer_time(it, drive, maker, run.wall_time, settings) / truth.periods
+            if time.perf_counter() - began > settings.patience:
+                break
+    except PeerFailedError as error:
+        note = str(error)
+    return _row(starts[0], name, tolerance, found, us, note)
+
+
+def _peer_time(it: Case, drive: Drive, maker: Any, first: float, settings: Settings) -> float:
+    if first > settings.patience:
+        return first
+    return median_time(lambda: follow(it.scene, drive, it.initial, maker).wall_time, settings.repeats, settings.patience)
+
+
+def peers(settings: Settings) -> list[tuple[str, float, Maker]]:
+    """Return name, tolerance and maker of each peer; heyoka where it is installed."""
+    if not settings.peers:
+        return []
+    found: list[tuple[str, float, Maker]] = [("SciPy", tolerance, scipy_integrator) for tolerance in settings.scipy_tolerances]
+    try:
+        from studies.accuracy.heyoka_peer import heyoka_integrator
+    except ModuleNotFoundError:
+        return found
+    return found + [("heyoka", tolerance, heyoka_integrator) for tolerance in settings.heyoka_tolerances]
+
+
+def key(row: Row) -> tuple[str, int]:
+    """Return scene and number of modes."""
+    return row["scene"], row["modes"]
+
+
+def order(settings: Settings) -> list[tuple[str, int]]:
+    """Return the keys in the order of the rows, whatever is measured of them."""
+    return [(kind.name, modes) for kind in KINDS for modes in sorted({*FULL.modes, *settings.modes})]
+
+
+def cases(settings: Settings) -> Cases:
+    """Return a case for each scene and number of modes."""
+    names = settings.scenes or settings.kinds or tuple(kind.name for kind in KINDS)
+    return {(kind.name, modes): partial(_measured, kind, modes, settings) for kind in KINDS if kind.name in names for modes in settings.modes}
+
+
+def is_whole(settings: Settings, values: dict[str, Any]) -> bool:
+    """Return whether there are rows of all scenes, of which a run may measure some anew."""
+    return not left(cases(replace(settings, scenes=())), key, values)
+
+
+def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
+    starts = _starts(kind, modes, settings)
+    found = [own_row(starts, method, settings) for method in starts[0][0].methods(settings.steps)]
+    return found + [peer_row(starts, name, tolerance, make, settings) for name, tolerance, make in peers(settings)]
+
+
+def without_scenes(values: dict[str, Any], scenes: tuple[str, ...]) -> dict[str, Any]:
+    """Return the values but for the rows of these scenes."""
+    return {"rows": [row for row in values["rows"] if row["scene"] not in scenes]}
+
+
+def _starts(kind: Kind, modes: int, settings: Settings) -> list[Start]:
+    """Return a scene's starts with their references; one suffices where there are no events to be met by chance."""
+    found = [case(kind, modes)]
+    if not is_linear(found[0].scene):
+        found += [case(kind, modes, number) for number in range(1, settings.starts)]
+    return [(it, truth_of(it)) for it in found]

@@ -1,0 +1,19 @@
+"""What the exact method's time is spent on: the cost of its parts, how often each is needed, and what is left over."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from studies.cost.study import NAME, PERIODS, QUICK_PERIODS, STUDY
+from studies.one_table import table_options, table_place
+from studies.runner import run
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--quick", is_flag=True, help=f"Runs of {QUICK_PERIODS:g} pseudo periods instead of {PERIODS:g}.")
+@table_options(NAME, "docs/cost.md")
+def main(quick: bool, target: Path | None, page: Path | None) -> None:
+    """Say what the exact method's time is spent on, on one core."""
+    run(STUDY, QUICK_PERIODS if quick else PERIODS, table_place(target, page))

@@ -1,0 +1,46 @@
+"""Error against run time: all methods and two peers over all scenes, with the growth of errors, the jump study and the costs."""
+# needs: peers
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import click
+
+from studies.accuracy import trajectory
+from studies.accuracy.cases import KINDS
+from studies.accuracy.settings import FULL, QUICK
+from studies.accuracy.study import OUT, PARTS, QUICK_OUT, STUDY, place
+from studies.runner import run
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--only", type=click.Choice(PARTS), multiple=True, help="Compute this part only; may be given several times.")
+@click.option(
+    "--scene",
+    "scenes",
+    type=click.Choice([kind.name for kind in KINDS]),
+    multiple=True,
+    help=f"Measure this scene's {trajectory.NAME} anew and keep the other scenes in the files; may be given several times.",
+)
+@click.option("--quick", is_flag=True, help="A look in about two minutes: few scenes, methods and runs.")
+@click.option("--no-peers", is_flag=True, help="Leave SciPy and heyoka out.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of phases and perturbations.")
+@click.option("--redraw", is_flag=True, help="Draw figures and tables anew from the files in --out; nothing is computed.")
+@click.option("--resume", is_flag=True, help="Go on from the files in --out where runs were stopped early; what is complete is left as it is.")
+@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for results and figures.  [default: {OUT}; {QUICK_OUT} with --quick]")
+def main(
+    only: tuple[str, ...], scenes: tuple[str, ...], quick: bool, no_peers: bool, seed: int, redraw: bool, resume: bool, out: Path | None
+) -> None:
+    """Measure error against run time, on one core and without compilation.
+
+    Each part writes PART.json and PART.csv and its figures into --out, and its table into the page FOLDER.md beside that folder if there is one. Run
+    it on an otherwise idle machine: the times are medians, but nothing can make up for a core that is shared. Ctrl-C ends a part early and leaves
+    what is finished.
+    """
+    names = (trajectory.NAME,) if scenes else only
+    settings = replace(QUICK if quick else FULL, seed=seed, peers=not no_peers, scenes=scenes)
+    keep = partial(trajectory.without_scenes, scenes=scenes) if scenes and not redraw else None
+    run(STUDY, settings, place(out or (QUICK_OUT if quick else OUT), names or PARTS), only=names, redraw=redraw, resume=resume, keep=keep)

@@ -1,0 +1,27 @@
+"""Response levels beside numbers computed earlier with the Moreau scheme, near the first and the second resonance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from impact_env.curve import DEFAULT_MEMBERS
+from studies.levels import NAME, STUDY, Settings
+from studies.one_table import table_options, table_place
+from studies.runner import run
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option(
+    "--members",
+    type=click.IntRange(min=1),
+    default=DEFAULT_MEMBERS,
+    show_default=True,
+    help="Runs for each point, with other phases and roundings.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
+@table_options(NAME, "docs/reference_levels.md")
+def main(members: int, seed: int, target: Path | None, page: Path | None) -> None:
+    """Compute response levels of the paper's scenes and print them beside numbers computed earlier with the Moreau scheme."""
+    run(STUDY, Settings(members, seed), table_place(target, page))

@@ -1,0 +1,44 @@
+"""The paper made again: each of its figures with bands, and a table of what it says beside what was computed; docs/paper.md."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from optimisation.cli.common import plain_errors
+from optimisation.executors import cluster_option, workers
+from studies.paper.settings import Settings
+from studies.paper.study import CLAIMS, LABELS, OUT, QUICK_OUT, STUDY, place
+from studies.runner import run
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--figure", "figures", type=click.Choice(LABELS), multiple=True, help="Figure by the paper's label; may be repeated.  [default: all]")
+@click.option("--quick", is_flag=True, help=f"A look: few points and members, into {QUICK_OUT} unless told otherwise.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the members.")
+@click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the numbers do not depend on it.  [default: all cores]")
+@cluster_option
+@click.option("--redraw", is_flag=True, help="Write figures, page and claims again from the numbers in the folder; nothing is computed.")
+@click.option("--anew", is_flag=True, help="Compute finished figures again too.")
+@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for paper.md and its folder paper; docs: the published page.  [default: {OUT}]")
+def main(
+    figures: tuple[str, ...], quick: bool, seed: int, threads: int | None, cluster: str | None, redraw: bool, anew: bool, out: Path | None
+) -> None:
+    """Compute the figures of the paper, judge what it says by them, and write both as a page with files.
+
+    A figure that is finished is kept as long as what it depends on is the same, so that a command that was stopped goes on where it was. The claims
+    are read from all figures in the folder, those of earlier commands too.
+    """
+    where = place(out or (QUICK_OUT if quick else OUT))
+    assert where.folder is not None
+    ended = 0
+    with plain_errors(), workers(threads, None if redraw else cluster) as executor:
+        given = Settings(where.folder, quick, seed, threads, executor)
+        try:
+            run(STUDY, given, where, only=figures, redraw=redraw, resume=not anew)
+        except SystemExit as stopped:  # Ctrl-C: what is finished is judged all the same
+            ended = int(stopped.code or 0)
+        run(CLAIMS, given, where)
+    sys.exit(ended)

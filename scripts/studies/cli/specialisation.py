@@ -1,0 +1,25 @@
+"""What each scene leaves out: compiled code, compile time, speed, memory and imports, beside a part that is only switched off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from studies.runner import run
+from studies.specialisation.study import NAME, OUT, QUICK_OUT, STUDY
+from studies.study import beside
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--quick", is_flag=True, help=f"Three scenes and short runs, into {QUICK_OUT} unless told otherwise.")
+@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for specialisation.json, .csv, .png and .md.  [default: {OUT}]")
+@click.option("--redraw", is_flag=True, help="Draw figure and page again from the specialisation.json in the folder; nothing is measured.")
+@click.option("--resume", is_flag=True, help="Go on from the specialisation.json in the folder, if that run was stopped early.")
+def main(quick: bool, out: Path | None, redraw: bool, resume: bool) -> None:
+    """Compile each scene into a cache of its own, look into its compiled code, time it, and compare it with scenes that have a part switched off.
+
+    Run it on an otherwise idle machine: it compiles some twenty variants, one process after the other. The exit code is 1 if a claim does not
+    hold. Ctrl-C ends the run early and leaves what is finished.
+    """
+    run(STUDY, quick, beside(out or (QUICK_OUT if quick else OUT), NAME), redraw=redraw, resume=resume)

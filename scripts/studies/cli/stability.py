@@ -1,0 +1,28 @@
+"""Stiff and extreme cases with every method, step limits, eigenproblem, very long runs: what holds, what is refused, what fails."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from impact_env.ensemble import available_cores
+from studies.runner import run
+from studies.stability.study import NAME, OUT, QUICK_OUT, STUDY, Settings
+from studies.study import beside
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.option("--quick", is_flag=True, help=f"Some of the cases and shorter runs, into {QUICK_OUT} unless told otherwise.")
+@click.option("--workers", type=click.IntRange(min=1), help="Number of processes.  [default: all cores]")
+@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for stability.json, .csv, .png and .md.  [default: {OUT}]")
+@click.option("--redraw", is_flag=True, help="Draw figure and page again from the stability.json in the folder; nothing is computed.")
+@click.option("--resume", is_flag=True, help="Go on from the stability.json in the folder, if that run was stopped early.")
+def main(quick: bool, workers: int | None, out: Path | None, redraw: bool, resume: bool) -> None:
+    """Run the matrix of stiff and extreme cases with every method, and look for step limits, eigenproblem errors and drift in very long runs.
+
+    Each cell either comes close to an independent reference or is refused with a clear error. The exit code is 1 if any cell failed. Under 10 minutes
+    (--quick: under one) once the kernels are compiled. Ctrl-C ends the run early and leaves what is finished.
+    """
+    place = beside(out or (QUICK_OUT if quick else OUT), NAME)
+    run(STUDY, Settings(quick, workers or available_cores()), place, redraw=redraw, resume=resume)

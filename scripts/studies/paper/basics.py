@@ -1,0 +1,239 @@
+"""What the paper states of beam, tuned absorber, sweeps, window, step and scaling: most of it follows from the linear structure alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from impact_env.curve import BAND, CurveCase, quantiles
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, linear_sweep
+from impact_env.ensemble import Lane, draw_members
+from impact_env.frequency import natural_frequencies, poles, tip_response
+from impact_env.level import HALF_WINDOW_PERIODS, response_level
+from impact_env.methods import PAPER_STEPS, Moreau
+from impact_env.modes import modal_model
+from impact_env.parameters import Beam, RigidWalls, StuckAbsorber, TunedAbsorber, impact_absorber
+from impact_env.response import DEFAULT_SAMPLES, Record
+from impact_env.scene import Scene, beam_scene
+from impact_env.sweep import simulate
+from optimisation.bounds import design_force
+from optimisation.report.markdown import markdown
+from optimisation.sweep_rate import sweep_ratio
+from optimisation.tuned import PAPER, den_hartog, highest_amplitude, minimax, paper_rule, peak, peaks
+from studies.paper import basics_claims
+from studies.paper.claim import Claim
+from studies.paper.frame import figure_part, in_turn
+from studies.paper.settings import Settings
+from studies.study import Json, Measured, Saver, Steps
+
+LABEL = "basics"
+GAP = RigidWalls.gap
+MEMBERS = (8, 3)
+FORCES, QUICK_FORCES = (1.5, 3.5, 5.0), (1.5, 3.5)  # N
+ENTRY_FORCES = (3.5, 5.0, 10.0, 20.0)  # N, at which the first impact of a sweep is looked for
+FIRST = 12  # impacts after which rounding has not yet grown
+SERIES = Record(level=False, events=True, series=True, energy=True)
+
+
+def parameters(settings: Settings) -> Json:
+    """Return what the numbers depend on."""
+    return {"members": settings.size(*MEMBERS), "forces": settings.size(FORCES, QUICK_FORCES), "entry": ENTRY_FORCES}
+
+
+def measure(settings: Settings, known: Json) -> Steps:
+    """Yield the numbers of beam, tuned absorber, sweeps without contact, entry into impacts, window, step and scaling."""
+    groups: dict[str, Callable[[], object]] = {
+        "beam": beam_numbers,
+        "tuned": tuned_numbers,
+        "linear": linear_numbers,
+        "entry": _entry,
+        "window": partial(_window, settings),
+        "step": partial(_step, settings),
+        "scaling": _scaling,
+    }
+    return in_turn(groups, known)
+
+
+def beam_numbers() -> Json:
+    """Return frequencies, masses, the force's node, the static stiffness of all modes, and what a mode keeps after half a period."""
+    beam = Beam()
+    model, whole = modal_model(beam), modal_model(Beam(modes=beam.freedoms))
+    ratios = model.omega / model.omega[0]
+    stuck = float(natural_frequencies(model, StuckAbsorber())[0] / model.omega[0])
+    damped = poles(model, None)
+    edges = linear_sweep(1.0, 0.9935, 1.0065, PAPER_RATE)
+    return {
+        "omega_1": float(model.omega[0]),
+        "ratios": ratios.tolist(),
+        "absorber_kg": impact_absorber().mass_ratio * beam.mass,
+        "beam_kg": beam.mass,
+        "node": beam.force_position * beam.elements,
+        "stiffness": beam.static_tip_stiffness,
+        "stiffness_of_modes": float(1 / np.sum((whole.tip_shape / whole.omega) ** 2)),
+        "stuck_ratio": stuck,
+        "span_periods": edges.periods,
+        "left_after_half_period": np.exp(-2 * model.damping_ratio * np.pi * ratios).tolist(),
+        "lost_in_own_period": (1 - np.exp(4 * np.pi * damped.real / damped.imag)).tolist(),
+    }
+
+
+def tuned_numbers() -> Json:
+    """Return the tunings of the LTVA with their peaks over no absorber, the paper's at the second resonance, and an undamped one at its frequency."""
+    model = modal_model(Beam())
+    free = peak(model, None)[0]
+    found = {}
+    tunings = {"paper": PAPER, "modal mass of one": paper_rule(model), "Den Hartog": den_hartog(model), "smallest peak": minimax(model)}
+    for name, absorber in tunings.items():
+        heights = [height / free for height, _ in peaks(model, absorber)]
+        own = {"relative": max(heights), "at": peak(model, absorber)[1], "peaks": heights}
+        found[name] = {"stiffness": absorber.stiffness, "damping": absorber.damping, **own}
+    mass = PAPER.mass_ratio * model.beam_mass
+    undamped = TunedAbsorber(PAPER.mass_ratio, PAPER.stiffness, 0.0)
+    tuned_to = float(np.sqrt(PAPER.stiffness / mass))
+    second = [highest_amplitude(model, absorber, 2, *PAPER_LIMITS)[0] for absorber in (PAPER, None)]
+    return {
+        "tunings": found,
+        "second_relative": second[0] / second[1],
+        "undamped_relative": float(np.abs(tip_response(model, undamped, tuned_to)) / np.abs(tip_response(model, None, tuned_to))),
+    }
+
+
+def linear_numbers() -> Json:
+    """Return what sweeps show of the stationary response, what a stuck absorber changes, and at which forces the linear response fills the gap."""
+    model = modal_model(Beam())
+    low, high = PAPER_LIMITS
+    found: Json = {"sweep_ratio": {}, "stuck_over_none": {}, "gap_force_n": {}, "gap_force_at_limits_n": {}, "design_force_n": {}}
+    for resonance in (1, 2):
+        name, omega = str(resonance), model.resonance_omega(resonance)
+        found["sweep_ratio"][name] = sweep_ratio(model, PAPER_RATE, resonance)
+        levels = [max(_level(Scene(model, absorber), resonance, ends) for ends in ((low, high), (high, low))) for absorber in (StuckAbsorber(), None)]
+        found["stuck_over_none"][name] = levels[0] / levels[1]
+        found["gap_force_n"][name] = GAP / highest_amplitude(model, None, resonance, low, high)[0]
+        found["gap_force_at_limits_n"][name] = [float(GAP / np.abs(tip_response(model, None, ratio * omega))) for ratio in (low, high)]
+        found["design_force_n"][name] = design_force(model, PAPER.mass_ratio * model.beam_mass, GAP, resonance)
+    return found
+
+
+def _level(scene: Scene, resonance: int, ends: tuple[float, float], force: float = 1.0) -> float:
+    level = simulate(scene, Drive(force, linear_sweep(scene.model.resonance_omega(resonance), *ends))).level
+    assert level is not None
+    return level.value
+
+
+def _entry() -> list[Json]:
+    """Return at which frequency the first impact of a sweep comes, by force, up and down: ten modes, no losses in contact."""
+    scene, rows = beam_scene(Beam(), impact_absorber()), []
+    for force in ENTRY_FORCES:
+        ratios = []
+        for ends in (PAPER_LIMITS, PAPER_LIMITS[::-1]):
+            schedule = linear_sweep(scene.model.resonance_omega(1), *ends)
+            impacts = simulate(scene, Drive(force, schedule), record=Record(events=True)).impacts
+            assert impacts is not None
+            ratios.append(float(schedule.omega_at(float(impacts.time[0])) / schedule.reference))
+        rows.append({"force": force, "limits": list(PAPER_LIMITS), "up": ratios[0], "down": ratios[1]})
+    return rows
+
+
+def both_windows(lane: Lane) -> tuple[float, float]:
+    """Return the level in m of a lane with the paper's window and with one twice as long."""
+    record = SERIES if lane.scene.absorber is not None else Record(level=False, series=True)
+    history = simulate(lane.scene, lane.drive, record=record).history
+    assert history is not None
+    tip = history.tip_displacement
+    one, two = (response_level(tip, DEFAULT_SAMPLES, k * HALF_WINDOW_PERIODS)[0] for k in (1, 2))
+    return one, two
+
+
+def _window(settings: Settings) -> list[Json]:
+    """Return levels over no absorber with both windows, for one, three and ten modes without losses in contact."""
+    forces, members = settings.size(FORCES, QUICK_FORCES), draw_members(settings.size(*MEMBERS), settings.seed)
+    scenes = [beam_scene(Beam(modes=n), absorber) for n in (1, 3, 10) for absorber in (impact_absorber(), None)]
+    lanes = []
+    for scene in scenes:
+        sweeps = [linear_sweep(scene.model.resonance_omega(1), *ends) for ends in (PAPER_LIMITS, PAPER_LIMITS[::-1])]
+        drives = [members.drives(force, schedule) for force in forces for schedule in sweeps]
+        lanes += [Lane(scene, drive) for per_member in drives for drive in per_member]
+    found = np.array(settings.each(f"{LABEL}: window", lanes, both_windows)).reshape(3, 2, len(forces), 2, len(members), 2).max(axis=3)
+    rows = []
+    for k, modes in enumerate((1, 3, 10)):
+        for f, force in enumerate(forces):
+            absorber, without = found[k, 0, f], found[k, 1, f]
+            middle = np.median(absorber / without, axis=0)
+            rows.append({"modes": modes, "force": force, "relative": middle.tolist(), "shrinks": float(np.median(absorber[:, 1] / absorber[:, 0]))})
+    return rows
+
+
+def _step(settings: Settings) -> list[Json]:
+    """Return levels by the Moreau scheme at the paper's step beside the exact ones."""
+    forces = np.array(settings.size(FORCES, QUICK_FORCES))
+    cases = {
+        "3 modes, e = 1, 0.01 N": beam_scene(Beam(modes=3), impact_absorber(friction_limit=0.01)),
+        "10 modes, e = 0.7, 0.1 N": beam_scene(Beam(), impact_absorber(restitution=0.7, friction_limit=0.1)),
+    }
+    curves = [CurveCase(scene, forces) for scene in cases.values()]
+    by = {"exact": None, "moreau": Moreau(PAPER_STEPS)}
+    levels = {name: settings.curves(f"{LABEL}: {name}", curves, settings.size(*MEMBERS), method) for name, method in by.items()}
+    rows = []
+    for k, name in enumerate(cases):
+        for f, force in enumerate(forces.tolist()):
+            bands = {method: quantiles(found[k].combined[f], (0.5, *BAND)).tolist() for method, found in levels.items()}
+            rows.append({"case": name, "force": force, **bands})
+    return rows
+
+
+def _scaling() -> Json:
+    """Return how far runs with gap, friction and force times a factor are from the run scaled.
+
+    With 2, which moves no digit, the level of a whole sweep with friction; with 3 the times of the first impacts, before rounding has grown.
+    """
+    sweeps = []
+    for factor in (1.0, 2.0):
+        scene = beam_scene(Beam(), impact_absorber(factor * GAP, 0.7, factor * 0.1))
+        sweeps.append(_level(scene, 1, PAPER_LIMITS, factor * 3.5) / factor)
+    times = []
+    for factor in (1.0, 3.0):
+        scene = beam_scene(Beam(), impact_absorber(factor * GAP, 0.7))
+        schedule = linear_sweep(scene.model.resonance_omega(1), *PAPER_LIMITS)
+        impacts = simulate(scene, Drive(factor * 3.5, schedule), record=Record(events=True)).impacts
+        assert impacts is not None
+        times.append(impacts.time[:FIRST])
+    return {"level_by_2": sweeps[1] / sweeps[0] - 1, "times_by_3": float(np.max(np.abs(times[1] / times[0] - 1))), "impacts": FIRST}
+
+
+def _words(values: Json) -> str:
+    tables: list[tuple[Sequence[str], list[tuple[str, ...]]]] = []
+    if "tuned" in values:
+        header: tuple[str, ...] = ("tuned absorber (LTVA)", "$k$, N/m", "$c$, N s/m", "peak in % of no absorber")
+        tunings = values["tuned"]["tunings"].items()
+        tables.append((header, [(name, f"{x['stiffness']:.1f}", f"{x['damping']:.3f}", f"{100 * x['relative']:.2f}") for name, x in tunings]))
+    if "step" in values:
+        header = ("level in mm, median (5 to 95 %)", "exact", "Moreau, the paper's step")
+        tables.append((header, [(f"{x['case']}, {x['force']:g} N", _levels(x["exact"]), _levels(x["moreau"])) for x in values["step"]]))
+    if "window" in values:
+        header = ("modes, force", "±10 periods, % of no absorber", "±20 periods, %", "level ±20 over ±10, %")
+        rows = [(f"{x['modes']}, {x['force']:g} N", *(f"{100 * r:.1f}" for r in (*x["relative"], x["shrinks"]))) for x in values["window"]]
+        tables.append((header, rows))
+    return "\n\n".join(markdown(header, rows) for header, rows in tables)
+
+
+def _levels(found: list[float]) -> str:
+    middle, low, high = (1e3 * x for x in found)
+    return f"{middle:.3f} ({low:.3f} to {high:.3f})"
+
+
+def figures(measured: Measured) -> Mapping[str, Saver]:
+    """Return what draws the figure."""
+    from studies.paper.figures import basics as drawn  # matplotlib is slow to import
+
+    return {LABEL: lambda path: drawn.save(Path(path), measured.values)} if "step" in measured.values else {}
+
+
+def claims(measured: Measured) -> list[Claim]:
+    """Return what the paper states and these numbers decide."""
+    return basics_claims.of(measured.values)
+
+
+PART = figure_part(LABEL, "beam, tuned absorber, sweeps, window, step and scaling", measure, _words, figures)

@@ -1,0 +1,186 @@
+"""Frequency responses at a medium and a high force (paper, section 3.1, its figure high_low): exact orbits, and harmonic balance beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from impact_env.curve import CurveCase
+from impact_env.ensemble import Lane, draw_members
+from impact_env.methods import Exact, Method, Moreau
+from impact_env.parameters import Beam, impact_absorber
+from impact_env.periodic.approach import Approach, hold
+from impact_env.periodic.case import case_of
+from impact_env.periodic.envelope import Stationary, stationary
+from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
+from impact_env.periodic.isolas import thresholds
+from impact_env.response import Record
+from impact_env.scene import Scene, beam_scene
+from impact_env.sweep import simulate
+from optimisation.report.markdown import markdown
+from studies.paper.frame import figure_part, has, in_turn
+from studies.paper.high_low_claims import claims as claims
+from studies.paper.responses import HARMONICS, balance, responses
+from studies.paper.settings import Settings
+from studies.paper.words import between
+from studies.study import Json, Measured, Saver, Steps, Table
+
+LABEL = "high_low"
+MODES, FRICTION, FORCES = 3, 0.01, {"medium": 1.5, "high": 3.0}  # N: limit of friction, and the paper's two forces
+LOW, HIGH, FAR = 0.9, 1.06, 1.2  # frequencies over the first resonance; the inset reaches farther
+MORE = 40  # harmonics, beside the paper's
+PLACES = {"high branch": (3.0, 0.955), "at resonance, 1.5 N": (1.5, 1.0), "at resonance, 3 N": (3.0, 1.0)}  # N, ratio
+SETTLE, WINDOW = 1000.0, 200  # pseudo periods, periods of the force
+
+
+def scene() -> Scene:
+    """Return the paper's beam and absorber of this figure."""
+    return beam_scene(Beam(modes=MODES), impact_absorber(friction_limit=FRICTION))
+
+
+def forces(settings: Settings) -> list[float]:
+    """Return the forces (N) over which the best is looked for."""
+    return np.round(np.geomspace(0.9, 4.0, settings.size(12, 4)), 3).tolist()
+
+
+def parameters(settings: Settings) -> Json:
+    """Return what the numbers depend on."""
+    return {
+        "scene": str(scene()), "forces": FORCES, "range": [LOW, HIGH, FAR], "harmonics": [HARMONICS, *settings.size((MORE,), ())], "weight": WEIGHT,
+        "damper": PAPER_DAMPER, "places": PLACES, "stationary": [SETTLE, WINDOW, members(settings)], "levels": [forces(settings), members(settings)],
+    }  # fmt: skip
+
+
+def members(settings: Settings) -> int:
+    """Return the number of members of levels and stationary responses."""
+    return settings.size(16, 2)
+
+
+def _isola(harmonics: int, damper: float) -> Json:
+    """Peak and outer folds of the isola at the medium force by harmonic balance, None where it finds no closed curve."""
+    closed = [curve for curve in balance(scene(), FORCES["medium"], LOW, 0.98, harmonics, damper) if curve["closed"]]
+    return {"harmonics": harmonics, "damper": damper, "peak": None, "folds": []} | (
+        {name: closed[0][name] for name in ("peak", "folds")} if closed else {}
+    )
+
+
+def _levels_of_isolas() -> list[Json]:
+    case = case_of(scene(), FORCES["medium"], LOW * scene().model.resonance_omega(1))
+    found = thresholds(case, LOW, 0.99)
+    return [{"kind": one.kind, "force_n": one.force, "omega_ratio": one.omega_ratio} for one in found if not isinstance(one.orbit, NoOrbit)]
+
+
+@dataclass(frozen=True)
+class Rhythm:
+    """Impacts, and visits to a wall, in each of the last `WINDOW` periods of a lane at a constant frequency; a visit ends with one to the other."""
+
+    method: Method
+
+    def __call__(self, lane: Lane) -> tuple[float, float]:
+        """Return both of a lane."""
+        schedule = lane.drive.schedule
+        response = simulate(lane.scene, lane.drive, self.method, record=Record(events=True))
+        assert response.impacts is not None
+        since = schedule.times[-1] - WINDOW * 2 * np.pi / schedule.omegas[-1]
+        walls = np.sign(response.impacts.impulse[response.impacts.time > since])
+        return len(walls) / WINDOW, np.count_nonzero(np.diff(walls)) / WINDOW
+
+
+def _window(lane: Lane) -> Stationary:
+    return stationary(lane.scene, lane.drive, WINDOW)
+
+
+def _stationary(settings: Settings) -> Json:
+    """Return kinds, impacts a period, depths and peaks of all members at each of the places."""
+    own, result = scene(), {}
+    approach = Approach(own.model.resonance_omega(1), 1.0)
+    phases = draw_members(members(settings), settings.seed, "phase").phases
+    for name, (force, ratio) in PLACES.items():
+        lanes = [Lane(own, hold(approach, force, ratio, SETTLE, float(phase))) for phase in phases]
+        found = settings.each(f"{LABEL}: {name}", lanes, _window)
+        result[name] = {
+            "force_n": force,
+            "omega_ratio": ratio,
+            "kinds": [one.found.kind.value for one in found],
+            "impacts_per_period": [one.found.impacts_per_period for one in found],
+            "depth": [one.found.depth for one in found],
+            "peak_median_m": [float(np.median(one.peaks)) for one in found],
+        }
+        for method in (Exact(), Moreau()):
+            rhythms = settings.each(f"{LABEL}: impacts", lanes, Rhythm(method), method)
+            result[name][f"rhythm {type(method).__name__}"] = [list(rhythm) for rhythm in rhythms]
+    return result
+
+
+def _levels(settings: Settings) -> Json:
+    """Return levels over the force, relative to no absorber."""
+    force = np.array(forces(settings))
+    own = scene()
+    alone = Scene(own.model, None)
+    curve, reference = settings.curves(f"{LABEL}: levels", [CurveCase(own, force), CurveCase(alone, force)], members(settings))
+    return {"force_n": force.tolist(), "relative": curve.relative_to(reference).tolist()}
+
+
+def _measure(settings: Settings, known: Json) -> Steps:
+    groups: dict[str, Any] = {name: partial(responses, scene(), force, LOW, FAR) for name, force in FORCES.items()}
+    groups["isolas"] = _levels_of_isolas
+    groups["harmonics"] = lambda: [_isola(h, PAPER_DAMPER) for h in (HARMONICS, *settings.size((MORE,), ()))]
+    groups["no_damper"] = partial(_isola, HARMONICS, 0.0)
+    groups["stationary"] = partial(_stationary, settings)
+    groups["levels"] = partial(_levels, settings)
+    return in_turn(groups, known)
+
+
+def _rows(values: Json) -> list[tuple[object, ...]]:
+    rows: list[tuple[object, ...]] = []
+    for name in FORCES:
+        for method in ("exact", "balance"):
+            for number, curve in enumerate(values[name][method], 1) if name in values else ():
+                kinds = curve.get("kind", [""] * len(curve["omega_ratio"]))
+                rows += [(values[name]["force_n"], method, number, *row) for row in zip(curve["omega_ratio"], curve["tip_max"], kinds, strict=True)]
+    return [row for row in rows if row[4] is not None]
+
+
+def _words(values: Json) -> str:
+    lines = []
+    for name in FORCES:
+        for method, said in (("exact", "exact orbits"), ("balance", "harmonic balance")):
+            for curve in values[name][method] if name in values else ():
+                if curve["peak"] is not None:
+                    at, peak = curve["peak"]
+                    form = "closed" if curve["closed"] else "open"
+                    folds = ", ".join(f"{ratio:.5f}" for ratio, _ in curve["folds"])
+                    lines.append((f"{values[name]['force_n']:g}", said, form, f"{1e3 * peak:.3f}", f"{at:.4f}", folds))
+    text = markdown(("force, N", "method", "curve", "peak, mm", "at", "folds"), lines)
+    if has(values, "stationary"):
+        rows = []
+        for name, found in values["stationary"].items():
+            kinds = ", ".join(f"{kind} {found['kinds'].count(kind)}" for kind in dict.fromkeys(found["kinds"]))
+            exact, stepped = (np.array(found[f"rhythm {method}"]) for method in ("Exact", "Moreau"))
+            counts = (between(exact[:, 0], "{:.2f}"), between(exact[:, 1], "{:.2f}"), between(stepped[:, 0], "{:.2f}"))
+            rows.append((name, f"{found['force_n']:g}", f"{found['omega_ratio']:g}", kinds, *counts, between(found["depth"], "{:.2f}")))
+        columns = ("impacts a period", "visits to a wall", "impacts at the paper's step", "modulation depth")
+        text += "\n\n" + markdown(("stationary", "force, N", "frequency ratio", "members", *columns), rows)
+    return text
+
+
+def _figures(measured: Measured) -> dict[str, Saver]:
+    if not has(measured.values, *FORCES):
+        return {}
+    from studies.paper.figures import high_low  # matplotlib is slow to import
+
+    return {LABEL: lambda path: high_low.save(path, measured.values)}
+
+
+PART = figure_part(
+    LABEL,
+    "frequency responses at a medium and a high force",
+    _measure,
+    _words,
+    _figures,
+    lambda measured: [Table(LABEL, ("force_n", "method", "curve", "omega_ratio", "tip_max_m", "kind"), _rows(measured.values))],
+)

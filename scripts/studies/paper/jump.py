@@ -1,0 +1,296 @@
+"""Sweeps through resonance, and the jump to the high branch as a probability (paper, section 3.1, its figure jump)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from impact_env.curve import BAND, quantiles
+from impact_env.drive import FrequencySchedule, linear_sweep
+from impact_env.ensemble import Lane, draw_members
+from impact_env.methods import Exact, Method, Moreau
+from impact_env.parameters import Beam, impact_absorber
+from impact_env.periodic.approach import Approach
+from impact_env.periodic.jump import Hazard, Jumps, Range, hazard, jumps
+from impact_env.periodic.residence import SILENCE, ExitRate, exit_rate, stays
+from impact_env.response import DEFAULT_SAMPLES, Record
+from impact_env.scene import Scene, beam_scene
+from impact_env.sweep import simulate
+from optimisation.progress import sweeps_bar
+from optimisation.report.markdown import markdown
+from studies.paper.frame import figure_part, has, in_turn
+from studies.paper.jump_claims import claims as claims
+from studies.paper.responses import responses
+from studies.paper.settings import Settings
+from studies.paper.words import spread
+from studies.study import Json, Measured, Saver, Steps, Table
+
+LABEL = "jump"
+MODES, FRICTION, FORCES = 2, 0.025, {"medium": 1.5, "high": 3.0}  # N
+LOW, HIGH = 0.9, 1.06
+RATE = 725.0  # the paper's faster sweep, in pseudo periods per 1 %; the other takes twice as long
+EDGES = np.linspace(LOW, HIGH, 81)  # of the stretches in which a sweep's largest displacement is kept
+ON_BRANCH, AT_RESONANCE = (0.935, 0.945), (0.995, 1.005)  # where the high branch, and the response at resonance, are read off
+SWEEPS: dict[str, tuple[float, float, float, float, Method]] = {  # name: force in N, pseudo periods per 1 %, from, to, method
+    "down": (1.5, RATE, HIGH, LOW, Exact()),
+    "down, half the rate": (1.5, 2 * RATE, HIGH, LOW, Exact()),
+    "down, paper's step": (1.5, RATE, HIGH, LOW, Moreau()),
+    "down, half the rate, paper's step": (1.5, 2 * RATE, HIGH, LOW, Moreau()),
+    "high force, down": (3.0, RATE, HIGH, LOW, Exact()),
+    "high force, up": (3.0, RATE, LOW, HIGH, Exact()),
+}
+OVER = Range(1.0, 0.988, 0.952, LOW)  # of the sweeps that are counted: they come from impact at resonance
+HIGH_LEVEL = 0.75e-3  # m: at 1.5 N response levels are near 0.55 and 1.05 mm
+DRIFT, BLOCK = (0.96, 0.97, 0.1), 100  # a slow sweep without impacts: from, to, % per 100 pseudo periods; over which the absorber's place is averaged
+FINER = 200  # steps a period of the highest mode: ten times the paper's
+EVERY = "exact"
+METHODS: dict[str, Method] = {EVERY: Exact(), "paper's step": Moreau(), "ten times finer": Moreau(FINER)}
+BURN_IN = 100.0  # pseudo periods of a stay that are left out of its rate
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How much is computed: members of sweeps, of jumps (with ten times finer steps) and of stays, their length, frequencies, and slownesses."""
+
+    sweeps: int = 16
+    jumps: int = 200
+    finer: int = 100
+    stays: int = 100
+    periods: float = 6000.0
+    ratios: int = 17
+    slownesses: tuple[float, ...] = (100.0, 300.0, RATE, 2 * RATE, 4 * RATE)
+    fast: tuple[float, ...] = (1.0, 5.0, 20.0, 100.0, 300.0, RATE, 2 * RATE)
+
+
+QUICK = Sizes(4, 40, 12, 24, 1500.0, 9, (100.0, RATE, 2 * RATE), (1.0, 20.0, 100.0, 2 * RATE))
+
+
+def scene() -> Scene:
+    """Return the paper's beam and absorber of this figure."""
+    return beam_scene(Beam(modes=MODES), impact_absorber(friction_limit=FRICTION))
+
+
+def sizes(settings: Settings) -> Sizes:
+    """Return how much is computed."""
+    return settings.size(Sizes(), QUICK)
+
+
+def parameters(settings: Settings) -> Json:
+    """Return what the numbers depend on."""
+    return {
+        "scene": str(scene()),
+        "sweeps": str(SWEEPS),
+        "over": str(OVER),
+        "sizes": str(sizes(settings)),
+        "silence": SILENCE,
+        "burn_in": BURN_IN,
+        "drift": [DRIFT, BLOCK],
+    }
+
+
+@dataclass(frozen=True)
+class Followed:
+    """Of a sweep: the largest |q_tip| in m between `EDGES`, the median of the periods' largest on the high branch, the largest at resonance."""
+
+    method: Method
+
+    def __call__(self, lane: Lane) -> tuple[list[float], float, float]:
+        """Return all three of a lane."""
+        schedule: FrequencySchedule = lane.drive.schedule
+        history = simulate(lane.scene, lane.drive, self.method, record=Record(level=False, series=True)).history
+        assert history is not None
+        period = np.floor(history.time / schedule.pseudo_period)
+        first = np.flatnonzero(np.diff(period, prepend=-1))
+        largest = np.maximum.reduceat(np.abs(history.tip_displacement), first)
+        ratio = np.asarray(schedule.omega_at(history.time[first])) / schedule.reference
+        place = np.clip(np.digitize(ratio, EDGES) - 1, 0, len(EDGES) - 2)
+        binned = [float(f"{np.max(largest[place == k]):.5g}") for k in range(len(EDGES) - 1)]
+        branch, resonance = (largest[(low <= ratio) & (ratio <= high)] for low, high in (ON_BRANCH, AT_RESONANCE))
+        return binned, float(np.median(branch)), float(np.max(resonance))
+
+
+def _sweeps(settings: Settings) -> Json:
+    """Return for each of `SWEEPS` the paper's own run, the band of all members, and where they are on the branch and at resonance."""
+    own, result = scene(), {}
+    members = draw_members(sizes(settings).sweeps, settings.seed)
+    for name, (force, slowness, start, stop, method) in SWEEPS.items():
+        schedule = linear_sweep(own.model.resonance_omega(1), start, stop, 100 / slowness)
+        lanes = [Lane(own, drive) for drive in members.drives(force, schedule)]
+        binned, branch, resonance = zip(*settings.each(f"{LABEL}: {name}", lanes, Followed(method), method), strict=True)
+        low, high = quantiles(np.array(binned).T, BAND)
+        result[name] = {
+            "force_n": force, "periods_per_percent": slowness, "nominal_m": binned[0], "low_m": low.tolist(), "high_m": high.tolist(),
+            "on_branch_m": branch, "at_resonance_m": resonance,
+        }  # fmt: skip
+    return result
+
+
+def _rates(settings: Settings) -> list[Json]:
+    """Return exits and time at risk at constant frequencies."""
+    size, own = sizes(settings), scene()
+    phases = draw_members(size.stays, settings.seed, "phase").phases.tolist()
+    rows = []
+    for ratio in np.round(np.linspace(OVER.first, OVER.last, size.ratios), 6).tolist():
+        with sweeps_bar(f"{LABEL}: stays at {ratio:g}", leave=False) as show:
+            approach = Approach(own.model.resonance_omega(1), 1.0)
+            found = stays(
+                own, FORCES["medium"], approach, ratio, size.periods, phases, threads=settings.threads, progress=show, executor=settings.executor
+            )  # fmt: skip
+        rate = exit_rate(found, BURN_IN)
+        rows.append(
+            {"omega_ratio": ratio, "exits": rate.exits, "exposure": rate.exposure} | {k: _plain(getattr(rate, k)) for k in ("rate", "low", "high")}
+        )
+    return rows
+
+
+def _plain(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)
+
+
+def _jumps(settings: Settings, name: str) -> list[Json]:
+    """Return at each slowness how many sweeps reach the high branch, by one of the `METHODS`, and how many stayed in impact all the way."""
+    size, own, rows = sizes(settings), scene(), []
+    slownesses: Sequence[float] = size.slownesses if name != "ten times finer" else [n for n in size.slownesses if n in (RATE, 2 * RATE)]
+    phases = draw_members(size.finer if name == "ten times finer" else size.jumps, settings.seed + 1, "phase").phases.tolist()
+    for slowness in slownesses:
+        with sweeps_bar(f"{LABEL}: {name}, {slowness:g} periods a percent", leave=False) as show:
+            approach = Approach(own.model.resonance_omega(1), 1.0)
+            found = jumps(
+                own, FORCES["medium"], approach, OVER, slowness, phases, SILENCE, HIGH_LEVEL, METHODS[name],
+                threads=settings.threads, progress=show, executor=settings.executor,
+            )  # fmt: skip
+        assert found.high is not None
+        low, high = Jumps(found.high, found.runs, found.runs).interval()
+        share = {"share": found.high / found.runs, "low": low, "high": high}
+        rows.append({"periods_per_percent": slowness, "reached": found.high, "runs": found.runs, "stayed": found.jumped, **share})
+    return rows
+
+
+@dataclass(frozen=True)
+class Drifted:
+    """How far the absorber's mean place wanders in a sweep without impacts, in m: the friction of whole periods should leave it where it is."""
+
+    method: Method
+
+    def __call__(self, lane: Lane) -> tuple[float, int]:
+        """Return that of a lane, and the number of its impacts."""
+        response = simulate(lane.scene, lane.drive, self.method, record=Record(level=False, series=True))
+        assert response.history is not None
+        place = response.history.absorber_displacement - response.history.tip_displacement
+        each = DEFAULT_SAMPLES * BLOCK
+        means = place[: len(place) // each * each].reshape(-1, each).mean(axis=1)
+        return float(np.ptp(means)), response.impact_count
+
+
+def _drift(settings: Settings) -> Json:
+    """Return drift (m) and impacts of all members, by each of the `METHODS`."""
+    own, (start, stop, rate) = scene(), DRIFT
+    phases = draw_members(sizes(settings).sweeps, settings.seed, "phase")
+    lanes = [Lane(own, drive) for drive in phases.drives(FORCES["medium"], linear_sweep(own.model.resonance_omega(1), start, stop, rate))]
+    result = {}
+    for name, method in METHODS.items():
+        drift, impacts = zip(*settings.each(f"{LABEL}: drift, {name}", lanes, Drifted(method), method), strict=True)
+        result[name] = {"drift_m": drift, "impacts": impacts}
+    return result
+
+
+@dataclass(frozen=True)
+class Level:
+    """The response level of a lane in m."""
+
+    def __call__(self, lane: Lane) -> float:
+        """Return it."""
+        level = simulate(lane.scene, lane.drive).level
+        assert level is not None
+        return level.value
+
+
+def _levels(settings: Settings) -> list[Json]:
+    """Return response levels of sweeps down over their slowness."""
+    own, rows = scene(), []
+    members = draw_members(sizes(settings).sweeps, settings.seed)
+    for slowness in sizes(settings).fast:
+        schedule = linear_sweep(own.model.resonance_omega(1), HIGH, LOW, 100 / slowness)
+        lanes = [Lane(own, drive) for drive in members.drives(FORCES["medium"], schedule)]
+        rows.append({"periods_per_percent": slowness, "level_m": settings.each(f"{LABEL}: levels", lanes, Level())})
+    return rows
+
+
+def _measure(settings: Settings, known: Json) -> Steps:
+    groups: dict[str, Callable[[], Any]] = {name: partial(responses, scene(), force, LOW, HIGH) for name, force in FORCES.items()}
+    groups |= {"sweeps": partial(_sweeps, settings), "rates": partial(_rates, settings)}
+    groups |= {f"jumps, {name}": partial(_jumps, settings, name) for name in METHODS}
+    return in_turn({**groups, "drift": partial(_drift, settings), "levels": partial(_levels, settings)}, known)
+
+
+def hazard_of(rates: Sequence[Json]) -> Hazard | None:
+    """Return the integral of the rates of leaving, None where fewer than two frequencies have one."""
+    known = [row for row in rates if row["rate"] is not None]
+    if len(known) < 2:
+        return None
+    counts = [ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"]) for row in known]
+    return hazard([row["omega_ratio"] for row in known], counts)
+
+
+def _words(values: Json) -> str:
+    blocks = []
+    found = hazard_of(values["rates"]) if has(values, "rates") else None
+    if found is not None:
+        inverses = [f"{1 / x:.0f}" if x > 0 else "no end" for x in (found.value, found.high, found.low)]
+        blocks.append(
+            f"Integral of the rate of leaving from {found.first:g} to {found.last:g}: P(jump) = exp(-N/{inverses[0]}) "
+            f"(95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per 1 %."
+        )
+    if has(values, *(f"jumps, {name}" for name in METHODS)):
+        lines = []
+        for row in values[f"jumps, {EVERY}"]:
+            n = row["periods_per_percent"]
+            told = "" if found is None else "{:.2f} ({:.2f} to {:.2f})".format(*found.probability(n))
+            shares = [next((_share(own) for own in values[f"jumps, {name}"] if own["periods_per_percent"] == n), "") for name in METHODS]
+            lines.append((f"{n:g}", told, *shares))
+        blocks.append("Share of sweeps down that reach the high branch:")
+        blocks.append(markdown(("pseudo periods per 1 %", "predicted from rates", *METHODS), lines))
+        names = ", ".join(
+            f"{name} {sum(row['reached'] for row in rows)} and {sum(row['stayed'] for row in rows)} of {sum(row['runs'] for row in rows)}"
+            for name in METHODS
+            for rows in (values[f"jumps, {name}"],)
+        )
+        blocks.append(f"Of all these runs, reached the high branch, and never without impact for {SILENCE:g} pseudo periods: {names}.")
+    if has(values, "drift"):
+        drifts = ", ".join(f"{name} {spread(one['drift_m'], '{:.3f}', 1e3)} mm" for name, one in values["drift"].items())
+        blocks.append(
+            f"Drift of the absorber's place in a slow sweep from {DRIFT[0]:g} to {DRIFT[1]:g} that begins at rest, without impacts: {drifts}."
+        )
+    if has(values, "levels"):
+        rows = [(f"{row['periods_per_percent']:g}", spread(row["level_m"], "{:.2f}", 1e3)) for row in values["levels"]]
+        blocks.append(markdown(("pseudo periods per 1 %, down", "response level, mm"), rows))
+    return "\n\n".join(blocks)
+
+
+def _share(row: Json) -> str:
+    return f"{row['reached']} of {row['runs']}: {row['share']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
+
+
+def _tables(measured: Measured) -> list[Table]:
+    values, tables = measured.values, []
+    counted = [(name, row) for name in METHODS for row in values.get(f"jumps, {name}", ())]
+    if counted:
+        tables.append(Table(f"{LABEL}_shares", ("method", *counted[0][1]), [(name, *row.values()) for name, row in counted]))
+    if values.get("rates"):
+        tables.append(Table(f"{LABEL}_rates", tuple(values["rates"][0]), [tuple(row.values()) for row in values["rates"]]))
+    return tables
+
+
+def _figures(measured: Measured) -> dict[str, Saver]:
+    if not has(measured.values, *FORCES, "sweeps", "rates", "levels"):
+        return {}
+    from studies.paper.figures import jump  # matplotlib is slow to import
+
+    return {LABEL: lambda path: jump.save(path, measured.values, hazard_of(measured.values["rates"]), EDGES, tuple(METHODS))}
+
+
+PART = figure_part(LABEL, "sweeps through resonance, and the jump", _measure, _words, _figures, _tables)

@@ -1,0 +1,162 @@
+"""The figure `oprange`: a typical performance curve with its operating ranges, and the approach to the linear case.
+
+The paper leaves its parameters open beside one mode; with a conservative contact one mode has no primary range, so impacts lose energy here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from impact_env.methods import Moreau
+from impact_env.parameters import Beam, StuckAbsorber, impact_absorber
+from impact_env.scene import Scene, beam_scene
+from optimisation.report.markdown import markdown
+from studies.paper.claim import Claim
+from studies.paper.curve import Curve, curve_of, curves, force_grid, watched_curve
+from studies.paper.frame import figure_part, has, in_turn
+from studies.paper.judging import INFINITY, claim, interval
+from studies.paper.ranges import Ranges, ranges_of, slopes
+from studies.paper.settings import Settings
+from studies.study import Json, Measured, Saver, Steps
+
+LABEL = "oprange"
+RESTITUTION = 0.75
+QUASI_LINEAR = 10.0  # N: up to here the secondary range is asked whether it is a straight line
+MM = 1e3
+
+
+def scene() -> Scene:
+    """Return the absorber of the figure on a beam of one mode."""
+    return beam_scene(Beam(modes=1), impact_absorber(restitution=RESTITUTION))
+
+
+def linear_scenes() -> dict[str, Scene]:
+    """Return the linear cases: no absorber, and one that is stuck."""
+    return {"none": beam_scene(Beam(modes=1)), "stuck": beam_scene(Beam(modes=1), StuckAbsorber())}
+
+
+def _forces(settings: Settings) -> tuple[float, ...]:
+    return settings.size(force_grid(0.2, 12.0, 31, (18.0, 27.0, 40.0, 60.0, 100.0)), force_grid(0.3, 100.0, 8, (0.9, 1.1, 1.35, 1.7, 2.0, 2.5)))
+
+
+def _members(settings: Settings) -> int:
+    return settings.size(12, 3)
+
+
+def parameters(settings: Settings) -> Json:
+    """Return what the numbers depend on."""
+    return {"restitution": RESTITUTION, "modes": 1, "forces": _forces(settings), "members": _members(settings)}
+
+
+def _measure(settings: Settings, known: Json) -> Steps:
+    forces, members = _forces(settings), _members(settings)
+    groups: dict[str, Callable[[], object]] = {
+        "absorber": partial(watched_curve, settings, LABEL, scene(), forces, members),
+        "linear": partial(curves, settings, LABEL, linear_scenes(), forces, members),
+        "step": lambda: curves(settings, LABEL, {"absorber": scene()}, forces, 1, Moreau())["absorber"],
+    }
+    return in_turn(groups, known)
+
+
+def _read(values: Json) -> tuple[Curve, Curve, Curve, Ranges]:
+    """Return the absorber's curve, those of no absorber and of a stuck one, and the ranges."""
+    own = curve_of(values["absorber"])
+    return own, curve_of(values["linear"]["none"]), curve_of(values["linear"]["stuck"]), ranges_of(own)
+
+
+def _words(values: Json) -> str:
+    if not has(values, "absorber", "linear"):
+        return "Not finished."
+    own, none, stuck, found = _read(values)
+    first, last = found.first_impacts, found.transition
+    relative = own.relative(none)
+    best = int(np.argmin(np.median(relative, axis=1)))
+    rows = [
+        (
+            f"{own.forces[k]:.3g}",
+            interval(MM * own.level[k], "{:.3f}"),
+            interval(relative[k]),
+            _at_step(values, k),
+            f"{np.median(own.rate[k]):.1f}",
+            f"{own.sustained[k]:.2f}",
+        )
+        for k in range(0, len(own.forces), max(1, len(own.forces) // 12))
+    ]
+    borders = ", ".join(
+        f"{name} {'not within these forces' if border is None else f'between {border.low:.3g} and {border.high:.3g} N'}"
+        for name, border in (("first impacts", first), ("secondary range from", last))
+    )
+    header = ("force, N", "level, mm", "over no absorber", "at the paper's step", "impacts per pseudo period", "share with sustained impacts")
+    return (
+        f"One mode, e = {RESTITUTION:g}, no friction, {own.level.shape[1]} members, {len(own.forces)} forces. Marked by what the contacts do in the "
+        f"level's window: {borders}.\nThe best point lies at {own.forces[best]:.3g} N. At {own.forces[-1]:g} N the level is "
+        f"{interval(own.relative(stuck)[-1], '{:.3f}')} of that with the absorber stuck.\n\n{markdown(header, rows)}"
+    )
+
+
+def _at_step(values: Json, k: int) -> str:
+    """Return the level over no absorber at force ``k`` in a single run at the paper's step."""
+    if "step" not in values:
+        return ""
+    return f"{curve_of(values['step']).level[k, 0] / curve_of(values['linear']['none']).level[k, 0]:.2f}"
+
+
+def _figures(measured: Measured) -> dict[str, Saver]:
+    from studies.paper.figures.oprange import save  # matplotlib is slow to import
+
+    if not has(measured.values, "absorber", "linear"):
+        return {}
+    own, none, stuck, found = _read(measured.values)
+    step = curve_of(measured.values["step"]) if "step" in measured.values else None
+    return {LABEL: partial(save, own=own, none=none, stuck=stuck, step=step, found=found)}
+
+
+PART = figure_part(LABEL, "a typical performance curve and its operating ranges", _measure, _words, _figures)
+
+
+def claims(measured: Measured) -> list[Claim]:
+    """Return what the curve says of the operating ranges."""
+    own, none, stuck, found = _read(measured.values)
+    step = curve_of(measured.values["step"])
+    first, last = found.first_impacts, found.transition
+    assert first is not None
+    assert last is not None
+    linear, secondary = own.forces <= first.low, own.forces >= last.high
+    primary = (own.forces >= first.high) & (own.forces <= last.low)
+    straight = secondary & (own.forces <= QUASI_LINEAR)
+    relative = own.relative(none)
+    grid = last.high / last.low
+    said = partial(claim, LABEL)
+    return [
+        said("linear_range", "low forces: no impacts, and a linear response", "3.3", relative[linear], (0.99, 1.01), "",
+             about=f"up to {first.low:.3g} N no impacts; level over no absorber ", form="{:.4f}"),
+        said("saturation", "in the primary range the level hardly depends on the force", "3.3", slopes(own, primary), (-0.25, 0.25),
+             f"Between {first.high:.3g} and {last.low:.3g} N the exponent of the level in the force is not within 0.25 of zero in all members.",
+             about=f"{first.high:.3g} to {last.low:.3g} N: level goes with the force to the power ", at_step=float(slopes(step, primary)[0])),
+        said("quasi_linear", "in the secondary range the level depends on the force almost linearly", "3.3",
+             _straightness(own, straight), (0.99, 1.0),
+             f"A straight line explains less than 99 % of the level's variance between {last.high:.3g} and {QUASI_LINEAR:g} N in some members.",
+             about=f"{last.high:.3g} to {QUASI_LINEAR:g} N: share of the variance that a straight line explains ", form="{:.4f}"),
+        said("sustained", "in the secondary range impacts are sustained, two or more in each pseudo period", "3.3",
+             own.rate[secondary], (1.99, INFINITY),
+             "The number is counted in the level's window, 20 pseudo periods around the largest displacement; fewer come near the transition.",
+             about="impacts in a pseudo period ", form="{:.1f}"),
+        said("linear_limit", "at very high forces the level approaches that of the absorber as a fixed mass", "3.3",
+             own.relative(stuck)[-1], (0.95, 1.05),
+             "The clearance still counts at this force.", about=f"at {own.forces[-1]:g} N over the stuck absorber ", form="{:.3f}"),
+        said("optimum", "the best operating point is the transition from the primary to the secondary range", "3.3",
+             own.forces[np.argmin(relative, axis=0)], (last.low / grid, last.high * grid),
+             f"The members' best forces spread beyond the transition, {last.low:.3g} to {last.high:.3g} N, by more than one step of the curve.",
+             about=f"transition between {last.low:.3g} and {last.high:.3g} N; best forces of the members ", unit=" N"),
+    ]  # fmt: skip
+
+
+def _straightness(own: Curve, inside: np.ndarray) -> np.ndarray:
+    """Return for each member the share of the level's variance that a straight line in the force explains, (M,)."""
+    level = own.level[inside]
+    fit = np.polynomial.polynomial.polyfit(own.forces[inside], level, 1)
+    rest = level - (fit[0] + np.outer(own.forces[inside], fit[1]))
+    return np.asarray(1 - np.var(rest, axis=0) / np.var(level, axis=0))

@@ -1,0 +1,209 @@
+"""The figure `oprangeTWO`: performance with and without loss at the impacts, with one mode and three, and the sweeps at one force f*.
+
+The paper does not say which force f* is. Here it is the one at which the contrast of its four panels is largest: the conservative absorber on one
+mode has lost its effect, and the two others are still far below, in 95 % of their members.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.curve import BAND, quantiles
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE, linear_sweep
+from impact_env.ensemble import Lane, draw_members
+from impact_env.methods import Moreau
+from impact_env.parameters import Beam, RigidWalls, impact_absorber
+from impact_env.periodic.overview import exact_curves, linear_curves
+from impact_env.scene import Scene, beam_scene
+from optimisation.report.markdown import markdown
+from studies.paper.claim import Claim
+from studies.paper.curve import Curve, curve_of, curves, force_grid, watched_curve
+from studies.paper.frame import figure_part, has, in_turn
+from studies.paper.judging import claim, interval
+from studies.paper.ranges import ranges_of
+from studies.paper.settings import Settings
+from studies.paper.watched import Envelope
+from studies.study import Json, Measured, Saver, Steps
+
+LABEL = "oprangeTWO"
+MM = 1e3
+NONE, ONE, THREE, LOSSY, BOTH = "none", "1 mode, e = 1", "3 modes, e = 1", "1 mode, e = 0.75", "3 modes, e = 0.75"
+SWEPT = (ONE, THREE, LOSSY)  # panels b, c and d
+NEAR = 0.0065  # of omega_1: where the paper looks at the response near the resonance itself
+ENVELOPE = Envelope()
+
+
+@dataclass(frozen=True, eq=False)
+class Amount:
+    """How much to compute: forces in N, members of the curves, and of the sweeps at f*."""
+
+    forces: tuple[float, ...]
+    members: int
+    swept: int
+
+
+def scenes() -> dict[str, Scene]:
+    """Return the scenes of the curves."""
+    cases = {ONE: (1, 1.0), THREE: (3, 1.0), LOSSY: (1, 0.75), BOTH: (3, 0.75)}
+    return {name: beam_scene(Beam(modes=modes), impact_absorber(restitution=e)) for name, (modes, e) in cases.items()}
+
+
+def _amount(settings: Settings) -> Amount:
+    return settings.size(Amount(force_grid(0.5, 12.0, 33, (3.0,)), 12, 24), Amount(force_grid(0.6, 12.0, 7, (1.2, 1.3, 1.4, 1.7)), 4, 4))
+
+
+def parameters(settings: Settings) -> Json:
+    """Return what the numbers depend on."""
+    return {**vars(_amount(settings)), "scenes": [str(scene) for scene in scenes().values()], "stretch": ENVELOPE.periods}
+
+
+def _measure(settings: Settings, known: Json) -> Steps:
+    amount, every = _amount(settings), scenes()
+    found: Json = dict(known)
+    groups: dict[str, Callable[[], object]] = {
+        name: partial(watched_curve, settings, LABEL, scene, amount.forces, amount.members) for name, scene in every.items()
+    }
+    groups[NONE] = lambda: curves(settings, LABEL, {NONE: beam_scene(Beam(modes=3))}, amount.forces, amount.members)[NONE]
+    groups["step"] = lambda: curves(settings, LABEL, every, amount.forces, 1, Moreau())
+    for found in in_turn(groups, known):
+        yield found
+    force = chosen_force({name: curve_of(found[name]) for name in (NONE, *SWEPT)})
+    rest: dict[str, Callable[[], object]] = {f"sweeps, {name}": partial(_sweeps, settings, every[name], force, amount.swept) for name in SWEPT}
+    rest |= {f"orbits, {name}": partial(_orbits, every[name], force) for name in SWEPT}
+    for more in in_turn(rest, known):
+        yield {**found, "force_n": force, **more}
+
+
+def chosen_force(read: dict[str, Curve]) -> float:
+    """Return f* in N: where one conservative mode is above the two others by most, by its median and their 95 %, relative to no absorber."""
+    relative = {name: read[name].relative(read[NONE]) for name in SWEPT}
+    others = np.maximum(*(quantiles(relative[name], (BAND[1],))[0] for name in (THREE, LOSSY)))
+    return float(read[ONE].forces[np.argmax(np.median(relative[ONE], axis=1) - others)])
+
+
+def _sweeps(settings: Settings, scene: Scene, force: float, members: int) -> Json:
+    """Return envelopes of |q_tip| in m of the sweeps up and down, each member's, over frequency ratios."""
+    reference, (low, high), drawn = scene.model.resonance_omega(1), PAPER_LIMITS, draw_members(members, settings.seed)
+    result: Json = {}
+    for name, (start, stop) in {"up": (low, high), "down": (high, low)}.items():
+        schedule = linear_sweep(reference, start, stop, PAPER_RATE)
+        rows = np.array(settings.each(LABEL, [Lane(scene, drive) for drive in drawn.drives(force, schedule)], ENVELOPE))
+        middle = quantiles(rows.T, (BAND[0], 0.5, BAND[1]))
+        ratio = ENVELOPE.ratios(schedule)
+        near = np.abs(ratio - 1) <= NEAR
+        result[name] = {
+            "ratio": ratio.tolist(), "low": middle[0].tolist(), "median": middle[1].tolist(), "high": middle[2].tolist(),
+            "nominal": rows[0].tolist(), "near": np.max(rows[:, near], axis=1).tolist(),
+        }  # fmt: skip
+    return result
+
+
+def _orbits(scene: Scene, force: float) -> Json:
+    """Return the branches of symmetric orbits with two impacts a period, and the linear responses, between the sweeps' limits."""
+    reference, (low, high) = scene.model.resonance_omega(1), PAPER_LIMITS
+    linear = linear_curves(scene, force, reference, low, high)
+    branches = [
+        {
+            "ratio": curve.omega_ratio.tolist(),
+            "tip": [float(x) if np.isfinite(x) else None for x in curve.tip_max],
+            "stable": curve.stable.tolist() if curve.stable is not None else None,
+            "closed": curve.closed,
+        }
+        for curve in exact_curves(scene, force, reference, low, high)
+    ]
+    return {"branches": branches, "linear": {"ratio": linear.omega_ratio.tolist(), "alone": linear.alone.tolist(), "stuck": linear.stuck.tolist()}}
+
+
+def _words(values: Json) -> str:
+    if not has(values, NONE, *scenes()):
+        return "Not finished."
+    none = curve_of(values[NONE])
+    rows = []
+    for name in scenes():
+        own = curve_of(values[name])
+        relative, found = own.relative(none), ranges_of(own)
+        best = int(np.argmin(np.median(relative, axis=1)))
+        marks = [f"{border.low:.3g} to {border.high:.3g}" if border else "" for border in (found.first_impacts, found.transition)]
+        at = own.nearest(values.get("force_n", 1.5))
+        rows.append((name, *marks, f"{own.forces[best]:.3g}", interval(relative[best]), interval(relative[at]), f"{own.sustained[at]:.2f}"))
+    star = f"{values['force_n']:.3g} N" if "force_n" in values else "a force not chosen yet"
+    header = ("", "first impacts, N", "secondary from, N", "best force, N", "over no absorber there", "at f*", "sustained at f*")
+    return (
+        f"{none.level.shape[1]} members, {len(none.forces)} forces. f* = {star}: the force at which the conservative absorber on one mode stands "
+        f"highest above the two others.\n\n{markdown(header, rows)}"
+    )
+
+
+def _figures(measured: Measured) -> dict[str, Saver]:
+    from studies.paper.figures.oprange_two import save  # matplotlib is slow to import
+
+    return {LABEL: partial(save, values=measured.values)} if has(measured.values, NONE, *scenes()) else {}
+
+
+PART = figure_part(LABEL, "one mode, three modes, and losses at the impacts", _measure, _words, _figures)
+
+
+def gap_of_isola(orbits: Json) -> float:
+    """Return how far in frequency a closed branch is from all others, over omega_1; 0 if no branch is closed."""
+    closed = [np.array(branch["ratio"]) for branch in orbits["branches"] if branch["closed"]]
+    others = [np.array(branch["ratio"]) for branch in orbits["branches"] if not branch["closed"]]
+    if not closed or not others:
+        return 0.0
+    return max(0.0, float(min(np.min(other) for other in others) - max(np.max(own) for own in closed)))
+
+
+def _near(values: Json, name: str) -> NDArray[np.float64]:
+    """Return each member's largest |q_tip| near omega_1 over that without absorber at the same force, (M,)."""
+    sweeps, alone = values[f"sweeps, {name}"], max(values[f"orbits, {name}"]["linear"]["alone"])
+    return np.maximum(sweeps["up"]["near"], sweeps["down"]["near"]) / alone
+
+
+def claims(measured: Measured) -> list[Claim]:
+    """Return what curves and sweeps say of losses, modes and where the maximum lies."""
+    values = measured.values
+    read = {name: curve_of(values[name]) for name in (NONE, *scenes())}
+    relative = {name: read[name].relative(read[NONE]) for name in scenes()}
+    step = {name: curve_of(values["step"][name]) for name in scenes()}
+    force = values["force_n"]
+    at = read[ONE].nearest(force)
+    impacting = read[ONE].impacting > 0.5
+    down = np.where(read[ONE].down[at] > 0, read[ONE].at[at], np.nan)
+    said = partial(claim, LABEL)
+    star = f"at f* = {force:.3g} N "
+    return [
+        said("noneffective", "one mode and conservative contact: the level is that without absorber", "4.1", relative[ONE][impacting], (0.9, 1.1),
+             "The lowest members are those near the first impacts, where the sweep does not always catch the high response.",
+             about="over no absorber, all forces with impacts: "),
+        said("maximum_at", "one mode, conservative: the largest response lies at 0.95 of omega_1, in the sweep down", "4.1", down, (0.94, 0.96),
+             "It lies elsewhere, or comes with the sweep up in some members.", about=f"{star}at ", form="{:.3f}",
+             at_step=float(step[ONE].at[at, 0])),
+        said("resonance_itself", "one mode, conservative: at omega_1 itself the vibration is well suppressed all the same", "4.1", _near(values, ONE),
+             (0.0, 0.7), f"Within {NEAR:g} of omega_1, the largest displacement over that without absorber.",
+             about=f"{star}largest displacement within {NEAR:g} of omega_1, over no absorber "),
+        said("lossy_not_high", "one mode, e = 0.75: the high response is not reached at f*", "4.1", relative[LOSSY][at], (0.0, 0.7),
+             f"{100 * read[LOSSY].sustained[at]:.0f} % of the members have sustained impacts around their maximum.",
+             about=f"{star}over no absorber ", at_step=float(step[LOSSY].level[at, 0] / read[NONE].level[at, 0])),
+        said("lossy_first_impacts", "one mode, e = 0.75: the largest response is that of the first impacts, where |q_tip| reaches the gap", "4.1",
+             read[LOSSY].tip[at] / RigidWalls.gap, (0.97, 1.03),
+             "The largest displacement is not the gap in all members: in some the impacts come first and the response grows after them.",
+             about=f"{star}largest displacement over the gap ", form="{:.3f}"),
+        said("scattering", "three modes and conservative contact: a similar effect by scattering", "4.1", relative[THREE][at], (0.0, 0.7),
+             f"{100 * read[THREE].sustained[at]:.0f} % of the members have sustained impacts around their maximum.",
+             about=f"{star}over no absorber ", at_step=float(step[THREE].level[at, 0] / read[NONE].level[at, 0])),
+        said("isola", "three modes: the high response is an isola, well apart from the main branch at f*", "4.1",
+             [gap_of_isola(values[f"orbits, {THREE}"])], (0.01, 1.0), "No closed branch of symmetric orbits, or one that reaches the others.",
+             about=f"{star}the exact orbits' closed branch ends below the next one by, of omega_1, ", form="{:.3f}"),
+        said("reduced_branch", "three modes: scattering lowers the high branch itself", "4.1",
+             [_highest(values[f"orbits, {THREE}"]) / _highest(values[f"orbits, {ONE}"])], (0.0, 0.95),
+             "The highest orbit of three modes against that of one.", about=f"{star}highest orbit, three modes over one "),
+    ]  # fmt: skip
+
+
+def _highest(orbits: Json) -> float:
+    """Return the largest displacement in m of all orbits."""
+    return float(np.nanmax([np.nanmax(np.array(branch["tip"], dtype=float)) for branch in orbits["branches"]]))

@@ -1,0 +1,263 @@
+"""The figure `scat`: what many modes do, at 5 N for the level of the sweeps and at 1.5 N near the resonance itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import PAPER_LIMITS, PAPER_RATE, linear_sweep
+from impact_env.ensemble import Lane, draw_members
+from impact_env.level import response_level
+from impact_env.methods import Method, Moreau
+from impact_env.modes import ModalModel
+from impact_env.parameters import Beam
+from impact_env.response import DEFAULT_SAMPLES
+from impact_env.scene import Scene, beam_scene
+from impact_env.sweep import simulate
+from optimisation.report.markdown import markdown
+from studies.paper.account import accounted
+from studies.paper.claim import Claim
+from studies.paper.curve import curve_of, curves
+from studies.paper.frame import figure_part, in_turn
+from studies.paper.judging import INFINITY, claim, interval
+from studies.paper.second_mode import critical, lanes_of, scene
+from studies.paper.settings import Settings
+from studies.paper.watched import WATCHED
+from studies.study import Json, Measured, Saver, Steps
+
+LABEL = "scat"
+Array = NDArray[np.float64]
+HIGH, LOW = 5.0, 1.5  # N
+NEAR_PERIODS = 130  # pseudo periods around omega_1, 0.9935 to 1.0065 of it
+SIXTH = 5  # from this mode on, counted from 0, the paper sees complete dissipation and a uniform distribution
+LEFT = 0.05  # of a mode's energy: less counts as complete dissipation
+MOST_AT_STEP = 10  # modes up to which the passage is also run at the paper's step
+
+
+class Amount(NamedTuple):
+    """How much to compute: numbers of modes, those whose energies are accounted for, those whose signals are shown, and members."""
+
+    modes: tuple[int, ...]
+    accounted: tuple[int, ...]
+    shown: tuple[int, ...]
+    members: int
+
+
+def _amount(settings: Settings) -> Amount:
+    full = Amount((*range(1, 13), *range(14, 31, 2)), (10, 20), (1, 3, 10, 30), 16)
+    return settings.size(full, Amount((1, 2, 3, 6, 10, 14), (10,), (1, 3, 10, 14), 3))
+
+
+def parameters(settings: Settings) -> Json:
+    """Return what the numbers depend on."""
+    return {**_amount(settings)._asdict(), "forces": (HIGH, LOW), "near": NEAR_PERIODS}
+
+
+def _measure(settings: Settings, known: Json) -> Steps:
+    amount = _amount(settings)
+    groups: dict[str, Callable[[], object]] = {f"level, {n}": partial(_level, settings, n, amount.members) for n in amount.modes}
+    groups |= {f"account, {n}": partial(_account, settings, n, amount.members) for n in amount.accounted}
+    groups |= {f"signal, {n}": partial(_signal, n, settings.seed) for n in amount.shown}
+    return in_turn(groups, known)
+
+
+def near_lanes(model: ModalModel, lane: Callable[..., Lane], members: int, seed: int) -> list[Lane]:
+    """Return each member's sweeps at 1.5 N, up and down, that end with the passage of omega_1."""
+    reference, (low, high), half = model.resonance_omega(1), PAPER_LIMITS, NEAR_PERIODS * PAPER_RATE / 100 / 100 / 2
+    schedules = linear_sweep(reference, low, 1 + half), linear_sweep(reference, high, 1 - half)
+    drawn = draw_members(members, seed)
+    return [lane(drive=drawn[m : m + 1].drives(LOW, schedule)[0]) for m in range(members) for schedule in schedules]
+
+
+def passage(lane: Lane, method: Method | None = None) -> Array:
+    """Return the tip's displacement in m at the samples of the last `NEAR_PERIODS` of a sweep."""
+    history = simulate(lane.scene, lane.drive, method, record=WATCHED).history
+    assert history is not None
+    return history.tip_displacement[-(NEAR_PERIODS * DEFAULT_SAMPLES + 1) :]
+
+
+def near_level(lane: Lane, method: Method | None = None) -> tuple[float, float]:
+    """Return the level in m of the passage at a sweep's end, and the RMS of all of it."""
+    tip = passage(lane, method)
+    return response_level(tip, DEFAULT_SAMPLES)[0], float(np.sqrt(np.mean(tip**2)))
+
+
+def _level(settings: Settings, modes: int, members: int) -> Json:
+    """Return the members' levels over no absorber: of the sweeps at 5 N, and of the passage of omega_1 at 1.5 N."""
+    own, none = scene(Beam(modes=modes)), beam_scene(Beam(modes=modes))
+    label = f"{LABEL}, {modes} modes"
+    found = curves(settings, label, {"own": own, "none": none}, (HIGH,), members)
+    level, reference = (curve_of(found[name]).level[0] for name in ("own", "none"))
+    near = np.array(settings.each(label, near_lanes(own.model, partial(Lane, own), members, settings.seed), near_level))
+    beside, whole = (near[:, k].reshape(members, 2) / (reference * LOW / HIGH)[:, None] for k in (0, 1))
+    step = curve_of(curves(settings, label, {"own": own}, (HIGH,), 1, Moreau())["own"]).level[0, 0]
+    return {
+        "relative": (level / reference).tolist(),
+        "near": np.max(beside, axis=1).tolist(),
+        "near_up": beside[:, 0].tolist(),
+        "near_down": beside[:, 1].tolist(),
+        "near_rms": np.max(whole, axis=1).tolist(),
+        "step": float(step / reference[0]),
+        "near_step": _near_at_step(settings, own, reference[0] * LOW / HIGH) if modes <= MOST_AT_STEP else None,
+    }
+
+
+def _near_at_step(settings: Settings, own: Scene, reference: float) -> float:
+    """Return the level of the passage over that without absorber, ``reference`` in m, by the paper's scheme and step in one run."""
+    lanes = near_lanes(own.model, partial(Lane, own), 1, settings.seed)
+    return max(settings.each(LABEL, lanes, partial(near_level, method=Moreau()), Moreau()))[0] / reference
+
+
+def _account(settings: Settings, modes: int, members: int) -> Json:
+    """Return the members' accounts at 5 N, of the critical direction."""
+    found = critical(settings.each(f"{LABEL}, energies", lanes_of(scene(Beam(modes=modes)), HIGH, members, settings.seed), accounted))
+    return {
+        "shares": [account.shares.tolist() for account in found],
+        "passed": [account.passed.tolist() for account in found],
+        "left": [account.left.tolist() for account in found],
+        "contacts": [account.contacts for account in found],
+        "omega": (scene(Beam(modes=modes)).model.omega / scene(Beam(modes=modes)).model.omega[0]).tolist(),
+    }
+
+
+def _signal(modes: int, seed: int) -> list[float]:
+    """Return the tip's displacement in m while the first member's sweep down passes omega_1."""
+    own = scene(Beam(modes=modes))
+    return passage(near_lanes(own.model, partial(Lane, own), 1, seed)[1]).tolist()
+
+
+def known_modes(values: Json, what: str) -> list[int]:
+    """Return the numbers of modes for which there is a group ``what``."""
+    return [int(name.split(", ")[1]) for name in values if name.startswith(f"{what}, ")]
+
+
+def _words(values: Json) -> str:
+    levels = known_modes(values, "level")
+    if not levels:
+        return "Not finished."
+    rows = [
+        (
+            str(n),
+            interval(values[f"level, {n}"]["relative"], "{:.3f}"),
+            f"{values[f'level, {n}']['step']:.3f}",
+            interval(values[f"level, {n}"]["near"], "{:.3f}"),
+        )
+        for n in levels
+    ]
+    members = len(values[f"level, {levels[0]}"]["relative"])
+    blocks = [
+        f"e = 1, no friction, {members} members; levels over no absorber.",
+        markdown(("modes", "level at 5 N", "at the paper's step", "level around omega_1 at 1.5 N"), rows),
+    ]
+    for n in known_modes(values, "account"):
+        own = values[f"account, {n}"]
+        shares, passed, left = (np.median(np.array(own[key]), axis=0) for key in ("shares", "passed", "left"))
+        lines = [
+            (
+                str(i + 1),
+                f"{own['omega'][i]:.1f}",
+                f"{100 * shares[i]:.1f}",
+                f"{100 * passed[i]:.2f}",
+                f"{100 * left[i]:.1f}",
+                _alone(own["omega"][i]),
+            )
+            for i in range(n)
+        ]
+        header = (
+            "mode",
+            "omega_i/omega_1",
+            "dissipated, %",
+            "net from a contact, % of mode 1",
+            "left before the next, %",
+            "left after half a period, %",
+        )
+        blocks.append(
+            f"5 N, {n} modes, {np.median(own['contacts']):.1f} contacts a pseudo period (of what a contact gives to a mode above the "
+            f"tenth, a part is gone within it):\n\n{markdown(header, lines)}"
+        )
+    return "\n\n".join(blocks)
+
+
+def _alone(ratio: float) -> str:
+    return f"{100 * decayed(ratio):.1f}"
+
+
+def decayed(ratio: float) -> float:
+    """Return the share of its energy that a mode of 1 % damping and frequency ``ratio`` omega_1 keeps over half a pseudo period."""
+    return float(np.exp(-2 * 0.01 * ratio * np.pi))
+
+
+def _figures(measured: Measured) -> dict[str, Saver]:
+    from studies.paper.figures.scat import save  # matplotlib is slow to import
+
+    return {LABEL: partial(save, values=measured.values)} if len(known_modes(measured.values, "level")) > 1 else {}
+
+
+PART = figure_part(LABEL, "the number of modes", _measure, _words, _figures)
+
+
+def claims(measured: Measured) -> list[Claim]:
+    """Return what the number of modes does to levels and losses."""
+    values = measured.values
+    modes, accounts = known_modes(values, "level"), known_modes(values, "account")
+    relative, near = ({n: np.array(values[f"level, {n}"][key]) for n in modes} for key in ("relative", "near"))
+    step = {n: values[f"level, {n}"]["step"] for n in modes}
+    many = [n for n in modes if n >= 2 / 3 * modes[-1]]
+    gain = 100 * (1 - np.concatenate([relative[n] for n in many]) / np.median(relative[1]))
+    own = values[f"account, {accounts[0]}"]
+    shares, left, passed = (np.array(own[key]) for key in ("shares", "left", "passed"))
+    spread = np.concatenate([_unevenness(np.array(values[f"account, {n}"]["shares"])) for n in accounts])
+    given = _unevenness(passed)
+    largest = values[f"account, {accounts[-1]}"]
+    complete = [i + 1 for i, share in enumerate(np.median(np.array(largest["left"]), axis=0)) if i and share < LEFT]
+    influence = np.array([np.median(near[n]) for n in modes]) / np.median(near[1])
+    said, count = partial(claim, LABEL), f"{accounts[0]} modes: "
+    return [
+        said("one_mode", "5 N, one mode: the level is that without absorber", "4.2", relative[1], (0.95, 1.05),
+             "It is that of the absorber as a fixed mass.", about="over no absorber ", at_step=step[1]),
+        said("reduction", "5 N: many modes lower the level by about 60 % against one", "4.2", gain, (55, 65),
+             f"Members with {many[0]} to {many[-1]} modes; their median is {np.median(gain):.0f} %.",
+             about=f"{many[0]} to {many[-1]} modes: lower by ",
+             form="{:.0f}", unit=" %", at_step=100 * (1 - float(np.mean([step[n] for n in many])) / step[1])),
+        said("stabilises", "the level stabilises with the number of modes", "4.2",
+             [np.median(relative[many[0]]) - np.median(relative[many[-1]])], (-0.05, 0.05), "Medians; 5 % of no absorber are allowed.",
+             about=f"from {many[0]} to {many[-1]} modes the median falls by ", form="{:.3f}"),
+        said("resonant_most", "of all modes the resonant one dissipates most", "4.2", shares[:, 0] / np.max(shares[:, 1:], axis=1), (1.0, INFINITY),
+             "Another mode dissipates more in some members.", about=f"{count}the resonant mode's loss over the largest other ", form="{:.1f}"),
+        said("sum", "the off-resonant modes' losses add up to a significant share", "4.2", 100 * (1 - shares[:, 0]), (20, 100),
+             "A fifth is asked for.", about=f"{count}off-resonant modes dissipate ", form="{:.0f}", unit=" %"),
+        said("sixth", "as of about mode 6 all that an impact passes on is dissipated before the next", "4.2", left[:, SIXTH], (0.0, LEFT),
+             f"Less than {100 * LEFT:g} % left is what counts as complete. With two impacts a period "
+             f"{100 * decayed(own['omega'][SIXTH]):.1f} % of mode 6 would be left, as the paper has it; but there are "
+             f"{np.median(own['contacts']):.1f} contacts a pseudo period, not evenly spaced, and "
+             f"{_from(complete, accounts[-1])}.", about=f"{count}left of mode 6 before the next contact "),
+        said("uniform", "modes 6 and higher dissipate nearly the same", "4.2", spread, (1.0, 1.5),
+             "The largest share of these modes over the smallest, in single members; half as much again is allowed. With more than ten modes their "
+             "shares differ more, and are smaller.",
+             about=f"{' and '.join(map(str, accounts))} modes: largest over smallest share from mode 6 on "),
+        said("passed", "impacts pass about the same energy to each of modes 6 and higher", "4.2", given, (1.0, 1.5),
+             "The net sum over all contacts of a window, largest over smallest.", about=f"{count}largest over smallest from mode 6 on "),
+        said("near_one", "1.5 N, one mode: around omega_1 the level is reduced to about 20 %", "4.2", near[1], (0.15, 0.25),
+             f"The larger of both directions counts, as for all levels: {interval(values['level, 1']['near_up'])} upwards, "
+             f"{interval(values['level, 1']['near_down'])} downwards. It is the RMS of 20 of 130 pseudo periods around the largest burst of a "
+             f"modulated response; the RMS of all of them is {interval(values['level, 1']['near_rms'])}.",
+             about="over no absorber ", at_step=values["level, 1"]["near_step"]),
+        said("near_all", "1.5 N: the number of modes has no considerable influence on the level around omega_1", "4.2", influence, (0.7, 1.3),
+             f"Medians over the members: from {np.min(influence):.2f} to {np.max(influence):.2f} of one mode's.",
+             about=f"{modes[0]} to {modes[-1]} modes, over one mode: "),
+    ]  # fmt: skip
+
+
+def _unevenness(rows: Array) -> Array:
+    """Return the largest over the smallest of the sixth and higher modes' values, by member, (M,)."""
+    high = rows[:, SIXTH:]
+    return np.asarray(np.max(high, axis=1) / np.min(high, axis=1))
+
+
+def _from(complete: list[int], modes: int) -> str:
+    """Say from which mode on dissipation is complete."""
+    return f"of {modes} modes it is as of mode {complete[0]} that less is left" if complete else f"no mode of {modes} is left with less"

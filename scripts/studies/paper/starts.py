@@ -1,0 +1,173 @@
+"""How the level changes when nobody chose the start: the absorber anywhere in its cavity, the force beginning at any frequency. Beyond the paper.
+
+The paper begins each sweep at one frequency with the absorber in the middle, and calls that conservative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.curve import BAND, quantiles
+from impact_env.drive import PAPER_LIMITS, Drive, linear_sweep
+from impact_env.ensemble import Lane, draw_members
+from impact_env.parameters import Beam, RigidWalls, impact_absorber
+from impact_env.scene import InitialState, Scene, beam_scene
+from impact_env.sweep import simulate
+from optimisation.report.markdown import markdown
+from studies.paper.claim import Claim, Verdict
+from studies.paper.frame import figure_part, in_turn
+from studies.paper.settings import Settings
+from studies.study import Json, Measured, Saver, Steps
+
+LABEL = "starts"
+CHOICES = ("paper's", "position", "frequency", "both")  # what is drawn at random
+FORCES, QUICK_FORCES = (0.6, 0.8, 1.0, 1.5, 2.5, 3.5, 5.0, 10.0), (0.8, 1.5, 3.5, 5.0)  # N
+MEMBERS = (16, 4)
+NEAR = 0.05  # of a level: what counts as the same
+Array = NDArray[np.float64]
+
+
+def scenes() -> dict[str, Scene]:
+    """Return the absorbers, by name: the paper's best, one without losses, and its case of one mode whose level is that of the first impacts."""
+    return {
+        "10 modes, e = 0.7, 0.1 N": beam_scene(Beam(), impact_absorber(restitution=0.7, friction_limit=0.1)),
+        "10 modes, e = 1": beam_scene(Beam(), impact_absorber()),
+        "1 mode, e = 0.75": beam_scene(Beam(modes=1), impact_absorber(restitution=0.75)),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Start(Lane):
+    """A lane that begins with the absorber beside the middle of its cavity: ``displacement`` in m."""
+
+    displacement: float
+
+
+def level_from(lane: Lane) -> float:
+    """Return the response level in m of a `Start`."""
+    assert isinstance(lane, Start)
+    level = simulate(lane.scene, lane.drive, initial=InitialState(absorber_displacement=lane.displacement)).level
+    assert level is not None
+    return level.value
+
+
+def parameters(settings: Settings) -> Json:
+    """Return what the numbers depend on."""
+    names = list(scenes())
+    return {"scenes": names, "forces": settings.size(FORCES, QUICK_FORCES), "members": settings.size(*MEMBERS), "choices": CHOICES}
+
+
+def measure(settings: Settings, known: Json) -> Steps:
+    """Yield, scene by scene, the levels of all members for each way to choose the start."""
+    return in_turn({name: partial(_of_scene, scene, settings) for name, scene in scenes().items()}, known)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What is drawn for the members: ``place`` (M,) in units of the clearance, ``first`` (M, 2) frequency ratios where sweeps up and down begin."""
+
+    place: Array
+    first: Array
+
+
+def draw(members: int, seed: int) -> Drawn:
+    """Return the starts: places uniform in the cavity, frequencies uniform from the paper's limits to the resonance."""
+    generator = np.random.default_rng([seed, 15])
+    place = generator.uniform(-1, 1, members)
+    low, high = PAPER_LIMITS
+    return Drawn(place, np.column_stack([generator.uniform(low, 1.0, members), generator.uniform(1.0, high, members)]))
+
+
+def _of_scene(scene: Scene, settings: Settings) -> Json:
+    number, forces = settings.size(*MEMBERS), settings.size(FORCES, QUICK_FORCES)
+    drawn, members = draw(number, settings.seed), draw_members(number, settings.seed)
+    low, high = PAPER_LIMITS
+    lanes = []
+    for choice in CHOICES:
+        places = RigidWalls.gap * drawn.place if choice in ("position", "both") else np.zeros(number)
+        first = drawn.first if choice in ("frequency", "both") else np.tile([low, high], (number, 1))
+        for force in forces:
+            for m in range(number):
+                for start, stop in ((first[m, 0], high), (first[m, 1], low)):
+                    schedule = linear_sweep(scene.model.resonance_omega(1), float(start), stop)
+                    drive = Drive(force * float(members.factors[m]), schedule, float(members.phases[m]))
+                    lanes.append(Start(scene, drive, float(places[m])))
+    levels = np.array(settings.each(LABEL, lanes, level_from)).reshape(len(CHOICES), len(forces), number, 2).max(axis=-1)
+    return {"forces_n": list(forces), "levels_m": dict(zip(CHOICES, levels.tolist(), strict=True))}
+
+
+def relative(group: Json, choice: str) -> Array:
+    """Return the levels of a choice over the median of the paper's choice, (F, M)."""
+    paper = np.median(np.array(group["levels_m"][CHOICES[0]]), axis=1)
+    return np.asarray(np.array(group["levels_m"][choice]) / paper[:, None])
+
+
+def bands(group: Json, choice: str) -> Array:
+    """Return 5, 50 and 95 % of `relative` over the members, (3, F)."""
+    return quantiles(relative(group, choice), (BAND[0], 0.5, BAND[1]))
+
+
+def _words(values: Json) -> str:
+    header = ("absorber", "force, N", *CHOICES)
+    rows = []
+    for name, group in values.items():
+        found = {choice: bands(group, choice) for choice in CHOICES}
+        for k, force in enumerate(group["forces_n"]):
+            cells = [f"{found[choice][1, k]:.2f} ({found[choice][0, k]:.2f} to {found[choice][2, k]:.2f})" for choice in CHOICES]
+            rows.append((name, f"{force:g}", *cells))
+    text = "Level over the median of the paper's start, median (5 to 95 %) of the members; what is named is drawn at random."
+    return "\n\n".join([text, markdown(header, rows), *(_summary(values, choice) for choice in CHOICES[1:])])
+
+
+def _summary(values: Json, choice: str) -> str:
+    low, high = _least(values, choice), _largest(values, choice, 1)
+    said = " to ".join(f"{x:.2f} ({name}, {force:g} N)" for x, name, force in (low, high))
+    top = _largest(values, choice, 2)
+    return f"Random {choice}: medians {said} times the paper's, 95 % quantiles up to {top[0]:.2f} ({top[1]}, {top[2]:g} N)."
+
+
+def figures(measured: Measured) -> Mapping[str, Saver]:
+    """Return what draws the figure."""
+    from studies.paper.figures import starts as drawn  # matplotlib is slow to import
+
+    return {LABEL: lambda path: drawn.save(Path(path), measured.values)}
+
+
+def claims(measured: Measured) -> list[Claim]:
+    """Return whether the centred start is the conservative one."""
+    worst, name, force = _largest(measured.values, "position", 1)
+    top, top_name, top_force = _largest(measured.values, "position", 2)
+    holds = max(worst, top) < 1 + NEAR
+    verdict = Verdict.HOLDS if holds else Verdict.SPREAD if worst < 1 + NEAR else Verdict.NOT
+    least, least_name, least_force = _least(measured.values, "position")
+    middles = f"{least:.2f} ({least_name}, {least_force:g} N) to {worst:.2f} ({name}, {force:g} N)"
+    said = f"level from a random place over that from the middle: medians {middles}, 95 % quantiles up to {top:.2f}"
+    why = f"From a random place the 95 % quantile of the members is up to {top:.2f} times that from the middle ({top_name}, {top_force:g} N)."
+    statement = "the absorber in the middle of its cavity is the conservative start"
+    return [Claim("starts_position", statement, "3.3", said, verdict, LABEL, "" if holds else why)]
+
+
+def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, float]]:
+    """Return a quantile (0, 1, 2 of `bands`) over that of the paper's start, with absorber and force in N."""
+    found = []
+    for name, group in values.items():
+        row = bands(group, choice)[quantile] / bands(group, CHOICES[0])[quantile]
+        found += [(float(x), name, force) for x, force in zip(row, group["forces_n"], strict=True)]
+    return found
+
+
+def _largest(values: Json, choice: str, quantile: int) -> tuple[float, str, float]:
+    return max(_ratios(values, choice, quantile))
+
+
+def _least(values: Json, choice: str) -> tuple[float, str, float]:
+    return min(_ratios(values, choice, 1))
+
+
+PART = figure_part(LABEL, "starts that nobody chose", measure, _words, figures)

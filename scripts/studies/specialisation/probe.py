@@ -1,0 +1,110 @@
+"""Run in a process of its own by the specialisation report: import, compile, look into the compiled code, time, and print JSON.
+
+Arguments: absorber, method, record, "inspect" or "time", pseudo periods, repeats. The kernel cache is that of IMPACT_ENV_CACHE.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+BEGAN = time.perf_counter()
+import impact_env  # noqa: E402, F401 - its import is timed
+
+IMPORT_S = time.perf_counter() - BEGAN
+IMPORTED = sorted({name.partition(".")[0] for name in sys.modules if not name.startswith("_")} - set(sys.stdlib_module_names))
+
+import json  # noqa: E402
+import operator  # noqa: E402
+import statistics  # noqa: E402
+import tracemalloc  # noqa: E402
+from typing import Any  # noqa: E402
+
+from impact_env import simulate  # noqa: E402
+from optimisation.memory import peak_memory  # noqa: E402
+from studies.variants import METHODS, RECORDS, Variant  # noqa: E402
+
+LONGER = 10  # memory is compared between a run and one so many times longer
+
+
+def _lane() -> Any:
+    """Return the one lane kernel that has been compiled."""
+    from impact_env.kernels import compliant, exact, linear, moreau, runge_kutta
+
+    lanes: tuple[Any, ...] = (linear.linear_lane, exact.exact_lane, compliant.compliant_lane, moreau.moreau_lane, runge_kutta.runge_kutta_lane)
+    (used,) = (lane for lane in lanes if lane.signatures)
+    return used
+
+
+def _part(dispatcher: Any, signature: Any) -> Any:
+    """Return what was compiled of a kernel for this process's one lane: its part, or the one that is inlined sparingly."""
+    parts = [getattr(dispatcher, name, dispatcher) for name in ("part", "sparing_part")]
+    return next(part for part in parts if signature in part.overloads)
+
+
+def functions(lane: Any) -> list[dict[str, Any]]:
+    """Return the functions that a compiled kernel calls after numba has pruned what is absent: name, statements, arithmetic operations, calls."""
+    from numba.core import ir, types
+
+    seen: dict[tuple[str, Any], dict[str, Any]] = {}
+
+    def walk(dispatcher: Any, signature: Any) -> None:
+        name = f"{dispatcher.py_func.__module__.rpartition('.')[2]}.{dispatcher.py_func.__name__}"
+        if (name, signature) in seen:
+            return
+        notes = dispatcher.overloads[signature].type_annotation
+        entry = seen[name, signature] = {"name": name, "statements": 0, "arithmetic": 0, "calls": 0}
+        for block in notes.blocks.values():
+            entry["statements"] += len(block.body)
+            for statement in block.body:
+                value = statement.value if isinstance(statement, ir.Assign) else None
+                if not isinstance(value, ir.Expr):
+                    continue
+                entry["arithmetic"] += value.op in ("binop", "inplace_binop", "unary") and value.fn not in (operator.is_, operator.is_not)
+                if value.op == "call":
+                    entry["calls"] += 1
+                    called = notes.typemap[value.func.name]
+                    if isinstance(called, types.Dispatcher):
+                        walk(_part(called.dispatcher, notes.calltypes[value].args), notes.calltypes[value].args)
+
+    walk(lane, lane.signatures[0])
+    return list(seen.values())
+
+
+def instructions(lane: Any) -> int:
+    """Return the number of machine instructions of a compiled kernel with all that it calls."""
+    text = lane.overloads[lane.signatures[0]].library.get_asm_str()
+    return sum(line.startswith("\t") and not line.lstrip().startswith((".", "#")) for line in text.splitlines())
+
+
+def _peak_kb(variant: Variant, periods: float) -> float:
+    """Return the largest memory in kB that Python and NumPy hold at once during a run."""
+    scene, drive = variant.scene(), variant.drive(periods)
+    tracemalloc.start()
+    simulate(scene, drive, METHODS[variant.method], record=RECORDS[variant.record])
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return peak / 1e3
+
+
+def main(absorber: str, method: str, record: str, what: str, periods: float, repeats: int) -> dict[str, Any]:
+    """Return what is found of a variant: its first run, and its compiled code or the times of its runs."""
+    variant = Variant(absorber, method, record)
+    scene, drive = variant.scene(), variant.drive(1.0)
+    began = time.perf_counter()
+    simulate(scene, drive, METHODS[method], record=RECORDS[record])
+    values: dict[str, Any] = {"import_s": IMPORT_S, "first_s": time.perf_counter() - began, "imported": IMPORTED}
+    if what == "inspect":
+        return values | {"functions": functions(_lane()), "instructions": instructions(_lane())}
+    drive = variant.drive(periods)
+    responses = [simulate(scene, drive, METHODS[method], record=RECORDS[record]) for _ in range(repeats)]
+    values["ns_per_period"] = 1e9 * statistics.median(response.wall_time for response in responses) / periods
+    values["impacts_per_period"] = responses[0].impact_count / periods
+    values["memory_mb"] = 1e-6 * peak_memory()
+    values["peak_kb"] = [_peak_kb(variant, length) for length in (periods, LONGER * periods)]
+    return values
+
+
+if __name__ == "__main__":
+    names = sys.argv[1:5]
+    print(json.dumps(main(names[0], names[1], names[2], names[3], float(sys.argv[5]), int(sys.argv[6]))))

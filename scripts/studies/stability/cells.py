@@ -1,0 +1,246 @@
+"""One cell of the stability matrix: a case run with one method, measured and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from impact_env import (
+    Drive,
+    Exact,
+    FrequencySchedule,
+    InitialState,
+    IntegrationError,
+    Moreau,
+    ParameterError,
+    Record,
+    Response,
+    RigidWalls,
+    RungeKutta,
+    Scene,
+    SlidingAbsorber,
+    TunedAbsorber,
+    simulate,
+)
+from impact_env.energy import stored_energy
+from impact_env.methods import Method
+from optimisation.memory import peak_memory
+from reference.dense import Truth, follow
+from studies.stability.case import EXACT, MOREAU, Case
+
+SAMPLES = 32  # per pseudo period
+LEAST_SAMPLES = 33
+FINER = {MOREAU: 16, "runge-kutta": 4}
+FINER_FAST = 4  # the same for scenes with a highest mode above this many first ones
+FAST = 5e3
+MAKE: dict[str, Callable[[int], Method]] = {
+    EXACT: lambda _: Exact(),
+    MOREAU: lambda factor: Moreau(20 * factor),
+    "runge-kutta": lambda factor: RungeKutta(20 * factor, 20 * factor),
+}
+
+GOOD, WEAK, REFUSED, FAILED = "good", "fewer digits", "refused", "FAILED"
+# what an exact method may lose to rounding, and from where on its numbers are called wrong
+GOOD_BALANCE, WRONG_BALANCE = 1e-9, 1e-6
+GOOD_DEVIATION, WRONG_DEVIATION = 1e-9, 1e-5
+DEEP, WRONG_DEPTH = 1e-12, 1e-9  # penetration
+FAR = 0.3  # a stepping method must come closer than this with the finer step
+CLOSE = 1e-2  # a stepping method this near to the reference need not come nearer with a finer step
+GAIN = {MOREAU: 0.5, "runge-kutta": 0.5}  # what a finer step must make of the deviation
+
+
+@dataclass
+class Cell:
+    """What came of a case with a method. Energies relative to the largest term of their balance; None where there is no such thing.
+
+    ``balance``: as the package reports it. ``identity``: what is left of the balance when the part that the scheme's step accounts for exactly is
+    taken out (Moreau). ``drift``: change of the balance per pseudo period over the run's second half. ``penetration``: deepest, relative to gap
+    and motion. ``deviation``: largest distance from the reference, relative to its largest displacement, over ``followed`` pseudo periods;
+    ``finer``: with a finer step. ``wall_s`` is the time of one run, ``memory_mb`` the most that the process has used.
+    """
+
+    group: str
+    case: str
+    method: str
+    verdict: str
+    reason: str = ""
+    balance: float | None = None
+    identity: float | None = None
+    drift: float | None = None
+    penetration: float | None = None
+    deviation: float | None = None
+    finer: float | None = None
+    followed: float | None = None
+    impacts: int | None = None
+    wall_s: float | None = None
+    memory_mb: float | None = None
+
+
+def measure(case: Case, method: str) -> Cell:
+    """Run a case with a method and judge it. Never raises but for an interrupt: an error that is not a clear refusal is a failure."""
+    cell = Cell(case.group, case.name, method, FAILED)
+    try:
+        scene, drive, initial = case.build()
+        response = _run(scene, drive, initial, MAKE[method](1), _samples(drive))
+        _fill(cell, case, scene, drive, initial, response)
+    except (ParameterError, IntegrationError) as error:
+        cell.verdict, cell.reason = REFUSED, f"{type(error).__name__}: {error}"
+    except Exception as error:
+        cell.verdict, cell.reason = FAILED, f"not a clear refusal: {type(error).__name__}: {error}"
+    else:
+        cell.verdict, cell.reason = _judge(cell, case)
+    cell.memory_mb = 1e-6 * peak_memory()
+    return cell
+
+
+def _samples(drive: Drive) -> int:
+    """Return samples per pseudo period: more than usual where the run is shorter than one."""
+    return max(SAMPLES, int(np.ceil(LEAST_SAMPLES / drive.schedule.periods)))
+
+
+def _run(scene: Scene, drive: Drive, initial: InitialState, method: Method, samples: int) -> Response:
+    return simulate(
+        scene, drive, method, initial=initial, record=Record(level=False, events=True, series=True, energy=True, samples_per_period=samples)
+    )
+
+
+def _cut(drive: Drive, end: float) -> Drive:
+    """Return the drive up to a time in s."""
+    schedule = drive.schedule
+    times = np.append(schedule.times[schedule.times < end * (1 - 1e-12)], end)
+    return Drive(drive.amplitude, FrequencySchedule(times, schedule.omega_at(times), schedule.reference), drive.phase)
+
+
+def _fill(cell: Cell, case: Case, scene: Scene, drive: Drive, initial: InitialState, response: Response) -> None:
+    assert response.history is not None
+    assert response.energy is not None
+    cell.impacts, cell.wall_s = response.impact_count, response.wall_time
+    cell.balance = response.energy.relative_error
+    if isinstance(response.method, Moreau):
+        cell.identity = _left_over(scene, initial, response)
+    half = _run(scene, _cut(drive, 0.5 * float(drive.schedule.times[-1])), initial, response.method, _samples(drive))
+    cell.drift = _drift(scene, response, half, case.conserved)
+    cell.penetration = _penetration(scene, response)
+    expected = _truth(case)
+    if len(expected.time) > 1:
+        cell.followed = float(expected.time[-1]) / drive.schedule.pseudo_period
+        cell.deviation = _deviation(expected, response)
+        if cell.method != EXACT:
+            factor = FINER[cell.method] if scene.model.omega[-1] < FAST * scene.model.omega[0] else FINER_FAST
+            cell.finer = _deviation(expected, _run(scene, _cut(drive, float(expected.time[-1])), initial, MAKE[cell.method](factor), _samples(drive)))
+
+
+@lru_cache(maxsize=8)
+def _truth(case: Case) -> Truth:
+    scene, drive, initial = case.build()
+    interval = drive.schedule.pseudo_period / _samples(drive)
+    samples = int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
+    return follow(scene, drive, initial, interval * np.arange(samples, dtype=float), case.impacts)
+
+
+def _deviation(expected: Truth, response: Response) -> float:
+    history = response.history
+    assert history is not None
+    count = min(len(expected.time), len(history.time))
+    tip = history.tip_displacement[:count]
+    distance = np.abs(tip - expected.tip[:count])
+    scale = float(np.max(np.abs(expected.tip)))
+    if response.scene.absorber is not None:
+        relative = history.absorber_displacement[:count] - tip
+        distance = np.maximum(distance, np.abs(relative - expected.relative[:count]))
+        scale = max(scale, float(np.max(np.abs(expected.relative))))
+    largest = float(np.max(distance))
+    return largest / scale if scale > 0 else largest
+
+
+def _penetration(scene: Scene, response: Response) -> float | None:
+    """Return how far the absorber is beyond a wall at the samples, of gap and motion; None without rigid walls."""
+    walls = scene.absorber.walls if isinstance(scene.absorber, SlidingAbsorber) else None
+    if not isinstance(walls, RigidWalls):
+        return None
+    history = response.history
+    assert history is not None
+    relative = history.absorber_displacement - history.tip_displacement
+    depth = max(0.0, float(np.max(np.abs(relative))) - walls.gap)
+    return depth / (walls.gap + float(np.max(np.abs(history.absorber_displacement))))
+
+
+def _left_over(scene: Scene, initial: InitialState, response: Response) -> float:
+    """Return the relative balance error of the Moreau scheme but for dt^2/8 times the change of sum omega^2 u^2 (and of k r'^2 in a tuned absorber).
+
+    With the mean velocity of each step the scheme's balance closes exactly but for that term.
+    """
+    assert response.energy is not None
+    n, model, account = scene.model.modes, scene.model, response.energy
+    dt = float(response.drive.schedule.times[-1]) / response.steps
+
+    def kinetic(state: np.ndarray) -> float:
+        total = float(np.sum((model.omega * state[n + 1 : -1]) ** 2))
+        if isinstance(scene.absorber, TunedAbsorber):
+            total += scene.absorber.stiffness * float(state[-1] - model.tip_shape @ state[n + 1 : -1]) ** 2
+        return total
+
+    change = dt**2 / 8 * (kinetic(response.end_state) - kinetic(initial.vector(scene)))
+    error, scale = abs(account.balance_error + change), _scale(response)
+    return error / scale if scale > 0 else error
+
+
+def _scale(response: Response) -> float:
+    """Return the largest term of the energy balance in J."""
+    account = response.energy
+    assert account is not None
+    losses = float(np.sum(account.modal_loss)), account.friction_loss, account.impact_loss, account.absorber_damping
+    return max(abs(account.work), account.stored_at_start, account.stored_at_end, *map(abs, losses))
+
+
+def _drift(scene: Scene, response: Response, half: Response, conserved: bool) -> float:
+    """Return the change of the balance over the second half, per pseudo period; for a conserved case that of the stored energy itself."""
+    assert response.energy is not None
+    assert half.energy is not None
+    scale = _scale(response)
+    if conserved:
+        change = stored_energy(scene, response.end_state) - stored_energy(scene, half.end_state)
+    else:
+        change = response.energy.balance_error - half.energy.balance_error
+    return abs(change) / (scale if scale > 0 else 1.0) / (0.5 * response.drive.schedule.periods)
+
+
+def _judge(cell: Cell, case: Case) -> tuple[str, str]:
+    """Return verdict and reason of a finished cell."""
+    if case.must_refuse:
+        return FAILED, "finished where there is no right answer"
+    assert cell.balance is not None
+    values = {name: value for name, value in vars(cell).items() if isinstance(value, float) and not np.isfinite(value)}
+    if values:
+        return FAILED, f"not finite: {', '.join(values)}"
+    if cell.method == EXACT:
+        return _judge_exact(cell)
+    return _judge_steps(cell)
+
+
+def _judge_exact(cell: Cell) -> tuple[str, str]:
+    assert cell.balance is not None
+    deviation, depth = cell.deviation or 0.0, cell.penetration or 0.0
+    found = {f"balance {cell.balance:.1e}": (cell.balance, GOOD_BALANCE, WRONG_BALANCE)}
+    found[f"{deviation:.1e} from the reference"] = (deviation, GOOD_DEVIATION, WRONG_DEVIATION)
+    found[f"penetration {depth:.1e} of gap and motion"] = (depth, DEEP, WRONG_DEPTH)
+    for verdict, at in ((FAILED, 2), (WEAK, 1)):
+        reasons = [text for text, limits in found.items() if limits[0] > limits[at]]
+        if reasons:
+            return verdict, ", ".join(reasons)
+    return GOOD, ""
+
+
+def _judge_steps(cell: Cell) -> tuple[str, str]:
+    if cell.deviation is None or cell.finer is None:
+        return GOOD, ""
+    if cell.finer > FAR:
+        return FAILED, f"{cell.finer:.1e} from the reference even with a finer step"
+    if cell.finer > max(GAIN[cell.method] * cell.deviation, CLOSE):
+        return FAILED, f"{cell.deviation:.1e} from the reference, {cell.finer:.1e} with a finer step: it does not converge"
+    if cell.identity is not None and cell.identity > WRONG_BALANCE:
+        return FAILED, f"balance {cell.identity:.1e} beside what the step explains"
+    return GOOD, ""

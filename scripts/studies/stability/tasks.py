@@ -1,0 +1,162 @@
+"""The stability report's work as tasks for processes, and its results as plain values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from typing import Any
+
+from impact_env import ParameterError, SlidingAbsorber
+from optimisation.workers import Outcome, Task
+from studies.stability import cells as cells
+from studies.stability import checks as checks
+from studies.stability import eigen as eigen
+from studies.stability import limits as limits
+from studies.stability import soak as soaks
+from studies.stability.case import Case
+from studies.stability.cases import cases
+
+CELL_LIMIT_S, QUICK_CELL_LIMIT_S = 90.0, 30.0
+SOAK_LIMIT_S = 400.0
+OTHER_LIMIT_S = 120.0
+CHECK_LIMIT_S = 400.0
+MATRIX, LIMITS, EIGEN, SOAKS, CHECKS = "cells", "limits", "eigen", "soaks", "checks"
+
+
+@lru_cache(maxsize=1)
+def _by_name() -> dict[tuple[str, str], Case]:
+    return {(case.group, case.name): case for case in cases()}
+
+
+def run_cell(group: str, name: str, method: str) -> dict[str, Any]:
+    """Run a case with a method."""
+    values = asdict(cells.measure(_by_name()[group, name], method))
+    return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in values.items()}
+
+
+def run_limit(number: int) -> dict[str, Any]:
+    """Find a step limit."""
+    found = limits.find_limit(limits.CASES[number])
+    return asdict(found) | {"agrees": found.agrees}
+
+
+def run_eigen(elements: int) -> dict[str, Any]:
+    """Compute the errors of the modes."""
+    found = eigen.accuracy(elements)
+    values = asdict(found) | {"wrong": found.wrong}
+    return values | {name: {str(mode): error for mode, error in values[name].items()} for name in ("rounding", "discretisation")}
+
+
+def run_soak(number: int, lengths: tuple[int, ...]) -> dict[str, Any]:
+    """Do one very long run."""
+    return asdict(soaks.soak(soaks.CASES[number], lengths))
+
+
+def run_check(number: int, searches: int) -> dict[str, Any]:
+    """Check searches of one scene."""
+    found = checks.check(checks.CASES[number], searches, number)
+    return asdict(found) | {"passed": found.passed}
+
+
+SECTIONS = {run_cell: MATRIX, run_limit: LIMITS, run_eigen: EIGEN, run_soak: SOAKS, run_check: CHECKS}
+
+
+def _kind(case: Case, method: str) -> str:
+    """Name the kernels that a case needs."""
+    try:
+        scene, _, _ = case.build()
+    except ParameterError:
+        return f"{method}, refused"
+    absorber = scene.absorber
+    parts = (absorber.walls, absorber.friction) if isinstance(absorber, SlidingAbsorber) else (absorber,)
+    wide = ", wide" if scene.model.modes > 60 else ""
+    return f"{method}, {', '.join(type(part).__name__ for part in parts)}{wide}"
+
+
+def tasks(quick: bool) -> list[Task]:
+    """Return all tasks, the longest first and those of one case one after the other."""
+    lengths = soaks.QUICK_LENGTHS if quick else soaks.LENGTHS
+    chosen = [number for number, case in enumerate(limits.CASES) if not quick or case in limits.QUICK]
+    limit = QUICK_CELL_LIMIT_S if quick else CELL_LIMIT_S
+    searches = -(-(checks.QUICK_SEARCHES if quick else checks.SEARCHES) // len(checks.CASES))
+    return [
+        *(Task(run_check, (number, searches), f"check {number}", CHECK_LIMIT_S) for number in range(len(checks.CASES))),
+        *(Task(run_soak, (number, lengths), f"soak {number}", SOAK_LIMIT_S) for number in range(len(soaks.CASES))),
+        *(Task(run_cell, (case.group, case.name, method), _kind(case, method), limit) for case in cases(quick) for method in case.methods),
+        *(Task(run_limit, (number,), "limits", OTHER_LIMIT_S) for number in chosen),
+        *(Task(run_eigen, (elements,), "eigenproblem", OTHER_LIMIT_S) for elements in (eigen.QUICK_ELEMENTS if quick else eigen.ELEMENTS)),
+    ]
+
+
+@dataclass
+class Results:
+    """What has been measured: plain values for JSON, section by section, in the order of the tasks."""
+
+    cells: list[dict[str, Any]] = field(default_factory=list)
+    limits: list[dict[str, Any]] = field(default_factory=list)
+    eigen: list[dict[str, Any]] = field(default_factory=list)
+    soaks: list[dict[str, Any]] = field(default_factory=list)
+    checks: list[dict[str, Any]] = field(default_factory=list)
+    lost: list[dict[str, Any]] = field(default_factory=list)
+
+    def failures(self) -> Iterator[str]:
+        """Yield a line for each thing that is wrong."""
+        for cell in self.cells:
+            if cell["verdict"] == cells.FAILED:
+                yield f"{cell['group']}: {cell['case']}, {cell['method']}: {cell['reason']}"
+        for limit in self.limits:
+            if not limit["agrees"]:
+                found, theory = limit["found_s"], limit["theory_s"]
+                yield f"step limit of {limit['method']}, {limit['what']}, D = {limit['damping_ratio']:g}: {found:.6g} s, theory {theory:.6g} s"
+        for entry in self.eigen:
+            if entry["wrong"] or entry["error"]:
+                yield f"eigenproblem with {entry['elements']} elements: {entry['error'] or entry['rounding']}"
+        for soak in self.soaks:
+            if not soak["passed"]:
+                yield f"soak, {soak['name']}: {soak['reason']}"
+        for found in self.checks:
+            if not found["passed"]:
+                yield f"searches, {found['name']}: {found['misses']} of {found['searches']} missed an event, {found['first']}"
+        for lost in self.lost:
+            yield f"{lost['what']}: {lost['error']}"
+
+
+def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Results:
+    """Return the results of finished tasks, in the given order. A cell that was lost (time, crash) is a failed cell."""
+    results = Results()
+    place = {(task.function, task.arguments): number for number, task in enumerate(order)}
+    for outcome in sorted(outcomes, key=lambda outcome: place[outcome.task.function, outcome.task.arguments]):
+        task = outcome.task
+        if outcome.value is not None:
+            getattr(results, SECTIONS[task.function]).append(outcome.value)
+        elif task.function is run_cell:
+            group, case, method = task.arguments
+            results.cells.append(asdict(cells.Cell(group, case, method, cells.FAILED, outcome.error)))
+        else:
+            results.lost.append({"what": f"{task.function.__name__[4:]} {task.arguments}", "error": outcome.error})
+    return results
+
+
+def _identity(task: Task) -> dict[str, Any]:
+    """Return what tells the result of a task from the others of its section."""
+    if task.function is run_cell:
+        return dict(zip(("group", "case", "method"), task.arguments, strict=True))
+    number = task.arguments[0]
+    if task.function is run_limit:
+        case = limits.CASES[number]
+        return {"method": case.method, "what": case.what, "damping_ratio": case.damping_ratio}
+    if task.function is run_eigen:
+        return {"elements": number}
+    return {"name": (soaks.CASES if task.function is run_soak else checks.CASES)[number].name}
+
+
+def finished(order: Sequence[Task], known: dict[str, Any]) -> list[Outcome]:
+    """Return what an earlier run has found of the tasks; one that was lost there is not among it."""
+    found = []
+    for task in order:
+        own = _identity(task)
+        entries = known.get(SECTIONS[task.function], ())
+        found += [Outcome(task, entry, "", 0.0) for entry in entries if all(entry[name] == value for name, value in own.items())][:1]
+    return found

@@ -1,0 +1,136 @@
+"""What a study is: cases measured as plain values, kept as JSON and CSV, and told on a page with figures. `runner.run` carries it out.
+
+A new one is its cases with a function that measures their rows, the text of its tables and figures, and a command with its options in scripts.
+`levels` is the smallest, with one table; `accuracy` has parts with rows by case, files and figures of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from optimisation.machine import PACKAGES
+from optimisation.page import DOCS
+
+Json = dict[str, Any]
+Steps = Generator[Json, None, None]
+Saver = Callable[[Path], None]  # writes a figure; the ending of the path chooses the format
+S = TypeVar("S")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What is known of a part: plain values, the `conditions` under which they were measured, and whether that is all of them."""
+
+    values: Json
+    conditions: Json = field(default_factory=dict)
+    complete: bool = True
+
+
+class Table(NamedTuple):
+    """A CSV file: its name without the ending, columns and rows."""
+
+    name: str
+    columns: Sequence[str]
+    rows: Iterable[Sequence[object]]
+
+
+@dataclass(frozen=True)
+class Part(Generic[S]):
+    """What is measured together and kept in one JSON file.
+
+    ``measure(settings, known)`` yields, after each of its ``steps(settings, known)``, all values that are known by then; what it yielded last is kept
+    however it ends. ``known`` are the values of an earlier run to go on from, else empty. ``steps`` is None where it shows a bar of its own.
+    ``whole(settings, values)``: whether nothing is left to measure once ``measure`` has ended.
+
+    The rest tells of what was measured: ``sections`` the text between the page's ``markers``, ``tables`` the CSV files, ``figures`` by file name, a
+    PNG where it has no ending, ``said`` what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
+    """
+
+    name: str
+    title: str
+    _: KW_ONLY
+    measure: Callable[[S, Json], Steps]
+    markers: tuple[str, ...]
+    sections: Callable[[Measured], Mapping[str, str]]
+    steps: Callable[[S, Json], int] | None = None
+    whole: Callable[[S, Json], bool] = lambda *_: True
+    tables: Callable[[Measured], Iterable[Table]] = lambda _: ()
+    figures: Callable[[Measured], Mapping[str, Saver]] = lambda _: {}
+    said: Callable[[Measured], str] | None = None
+    failures: Callable[[Measured], Sequence[str]] = lambda _: ()
+
+
+def pack(_name: str, measured: Measured) -> Json:
+    """Return what the JSON file of a part holds."""
+    return {"conditions": measured.conditions, "complete": measured.complete, **measured.values}
+
+
+def unpack(_name: str, content: Json) -> Measured:
+    """Return what `pack` has packed; raises KeyError if it was another."""
+    values = {name: value for name, value in content.items() if name not in ("conditions", "complete")}
+    return Measured(values, dict(content["conditions"]), bool(content["complete"]))
+
+
+@dataclass(frozen=True)
+class Study(Generic[S]):
+    """Parts by name, and what their files hold.
+
+    ``notes(settings)`` is added to the conditions once a part is measured. A run goes on from an earlier one if the conditions named in ``same``
+    are the same. ``kept`` says what is left of a run that is stopped.
+
+    ``key(name, settings)``: all that a part's numbers depend on, as JSON has it; a file with another key is no earlier run of the part, which is
+    measured anew. None: the conditions alone tell.
+    """
+
+    parts: tuple[Part[S], ...]
+    notes: Callable[[S], Json] = lambda _: {}
+    pack: Callable[[str, Measured], Json] = pack
+    unpack: Callable[[str, Json], Measured] = unpack
+    packages: tuple[str, ...] = PACKAGES
+    same: tuple[str, ...] = ("processor", "versions", "quick")
+    kept: str = "the files hold what was finished."
+    key: Callable[[str, S], Json] | None = None
+
+    def chosen(self, names: Sequence[str]) -> list[Part[S]]:
+        """Return the named parts in their own order; all if none is named."""
+        return [part for part in self.parts if not names or part.name in names]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where files go: PART.json and all else into ``folder``, or the JSON alone to ``json``; sections into ``page``, which starts as ``template``."""
+
+    folder: Path | None = None
+    page: Path | None = None
+    template: Path | None = None
+    json: Path | None = None
+
+    def numbers(self, name: str) -> Path | None:
+        """Return the JSON file of a part."""
+        return self.json or (self.folder and self.folder / f"{name}.json")
+
+
+def beside(out: Path, name: str, data: Path | None = None) -> Place:
+    """Return the place of a study whose page NAME.md is in ``out``, and whose other files are there as well, or in ``data``."""
+    return Place(data or out, out / f"{name}.md", DOCS / f"{name}.md")
+
+
+def rows_by_case(cases: Mapping[Any, Callable[[], list[Json]]], key: Callable[[Json], Any], known: Json, order: Sequence[Any] | None = None) -> Steps:
+    """Yield {"rows": ...} after each case: a function that measures its rows, by what ``key`` returns of them. Cases that are known are left out.
+
+    Rows stand in the order of ``order``, by default that of the cases, whatever the order in which they were measured.
+    """
+    places = {name: place for place, name in enumerate(order if order is not None else cases)}
+    rows: list[Json] = list(known.get("rows", ()))
+    for name in left(cases, key, known):
+        rows = sorted(rows + cases[name](), key=lambda row: places[key(row)])  # stable: a case's rows keep their order
+        yield {"rows": rows}
+
+
+def left(cases: Iterable[Any], key: Callable[[Json], Any], known: Json) -> list[Any]:
+    """Return the cases that have no rows yet."""
+    done = {key(row) for row in known.get("rows", ())}
+    return [name for name in cases if name not in done]

@@ -1,0 +1,214 @@
+"""One contact mechanics for all references and any number of absorbers: what an event at one makes of all.
+
+Nothing here knows how a motion between two events is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.scene import Scene
+from reference.automaton import (
+    CONTACT,
+    HOLD,
+    PARTING,
+    RELEASE_DOWN,
+    RELEASE_UP,
+    REVERSAL,
+    SLIP,
+    WALL,
+    Guard,
+    Number,
+    Regime,
+    automata_of,
+    sign_of,
+    size_of,
+)
+
+Array = NDArray[np.float64]
+
+MOST_STRIKES = 1000  # at one time
+TOUCHING = 1 - 1e-15  # of the gap: an absorber that starts there is on the wall
+
+
+class Motion(Protocol):
+    """What a reference tells about the state that it is in, and does to it. ``mobility`` (n, n) in 1/kg: relative accelerations for forces."""
+
+    mobility: Array
+
+    def relative(self, which: int) -> tuple[Number, Number]:
+        """Return relative displacement (m) and velocity (m/s) of an absorber."""
+
+    def pull(self) -> Array:
+        """Return the accelerations (n,) in m/s^2 of the absorbers' places if no absorber pushed."""
+
+    def strike(self, which: int, restitution: float) -> None:
+        """Turn the relative velocity of an absorber into -restitution times itself by an impulse (paper, Eq. impulse)."""
+
+    def stop(self, which: Sequence[int]) -> None:
+        """Make relative velocities zero, by impulses."""
+
+
+class Contacts:
+    """What the absorbers of a scene are doing, as a motion goes on.
+
+    ``zeros``: for each absorber the order of the root that each guard of its regime has at the regime's start, 0 where it has none.
+    """
+
+    def __init__(self, scene: Scene, motion: Motion, rest_speed: float) -> None:
+        """Start in the motion's state; bounces slower than ``rest_speed`` (m/s) end a chatter."""
+        self.automata, self.motion, self.rest_speed = automata_of(scene), motion, rest_speed
+        self.struck: list[tuple[int, float]] = []  # absorber and relative velocity before each impact or contact of the last event
+        self.regimes = [self._first(which) for which in range(len(self.automata))]
+        self.zeros: list[tuple[int, ...]] = [() for _ in self.regimes]
+        self._begin()
+
+    def _first(self, which: int) -> Regime:
+        automaton = self.automata[which]
+        y, gamma = self.motion.relative(which)
+        if automaton.linear:
+            return automaton.only()
+        if not automaton.springs:
+            return automaton.moving(sign_of(gamma) or 1)
+        within = automaton.wall_stiffness is None or automaton.gap is None or automaton.bonded or size_of(y) < automaton.gap
+        deep = not within and (size_of(y) > automaton.gap or y * gamma > 0)  # type: ignore[operator]
+        return automaton.sprung(sign_of(y) if deep else 0, 0, y)
+
+    def _begin(self) -> None:
+        on_wall: dict[int, int] = {}
+        rests: dict[int, int] = {}
+        for which, automaton in enumerate(self.automata):
+            y, gamma = self.motion.relative(which)
+            at = sign_of(y) if automaton.gap is not None and size_of(y) >= automaton.gap * TOUCHING else 0
+            self._enter(which, self.regimes[which], at, int(gamma == 0))
+            if automaton.linear or automaton.springs:
+                continue
+            if at:
+                on_wall[which] = at
+            if gamma == 0 and (at or automaton.limit):
+                rests[which] = at
+        first = [which for which, side in on_wall.items() if self.motion.relative(which)[1] * side > 0]
+        if first:
+            self._collide(first[0], on_wall, rests)
+        elif rests:
+            self._settle(rests)
+
+    def _enter(self, which: int, regime: Regime, at: int = 0, still: int = 0) -> None:
+        """Set a regime that starts on the wall of a side (0: on none), with a root of order ``still`` of the relative velocity."""
+
+        def order(guard: Guard) -> int:
+            if guard.event in (REVERSAL, HOLD):
+                return still
+            return 1 + still if at and guard.side == at and guard.event in (WALL, CONTACT, PARTING) else 0
+
+        self.regimes[which], self.zeros[which] = regime, tuple(order(guard) for guard in regime.guards)
+
+    def go_on(self) -> None:
+        """Say that the motion has left the start of its regimes behind, without an event."""
+        self.zeros = [(0,) * len(regime.guards) for regime in self.regimes]
+
+    def jump(self, which: int, guard: Guard) -> None:
+        """Apply the event of a guard of an absorber."""
+        self.go_on()
+        self.struck = []
+        left = self.regimes[which]
+        resting = {k: regime.side for k, regime in enumerate(self.regimes) if regime.joined}
+        if guard.event == WALL:
+            self._collide(which, {k: side for k, side in resting.items() if side} | {which: guard.side}, resting)
+        elif guard.event == REVERSAL:
+            self._settle(resting | {which: 0})
+        elif guard.event in (RELEASE_UP, RELEASE_DOWN):
+            self.motion.stop(list(resting))
+            self._enter(which, self.automata[which].moving(1 if guard.event == RELEASE_UP else -1), left.side, 2)
+        else:
+            self._spring(which, left, guard)
+
+    def _spring(self, which: int, left: Regime, guard: Guard) -> None:
+        automaton = self.automata[which]
+        y, gamma = self.motion.relative(which)
+        if guard.event == CONTACT:
+            self.struck.append((which, float(gamma)))
+            self._enter(which, automaton.sprung(guard.side, left.sliding, left.slider_rest), guard.side)
+        elif guard.event == PARTING:
+            self._enter(which, automaton.sprung(0, left.sliding, left.slider_rest), guard.side)
+        elif guard.event == SLIP:
+            self._enter(which, automaton.sprung(left.side, guard.side))
+        else:
+            assert automaton.limit is not None
+            assert automaton.slider is not None
+            exact = type(y)  # of floats or fractions
+            regime = automaton.sprung(left.side, 0, y - left.sliding * (exact(automaton.limit) / exact(automaton.slider)))
+            self._enter(which, regime)
+            # it holds where it slid: at the very end of its reach, and comes back from it
+            self.zeros[which] = tuple(2 * int(new.event == SLIP and new.side == left.sliding) for new in regime.guards)
+
+    def _collide(self, first: int, on_wall: Mapping[int, int], resting: Mapping[int, int]) -> None:
+        """Let an absorber hit its wall, and then those that an impact drives into theirs; what rested and is moved by that is torn loose."""
+        into = [first]
+        while into:
+            if len(self.struck) > MOST_STRIKES:
+                raise RuntimeError(f"more than {MOST_STRIKES} impacts at one time")
+            which = into[0]
+            restitution = self.automata[which].restitution
+            assert restitution is not None
+            self.struck.append((which, float(self.motion.relative(which)[1])))
+            self.motion.strike(which, restitution)
+            into = [k for k, side in on_wall.items() if side * self.motion.relative(k)[1] > self.rest_speed]
+        rests: dict[int, int] = {}
+        for k, automaton in enumerate(self.automata):
+            gamma = self.motion.relative(k)[1]
+            if (k in on_wall or k in resting) and size_of(gamma) < self.rest_speed:
+                rests[k] = on_wall.get(k, 0)
+            elif k in on_wall or k in resting or sign_of(gamma) != self.regimes[k].sliding:
+                self._enter(k, automaton.moving(sign_of(gamma) or 1), on_wall.get(k, 0))
+        self._settle(rests)
+
+    def _settle(self, resting: Mapping[int, int]) -> None:
+        """Find out which of the absorbers without relative velocity, each on the wall of a side or on none, stay joined, and how the others go on.
+
+        All assignments are tried: joined with a force within its bounds, or sliding away under a force at a bound. One alone is consistent, since the
+        mobility is positive definite; where rounding leaves none or two, the first of those that are wrong by least.
+        """
+        if not resting:
+            return
+        who = list(resting)
+        self.motion.stop(who)
+        bounds = [self._bounds(k, side) for k, side in resting.items()]
+        mobility, others = self.motion.mobility, np.array([0.0 if k in resting else r.constant for k, r in enumerate(self.regimes)])
+        drift = (mobility @ others - self.motion.pull())[who]  # relative accelerations without forces of their own
+        coupling = mobility[np.ix_(who, who)]
+        best: tuple[int, ...] = (0,) * len(who)
+        wrong = np.inf
+        for choice in product((0, 1, -1), repeat=len(who)):
+            found = _wrongness(choice, drift, coupling, bounds)
+            if found < wrong:
+                best, wrong = choice, found
+        for k, sign in zip(who, best, strict=True):
+            automaton, side = self.automata[k], resting[k]
+            self._enter(k, automaton.moving(sign) if sign else automaton.joined(side), side, 1)
+
+    def _bounds(self, which: int, side: int) -> tuple[float, float]:
+        """Return what friction and the wall of a side can give, in N."""
+        limit = self.automata[which].limit or 0.0
+        return (-np.inf if side > 0 else -limit), (np.inf if side < 0 else limit)
+
+
+def _wrongness(choice: Sequence[int], drift: Array, coupling: Array, bounds: Sequence[tuple[float, float]]) -> float:
+    """Return by how much (N) an assignment breaks its conditions; ``choice``: 0 joined, else the sign of the relative motion."""
+    forces = np.array([0.0 if sign == 0 else bound[0] if sign > 0 else bound[1] for sign, bound in zip(choice, bounds, strict=True)])
+    if not np.all(np.isfinite(forces)):
+        return float(np.inf)
+    joined = [k for k, sign in enumerate(choice) if sign == 0]
+    if joined:
+        forces[joined] = np.linalg.solve(coupling[np.ix_(joined, joined)], -(drift + coupling @ forces)[joined])
+    accelerations = drift + coupling @ forces
+    worst = 0.0
+    for k, (sign, (low, high)) in enumerate(zip(choice, bounds, strict=True)):
+        off = max(low - forces[k], forces[k] - high) if sign == 0 else -sign * accelerations[k] / coupling[k, k]
+        worst = max(worst, float(off))
+    return worst

@@ -1,0 +1,282 @@
+"""A reference with many digits: Taylor series of order 70 in whole numbers of 2^-200, events on the series themselves. About 40 digits are right.
+
+With q'' = -2 D omega q' - omega^2 q + force_shape f(t) - sum_a shape_a lambda_a and m_a q_a'' = lambda_a the coefficients follow order by order,
+time counted in steps. The force A cos(theta), theta' = Omega + alpha t, has the coefficients that follow from c' = -theta' s, s' = theta' c. All
+inputs count as the exact doubles that they are. Regimes, guards and jumps are those of `contact`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive
+from impact_env.extras import optional
+from impact_env.scene import InitialState, Scene
+from reference.automaton import Guard, Number, Regime
+from reference.contact import Contacts
+from reference.mechanics import Mechanics
+from reference.whole_numbers import BITS, ONE, UNIT, Whole, first_root, fraction, inverse, value_at, whole, wholes
+
+with optional():
+    import mpmath
+
+Array = NDArray[np.float64]
+
+DIGITS = 70  # of the force's phase
+ORDER = 70
+REACH = 6.0  # rad of the fastest motion in a step: 6^70/70! is below 1e-45
+REST_SPEED = 1e-22  # m/s: slower bounces end a chatter
+MOST_EVENTS = 20_000
+
+
+@dataclass(frozen=True)
+class Event:
+    """An event: time (s), absorber, what it was (a name of `contact`), and the regime of that absorber that follows."""
+
+    time: Fraction
+    absorber: int
+    what: str
+    regime: str
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Impact times (s) as exact fractions, relative velocities before (m/s) and absorbers, contacts of compliant walls included.
+
+    ``end``: modal displacements, absorber displacements, modal velocities, absorber velocities at ``end_time``, with all their digits. ``start``: the
+    regime of each absorber at time 0.
+    """
+
+    impact_time: tuple[Fraction, ...]
+    relative_velocity: tuple[float, ...]
+    impact_absorber: tuple[int, ...]
+    start: tuple[str, ...]
+    events: tuple[Event, ...]
+    end_time: Fraction
+    end: tuple[Fraction, ...]
+
+    @property
+    def end_state(self) -> Array:
+        """The end as numbers of 16 digits, (2 N_m + 2 n,)."""
+        return np.array([float(value) for value in self.end])
+
+
+@dataclass(frozen=True, eq=False)
+class _Laws:
+    """The regimes of all absorbers in units of a step, (n,) each: forces without motion, stiffnesses with rests, dampings.
+
+    ``joint``: inverse mobility of the joined. ``springs``: whether any force depends on the motion of an absorber that is not joined.
+    """
+
+    constant: Whole
+    stiffness: Whole
+    rest: Whole
+    slider: Whole
+    slider_rest: Whole
+    damping: Whole
+    joined: list[int]
+    joint: Whole
+    springs: bool
+
+
+class Run:
+    """State and constants of one trajectory: what `contact` asks for, and steps."""
+
+    def __init__(self, scene: Scene, drive: Drive, initial: InitialState, rate: float | None) -> None:
+        m, model = Mechanics(scene), scene.model
+        self.mechanics, self.modes, self.places, self.mobility = m, m.modes, m.places, m.mobility
+        self.schedule = [(Fraction(t), Fraction(omega)) for t, omega in zip(drive.schedule.times, drive.schedule.omegas, strict=True)]
+        slopes = [(later[1] - sooner[1]) / (later[0] - sooner[0]) for sooner, later in zip(self.schedule, self.schedule[1:], strict=False)]
+        if rate is not None and len(slopes) > 1:
+            raise ValueError("a rate of its own takes the place of one slope: the schedule must be straight")
+        self.slopes = slopes if rate is None else [Fraction(rate)]
+        self.amplitude = Fraction(drive.amplitude)
+        self.shapes = np.array([wholes(row) for row in m.shapes], dtype=object).reshape(m.places, m.modes)
+        self.inverse_mass = wholes([1 / Fraction(mass) for mass in m.masses])
+        self.exact_mobility = [[fraction(x) for x in row] for row in ((self.shapes @ self.shapes.T) >> BITS) + np.diag(self.inverse_mass)]
+        start = initial.vector(scene)
+        self.place, self.speed = wholes(start[: m.half]), wholes(start[m.half :])
+        with mpmath.workdps(DIGITS):
+            phase = mpmath.mpf(drive.phase)
+            self.cosine, self.sine = (int(mpmath.floor(mpmath.ldexp(f(phase), BITS))) for f in (mpmath.cos, mpmath.sin))
+        self.time = Fraction(0)
+        self.contacts = Contacts(scene, self, REST_SPEED)
+        self.step = Fraction(REACH / self._fastest(float(np.max(drive.schedule.omegas))))
+        omega, ratio = [Fraction(x) for x in model.omega], [Fraction(x) for x in model.damping_ratio]
+        self.square = wholes([(x * self.step) ** 2 for x in omega])
+        self.rate = wholes([2 * d * x * self.step for d, x in zip(ratio, omega, strict=True)])
+        self.push = wholes([Fraction(x) * self.amplitude * self.step**2 for x in model.force_shape])
+
+    def _fastest(self, force: float) -> float:
+        rates = [force, float(np.max(self.mechanics.model.omega))]
+        for a, automaton in enumerate(self.contacts.automata):
+            only, compliance = automaton.only(), float(self.mobility[a, a])
+            stiffness = (automaton.wall_stiffness or 0.0) + (automaton.slider or 0.0) + only.stiffness
+            rates += [np.sqrt(stiffness * compliance), only.damping * compliance]
+        return max(rates)
+
+    # --- what the contacts ask for
+
+    def relative(self, which: int) -> tuple[Number, Number]:
+        """Return relative displacement (m) and velocity (m/s) of an absorber."""
+        n, shape = self.modes, self.shapes[which]
+        y, gamma = (int(row[n + which]) - (int(shape @ row[:n]) >> BITS) for row in (self.place, self.speed))
+        return fraction(y), fraction(gamma)
+
+    def pull(self) -> Array:
+        """Return the accelerations (n,) in m/s^2 of the absorbers' places if no absorber pushed."""
+        n, model = self.modes, self.mechanics.model
+        q, u = (row[:n].astype(float) * UNIT for row in (self.place, self.speed))
+        force = float(self.amplitude) * self.cosine * UNIT
+        return np.asarray(self.mechanics.shapes @ (force * model.force_shape - model.omega**2 * q - 2 * model.damping_ratio * model.omega * u))
+
+    def strike(self, which: int, restitution: float) -> None:
+        """Turn the relative velocity of an absorber into -restitution times itself."""
+        self._change([which], -(1 + Fraction(restitution)))
+
+    def stop(self, which: Sequence[int]) -> None:
+        """Make relative velocities zero, by impulses."""
+        self._change(which, Fraction(-1))
+
+    def _change(self, which: Sequence[int], share: Fraction) -> None:
+        """Change the relative velocities of absorbers by a multiple of themselves."""
+        n, changes = self.modes, [share * Fraction(self.relative(a)[1]) for a in which]
+        inverted = inverse([[self.exact_mobility[a][b] for b in which] for a in which])
+        for a, row in zip(which, inverted, strict=True):
+            impulse = whole(sum((x * change for x, change in zip(row, changes, strict=True)), Fraction(0)))
+            self.speed[:n] -= (self.shapes[a] * impulse) >> BITS
+            self.speed[n + a] += (int(self.inverse_mass[a]) * impulse) >> BITS
+
+    # --- series
+
+    def _laws(self) -> _Laws:
+        regimes, h = self.contacts.regimes, self.step
+        loose = [Regime("joined") if regime.joined else regime for regime in regimes]
+        joined = [a for a, regime in enumerate(regimes) if regime.joined]
+        joint = inverse([[self.exact_mobility[a][b] for b in joined] for a in joined])
+        return _Laws(
+            constant=wholes([Fraction(regime.constant) * h**2 for regime in loose]),
+            stiffness=wholes([Fraction(regime.stiffness) * h**2 for regime in loose]),
+            rest=wholes([regime.rest for regime in loose]),
+            slider=wholes([Fraction(regime.slider) * h**2 for regime in loose]),
+            slider_rest=wholes([regime.slider_rest for regime in loose]),
+            damping=wholes([Fraction(regime.damping) * h for regime in loose]),
+            joined=joined,
+            joint=np.array([wholes(row) for row in joint], dtype=object),
+            springs=any(regime.stiffness or regime.slider or regime.damping for regime in loose),
+        )
+
+    def _pushes(self, omega: Fraction, slope: Fraction) -> tuple[list[int], list[int]]:
+        """Return the coefficients (ORDER + 1,) of the force's cosine and sine."""
+        turn, bend = whole(omega * self.step), whole(slope * self.step**2)
+        cosine, sine = [self.cosine], [self.sine]
+        for k in range(ORDER):
+            before = (cosine[k - 1], sine[k - 1]) if k else (0, 0)
+            cosine.append(-((turn * sine[k] + bend * before[1]) >> BITS) // (k + 1))
+            sine.append(((turn * cosine[k] + bend * before[0]) >> BITS) // (k + 1))
+        return cosine, sine
+
+    def _series(self, cosine: list[int]) -> tuple[Whole, Whole]:
+        """Return the coefficients of all displacements (ORDER + 1, N_m + n), and of the forces in units of a step (ORDER + 1, n)."""
+        n, laws, shapes = self.modes, self._laws(), self.shapes
+        x = np.zeros((ORDER + 1, n + self.places), dtype=object)
+        forces = np.zeros((ORDER + 1, self.places), dtype=object)
+        h = whole(self.step)
+        x[0], x[1] = self.place, (self.speed * h) >> BITS
+        y, later = self._distance(x[0]), self._distance(x[1])
+        for k in range(ORDER - 1):
+            free = (self.push * cosine[k] - self.square * x[k, :n] - self.rate * (x[k + 1, :n] * (k + 1))) >> BITS
+            force = forces[k]
+            if k == 0:
+                force += laws.constant + ((laws.stiffness * laws.rest + laws.slider * laws.slider_rest) >> BITS)
+            if laws.springs:
+                force -= ((laws.stiffness + laws.slider) * y + laws.damping * (later * (k + 1))) >> BITS
+            acting = k == 0 or laws.springs
+            if laws.joined:
+                pull = shapes[laws.joined] @ (free - ((shapes.T @ force) >> BITS if acting else 0)) >> BITS
+                force[laws.joined] = (laws.joint @ pull) >> BITS
+            if acting or laws.joined:
+                free = free - ((shapes.T @ force) >> BITS)
+                x[k + 2, n:] = ((self.inverse_mass * force) >> BITS) // ((k + 1) * (k + 2))
+            x[k + 2, :n] = free // ((k + 1) * (k + 2))
+            if laws.springs:
+                y, later = later, self._distance(x[k + 2])
+        return x, forces
+
+    def _distance(self, x: Whole) -> Whole:
+        """Return relative displacements (..., n) of displacements (..., N_m + n)."""
+        return np.asarray(x[..., self.modes :] - ((x[..., : self.modes] @ self.shapes.T) >> BITS))
+
+    def _guard(self, guard: Guard, y: Whole, force: Whole) -> list[int]:
+        """Return the coefficients (ORDER - 1,) of a guard, times a positive factor, from those of an absorber's y and force."""
+        if guard.gamma_weight:
+            return [int(guard.gamma_weight) * (k + 1) * int(y[k + 1]) for k in range(ORDER - 1)]
+        weight = whole(guard.y_weight or guard.force_weight)
+        row = [(weight * int(value)) >> BITS for value in (y if guard.y_weight else force)[: ORDER - 1]]
+        constant = Fraction(guard.constant) - Fraction(guard.y_weight) * Fraction(guard.rest)
+        row[0] += whole(constant if guard.y_weight else constant * self.step**2)
+        return row
+
+    def advance(self, until: Fraction) -> tuple[int, Guard] | None:
+        """Go on by one step, at most to ``until``; return the absorber and the guard that ended it, if one did: its event is still to be applied."""
+        k = max(k for k, (time, _) in enumerate(self.schedule[:-1]) if time <= self.time)
+        slope = self.slopes[k]
+        cosine, sine = self._pushes(self.schedule[k][1] + slope * (self.time - self.schedule[k][0]), slope)
+        x, forces = self._series(cosine)
+        end = min(until, self.schedule[k + 1][0]) if k + 2 < len(self.schedule) else until
+        last = min(ONE, whole((end - self.time) / self.step))
+        hit, at = None, last
+        if any(regime.guards for regime in self.contacts.regimes):
+            y = self._distance(x)
+            for which, regime in enumerate(self.contacts.regimes):
+                for guard, order in zip(regime.guards, self.contacts.zeros[which], strict=True):
+                    root = first_root(self._guard(guard, y[:, which], forces[:, which])[order:], at)
+                    if root is not None and (hit is None or root < at):
+                        hit, at = (which, guard), root
+        self.contacts.go_on()
+        self.place, speed = value_at(x, at)
+        self.speed = (speed * whole(1 / self.step)) >> BITS
+        self.cosine, self.sine = (int(value_at(np.array(row, dtype=object), at)[0]) for row in (cosine, sine))
+        self.time = end if hit is None and last < ONE else self.time + self.step * fraction(at)
+        return hit
+
+
+def follow(
+    scene: Scene,
+    drive: Drive,
+    initial: InitialState | None = None,
+    *,
+    impacts: int | None = None,
+    events: int | None = None,
+    until: float | None = None,
+    rate: float | None = None,
+) -> Trajectory:
+    """Follow a trajectory to the drive's end, to a time ``until`` (s) or to a number of impacts or events, whichever is first.
+
+    ``rate`` (rad/s^2) takes the place of the slope between the schedule's two frequencies, whose rounding it carries otherwise.
+
+    Raises ValueError for a rate beside a bent schedule, RuntimeError if events pile up without end.
+    """
+    run = Run(scene, drive, InitialState() if initial is None else initial, rate)
+    end = run.schedule[-1][0] if until is None else min(run.schedule[-1][0], Fraction(until))
+    start = tuple(regime.name for regime in run.contacts.regimes)
+    struck = [(run.time, *hit) for hit in run.contacts.struck]
+    happened: list[Event] = []
+    while run.time < end and (impacts is None or len(struck) < impacts) and (events is None or len(happened) < events):
+        hit = run.advance(end)
+        if hit is None:
+            continue
+        if len(happened) >= MOST_EVENTS:
+            raise RuntimeError(f"more than {MOST_EVENTS} events by {float(run.time)} s")
+        which, guard = hit
+        run.contacts.jump(which, guard)
+        happened.append(Event(run.time, which, guard.event, run.contacts.regimes[which].name))
+        struck += [(run.time, *one) for one in run.contacts.struck]
+    times, who, speeds = zip(*struck, strict=True) if struck else ((), (), ())
+    last = tuple(fraction(int(x)) for x in (*run.place, *run.speed))
+    return Trajectory(times, speeds, who, start, tuple(happened), run.time, last)
