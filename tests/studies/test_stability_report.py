@@ -13,10 +13,9 @@ from click.testing import CliRunner
 
 from impact_env import Beam, modal_model
 from impact_env.parameters import ParameterError
-from optimisation import workers
+from optimisation import machine, workers
 from optimisation.files import write_json
 from optimisation.page import DOCS, fill
-from studies import machine
 from studies import study as pattern
 from studies.cli import stability
 from studies.stability import case as one_case
