@@ -7,12 +7,12 @@ import pytest
 
 cvxpy = pytest.importorskip("cvxpy")
 
-from impact_env.frequency import state_space, tip_response  # noqa: E402
-from impact_env.modes import ModalModel, modal_model  # noqa: E402
-from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber  # noqa: E402
-from optimisation.convex import NotOptimalError  # noqa: E402
-from optimisation.tuned import PAPER, den_hartog, highest_amplitude  # noqa: E402
-from optimisation.tuned.certificate import certify  # noqa: E402
+from impact_env.frequency import state_space, tip_response
+from impact_env.modes import ModalModel, modal_model
+from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber
+from optimisation.convex import NotOptimalError
+from optimisation.tuned import PAPER, den_hartog, highest_amplitude
+from optimisation.tuned.certificate import certify
 
 MODEL = modal_model(Beam(modes=3))
 

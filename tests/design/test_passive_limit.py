@@ -9,16 +9,16 @@ import pytest
 
 cvxpy = pytest.importorskip("cvxpy")
 
-from hypothesis import given, settings  # noqa: E402
-from hypothesis import strategies as st  # noqa: E402
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from impact_env.frequency import receptance  # noqa: E402
-from impact_env.modes import ModalModel, modal_model  # noqa: E402
-from impact_env.parameters import Beam, ParameterError  # noqa: E402
-from optimisation.bounds import design_force, resonance_limit, stroke_limit_rms  # noqa: E402
-from optimisation.bounds.lines import lines as line_terms  # noqa: E402
-from optimisation.bounds.relaxation import dual_bound, passive_limit, passive_resonance_limit  # noqa: E402
-from optimisation.convex import NotOptimalError  # noqa: E402
+from impact_env.frequency import receptance
+from impact_env.modes import ModalModel, modal_model
+from impact_env.parameters import Beam, ParameterError
+from optimisation.bounds import design_force, resonance_limit, stroke_limit_rms
+from optimisation.bounds.lines import lines as line_terms
+from optimisation.bounds.relaxation import dual_bound, passive_limit, passive_resonance_limit
+from optimisation.convex import NotOptimalError
 
 MODEL = modal_model(Beam())
 MASS = 0.02 * MODEL.beam_mass

@@ -9,11 +9,11 @@ from places import EXAMPLES
 
 gymnasium = pytest.importorskip("gymnasium")
 
-from impact_env import Beam, Drive, beam_scene, impact_absorber, linear_sweep, load_structure, simulate  # noqa: E402
-from impact_env.envs.reference import passage  # noqa: E402
-from impact_env.modes import modal_model  # noqa: E402
-from impact_env.periodic.overview import sweep_envelope  # noqa: E402
-from impact_env.scene import Scene  # noqa: E402
+from impact_env import Beam, Drive, beam_scene, impact_absorber, linear_sweep, load_structure, simulate
+from impact_env.envs.reference import passage
+from impact_env.modes import modal_model
+from impact_env.periodic.overview import sweep_envelope
+from impact_env.scene import Scene
 
 HALF = Beam(modes=3, damping_ratio=0.005)
 QUARTER = 0.25  # of the paper's rate: half of its damping, squared

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import GAP, PASSIVE, SHORT, SWEEP, actions, make, vector  # noqa: E402
-from gymnasium.utils.env_checker import check_env  # noqa: E402
+from environment_cases import GAP, PASSIVE, SHORT, SWEEP, actions, make, vector
+from gymnasium.utils.env_checker import check_env
 
-from impact_env.envs import ENVIRONMENTS, register_environments  # noqa: E402
-from impact_env.envs.settings import Settings  # noqa: E402
+from impact_env.envs import ENVIRONMENTS, register_environments
+from impact_env.envs.settings import Settings
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
 

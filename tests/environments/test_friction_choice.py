@@ -9,10 +9,10 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
 
-from impact_env import impact_absorber  # noqa: E402
-from impact_env.plain import from_scene  # noqa: E402
-from impact_env.scene import Scene  # noqa: E402
-from optimisation.friction_rule import PAPER_FRICTION, paper_share  # noqa: E402
+from impact_env import impact_absorber
+from impact_env.plain import from_scene
+from impact_env.scene import Scene
+from optimisation.friction_rule import PAPER_FRICTION, paper_share
 
 FRICTION, PASSIVE = "ImpactAbsorber/FrictionChoice-v0", "ImpactAbsorber/Passive-v0"
 WAY: dict[str, Any] = {"limits": (0.98, 1.01), "rate": 4.0}

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import SHORT, SWEEP, actions, make, vector  # noqa: E402
-from gymnasium.vector import AutoresetMode  # noqa: E402
+from environment_cases import SHORT, SWEEP, actions, make, vector
+from gymnasium.vector import AutoresetMode
 
-from impact_env.envs import ENVIRONMENTS  # noqa: E402
+from impact_env.envs import ENVIRONMENTS
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
 

@@ -7,12 +7,12 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
 
-from places import ROOT  # noqa: E402
+from places import ROOT
 
-from impact_env.parameters import ParameterError  # noqa: E402
-from optimisation.rl.agents import load_agent  # noqa: E402
-from optimisation.rl.play import GAP, SWEEP, play  # noqa: E402
-from optimisation.rl.policies import Constant, Random  # noqa: E402
+from impact_env.parameters import ParameterError
+from optimisation.rl.agents import load_agent
+from optimisation.rl.play import GAP, SWEEP, play
+from optimisation.rl.policies import Constant, Random
 
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}
 SHORT: dict[str, dict[str, Any]] = {

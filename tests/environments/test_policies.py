@@ -11,24 +11,25 @@ from click.testing import CliRunner, Result
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("cmaes")
 
-import evaluate_policies  # noqa: E402
-import sweep_tradeoff  # noqa: E402
-import tune_baselines  # noqa: E402
-
-from impact_env.parameters import ParameterError  # noqa: E402
-from optimisation.rl.agents import Agent, save_agent  # noqa: E402
-from optimisation.rl.baselines import families, load, policy, store, tune  # noqa: E402
-from optimisation.rl.families import FrequencyWindow, OpenLoop, Rates, policy_of  # noqa: E402
-from optimisation.rl.gap_rules import GapScale  # noqa: E402
-from optimisation.rl.judging import Judged, agents_for, contenders, judge, read_results, summarise, write_results  # noqa: E402
-from optimisation.rl.play import GAP, SWEEP, play  # noqa: E402
-from optimisation.rl.tasks import sweep  # noqa: E402
-from optimisation.rl.tasks.baseline import BEST_CONSTANT, BEST_SCHEDULE, Baseline  # noqa: E402
-from optimisation.rl.tasks.effort import QUICK, Effort  # noqa: E402
-from optimisation.rl.tasks.table import task_named  # noqa: E402
-from optimisation.rl.traces import gap_curves, passage_curves  # noqa: E402
-from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores  # noqa: E402
-from studies import tradeoff  # noqa: E402
+from impact_env.parameters import ParameterError
+from optimisation.cli import (
+    evaluate_policies,
+    tune_baselines,
+)
+from optimisation.rl.agents import Agent, save_agent
+from optimisation.rl.baselines import families, load, policy, store, tune
+from optimisation.rl.families import FrequencyWindow, OpenLoop, Rates, policy_of
+from optimisation.rl.gap_rules import GapScale
+from optimisation.rl.judging import Judged, agents_for, contenders, judge, read_results, summarise, write_results
+from optimisation.rl.play import GAP, SWEEP, play
+from optimisation.rl.tasks import sweep
+from optimisation.rl.tasks.baseline import BEST_CONSTANT, BEST_SCHEDULE, Baseline
+from optimisation.rl.tasks.effort import QUICK, Effort
+from optimisation.rl.tasks.table import task_named
+from optimisation.rl.traces import gap_curves, passage_curves
+from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores
+from studies import tradeoff
+from studies.cli import sweep_tradeoff
 
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}
 SWIFT: dict[str, Any] = {"rates": (1.0, 20.0), "time_budget": 400.0}

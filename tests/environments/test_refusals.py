@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ADAPTIVE, FRICTION, GAP, PASSIVE, SWEEP, V1, make, vector  # noqa: E402
-from gymnasium.error import ResetNeeded  # noqa: E402
+from environment_cases import ADAPTIVE, FRICTION, GAP, PASSIVE, SWEEP, V1, make, vector
+from gymnasium.error import ResetNeeded
 
-from impact_env import ParameterError  # noqa: E402
+from impact_env import ParameterError
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
 

@@ -11,13 +11,13 @@ from places import EXAMPLES
 
 gymnasium = pytest.importorskip("gymnasium")
 
-from impact_env import Drive, FrequencySchedule, Scene, StuckAbsorber, TunedAbsorber, load_structure, simulate  # noqa: E402
-from impact_env.controlled import ControlledRuns  # noqa: E402
-from impact_env.envs import ENVIRONMENTS  # noqa: E402
-from impact_env.envs.reference import passage  # noqa: E402
-from impact_env.frequency import LinearAbsorber, receptance, tip_response  # noqa: E402
-from impact_env.methods import Method, Moreau  # noqa: E402
-from impact_env.modes import modal_model  # noqa: E402
+from impact_env import Drive, FrequencySchedule, Scene, StuckAbsorber, TunedAbsorber, load_structure, simulate
+from impact_env.controlled import ControlledRuns
+from impact_env.envs import ENVIRONMENTS
+from impact_env.envs.reference import passage
+from impact_env.frequency import LinearAbsorber, receptance, tip_response
+from impact_env.methods import Method, Moreau
+from impact_env.modes import modal_model
 
 GAP, PASSIVE = list(ENVIRONMENTS)[1:3]
 STEEL = str(EXAMPLES / "steel_beam_tip.toml")

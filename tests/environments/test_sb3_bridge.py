@@ -8,15 +8,15 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("stable_baselines3")
-import torch  # noqa: E402
-from gymnasium.vector import AutoresetMode  # noqa: E402
-from stable_baselines3 import PPO  # noqa: E402
-from stable_baselines3.common.env_checker import check_env  # noqa: E402
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize  # noqa: E402
+import torch
+from gymnasium.vector import AutoresetMode
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
-from impact_env.envs import ENVIRONMENTS  # noqa: E402
-from impact_env.parameters import ParameterError  # noqa: E402
-from optimisation.rl.vec_env import NativeVecEnv, make_native  # noqa: E402
+from impact_env.envs import ENVIRONMENTS
+from impact_env.parameters import ParameterError
+from optimisation.rl.vec_env import NativeVecEnv, make_native
 
 SWEEP = "ImpactAbsorber/SweepRate-v0"
 SHORT: dict[str, Any] = {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0}

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import GAP, PASSIVE, RUBBING, SWEEP, actions, make  # noqa: E402
+from environment_cases import GAP, PASSIVE, RUBBING, SWEEP, actions, make
 
-from impact_env import Drive, FrequencySchedule, simulate  # noqa: E402
-from impact_env.envs.reference import passage  # noqa: E402
+from impact_env import Drive, FrequencySchedule, simulate
+from impact_env.envs.reference import passage
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
 

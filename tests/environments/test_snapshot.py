@@ -8,8 +8,8 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
 
-import impact_env.envs  # noqa: E402, F401
-from impact_env.parameters import ParameterError  # noqa: E402
+import impact_env.envs  # noqa: F401
+from impact_env.parameters import ParameterError
 
 SEEN: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, "observation_noise": 0.1, "observation_delay": 2}
 SWEEP, GAP = "ImpactAbsorber/SweepRate-v0", "ImpactAbsorber/GapChoice-v0"

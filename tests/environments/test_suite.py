@@ -11,20 +11,20 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("cmaes")
 
-from impact_env.envs import ENVIRONMENTS  # noqa: E402
-from impact_env.parameters import ParameterError  # noqa: E402
-from optimisation.rl.agents import Agent, Memory, load_agent, save_agent  # noqa: E402
-from optimisation.rl.baselines import TUNED, families, load, policy  # noqa: E402
-from optimisation.rl.ceiling import best_by_luck  # noqa: E402
-from optimisation.rl.demonstrations import fingerprint, read_demonstrations, record, write_demonstrations  # noqa: E402
-from optimisation.rl.families import Rates, policy_of  # noqa: E402
-from optimisation.rl.friction_rules import LimitByLook, LimitScale  # noqa: E402
-from optimisation.rl.passage_rules import BlindTries, TryAgain  # noqa: E402
-from optimisation.rl.play import ADAPTIVE, DELAYED, FRICTION, PASSAGE, play  # noqa: E402
-from optimisation.rl.policies import Constant  # noqa: E402
-from optimisation.rl.tasks.baseline import BEST_LIMIT, BEST_PAIR, BEST_SCHEDULE, FEEDBACK, KNOTTED, ORACLE, WINDOWED, Baseline  # noqa: E402
-from optimisation.rl.tasks.table import FIRST, SUITE, TASKS  # noqa: E402
-from optimisation.rl.tasks.task import Task  # noqa: E402
+from impact_env.envs import ENVIRONMENTS
+from impact_env.parameters import ParameterError
+from optimisation.rl.agents import Agent, Memory, load_agent, save_agent
+from optimisation.rl.baselines import TUNED, families, load, policy
+from optimisation.rl.ceiling import best_by_luck
+from optimisation.rl.demonstrations import fingerprint, read_demonstrations, record, write_demonstrations
+from optimisation.rl.families import Rates, policy_of
+from optimisation.rl.friction_rules import LimitByLook, LimitScale
+from optimisation.rl.passage_rules import BlindTries, TryAgain
+from optimisation.rl.play import ADAPTIVE, DELAYED, FRICTION, PASSAGE, play
+from optimisation.rl.policies import Constant
+from optimisation.rl.tasks.baseline import BEST_LIMIT, BEST_PAIR, BEST_SCHEDULE, FEEDBACK, KNOTTED, ORACLE, WINDOWED, Baseline
+from optimisation.rl.tasks.table import FIRST, SUITE, TASKS
+from optimisation.rl.tasks.task import Task
 
 FRESH = range(7_000_000, 7_000_192)  # neither trained, tuned nor judged on
 RATES = Rates(0.05, 4.0, 0.93, 1.03, 4.0, 0.98, 0.0125)

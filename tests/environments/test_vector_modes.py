@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from gymnasium.error import ResetNeeded  # noqa: E402
-from gymnasium.vector import AutoresetMode  # noqa: E402
-from gymnasium.wrappers import TimeLimit  # noqa: E402
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import TimeLimit
 
-import impact_env  # noqa: E402
-from impact_env import ParameterError  # noqa: E402
-from impact_env.plain import from_scene, to_scene  # noqa: E402
+import impact_env
+from impact_env import ParameterError
+from impact_env.plain import from_scene, to_scene
 
 V1, ADAPTIVE, GAP = "ImpactAbsorber/SweepRate-v1", "ImpactAbsorber/SweepAndGap-v0", "ImpactAbsorber/GapChoice-v0"
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}

@@ -16,7 +16,7 @@ from impact_env import CompliantWalls, Drive, FrequencySchedule, InitialState, R
 from reference import dense
 
 mpmath = pytest.importorskip("mpmath")
-from reference import digits  # noqa: E402 - it needs mpmath
+from reference import digits
 
 DIGITS = 60
 MOST_EVENTS = 1000
