@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import CompliantWalls, SlidingAbsorber, TunedAbsorber
+from impact_env.laws import stored
 from impact_env.scene import Scene
 
 if TYPE_CHECKING:
@@ -54,12 +54,7 @@ def stored_energy(scene: Scene, state: Array) -> float:
 
 def contact_energy(scene: Scene, relative_displacement: float) -> float:
     """Return the energy in J of the absorber's spring or of the walls' springs at a relative displacement in m."""
-    absorber = scene.absorber
-    if isinstance(absorber, TunedAbsorber):
-        return 0.5 * absorber.stiffness * relative_displacement**2
-    if isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, CompliantWalls):
-        return 0.5 * absorber.walls.stiffness * max(abs(relative_displacement) - absorber.walls.gap, 0.0) ** 2
-    return 0.0
+    return stored(scene.absorber, relative_displacement)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from impact_env.drive import Drive
-from impact_env.kinds import SceneKind, kind_of
+from impact_env.laws import SceneKind, parts
 from impact_env.matrices import with_link
 from impact_env.modes import MOST_HEAVINESS
 from impact_env.parameters import (
     CompliantWalls,
     ElasticCoulombFriction,
+    NonlinearSink,
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
@@ -40,6 +41,8 @@ def _highest_frequency(scene: Scene) -> float:
     highest = float(np.max(scene.model.omega))
     if isinstance(scene.absorber, TunedAbsorber):
         highest = max(highest, np.sqrt(scene.absorber.stiffness * _compliance(scene)), scene.absorber.damping * _compliance(scene))
+    if isinstance(scene.absorber, NonlinearSink):  # its spring's frequency is known only once it moves
+        highest = max(highest, scene.absorber.damping * _compliance(scene))
     return highest
 
 
@@ -48,7 +51,7 @@ def _contact_stiffness(scene: Scene) -> float | None:
     sliding = scene.absorber
     if not isinstance(sliding, SlidingAbsorber):
         return None
-    springs = [part.stiffness for part in (sliding.walls, sliding.friction) if isinstance(part, CompliantWalls | ElasticCoulombFriction)]
+    springs = [part.stiffness for part in parts(sliding) if isinstance(part, CompliantWalls | ElasticCoulombFriction)]
     return max(springs, default=None)
 
 
@@ -103,6 +106,8 @@ Method = Exact | Moreau | RungeKutta
 _REFUSED: dict[tuple[SceneKind, type[Method]], str] = {
     (SceneKind.SEVERAL, Moreau): "Exact for several absorbers",
     (SceneKind.SEVERAL, RungeKutta): "Exact for several absorbers",
+    (SceneKind.SMOOTH, Exact): "RungeKutta for a nonlinear spring, which has no linear regimes",
+    (SceneKind.SMOOTH, Moreau): "RungeKutta for a nonlinear spring",
     (SceneKind.COMPLIANT, Moreau): "for compliant contact Exact or RungeKutta, since the Moreau scheme is for rigid laws",
     (
         SceneKind.RIGID,
@@ -118,8 +123,8 @@ def method_class(method: Method) -> type[Method]:
 
 def check_supported(scene: Scene, method: Method) -> None:
     """Raise ParameterError if a method cannot do a scene."""
-    instance("method", method, Method)
-    pair = kind_of(scene), method_class(method)
+    instance("scene", scene, Scene), instance("method", method, Method)
+    pair = scene.kind, method_class(method)
     require(pair not in _REFUSED, "method", method, _REFUSED.get(pair, ""))
 
 

@@ -169,6 +169,26 @@ class RigidWalls:
 
 
 @dataclass(frozen=True)
+class YieldingWalls:
+    """Rigid cavity walls where contact yields: restitution falls with the relative velocity v at impact, e(v) = e (1 + v/v_y)^(-1/4).
+
+    At low velocity it is ``restitution``; far above ``yield_velocity`` v_y in m/s it goes with v^(-1/4), as for a fully plastic sphere
+    (K. L. Johnson, Contact Mechanics, 1985, section 11.5). ``gap`` in m.
+    """
+
+    yield_velocity: float
+    gap: float = RigidWalls.gap
+    restitution: float = RigidWalls.restitution
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "yield_velocity", positive("yield_velocity", self.yield_velocity))
+        rigid = RigidWalls(self.gap, self.restitution)
+        require(0 < rigid.gap < math.inf, "gap", self.gap, "a number in m above 0, and finite, with a yield_velocity")
+        object.__setattr__(self, "gap", rigid.gap)
+        object.__setattr__(self, "restitution", rigid.restitution)
+
+
+@dataclass(frozen=True)
 class CompliantWalls:
     """Cavity walls that are unilateral springs (paper, Eq. elSignorini). ``gap`` in m, ``stiffness`` k_n in N/m."""
 
@@ -233,6 +253,22 @@ class TunedAbsorber:
 
 
 @dataclass(frozen=True)
+class NonlinearSink:
+    """Nonlinear energy sink: a mass on a spring whose force is ``cubic_stiffness`` k_3 (N/m^3) times the cube of the relative displacement, and a
+    linear damper ``damping`` (N s/m). Without a linear spring it has no frequency of its own (O. Gendelman et al., J. Appl. Mech. 68, 2001).
+    """  # noqa: D205
+
+    cubic_stiffness: float
+    mass_ratio: float = DEFAULT_MASS_RATIO
+    damping: float = TunedAbsorber.damping
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
+        object.__setattr__(self, "cubic_stiffness", positive("cubic_stiffness", self.cubic_stiffness))
+        object.__setattr__(self, "damping", non_negative("absorber damping", self.damping))
+
+
+@dataclass(frozen=True)
 class SlidingAbsorber:
     """A mass that slides along the tip's deflection, with walls, friction, or both (paper, section 2.2).
 
@@ -240,24 +276,17 @@ class SlidingAbsorber:
     """
 
     mass_ratio: float = DEFAULT_MASS_RATIO
-    walls: RigidWalls | CompliantWalls | None = None
+    walls: RigidWalls | YieldingWalls | CompliantWalls | None = None
     friction: CoulombFriction | ElasticCoulombFriction | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
-        instance("walls", self.walls, RigidWalls | CompliantWalls | None)
+        instance("walls", self.walls, RigidWalls | YieldingWalls | CompliantWalls | None)
         instance("friction", self.friction, CoulombFriction | ElasticCoulombFriction | None)
-        require(
-            self.walls is not None or self.friction is not None,
-            "absorber",
-            self,
-            "walls, friction or both (a mass with neither does not touch the beam: leave it out)",
-        )
-        kinds = {
-            isinstance(self.walls, RigidWalls) if self.walls is not None else None,
-            isinstance(self.friction, CoulombFriction) if self.friction is not None else None,
-        }
-        require(kinds != {True, False}, "absorber", self, "walls and friction either both rigid or both compliant")
+        present = [part for part in (self.walls, self.friction) if part is not None]
+        require(present != [], "absorber", self, "walls, friction or both (a mass with neither does not touch the beam: leave it out)")
+        soft = {isinstance(part, CompliantWalls | ElasticCoulombFriction) for part in present}
+        require(len(soft) == 1, "absorber", self, "walls and friction either both rigid or both compliant")
 
 
 MOST_ABSORBERS = 4  # there is a regime for each set of them
@@ -277,7 +306,7 @@ class SeveralAbsorbers:
         require(2 <= n <= MOST_ABSORBERS, "number of absorbers", n, f"2 to {MOST_ABSORBERS}; one is an absorber by itself")
         require(len(self.positions) == n, "positions", self.positions, f"one for each of the {n} absorbers")
         for absorber in self.absorbers:
-            rigid = isinstance(absorber, SlidingAbsorber) and not isinstance(absorber.walls, CompliantWalls)
+            rigid = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls | None)
             rigid = rigid and not isinstance(absorber.friction, ElasticCoulombFriction)
             require(rigid, "absorber", absorber, "among several only impact absorbers and friction dampers with rigid contact")
             walls = absorber.walls
@@ -291,7 +320,7 @@ class SeveralAbsorbers:
         return math.fsum(absorber.mass_ratio for absorber in self.absorbers)
 
 
-Absorber = StuckAbsorber | TunedAbsorber | SlidingAbsorber | SeveralAbsorbers
+Absorber = StuckAbsorber | TunedAbsorber | NonlinearSink | SlidingAbsorber | SeveralAbsorbers
 
 
 def friction_law(limit: float | None, stiffness: float | None = None) -> CoulombFriction | ElasticCoulombFriction | None:

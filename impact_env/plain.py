@@ -7,31 +7,26 @@ that names the key's path, the value and what is allowed. The tables below are t
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, either, form, optional, require_keys
+from impact_env.laws import CONCEPTS, argument, concept, make, values
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.modes import Structure
 from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    Absorber,
     Beam,
-    CompliantWalls,
-    CoulombFriction,
-    ElasticCoulombFriction,
     ParameterError,
-    RigidWalls,
     SeveralAbsorbers,
     SlidingAbsorber,
-    StuckAbsorber,
-    TunedAbsorber,
     fraction,
-    friction_damper,
-    friction_law,
-    positive,
+    one_of,
     require,
 )
 from impact_env.plain_structures import BEAM, MODEL, STRUCTURES
@@ -42,118 +37,99 @@ Plain = dict[str, Any]
 INFINITY = "infinity"  # JSON has no infinite number
 
 
-def _is(kind: type) -> Any:
-    return lambda value: isinstance(value, kind)
+# an absorber's older form had tables of their own for walls and friction: where its keys are now
+OLDER = {
+    "walls": {"gap_m": "gap", "restitution": "restitution", "stiffness_n_m": "contact_stiffness"},
+    "friction": {"limit_n": "friction_limit", "stiffness_n_m": "friction_stiffness"},
+}
+OLDER_KEYS = {"stiffness_n_m": "stiffness", "damping_n_s_m": "damping"}
 
 
-GAP = Sort(
-    lambda path, plain: math.inf if isinstance(plain, str) and plain == INFINITY else NUMBER.read(path, plain),
-    lambda gap: INFINITY if math.isinf(gap) else float(gap),
-)
-WALLS = either(
-    {
-        "rigid": (_is(RigidWalls), form(RigidWalls, {"gap_m": ("gap", GAP), "restitution": ("restitution", NUMBER)})),
-        "compliant": (_is(CompliantWalls), form(CompliantWalls, {"stiffness_n_m": ("stiffness", NUMBER), "gap_m": ("gap", NUMBER)})),
-    },
-    "rigid",
-)
+def _from_older(path: str, plain: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an absorber's values in the form of now; one in the older form is read with a notice."""
+    found, old = dict(plain), {name for name in (*OLDER, *OLDER_KEYS) if name in plain}
+    for name, keys in OLDER.items():
+        table = found.pop(name, None)
+        if table is not None:
+            require_keys(f"{path}.{name}", table, {"kind": "", **keys})
+            found |= {keys[key]: value for key, value in table.items() if key != "kind"}
+    found = {OLDER_KEYS.get(key, key): value for key, value in found.items()}
+    if old:
+        warnings.warn(f"{path}: {', '.join(sorted(old))} is an older form; from the next version on it is an error: docs/scenes.md", FutureWarning, 2)
+    return found
 
 
-def _rubbing(rigid: Any, elastic: Any) -> Sort:
-    limit: Keys = {"limit_n": ("limit", NUMBER)}
-    kinds = {
-        "coulomb": (_is(CoulombFriction), form(rigid, limit)),
-        "elastic": (_is(ElasticCoulombFriction), form(elastic, {**limit, "stiffness_n_m": ("stiffness", NUMBER)})),
-    }
-    return either(kinds, "coulomb")
+def _read_one(path: str, plain: Any, more: tuple[str, ...] = ()) -> tuple[Absorber | None, dict[str, Any]]:
+    """Return the single absorber of a plain form, and the values of the keys of ``more`` that are there."""
+    require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
+    concept = one_of(f"{path}.kind", plain.get("kind", "impact"), KINDS)
+    found = _from_older(path, {key: value for key, value in plain.items() if key != "kind"})
+    require_keys(path, found, dict.fromkeys((*CONCEPTS[concept], *more)))
+    beside = {key: found.pop(key) for key in more if key in found}
+    if found.get("gap") == INFINITY:
+        found["gap"] = math.inf
+    try:
+        return make(concept, found), beside
+    except ParameterError as error:
+        said = argument(error, concept)
+        raise ParameterError(f"{path}.{said} = {str(error).partition(' = ')[2]}" if said else f"{path}: {error}") from error
 
 
-def _coulomb(limit: float) -> Any:
-    return friction_law(limit)
+def _write_one(absorber: Absorber | None) -> Plain:
+    found = {"kind": concept(absorber), **values(absorber)}
+    return found | ({"gap": INFINITY} if found.get("gap") == math.inf else {})
 
 
-def _elastic(limit: float, stiffness: float) -> Any:
-    return friction_law(limit, stiffness)
-
-
-def _damper_coulomb(limit: float) -> Any:
-    return friction_damper(limit).friction
-
-
-def _damper_elastic(limit: float, stiffness: float) -> Any:
-    return friction_damper(limit, friction_stiffness=stiffness).friction
-
-
-MASS: Keys = {"mass_ratio": ("mass_ratio", NUMBER)}
-# beside walls a limit of 0 is no friction; a damper without friction would be nothing, and is refused
-DAMPER: Keys = {**MASS, "friction": ("friction", _rubbing(_damper_coulomb, _damper_elastic))}
-IMPACT: Keys = {**MASS, "walls": ("walls", WALLS), "friction": ("friction", optional(_rubbing(_coulomb, _elastic)))}
-DEFAULT_WALLS, DEFAULT_RUBBING = RigidWalls(), friction_damper().friction
-
-
-@dataclass(frozen=True)
-class _Member:
-    """One of several absorbers at its ``position``, with a mass of its own or a ``share`` of one."""
-
-    position: float
-    mass_ratio: float | None = None
-    share: float | None = None
-    walls: RigidWalls | CompliantWalls | None = None
-    friction: CoulombFriction | ElasticCoulombFriction | None = None
-
-    def __post_init__(self) -> None:
-        fraction("position", self.position)
-        for name in ("mass_ratio", "share"):
-            if getattr(self, name) is not None:
-                positive(name, getattr(self, name))
-
-
-PLACE: Keys = {"position": ("position", NUMBER), "share": ("share", NUMBER)}
-MEMBER = either(
-    {
-        "impact": (lambda member: member.walls is not None, form(partial(_Member, walls=DEFAULT_WALLS), {**PLACE, **IMPACT})),
-        "friction": (lambda member: member.walls is None, form(partial(_Member, friction=DEFAULT_RUBBING), {**PLACE, **DAMPER})),
-    },
-    "impact",
-)
-
-
-def _members(path: str, plain: Any) -> list[_Member]:
-    require(isinstance(plain, list | tuple), path, plain, "a list of tables, one for each absorber")
-    return [MEMBER.read(f"{path}[{i}]", member) for i, member in enumerate(plain)]
-
-
-def _several(absorbers: list[_Member], mass_ratio: float | None = None) -> SeveralAbsorbers:
+def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
     """Return several absorbers that either have a mass each, or share one as those of `impact_absorbers` do."""
-    own, shares = ([getattr(member, name) for member in absorbers] for name in ("mass_ratio", "share"))
+    require_keys(path, plain, dict.fromkeys(("absorbers", "mass_ratio")), ("absorbers",))
+    members = plain["absorbers"]
+    require(isinstance(members, list | tuple), f"{path}.absorbers", members, "a list of tables, one for each absorber")
+    every: list[SlidingAbsorber] = []
+    beside: list[dict[str, Any]] = []
+    for i, member in enumerate(members):
+        where = f"{path}.absorbers[{i}]"
+        one, more = _read_one(where, member, ("position", "share"))
+        if not isinstance(one, SlidingAbsorber):
+            raise ParameterError(f"{where}.kind = {member['kind']!r} is not allowed: impact or friction among several")
+        require("position" in more, where, dict(member), "the key position must be given: it has no default")
+        every.append(one)
+        beside.append({"position": fraction(f"{where}.position", more["position"])} | ({"share": more["share"]} if "share" in more else {}))
+    own, shares = [member.get("mass_ratio") for member in members], [more.get("share") for more in beside]
     alone = any(mass is not None for mass in own)
     allowed = "either a mass_ratio for each, or for none: then they share one, in equal parts or with a share for each"
-    for name, values in (("mass_ratio", own), ("share", shares)):
-        require(len({value is None for value in values}) <= 1, f"absorbers' {name}", values, allowed)
-    require(not alone or (mass_ratio is None and shares[0] is None), "absorbers' mass_ratio", own, allowed)
-    if absorbers and not alone:
-        total = {} if mass_ratio is None else {"mass_ratio": mass_ratio}
-        own = list(shared_masses(len(absorbers), **total, shares=None if shares[0] is None else shares))
-    masses = zip(absorbers, own, strict=True)
-    return SeveralAbsorbers(tuple(SlidingAbsorber(mass, one.walls, one.friction) for one, mass in masses), tuple(one.position for one in absorbers))
+    for name, given in (("mass_ratio", own), ("share", shares)):
+        require(len({value is None for value in given}) <= 1, f"{path}: absorbers' {name}", given, allowed)
+    require(not alone or ("mass_ratio" not in plain and shares[0] is None), f"{path}: absorbers' mass_ratio", own, allowed)
+    try:
+        if every and not alone:
+            parts = None if shares[0] is None else [float(share) for share in shares if share is not None]
+            masses = shared_masses(len(every), plain.get("mass_ratio", DEFAULT_MASS_RATIO), shares=parts)
+            every = [replace(one, mass_ratio=mass) for one, mass in zip(every, masses, strict=True)]
+        return SeveralAbsorbers(tuple(every), tuple(more["position"] for more in beside))
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from error
 
 
-def _write_several(several: SeveralAbsorbers) -> Plain:
-    pairs = zip(several.absorbers, several.positions, strict=True)
-    return {"absorbers": [MEMBER.write(_Member(place, one.mass_ratio, None, one.walls, one.friction)) for one, place in pairs]}
+def _read_absorber(path: str, plain: Any) -> Absorber | None:
+    require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
+    require("kind" in plain, f"{path}.kind", None, f"one of {', '.join((*KINDS, SEVERAL))}")
+    if plain["kind"] == SEVERAL:
+        return _read_several(path, {key: value for key, value in plain.items() if key != "kind"})
+    one_of(f"{path}.kind", plain["kind"], (*KINDS, SEVERAL))
+    return _read_one(path, plain)[0]
 
 
-_SEVERAL = form(_several, {"absorbers": ("absorbers", Sort(_members, list)), **MASS})
-TUNED: Keys = {**MASS, "stiffness_n_m": ("stiffness", NUMBER), "damping_n_s_m": ("damping", NUMBER)}
-ABSORBER = either(
-    {
-        "impact": (lambda a: isinstance(a, SlidingAbsorber) and a.walls is not None, form(partial(SlidingAbsorber, walls=DEFAULT_WALLS), IMPACT)),
-        "friction": (_is(SlidingAbsorber), form(partial(SlidingAbsorber, friction=DEFAULT_RUBBING), DAMPER)),
-        "tuned": (_is(TunedAbsorber), form(TunedAbsorber, TUNED)),
-        "stuck": (_is(StuckAbsorber), form(StuckAbsorber, MASS)),
-        "several": (_is(SeveralAbsorbers), Sort(_SEVERAL.read, _write_several)),
-    }
-)
+def _write_absorber(absorber: Absorber) -> Plain:
+    if not isinstance(absorber, SeveralAbsorbers):
+        return _write_one(absorber)
+    pairs = zip(absorber.absorbers, absorber.positions, strict=True)
+    return {"kind": SEVERAL, "absorbers": [{"position": place, **_write_one(one)} for one, place in pairs]}
+
+
+KINDS = tuple(name for name in CONCEPTS if name != "none")
+SEVERAL = "several"
+ABSORBER = Sort(_read_absorber, _write_absorber)
 
 
 SCENE_KEYS = (*STRUCTURES, "absorber")
@@ -162,9 +138,9 @@ DRIVE = form(Drive, {"amplitude_n": ("amplitude", NUMBER), "phase_rad": ("phase"
 STEPS: Keys = {"steps_per_period": ("steps_per_period", WHOLE)}
 METHOD = either(
     {
-        "exact": (_is(Exact), form(Exact, {})),
-        "moreau": (_is(Moreau), form(Moreau, STEPS)),
-        "runge-kutta": (_is(RungeKutta), form(RungeKutta, {**STEPS, "steps_per_contact": ("steps_per_contact", WHOLE)})),
+        "exact": (lambda m: isinstance(m, Exact), form(Exact, {})),
+        "moreau": (lambda m: isinstance(m, Moreau), form(Moreau, STEPS)),
+        "runge-kutta": (lambda m: isinstance(m, RungeKutta), form(RungeKutta, {**STEPS, "steps_per_contact": ("steps_per_contact", WHOLE)})),
     },
     "exact",
 )

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.laws import SceneKind, kind, modes_in_words, words
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Absorber, Beam, RigidWalls, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, instance, require, row
-from impact_env.wording import absorber_words, number_of_modes
+from impact_env.parameters import Absorber, Beam, RigidWalls, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, YieldingWalls, instance, require, row
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,12 @@ class Scene:
         return f"Scene({self})"
 
     def __str__(self) -> str:
-        return f"{number_of_modes(self.model.modes)}, {absorber_words(self.absorber)}"
+        return f"{modes_in_words(self.model.modes)}, {words(self.absorber)}"
+
+    @property
+    def kind(self) -> SceneKind:
+        """What happens in it."""
+        return kind(self.absorber)
 
     @property
     def absorber_mass(self) -> float | None:
@@ -69,10 +74,10 @@ class Scene:
         shapes = self.model.absorber_shapes if isinstance(self.absorber, SeveralAbsorbers) else None
         return self.model.tip_shape[None, :] if shapes is None else shapes
 
-    def cavity(self, which: int) -> RigidWalls | None:
+    def cavity(self, which: int) -> RigidWalls | YieldingWalls | None:
         """Return the rigid walls of an absorber (counted from 0), or None."""
         one = self.absorber.absorbers[which] if isinstance(self.absorber, SeveralAbsorbers) else self.absorber
-        return one.walls if isinstance(one, SlidingAbsorber) and isinstance(one.walls, RigidWalls) else None
+        return one.walls if isinstance(one, SlidingAbsorber) and isinstance(one.walls, RigidWalls | YieldingWalls) else None
 
 
 def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) -> Scene:

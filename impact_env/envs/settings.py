@@ -11,23 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.laws import CONCEPTS, make
 from impact_env.level import MOST_SAMPLES
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
     MOST_ELEMENTS,
-    Absorber,
     Beam,
-    CompliantWalls,
     ParameterError,
     RigidWalls,
     SlidingAbsorber,
-    StuckAbsorber,
-    TunedAbsorber,
     count,
     finite,
-    friction_damper,
-    friction_law,
     non_negative,
     one_of,
     positive,
@@ -39,13 +34,6 @@ from impact_env.scene import Scene, beam_scene
 from impact_env.structure import load_structure
 
 Range = tuple[float, float]
-ABSORBERS = {
-    "impact": {"mass_ratio", "gap", "restitution", "friction_limit", "contact_stiffness", "friction_stiffness"},
-    "friction": {"mass_ratio", "friction_limit", "friction_stiffness"},
-    "tuned": {"mass_ratio", "stiffness", "damping"},
-    "stuck": {"mass_ratio"},
-    "none": set(),
-}
 METHODS = ("exact", "moreau", "runge-kutta")
 OBJECTIVES = ("level", "fatigue")
 FORCES = (1e-30, 1e30)  # N: squares of what follows from them, and powers of order five, are still numbers
@@ -70,30 +58,6 @@ def span(name: str, value: Any) -> Range:
     return (finite(name, value),) * 2
 
 
-def make_absorber(kind: str, options: Mapping[str, Any]) -> Absorber | None:
-    """Return an absorber from plain values; those left out keep the defaults of `impact_env.parameters`."""
-    one_of("absorber", kind, ABSORBERS)
-    given = {name: value for name, value in known("absorber_options", options, ABSORBERS[kind]).items() if value is not None}
-    mass = {name: given[name] for name in ("mass_ratio",) if name in given}
-    if kind == "none":
-        return None
-    if kind == "stuck":
-        return StuckAbsorber(**mass)
-    if kind == "tuned":
-        return TunedAbsorber(**given)
-    hard, limit, soft = (given.get(name) for name in ("contact_stiffness", "friction_limit", "friction_stiffness"))
-    if kind == "friction":
-        return friction_damper(**mass, **{name: given[name] for name in ("friction_limit", "friction_stiffness") if name in given})
-    gap = {name: given[name] for name in ("gap",) if name in given}
-    walls: RigidWalls | CompliantWalls
-    if hard is not None:
-        require("restitution" not in given, "restitution", given.get("restitution"), "left out with contact_stiffness: compliant walls lose nothing")
-        walls = CompliantWalls(hard, **gap)
-    else:
-        walls = RigidWalls(**gap, **{name: given[name] for name in ("restitution",) if name in given})
-    return SlidingAbsorber(**mass, walls=walls, friction=friction_law(limit, hard if soft is None else soft))
-
-
 def make_method(name: str, steps_per_period: int | None) -> Method:
     """Return an integration method by its name."""
     one_of("method", name, METHODS)
@@ -106,7 +70,7 @@ def make_method(name: str, steps_per_period: int | None) -> Method:
 
 @lru_cache(maxsize=64)
 def _scene(absorber: str, options: str, beam: str) -> Scene:
-    return beam_scene(_beam(beam), make_absorber(absorber, json.loads(options)))
+    return beam_scene(_beam(beam), make(absorber, json.loads(options)))
 
 
 def _beam(text: str) -> Beam:
@@ -146,7 +110,7 @@ def _structure(path: str, _changed: int) -> Structure:
 
 @lru_cache(maxsize=64)
 def _on_structure(path: str, changed: int, absorber: str, options: str) -> Scene:
-    return Scene(modal_model(_structure(path, changed)).with_absorber_at(1), make_absorber(absorber, json.loads(options)))
+    return Scene(modal_model(_structure(path, changed)).with_absorber_at(1), make(absorber, json.loads(options)))
 
 
 @lru_cache(maxsize=64)
@@ -165,9 +129,8 @@ def with_defaults(defaults: Mapping[str, Any], arguments: Mapping[str, Any]) -> 
 class Settings:
     """Arguments that all environments share.
 
-    - ``absorber``: "impact" (default), "friction", "tuned", "stuck" or "none"; ``absorber_options``: its values in SI units, by name: ``mass_ratio``,
-      ``gap``, ``restitution``, ``friction_limit``, ``contact_stiffness``, ``friction_stiffness`` (both make contact compliant), ``stiffness``,
-      ``damping``
+    - ``absorber``: one of `impact_env.laws.CONCEPTS`, "impact" by default; ``absorber_options``: its values in SI units, by their plain names
+      there: ``mass_ratio``, ``gap``, ``restitution``, ``friction_limit``, ...
     - ``modes`` of the beam (default 3); ``beam``: other values of `impact_env.Beam`, by name
     - ``structure``: the name of a file that describes a structure, in place of ``beam`` and ``modes`` (docs/your_structure.md)
     - ``whole_scene``: a whole scene in place of the lines above, as an `impact_env.Scene` or in plain form (docs/scenes.md): any structure
@@ -201,7 +164,7 @@ class Settings:
     structure: str | None = None
 
     def __post_init__(self) -> None:
-        known("absorber_options", self.absorber_options, ABSORBERS[one_of("absorber", self.absorber, ABSORBERS)])
+        known("absorber_options", self.absorber_options, set(CONCEPTS[one_of("absorber", self.absorber, CONCEPTS)]))
         count("modes", self.modes, 1, 2 * MOST_ELEMENTS)
         if self.threads is not None:
             count("threads", self.threads, 1)

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
 from impact_env.kernels.rigid_contact import Contact, Walls
 from impact_env.kernels.segments import Losses, Schedule
+from impact_env.laws import entry
 from impact_env.parameters import TunedAbsorber
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
 WINDOW_PERIODS = 3.2  # wanted length of a window of the chirp, in pseudo periods
+
+
+def compiled(law: object) -> Any:
+    """Return what the kernels take for a law (`laws.Law.kernel`), None for one that is absent, or that they need nothing of."""
+    name = None if law is None else entry(law).kernel
+    if name is None or "." not in name:
+        return None if name is None else getattr(law, name)
+    module, _, kind = name.partition(".")
+    taken = getattr(import_module(f"impact_env.kernels.{module}"), kind)
+    return taken(*(getattr(law, field, None) for field in taken._fields))
 
 
 def window_of(drive: Drive) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import lru_cache, partial
 
 from impact_env.drive import Drive
-from impact_env.families.common import WINDOW_PERIODS, Array, contact_of, losses_of, schedule_of, window_of
+from impact_env.families.common import WINDOW_PERIODS, Array, compiled, contact_of, losses_of, schedule_of, window_of
 from impact_env.families.family import Family, Observers
 from impact_env.kernels.compliant import Sprung, compliant_lane
 from impact_env.kernels.crew import Board, compliant_crew
@@ -14,7 +14,7 @@ from impact_env.kernels.interval import Batch
 from impact_env.kernels.segments import Regime
 from impact_env.kernels.springs import Springs
 from impact_env.methods import Exact
-from impact_env.parameters import CompliantWalls, ElasticCoulombFriction, SlidingAbsorber
+from impact_env.parameters import SlidingAbsorber
 from impact_env.regimes import fastest, free_regime, padded_size, sprung_regime
 from impact_env.scene import Scene
 from impact_env.tables import table_reach
@@ -24,8 +24,8 @@ def _springs(scene: Scene) -> Springs:
     """Return wall and friction stiffness in N/m, 0 where absent."""
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
-    wall = absorber.walls.stiffness if isinstance(absorber.walls, CompliantWalls) else 0.0
-    return Springs(wall, absorber.friction.stiffness if isinstance(absorber.friction, ElasticCoulombFriction) else 0.0)
+    walls, friction = compiled(absorber.walls), compiled(absorber.friction)
+    return Springs(0.0 if walls is None else walls.stiffness, 0.0 if friction is None else friction.stiffness)
 
 
 @lru_cache(maxsize=256)

@@ -58,6 +58,11 @@ def one_slot(scene: Scene, pseudo_period: float) -> int:
     return 1
 
 
+def absent(law: object) -> object:
+    """Return whether a law is absent; of one that has parts which may be, which of them are."""
+    return tuple(part is None for part in law) if isinstance(law, tuple) else law is None
+
+
 @dataclass(frozen=True)
 class Family:
     """One family of kernels.
@@ -75,4 +80,4 @@ class Family:
 
     def key(self, scene: Scene) -> tuple[object, ...]:
         """Return what is the same for two scenes that the same compiled kernels simulate."""
-        return self.name, *(law is None for law in self.laws(scene))
+        return self.name, *(absent(law) for law in self.laws(scene))

@@ -7,14 +7,13 @@ from dataclasses import replace
 from functools import lru_cache, partial
 
 from impact_env.drive import Drive
-from impact_env.families.common import WINDOW_PERIODS, Array, losses_of, schedule_of, window_of
+from impact_env.families.common import WINDOW_PERIODS, Array, compiled, losses_of, schedule_of, window_of
 from impact_env.families.family import Family, Observers
 from impact_env.kernels.crew import Board, linear_crew
 from impact_env.kernels.interval import Batch
 from impact_env.kernels.linear import Linear, linear_lane
 from impact_env.kernels.segments import Regime
 from impact_env.methods import Exact
-from impact_env.parameters import StuckAbsorber, TunedAbsorber
 from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime
 from impact_env.scene import Scene
 from impact_env.tables import table_reach
@@ -24,14 +23,14 @@ from impact_env.tables import table_reach
 def linear_regime(scene: Scene, wanted: float) -> tuple[Regime, float]:
     """Return the regime and the reach of its tables in s: ``wanted`` or less."""
     model, absorber, mass = scene.model, scene.absorber, scene.absorber_mass
-    spring = (absorber.stiffness, absorber.damping) if isinstance(absorber, TunedAbsorber) else (None, 0.0)
-    speed, slots = fastest(model, mass, *spring)
+    spring = compiled(absorber)
+    speed, slots = fastest(model, mass, *(spring or (None, 0.0)))
     size, reach = padded_size(slots), table_reach(speed, wanted)
     if mass is None:
         return free_regime(model, size, reach), reach
-    if isinstance(absorber, StuckAbsorber):
+    if spring is None:
         return joined_regime(model, mass, size, reach), reach
-    return sprung_regime(model, mass, absorber.stiffness, absorber.damping, size, reach), reach  # type: ignore[union-attr]
+    return sprung_regime(model, mass, spring.stiffness, spring.damping, size, reach), reach
 
 
 def _laws(scene: Scene) -> tuple[object, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import lru_cache, partial
 
 from impact_env.drive import Drive
-from impact_env.families.common import WINDOW_PERIODS, Array, contact_of, losses_of, schedule_of, window_of
+from impact_env.families.common import WINDOW_PERIODS, Array, compiled, contact_of, losses_of, schedule_of, window_of
 from impact_env.families.family import Family, Observers
 from impact_env.kernels.crew import Board, rigid_crew
 from impact_env.kernels.exact import exact_lane
@@ -15,12 +15,12 @@ from impact_env.kernels.interval import Batch
 from impact_env.kernels.rigid_contact import Walls
 from impact_env.kernels.segments import Regime
 from impact_env.methods import Exact
-from impact_env.parameters import CoulombFriction, RigidWalls, SlidingAbsorber
+from impact_env.parameters import SlidingAbsorber
 from impact_env.regimes import fastest, free_regime, joined_regime, padded_size
 from impact_env.scene import Scene
 from impact_env.tables import table_reach
 
-FAR_AWAY = Walls(1e300, 1.0)
+FAR_AWAY = Walls(1e300, 1.0, None)
 
 
 @lru_cache(maxsize=256)
@@ -37,8 +37,7 @@ def rigid_laws(scene: Scene) -> tuple[Walls | None, float | None]:
     """Return rigid walls and friction limit (N), None where absent."""
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
-    walls = Walls(absorber.walls.gap, absorber.walls.restitution) if isinstance(absorber.walls, RigidWalls) else None
-    return walls, absorber.friction.limit if isinstance(absorber.friction, CoulombFriction) else None
+    return compiled(absorber.walls), compiled(absorber.friction)
 
 
 def _laws(scene: Scene) -> tuple[Walls, float | None]:

@@ -9,18 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
+from impact_env.families.common import compiled
 from impact_env.families.family import Family, Observers
 from impact_env.families.rigid import rigid_laws
 from impact_env.kernels import feedback, moreau
 from impact_env.kernels.crew import Board, moreau_crew, runge_kutta_crew
-from impact_env.kernels.feedback import CompliantLaws, Slider, Stops
+from impact_env.kernels.feedback import CompliantLaws
 from impact_env.kernels.grid import Force, Modes, Step
 from impact_env.kernels.interval import Batch
 from impact_env.kernels.moreau import moreau_lane
 from impact_env.kernels.moreau_law import RigidLaws, Spring
 from impact_env.kernels.runge_kutta import runge_kutta_lane
 from impact_env.methods import Moreau, RungeKutta
-from impact_env.parameters import CompliantWalls, ElasticCoulombFriction, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
+from impact_env.parameters import NonlinearSink, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ def _force(drive: Drive) -> Force:
 
 
 def _spring(scene: Scene) -> Spring | None:
-    return Spring(scene.absorber.stiffness, scene.absorber.damping) if isinstance(scene.absorber, TunedAbsorber) else None
+    return compiled(scene.absorber) if isinstance(scene.absorber, TunedAbsorber) else None
 
 
 def _wide(lanes: int, stride: int) -> int | None:
@@ -79,11 +80,10 @@ def _runge_kutta_parts(scene: Scene) -> tuple[CompliantLaws, int | None]:
     absorber, mass = scene.absorber, scene.absorber_mass
     stops = slider = None
     if isinstance(absorber, SlidingAbsorber):
-        stops = Stops(absorber.walls.gap, absorber.walls.stiffness) if isinstance(absorber.walls, CompliantWalls) else None
-        elastic = isinstance(absorber.friction, ElasticCoulombFriction)
-        slider = Slider(absorber.friction.limit, absorber.friction.stiffness) if elastic else None  # type: ignore[union-attr]
+        stops, slider = compiled(absorber.walls), compiled(absorber.friction)
     free_mass, added_mass = (None, mass) if isinstance(absorber, StuckAbsorber) else (mass, None)
-    return CompliantLaws(free_mass, added_mass, stops, slider, _spring(scene)), _wide(scene.model.modes + 1, feedback.STRIDE)
+    cubic = compiled(absorber) if isinstance(absorber, NonlinearSink) else None
+    return CompliantLaws(free_mass, added_mass, stops, slider, _spring(scene), cubic), _wide(scene.model.modes + 1, feedback.STRIDE)
 
 
 def _runge_kutta_laws(scene: Scene) -> tuple[object, ...]:

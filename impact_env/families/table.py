@@ -8,7 +8,7 @@ from impact_env.families.linear import LINEAR
 from impact_env.families.rigid import RIGID
 from impact_env.families.several import SEVERAL
 from impact_env.families.stepping import MOREAU, RUNGE_KUTTA
-from impact_env.kinds import SceneKind, kind_of
+from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported, method_class
 from impact_env.scene import Scene
 
@@ -18,6 +18,7 @@ FAMILIES: dict[tuple[SceneKind, type[Method]], Family] = {
     (SceneKind.LINEAR, RungeKutta): RUNGE_KUTTA,
     (SceneKind.RIGID, Exact): RIGID,
     (SceneKind.RIGID, Moreau): MOREAU,
+    (SceneKind.SMOOTH, RungeKutta): RUNGE_KUTTA,
     (SceneKind.COMPLIANT, Exact): COMPLIANT,
     (SceneKind.COMPLIANT, RungeKutta): RUNGE_KUTTA,
     (SceneKind.SEVERAL, Exact): SEVERAL,
@@ -27,7 +28,7 @@ FAMILIES: dict[tuple[SceneKind, type[Method]], Family] = {
 def family(scene: Scene, method: Method) -> Family:
     """Return what simulates a scene with a method; raises ParameterError if the method cannot do the scene."""
     check_supported(scene, method)
-    return FAMILIES[kind_of(scene), method_class(method)]
+    return FAMILIES[scene.kind, method_class(method)]
 
 
 def kernel_key(scene: Scene, method: Method) -> tuple[object, ...]:

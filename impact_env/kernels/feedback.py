@@ -33,14 +33,22 @@ class Stops(NamedTuple):
     stiffness: float
 
 
+class Cubic(NamedTuple):
+    """Spring whose force is its stiffness (N/m^3) times the cube of the relative displacement, and damper (N s/m)."""
+
+    cubic_stiffness: float
+    damping: float
+
+
 class CompliantLaws(NamedTuple):
-    """One absorber: mass (kg) of one that moves, or of one that is stuck, walls, friction, spring; None where absent."""
+    """One absorber: mass (kg) of one that moves, or of one that is stuck, walls, friction, spring, cubic spring; None where absent."""
 
     mass: float | None
     added_mass: float | None
     stops: Stops | None
     slider: Slider | None
     spring: Spring | None
+    cubic: Cubic | None
 
 
 @jit
@@ -72,9 +80,16 @@ class Oscillator(NamedTuple):
     see_push: float
 
 
+class Speeds(NamedTuple):
+    """A second observation, the relative velocity, for laws that need it beside the displacement: eight rows as `Y`, and its ``mix``."""
+
+    cells: NDArray[np.float64]
+    mix: NDArray[np.float64]
+
+
 class Table(NamedTuple):
     """The oscillators for the loop: rows of ``cells``, their ``mix`` (4, 6), N_m, oscillators in steps of 4, distance of rows if it is not `STRIDE`,
-    and the step (s).
+    the step (s), and `Speeds`, None if no law needs them.
     """  # noqa: D205
 
     cells: NDArray[np.float64]
@@ -83,6 +98,7 @@ class Table(NamedTuple):
     lanes: int
     wide: int | None
     h: float
+    speeds: Speeds | None
 
 
 @jit_inline
@@ -118,10 +134,19 @@ def _add_oscillator(table, j, one):  # type: ignore[no-untyped-def]
         for stage in range(3 + row):
             cells[(QP1 + 3 * row + stage) * stride + j] = -one.tip * after[2 + stage]
     cells[UF4 * stride + j] = one.push * responses[5, 9]
+    _observe(cells[Y * stride :], mix, stride, j, one, responses)
+    if table.speeds is not None:
+        speed = Oscillator(one.w2, one.c, one.push, one.tip, 0.0, -one.tip, 0.0)
+        _observe(table.speeds.cells, table.speeds.mix, stride, j, speed, responses)
+
+
+@jit_room
+def _observe(cells, mix, stride, j, one, responses):  # type: ignore[no-untyped-def]
+    """Fill column ``j`` of an observation's eight rows, and add its share to the mix."""
     for stage in range(4):
         seen = one.see_q * responses[:, 2 * stage] + one.see_u * responses[:, 2 * stage + 1]
-        cells[(Y + 2 * stage) * stride + j] = seen[0]
-        cells[(Y + 2 * stage + 1) * stride + j] = seen[1]
+        cells[2 * stage * stride + j] = seen[0]
+        cells[(2 * stage + 1) * stride + j] = seen[1]
         mix[stage, 0] += one.push * seen[2]
         mix[stage, 1] += one.push * (seen[3] + seen[4])
         mix[stage, (stage + 1) // 2] += one.see_push * one.push
@@ -153,12 +178,20 @@ def _add_absorber(m_a, spring, table, state):  # type: ignore[no-untyped-def]
 
 
 @jit_room
+def _new_speeds(cubic, stride):  # type: ignore[no-untyped-def]
+    """Return room for the relative velocity if a law needs it."""
+    if cubic is None:
+        return None
+    return Speeds(np.zeros(8 * stride), np.zeros((4, _MIX)))
+
+
+@jit_room
 def new_table(modes, laws, amplitude, state, h, wide):  # type: ignore[no-untyped-def]
     """Return the `Table` of a scene for steps of h (s). The observation is the relative displacement; with a spring, its force; with an added mass,
     the tip's acceleration without that mass.
     """  # noqa: D205
     n, stride = modes.omega.shape[0], stride_of(wide)
-    table = Table(np.zeros(ROWS * stride), np.zeros((4, _MIX)), n, 4 * ((n + 4) // 4), wide, h)
+    table = Table(np.zeros(ROWS * stride), np.zeros((4, _MIX)), n, 4 * ((n + 4) // 4), wide, h, _new_speeds(laws.cubic, stride))
     for j in range(n):
         w2, c, tip = modes.omega[j] * modes.omega[j], 2.0 * modes.damping_ratio[j] * modes.omega[j], modes.tip_shape[j]
         see_q, see_u, see_push = _seen(laws.spring, laws.added_mass, tip, w2, c)
@@ -200,9 +233,15 @@ def _linear_feedback(y, spring, added_mass, joined_mass):  # type: ignore[no-unt
 
 
 @jit_inline
-def feedback(y, rest, laws, joined_mass):  # type: ignore[no-untyped-def]
-    """Return the force on the absorber (N) for an observation; ``joined_mass`` is m_a / (1 + m_a sum tip_shape^2)."""
-    return stop_force(y, laws.stops) + slider_force(y, rest, laws.slider) + _linear_feedback(y, laws.spring, laws.added_mass, joined_mass)
+def feedback(y, v, rest, laws, joined_mass):  # type: ignore[no-untyped-def]
+    """Return the force on the absorber (N) for an observation, and for a relative velocity (m/s) that is 0 where no law needs it.
+
+    ``joined_mass`` is m_a / (1 + m_a sum tip_shape^2).
+    """
+    force = stop_force(y, laws.stops) + slider_force(y, rest, laws.slider) + _linear_feedback(y, laws.spring, laws.added_mass, joined_mass)
+    if laws.cubic is not None:
+        force -= laws.cubic.cubic_stiffness * y * y * y + laws.cubic.damping * v
+    return force
 
 
 @jit

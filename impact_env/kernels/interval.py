@@ -191,7 +191,7 @@ def with_gap(walls, gap):  # type: ignore[no-untyped-def]
     """Return walls at another half-clearance, or None."""
     if walls is None:
         return None
-    return Walls(gap, walls.restitution)
+    return Walls(gap, walls.restitution, walls.yield_velocity)
 
 
 @jit

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from impact_env.kernels.grid import FREE
 from impact_env.kernels.jit import jit
 from impact_env.kernels.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
-from impact_env.kernels.rigid_contact import Walls
+from impact_env.kernels.rigid_contact import Walls, restitution_at
 
 # a relative velocity after impact this much smaller than what one step changes is rest: ends the scheme's endless chatter on a closed wall
 REST = 1e-6
@@ -56,8 +56,9 @@ def solve_contact(before, free, distance, walls, slip, compliance):  # type: ign
     if walls is not None:
         if abs(distance) >= walls.gap:
             outward = 1.0 if distance > 0.0 else -1.0
-            if outward * (after + walls.restitution * before) > 0.0:
-                after = -walls.restitution * before
+            e = restitution_at(walls, before)
+            if outward * (after + e * before) > 0.0:
+                after = -e * before
                 if abs(after) < REST * abs(free - before):
                     after = 0.0
                 total = (after - free) / compliance

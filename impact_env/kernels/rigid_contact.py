@@ -44,10 +44,11 @@ NOW = record(
 
 
 class Walls(NamedTuple):
-    """Clearance to either wall in m, and Newton's coefficient of restitution."""
+    """Clearance to either wall in m, Newton's coefficient of restitution, and the velocity (m/s) above which it falls; None where it does not."""
 
     gap: float
     restitution: float
+    yield_velocity: float | None
 
 
 class Contact(NamedTuple):
@@ -173,15 +174,24 @@ def add_impact_loss(loss, energy):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
+def restitution_at(walls, v):  # type: ignore[no-untyped-def]
+    """Return the coefficient of restitution of an impact with a relative velocity (m/s): `parameters.YieldingWalls`."""
+    if walls.yield_velocity is None:
+        return walls.restitution
+    return walls.restitution / np.sqrt(np.sqrt(1.0 + abs(v) / walls.yield_velocity))
+
+
+@jit_inline
 def impact(slots, forced, window, walls, contact, body, found, observe):  # type: ignore[no-untyped-def]
     """Apply Newton's impact law; return True if the remaining chatter is below rounding and was completed by a plastic impulse."""
     if walls is None:
         return False
     now, z, v, side = body.now, body.work.z, found.rate, 1.0 if found.kind == HIT_HIGH else -1.0
     now.q -= found.value - side * walls.gap  # rounding must not add up to a penetration
-    impulse = -(1.0 + walls.restitution) * v / contact.compliance
-    loss = 0.5 * (1.0 - walls.restitution**2) * v * v / contact.compliance
-    after = -walls.restitution * v
+    e = restitution_at(walls, v)
+    impulse = -(1.0 + e) * v / contact.compliance
+    loss = 0.5 * (1.0 - e**2) * v * v / contact.compliance
+    after = -e * v
     add(slots.rows, RELATIVE, impulse, z)
     now.v += impulse / contact.mass
     now.side = side

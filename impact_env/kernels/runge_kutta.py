@@ -24,7 +24,7 @@ from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.level import push_level
 from impact_env.kernels.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, push_impact, push_phase
 from impact_env.kernels.records import NUMBER, record
-from impact_env.kernels.runge_kutta_step import account_step, observations, stages, swing, swing_watched
+from impact_env.kernels.runge_kutta_step import account_step, observations, relative_velocities, stages, swing, swing_watched
 
 _BLOCK = 16  # steps between two checks for values that are not finite
 # a contact with a wall's spring: wall (-1, 0, 1), time and relative velocity at its start, impulse so far
@@ -169,10 +169,13 @@ def _close_stuck(added_mass, end, counters, events):  # type: ignore[no-untyped-
 
 
 class Absorber(NamedTuple):
-    """What the loop carries of the absorber: four observations as far as they follow from the state, and the slider's place."""
+    """What the loop carries of the absorber: the four stages' observations and relative velocities as far as they follow from the state, and the
+    slider's place.
+    """  # noqa: D205
 
     y: tuple[float, float, float, float]
     rest: float
+    v: tuple[float, float, float, float]
 
 
 class Kit(NamedTuple):
@@ -198,11 +201,11 @@ def _free_step(kit, forces, at, observe):  # type: ignore[no-untyped-def]
 def _watched_step(kit, absorber, forces, at, time, observe):  # type: ignore[no-untyped-def]
     """Do a step that begins at a time (s) and account for it; return the `Absorber` at its end."""
     laws, table, before, f = kit.laws, kit.table, absorber.y, (forces[at], forces[at + 1], forces[at + 2])
-    seen, push = stages(before, table, forces, at, absorber.rest, laws, kit.joined_mass)
+    seen, push = stages(absorber, table, forces, at, laws, kit.joined_mass)
     account_step(observe.energy, kit.modes, kit.amplitude, laws, table, absorber.rest, (f, seen, push))
     y = swing_watched(table, forces, at, push)
     _track_stops(laws.stops, kit.touches, before, y, seen, (time, table.h), observe)
-    return Absorber(y, move_slider(y[0], absorber.rest, laws.slider))
+    return Absorber(y, move_slider(y[0], absorber.rest, laws.slider), relative_velocities(table))
 
 
 @jit_inline
@@ -240,7 +243,7 @@ def runge_kutta_lane(modes, laws, force, state, step, observe):  # type: ignore[
     kit = Kit(modes, laws, table, force.amplitude, _joined_mass(laws.added_mass, modes.tip_shape), touches)
     offset, y = state[table.modes] - _tip(table), observations(table)
     _begin_touch(laws.stops, touches, y, dt)
-    absorber = Absorber(y, y[0])
+    absorber = Absorber(y, y[0], relative_velocities(table))
     rows, row = rows_wanted(observe.level, observe.series, end, sample_dt), 0
     row_step, forces = step_of_row(row, rows, sample_dt, dt, steps), np.empty(2 * _BLOCK + 1)
     i, k, status, tip_start = 0, 0, DONE, 0.0

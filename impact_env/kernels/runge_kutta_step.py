@@ -101,38 +101,65 @@ def swing_watched(table, forces, at, push):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def observations(table):  # type: ignore[no-untyped-def]
-    """Return the four observations of the first step as far as they follow from the state."""
+def _seen(table, rows):  # type: ignore[no-untyped-def]
+    """Return what the eight rows of an observation see of the state in the four stages of the next step."""
     cells, stride, y = table.cells, stride_of(table.wide), np.zeros(4)
     for stage in range(4):
         for j in range(table.lanes):
-            y[stage] += cells[(Y + 2 * stage) * stride + j] * cells[Q * stride + j]
-            y[stage] += cells[(Y + 2 * stage + 1) * stride + j] * cells[U * stride + j]
+            y[stage] += rows[2 * stage * stride + j] * cells[Q * stride + j]
+            y[stage] += rows[(2 * stage + 1) * stride + j] * cells[U * stride + j]
     return y[0], y[1], y[2], y[3]
 
 
+@jit_room
+def observations(table):  # type: ignore[no-untyped-def]
+    """Return the four observations of the first step as far as they follow from the state."""
+    return _seen(table, table.cells[Y * stride_of(table.wide) :])
+
+
+@jit_room
+def relative_velocities(table):  # type: ignore[no-untyped-def]
+    """Return the relative velocities in the next step's four stages as far as they follow from the state, 0 where no law needs them."""
+    if table.speeds is None:
+        return 0.0, 0.0, 0.0, 0.0
+    return _seen(table, table.speeds.cells)
+
+
 @jit_inline
-def stages(y, table, forces, at, rest, laws, joined_mass):  # type: ignore[no-untyped-def]
-    """Return the observations and the feedbacks in the four stages."""
-    mix, f1, fm, f4 = table.mix, forces[at], forces[at + 1], forces[at + 2]
+def _stage_velocity(speeds, v, k, f, p):  # type: ignore[no-untyped-def]
+    """Return the relative velocity in stage ``k``, with the feedbacks ``p`` of the stages before."""
+    if speeds is None:
+        return 0.0
+    mix = speeds.mix
+    forced = mix[k, 0] * f[0] + mix[k, 1] * f[1] + mix[k, 2] * f[2]
+    return v[k] + forced + mix[k, 3] * p[0] + mix[k, 4] * p[1] + mix[k, 5] * p[2]
+
+
+@jit_inline
+def stages(absorber, table, forces, at, laws, joined_mass):  # type: ignore[no-untyped-def]
+    """Return the observations and the feedbacks in the four stages; ``absorber``: `runge_kutta.Absorber`."""
+    y, rest, v, mix, speeds = absorber.y, absorber.rest, absorber.v, table.mix, table.speeds
+    f = f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
     y1 = y[0] + mix[0, 0] * f1
-    p1 = feedback(y1, rest, laws, joined_mass)
+    p1 = feedback(y1, _stage_velocity(speeds, v, 0, f, (0.0, 0.0, 0.0)), rest, laws, joined_mass)
     y2 = y[1] + mix[1, 0] * f1 + mix[1, 1] * fm + mix[1, 3] * p1
-    p2 = feedback(y2, rest, laws, joined_mass)
+    p2 = feedback(y2, _stage_velocity(speeds, v, 1, f, (p1, 0.0, 0.0)), rest, laws, joined_mass)
     y3 = y[2] + mix[2, 0] * f1 + mix[2, 1] * fm + mix[2, 3] * p1 + mix[2, 4] * p2
-    p3 = feedback(y3, rest, laws, joined_mass)
+    p3 = feedback(y3, _stage_velocity(speeds, v, 2, f, (p1, p2, 0.0)), rest, laws, joined_mass)
     y4 = y[3] + mix[3, 0] * f1 + mix[3, 1] * fm + mix[3, 2] * f4 + mix[3, 3] * p1 + mix[3, 4] * p2 + mix[3, 5] * p3
-    p4 = feedback(y4, rest, laws, joined_mass)
+    p4 = feedback(y4, _stage_velocity(speeds, v, 3, f, (p1, p2, p3)), rest, laws, joined_mass)
     return (y1, y2, y3, y4), (p1, p2, p3, p4)
 
 
 @jit
-def _account_laws(energy, slider, spring, y, rest, gamma, weight):  # type: ignore[no-untyped-def]
-    """Add a stage's losses in slider and tuned absorber's damper, at a relative velocity."""
-    if slider is not None:
-        energy.totals[0].friction_loss -= weight * slider_force(y, rest, slider) * gamma
-    if spring is not None:
-        energy.totals[0].absorber_damping += weight * spring.damping * gamma * gamma
+def _account_laws(energy, laws, y, rest, gamma, weight):  # type: ignore[no-untyped-def]
+    """Add a stage's losses in slider and absorber's damper, at a relative velocity."""
+    if laws.slider is not None:
+        energy.totals[0].friction_loss -= weight * slider_force(y, rest, laws.slider) * gamma
+    if laws.spring is not None:
+        energy.totals[0].absorber_damping += weight * laws.spring.damping * gamma * gamma
+    if laws.cubic is not None:
+        energy.totals[0].absorber_damping += weight * laws.cubic.damping * gamma * gamma
 
 
 @jit_room
@@ -162,4 +189,4 @@ def account_step(energy, modes, amplitude, laws, table, rest, stages):  # type: 
             if j < n:
                 energy.modal[j] += weights[s] * c * us[s] * us[s]
     for s in range(4):
-        _account_laws(energy, laws.slider, laws.spring, y[s], rest, gamma[s], weights[s])
+        _account_laws(energy, laws, y[s], rest, gamma[s], weights[s])

@@ -94,7 +94,7 @@ def watch(scene, window, s, a, length, room):  # type: ignore[no-untyped-def]
     now, limit, body = room.now[a], absorbers.limit[a], Body(room.now[a], room.work, signal_of(room.signals, a))
     if is_joined(s, a):
         return end_of_hold(slots, forced, window, limit, body, length)
-    walls = Walls(absorbers.gap[a], absorbers.restitution[a])
+    walls = Walls(absorbers.gap[a], absorbers.restitution[a], None)
     now.a = now.force / absorbers.mass[a]
     if limit > 0.0:
         return end_of_flight(slots, forced, window, walls, limit, body, room.bent[a], length)

@@ -41,7 +41,7 @@ NO_SET = -1  # before a run's first regime
 def contact_of(scene, s, a, restitution):  # type: ignore[no-untyped-def]
     """Return the contact of absorber a in set s."""
     absorbers = scene.absorbers
-    walls = Walls(absorbers.gap[a], restitution)
+    walls = Walls(absorbers.gap[a], restitution, None)
     return Contact(absorbers.mass[a], scene.sets.compliance[s, a, a], absorbers.shapes[a], walls, absorbers.limit[a])
 
 

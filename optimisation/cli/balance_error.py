@@ -11,7 +11,7 @@ from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError, RigidWalls, count, positive, require
 from impact_env.periodic.balance_error import COLUMNS, BalanceRow, Exact, balance_rows, exact_orbit, settings_of
 from impact_env.periodic.case import Case
-from optimisation.cli.common import check_target, end_early, json_option, name_files, plain_errors
+from optimisation.cli.common import check_target, command, end_early, json_option, name_files, plain_errors
 from optimisation.cli.frequency_curves import FIGURES
 from optimisation.files import replacing, write_csv, write_json
 from optimisation.progress import BAR, Bar
@@ -46,7 +46,7 @@ def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
     return exact, rows, complete
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 130})
+@command()
 @click.option("--modes", type=int, default=3, show_default=True, help="Number of modes of the paper's beam.")
 @click.option("--friction-limit", type=float, default=0.01, show_default=True, help="Friction limit in N; 0: no friction.")
 @click.option("--gap", type=float, default=RigidWalls.gap, show_default=True, help="Clearance to either wall in m.")
@@ -61,7 +61,7 @@ def computed(given: dict[str, Any]) -> tuple[Exact, list[BalanceRow], bool]:
 @json_option("Write the rows.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the rows.")
 @click.option(
-    "--figure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw errors and times over harmonics: .png, .pdf or .svg."
+    "--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw errors and times over harmonics: .png, .pdf or .svg."
 )
 def main(**given: Any) -> None:
     """Compare harmonic balance with the exact orbit of the larger impulse, at one frequency and along its branch.
@@ -71,19 +71,19 @@ def main(**given: Any) -> None:
     with plain_errors():
         for option in ("json", "csv"):
             check_target(f"--{option}", given[option], (f".{option}",))
-        check_target("--figure", given["figure"], FIGURES)
+        check_target("--plot", given["plot"], FIGURES)
         exact, rows, complete = computed(given)
         if given["json"] is not None:
             write_json(given["json"], {"complete": complete, "rows": [row.to_plain() for row in rows]})
         if given["csv"] is not None:
             write_csv(given["csv"], COLUMNS, (["" if v is None else v for v in row.to_plain().values()] for row in rows))
-        if given["figure"] is not None:
+        if given["plot"] is not None:
             from optimisation.report.balance_figure import save_figure  # matplotlib is slow to import
 
-            with replacing(given["figure"]) as temporary:
+            with replacing(given["plot"]) as temporary:
                 save_figure(temporary, exact, rows, given["growing"])
     click.echo(text(exact, rows))
-    files = [given[option] for option in ("json", "csv", "figure") if given[option] is not None]
+    files = [given[option] for option in ("json", "csv", "plot") if given[option] is not None]
     if files:
         name_files(files)
     end_early(complete)

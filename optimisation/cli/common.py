@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -63,6 +63,26 @@ def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
         return click.option("--json", name, type=kind, metavar="FILE|-", help=words)(called)
 
     return add
+
+
+OLDER = {"--percent-per-100-periods": "--rate", "--figure": "--plot"}  # names of options of the version before, and theirs of now
+
+
+class OneCommand(click.Command):
+    """A command that takes an option by its older name, too, with a notice."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put the names of now in the place of older ones."""
+        known = {name for parameter in self.params for name in parameter.opts}
+        for k, word in enumerate(args):
+            name, equals, value = word.partition("=")
+            if name in OLDER and name not in known:
+                click.echo(f"warning: {name} is called {OLDER[name]} now; the next version does not know the older name", err=True)
+                args[k] = OLDER[name] + equals + value
+        return super().parse_args(ctx, args)
+
+
+command = partial(click.command, cls=OneCommand, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})
 
 
 @contextmanager

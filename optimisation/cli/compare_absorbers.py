@@ -16,7 +16,7 @@ from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls
-from optimisation.cli.common import end_early, name_files, plain_errors
+from optimisation.cli.common import command, end_early, name_files, plain_errors
 from optimisation.cli.structure_option import RESONANCES_HELP, read_structure, structure_option
 from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
@@ -59,7 +59,7 @@ def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Pa
     return files
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @structure_option
 @click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Mass of each absorber over the structure's.")

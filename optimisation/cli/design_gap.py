@@ -12,7 +12,7 @@ from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, positive
 from optimisation.bounds import LARGE_REACH, SMALL_REACH, design_gap, expected_gap, require_reach
-from optimisation.cli.common import end_early, name_files, plain_errors
+from optimisation.cli.common import command, end_early, name_files, plain_errors
 from optimisation.cli.structure_option import POSITION_HELP, model_of, refuse_beside, structure_option
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import usable_force, usable_rate
@@ -91,7 +91,7 @@ def write(out: Path, check: GapCheck) -> list[Path]:
     return files
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @structure_option
 @click.option("--force", type=float, required=True, help="Amplitude of the harmonic force in N.")
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance near which it acts, counted from 1.")

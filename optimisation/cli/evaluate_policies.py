@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 from impact_env.parameters import ParameterError, require
-from optimisation.cli.common import INTERRUPTED, BadInput
+from optimisation.cli.common import INTERRUPTED, BadInput, command
 from optimisation.files import replacing, require_writable, write_json
 from optimisation.page import ROOT, fill, published
 from optimisation.progress import Bar
@@ -134,7 +134,7 @@ def read_curves(path: Path) -> dict[str, Any]:
     return content
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--task", type=click.Choice([*TASKS, *GROUPS]), default="both", show_default=True, help=GROUPS_HELP)
 @click.option("--agents", type=click.Path(path_type=Path), help="Folder with agents, or one agent's file.  [default: docs/agents, else results]")
 @click.option("--without-agents", is_flag=True, help="Judge only what does not learn.")

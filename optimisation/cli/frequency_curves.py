@@ -55,7 +55,7 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
         damper = PAPER_DAMPER if given["grounded_damper"] else 0.0
         balance = harmonic_balance(scene, low * reference, given["force"], given["harmonics"], given["weight"], grounded_damper=damper)
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
-    rate = given["percent_per_100_periods"]
+    rate = given["rate"]
     rate = default_rate(scene.model, (given["resonance"],)) if rate is None else rate
     asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given, executor))
     keep = Pieces(given["resume"], {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference})
@@ -83,10 +83,10 @@ def written(result: Overview, given: dict[str, Any]) -> list[Path]:
     if given["csv"] is not None:
         write_csv(given["csv"], COLUMNS, (row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)))
         files.append(given["csv"])
-    if given["figure"] is not None:
+    if given["plot"] is not None:
         from optimisation.report.frequency_figure import save_figure  # matplotlib is slow to import
 
-        with replacing(given["figure"]) as temporary:
+        with replacing(given["plot"]) as temporary:
             save_figure(temporary, result)
-        files.append(given["figure"])
+        files.append(given["plot"])
     return files

@@ -9,7 +9,7 @@ import click
 
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
 from impact_env.periodic.stationary import StationaryRuns
-from optimisation.cli.common import RESUME, check_target, end_early, json_option, name_files, plain_errors
+from optimisation.cli.common import RESUME, check_target, command, end_early, json_option, name_files, plain_errors
 from optimisation.cli.frequency_curves import BALANCE, BOTH, EXACT, FIGURES, FORCE, computed, written
 from optimisation.cli.scene_options import scene_options
 from optimisation.cli.sweep_scene import refuse_parts
@@ -17,7 +17,7 @@ from optimisation.executors import cluster_option, workers
 from optimisation.report.response_table import text
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 130})
+@command()
 @click.option("--absorber", type=click.Choice(["impact", "friction"]), help="Impact absorber or friction damper.  [default: impact]")
 @scene_options("; below 1 exact orbits only")
 @click.option("--contact-stiffness", type=float, help="Makes the walls springs of this stiffness in N/m: harmonic balance only.")
@@ -32,7 +32,7 @@ from optimisation.report.response_table import text
 @click.option("--weight", type=float, default=WEIGHT, show_default=True, help="Weight of the rigid contact in harmonic balance, in m_a omega_1^2.")
 @click.option("--grounded-damper", is_flag=True, help=f"With the paper's damper of {PAPER_DAMPER} N s/m between absorber and ground (balance only).")
 @click.option("--sweeps/--no-sweeps", default=True, show_default=True, help="With a sweep up and one down by the exact method.")
-@click.option("--percent-per-100-periods", type=float, help="Rate of the sweeps.  [default: 1, less by the square of damping below 1 %]")
+@click.option("--rate", type=float, help="Rate of the sweeps.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--envelope", type=int, metavar="POINTS", help="With the stationary responses at so many frequencies: median, 5 and 95 %.")
 @click.option("--members", type=int, default=StationaryRuns.members, show_default=True, help="Runs at each of them, each with a phase of its own.")
 @click.option("--settle", type=float, default=StationaryRuns.settle, show_default=True, help="Pseudo periods before their window.")
@@ -43,7 +43,7 @@ from optimisation.report.response_table import text
 @click.option("--resume", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=RESUME)
 @json_option("Write all curves, in SI units.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a row for each point of a curve.")
-@click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw it: .png, .pdf or .svg.")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw it: .png, .pdf or .svg.")
 def main(**given: Any) -> None:
     """Follow all periodic responses over the frequency, and print their peaks and folds.
 
@@ -52,7 +52,7 @@ def main(**given: Any) -> None:
     run with the same scene, force and range.
     """
     with plain_errors(), workers(given["threads"], given["cluster"]) as executor:
-        for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("figure", FIGURES)):
+        for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("plot", FIGURES)):
             check_target(f"--{option}", given[option], suffixes)
         check_target("--resume", given["resume"], (".json",))
         given |= {"stiffness": None, "absorber_damping": None}

@@ -12,7 +12,7 @@ from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.isola_map import COLUMNS, IsolaMap, isola_map
 from impact_env.periodic.validation import trials_alongside
 from impact_env.plain import from_scene
-from optimisation.cli.common import RESUME, check_target, end_early, json_option, name_files, plain_errors
+from optimisation.cli.common import RESUME, check_target, command, end_early, json_option, name_files, plain_errors
 from optimisation.cli.scene_options import scene_options
 from optimisation.cli.sweep_scene import make_scene, option_name, refuse_parts
 from optimisation.files import replacing, write_csv, write_json
@@ -57,15 +57,15 @@ def written(found: IsolaMap, given: dict[str, Any]) -> list[Path]:
         write_json(given["json"], found.to_plain())
     if given["csv"] is not None:
         write_csv(given["csv"], COLUMNS, (row for cell in (found.own, *found.cells) for row in cell.rows()))
-    if given["figure"] is not None:
+    if given["plot"] is not None:
         from optimisation.report.isola_figure import save_figure  # matplotlib is slow to import
 
-        with replacing(given["figure"]) as temporary:
+        with replacing(given["plot"]) as temporary:
             save_figure(temporary, found)
-    return [given[name] for name in ("json", "csv", "figure") if given[name] is not None]
+    return [given[name] for name in ("json", "csv", "plot") if given[name] is not None]
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 130})
+@command()
 @scene_options(", 0 to 1", friction="none")
 @click.option("--from", "start", type=float, default=0.9, show_default=True, help="Lowest frequency over the first resonance's.")
 @click.option("--to", "stop", type=float, default=1.0, show_default=True, help="Highest frequency over the first resonance's.")
@@ -75,7 +75,7 @@ def written(found: IsolaMap, given: dict[str, Any]) -> list[Path]:
 @click.option("--resume", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=RESUME)
 @json_option("Write fold force, thresholds and map, in SI units.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a row for each birth and merger.")
-@click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw it: .png, .pdf or .svg.")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw it: .png, .pdf or .svg.")
 def main(**given: Any) -> None:
     """Find the forces at which closed branches of symmetric two-impact orbits are born and merge with their neighbours.
 
@@ -83,7 +83,7 @@ def main(**given: Any) -> None:
     friction reversals and confirmed by the exact method. Ctrl-C writes what is known so far; --resume keeps each finished cell of the map.
     """
     with plain_errors():
-        for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("figure", (".png", ".pdf", ".svg"))):
+        for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("plot", (".png", ".pdf", ".svg"))):
             check_target(f"--{option}", given[option], suffixes)
         check_target("--resume", given["resume"], (".json",))
         given |= dict.fromkeys(("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping", "force"))

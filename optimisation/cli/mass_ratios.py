@@ -12,7 +12,7 @@ from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
-from optimisation.cli.common import check_target, name_files, plain_errors
+from optimisation.cli.common import check_target, command, name_files, plain_errors
 from optimisation.cli.structure_option import RESONANCES_HELP, model_of, structure_option
 from optimisation.comparison import RESONANCES
 from optimisation.executors import cluster_option, workers
@@ -77,7 +77,7 @@ def text(found: Sequence[GapCheck]) -> str:
 MEMBERS = 4
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @structure_option
 @click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
 @click.option("--mass-ratio", "ratios", type=float, multiple=True, help=f"Absorber mass over the structure's; may be repeated.  [default: {RATIOS}]")

@@ -20,7 +20,7 @@ from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.survey import Found, attractors, different, orbits_over
 from impact_env.periodic.validation import trials_alongside
 from optimisation.bounds import design_force
-from optimisation.cli.common import BadInput, check_target, end_early, json_option, plain_errors
+from optimisation.cli.common import BadInput, check_target, command, end_early, json_option, plain_errors
 from optimisation.cli.structure_option import model_of, refuse_beside, structure_option
 from optimisation.files import write_json
 from optimisation.progress import stages_bar
@@ -128,7 +128,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
     return text, [plain_orbit(orbit) for orbit in orbits], complete[0]
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})
+@command()
 @structure_option
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from impact_env.parameters import ParameterError
-from optimisation.cli.common import BadInput
+from optimisation.cli.common import BadInput, command
 from optimisation.files import require_writable
 from optimisation.rl.baselines import FIRST_TRAINING_SEED, TUNED, families, load, policy
 from optimisation.rl.demonstrations import record, write_demonstrations
@@ -19,7 +19,7 @@ from optimisation.rl.tasks.table import SUITE, task_named
 EPISODES = 256
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--task", type=click.Choice([*SUITE, "suite"]), default="suite", show_default=True)
 @click.option("--episodes", type=click.IntRange(min=1), default=EPISODES, show_default=True, help="Episodes a task, on training seeds.")
 @click.option(

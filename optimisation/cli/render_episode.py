@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from optimisation.cli.common import BadInput, check_target, plain_errors
+from optimisation.cli.common import BadInput, check_target, command, plain_errors
 from optimisation.cli.structure_option import is_given
 from optimisation.rl.agents import Agent, load_agent
 from optimisation.rl.films import INTERVAL, NAMES, episode, save
@@ -32,7 +32,7 @@ def plain_choice(name: str, given: dict[str, Any]) -> tuple[str, dict[str, Any],
     return NAMES[name.lower()], {"interval": interval}, None if given["chance"] else given["action"]
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--env", "name", type=click.Choice(sorted(NAMES), case_sensitive=False), default="sweeprate", show_default=True)
 @click.option("--gif", "target", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write the film instead of showing it.")
 @click.option("--action", type=click.FloatRange(-1, 1), default=1.0, show_default=True, help="What is done in every interval.")

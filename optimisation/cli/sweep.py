@@ -15,19 +15,20 @@ import click
 
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, draw_members, run_lanes
+from impact_env.laws import words
 from impact_env.methods import PAPER_STEPS, Method, check_supported
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
+from impact_env.parameters import Beam, RigidWalls, TunedAbsorber, count
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
-from impact_env.wording import absorber_words
-from optimisation.cli.common import BadInput, check_target, json_option, plain_errors
+from optimisation.cli.common import BadInput, check_target, command, json_option, plain_errors
 from optimisation.cli.structure_option import structure_option
 from optimisation.cli.sweep_scene import (
     DEFAULT_ABSORBER,
     FRICTION_DAMPER_LIMIT,
     PARTS,
     Options,
+    absorber_options,
     make_method,
     make_scene,
     make_schedule,
@@ -131,7 +132,7 @@ def write(result: Result, given: Options, beam: Beam | None) -> None:
         if given["plot"] is not None:
             from optimisation.report.sweep_figure import save_figure
 
-            absorbers = absorber_words(result.response.scene.absorber).split("; ")  # a line for each of several
+            absorbers = words(result.response.scene.absorber).split("; ")  # a line for each of several
             title = "\n".join([*absorbers, describe_run(result.response, given["resonance"])])
             save_figure(files.enter_context(replacing(given["plot"].resolve())), title, result.response, given["resonance"])
 
@@ -164,11 +165,11 @@ def default(text: str, value: object) -> str:
     return f"{text}  [default: {value}]"
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})
+@command()
 @click.option(
     "--absorber",
     type=click.Choice(list(PARTS)),
-    help=default("Impact absorber, friction damper, linear tuned absorber, added mass, nothing.", DEFAULT_ABSORBER),
+    help=default("Impact absorber, friction damper, linear tuned absorber, added mass, nonlinear sink, nothing.", DEFAULT_ABSORBER),
 )
 @click.option(
     "--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Beam and absorber from a .toml or .json file (docs/scenes.md)."
@@ -176,25 +177,14 @@ def default(text: str, value: object) -> str:
 @structure_option
 @click.option("--modes", type=int, help=default("Number of modes kept.", Beam.modes))
 @click.option("--damping", type=float, help=default("Modal damping ratio, the same for all modes.", Beam.damping_ratio))
-@click.option("--mass-ratio", type=float, help=default("Absorber mass over beam mass.", DEFAULT_MASS_RATIO))
-@click.option("--gap", type=float, help=default("Clearance to either wall in m (impact).", f"{RigidWalls.gap}, with --structure by the design rule"))
-@click.option("--restitution", type=float, help=default("Coefficient of restitution, 0 to 1 (impact, rigid walls).", RigidWalls.restitution))
-@click.option(
-    "--friction-limit",
-    type=float,
-    help=default(
-        "Friction limit in N; 0: no friction.", f"none for impact, {FRICTION_DAMPER_LIMIT} for friction, with --structure by the energy of a cycle"
-    ),
-)
-@click.option("--contact-stiffness", type=float, help="Makes the walls springs of this stiffness in N/m (impact).")
-@click.option(
-    "--friction-stiffness",
-    type=float,
-    help="Makes friction elastic with this stiffness in N/m.  [default with compliant walls: the contact stiffness]",
-)
-@click.option("--stiffness", type=float, help=default("Spring of the tuned absorber in N/m.", f"{TunedAbsorber.stiffness}, with --structure tuned"))
-@click.option(
-    "--absorber-damping", type=float, help=default("Damper of the tuned absorber in N s/m.", f"{TunedAbsorber.damping}, with --structure tuned")
+@absorber_options(
+    {
+        "gap": f"{RigidWalls.gap}, with --structure by the design rule",
+        "friction_limit": f"none for impact, {FRICTION_DAMPER_LIMIT} for friction, with --structure by the energy of a cycle",
+        "friction_stiffness": "with compliant walls their stiffness",
+        "stiffness": f"{TunedAbsorber.stiffness}, with --structure tuned",
+        "damping": f"{TunedAbsorber.damping}, of a tuned one with --structure tuned",
+    }
 )
 @click.option("--force", type=float, help=default("Amplitude of the harmonic force in N.", f"{FORCE}, with --structure by the design rule"))
 @click.option("--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad.")
@@ -210,7 +200,7 @@ def default(text: str, value: object) -> str:
 )
 @click.option("--periods", type=float, help="Length in pseudo periods at a constant frequency.")
 @click.option(
-    "--percent-per-100-periods",
+    "--rate",
     type=float,
     help=default("Rate of the sweep in percent of the resonance frequency.", "1, less by the square of damping below 1 %"),
 )

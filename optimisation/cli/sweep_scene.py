@@ -1,30 +1,29 @@
-"""From the options of scripts/sweep.py to scene, method and schedule."""
+"""From the options of a command to scene, method and schedule."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import click
+
 from impact_env.drive import FrequencySchedule, constant_frequency, default_rate, linear_sweep
+from impact_env.laws import CONCEPTS, make
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Absorber,
     Beam,
-    CompliantWalls,
     RigidWalls,
-    SlidingAbsorber,
-    StuckAbsorber,
-    TunedAbsorber,
     friction_damper,
-    friction_law,
     positive,
 )
 from impact_env.plain import to_beam, to_scene
 from impact_env.plain_files import read_plain
 from impact_env.scene import Scene, beam_scene
 from optimisation.bounds import design_force, design_gap
-from optimisation.cli.common import BadInput
+from optimisation.cli.common import BadInput, Command
 from optimisation.cli.structure_option import read_structure
 from optimisation.friction_rule import best_friction
 from optimisation.mounting import mounted
@@ -32,15 +31,26 @@ from optimisation.tuned import minimax
 
 Options = dict[str, Any]  # the options of the command line; None: not given
 FRICTION_DAMPER_LIMIT = friction_damper().friction.limit  # type: ignore[union-attr]
-PARTS = {
-    "impact": {"gap", "restitution", "friction_limit", "mass_ratio", "contact_stiffness", "friction_stiffness"},
-    "friction": {"friction_limit", "mass_ratio", "friction_stiffness"},
-    "tuned": {"mass_ratio", "stiffness", "absorber_damping"},
-    "stuck": {"mass_ratio"},
-    "none": set(),
-}
+OPTIONS = {"damping": "absorber_damping"}  # options that are called otherwise than the value that they give: --damping is the structure's
+PARTS = {kind: {OPTIONS.get(name, name) for name in keys} for kind, keys in CONCEPTS.items()}
 DEFAULT_ABSORBER = "impact"
 SCENE_OPTIONS = ("absorber", "modes", "damping", *sorted(set().union(*PARTS.values())))  # what a file of a scene says
+
+
+def absorber_options(defaults: Mapping[str, str]) -> Callable[[Command], Command]:
+    """Add an option for each plain name of the table of laws; ``defaults``: what is told in the place of the library's default."""
+    keys = {name: key for concept in CONCEPTS.values() for name, key in concept.items()}
+    usual = {"mass_ratio": str(DEFAULT_MASS_RATIO), "restitution": str(RigidWalls.restitution)} | dict(defaults)
+
+    def add(command: Command) -> Command:
+        for name, key in reversed(keys.items()):
+            kinds = [kind for kind, known in CONCEPTS.items() if name in known]
+            text = f"{key.what}{f', in {key.unit}' if key.unit else ''} ({', '.join(kinds)})."
+            text += f"  [default: {usual[name]}]" if name in usual else ""
+            command = click.option(option_name(OPTIONS.get(name, name)), type=float, help=text)(command)
+        return command
+
+    return add
 
 
 def option_name(name: str) -> str:
@@ -55,7 +65,7 @@ def kind_of(given: Options) -> str:
 
 def chosen(given: Options, **options: str) -> Options:
     """Return the parameters, named after the library, whose options were given; the others keep the library's defaults."""
-    return {parameter: given[option] for parameter, option in options.items() if given[option] is not None}
+    return {parameter: given[option] for parameter, option in options.items() if given.get(option) is not None}
 
 
 def refuse_contradictions(given: Options) -> None:
@@ -72,21 +82,14 @@ def refuse_parts(given: Options) -> None:
                 raise BadInput(f"{option_name(name)} does not go with --structure: the file says what the structure is")
     if given["scene"] is not None:
         for name in SCENE_OPTIONS:
-            if given[name] is not None:
+            if given.get(name) is not None:
                 raise BadInput(f"{option_name(name)} does not go with --scene: the file says what the scene is")
         return
     kind = kind_of(given)
     for name in sorted(set().union(*PARTS.values()) - PARTS[kind]):
-        if given[name] is not None:
+        if given.get(name) is not None:
             kinds = " or ".join(k for k, parts in PARTS.items() if name in parts)
             raise BadInput(f"{option_name(name)} does not go with --absorber {kind}: it is for {kinds}")
-    compliant, rubs = given["contact_stiffness"] is not None, given["friction_limit"] not in (None, 0)
-    if compliant and given["restitution"] is not None:
-        raise BadInput("--restitution does not go with --contact-stiffness: compliant walls lose nothing")
-    if kind == "impact" and given["friction_stiffness"] is not None and not (compliant and rubs):
-        raise BadInput(
-            "--friction-stiffness needs --contact-stiffness and a --friction-limit above 0: walls and friction are both rigid or both compliant"
-        )
 
 
 def _refuse_runs(given: Options) -> None:
@@ -99,28 +102,17 @@ def _refuse_runs(given: Options) -> None:
         raise BadInput(f"--to = {given['stop']} equal to --from is a constant frequency: it needs --periods")
     if not constant and given["periods"] is not None:
         raise BadInput("--periods is for a constant frequency, --to equal to --from: the length of a sweep follows from its rate")
-    if constant and given["percent_per_100_periods"] is not None:
-        raise BadInput("--percent-per-100-periods does not go with a constant frequency, --to equal to --from")
+    if constant and given["rate"] is not None:
+        raise BadInput("--rate does not go with a constant frequency, --to equal to --from")
     if given["down"] and not given["start"] < given["stop"]:
         raise BadInput(f"--down swaps --from and --to: it needs --from = {given['start']} below --to = {given['stop']}")
 
 
 def make_absorber(given: Options, model: ModalModel | None = None) -> Absorber | None:
     """Return the absorber that the options describe; what is not given keeps the library's default, or on a file's ``model`` follows from a rule."""
-    kind, limit, stiffness = kind_of(given), given["friction_limit"], given["contact_stiffness"]
-    mass, usual = chosen(given, mass_ratio="mass_ratio"), {} if model is None else by_rule(kind, given, model)
-    if kind == "none":
-        return None
-    if kind == "stuck":
-        return StuckAbsorber(**mass)
-    if kind == "tuned":
-        return TunedAbsorber(**{**usual, **mass, **chosen(given, stiffness="stiffness", damping="absorber_damping")})
-    if kind == "friction":
-        return friction_damper(**{**usual, **mass, **chosen(given, friction_limit="friction_limit", friction_stiffness="friction_stiffness")})
-    gap = {**usual, **chosen(given, gap="gap")}
-    walls = RigidWalls(**gap, **chosen(given, restitution="restitution")) if stiffness is None else CompliantWalls(stiffness, **gap)
-    tangential = stiffness if given["friction_stiffness"] is None else given["friction_stiffness"]
-    return SlidingAbsorber(**mass, walls=walls, friction=friction_law(limit, tangential))
+    kind = kind_of(given)
+    usual = {} if model is None or kind == "none" else by_rule(kind, given, model)
+    return make(kind, usual | chosen(given, **{name: OPTIONS.get(name, name) for name in CONCEPTS[kind]}))
 
 
 def force_by_rule(given: Options, model: ModalModel) -> float:
@@ -140,7 +132,7 @@ def by_rule(kind: str, given: Options, model: ModalModel) -> Options:
         return {"gap": design_gap(model, mass, force, resonance)}
     if kind == "friction" and given["friction_limit"] is None:
         return {"friction_limit": best_friction(model, mass, force, resonance)[0]}
-    if kind == "tuned" and (given["stiffness"] is None or given["absorber_damping"] is None):
+    if kind == "tuned" and (given.get("stiffness") is None or given.get("absorber_damping") is None):
         tuned = minimax(model, ratio, resonance)
         return {"stiffness": tuned.stiffness, "damping": tuned.damping}
     return {}
@@ -175,5 +167,5 @@ def make_schedule(given: Options, scene: Scene) -> FrequencySchedule:
         return constant_frequency(omega, start, given["periods"])
     if given["down"]:
         start, stop = stop, start
-    rate = given["percent_per_100_periods"]
+    rate = given["rate"]
     return linear_sweep(omega, start, stop, default_rate(scene.model, (given["resonance"],)) if rate is None else rate)

@@ -15,7 +15,7 @@ import numpy as np
 
 from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
-from optimisation.cli.common import INTERRUPTED, BadInput
+from optimisation.cli.common import INTERRUPTED, BadInput, command
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
@@ -128,7 +128,7 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
     return finished
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--task", type=click.Choice([*TASKS, *GROUPS]), default="sweep", show_default=True, help=GROUPS_HELP)
 @click.option(
     "--algorithm",

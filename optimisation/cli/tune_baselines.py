@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from impact_env.parameters import ParameterError
-from optimisation.cli.common import INTERRUPTED, BadInput
+from optimisation.cli.common import INTERRUPTED, BadInput, command
 from optimisation.files import require_writable
 from optimisation.progress import Bar
 from optimisation.report.policy_tables import baseline_table
@@ -19,7 +19,7 @@ from optimisation.rl.tasks.effort import QUICK, Effort
 from optimisation.rl.tasks.table import GROUPS, GROUPS_HELP, TASKS, task_named
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--task", type=click.Choice([*TASKS, *GROUPS]), default="both", show_default=True, help=GROUPS_HELP)
 @click.option("--quick", is_flag=True, help="A few candidates on a few seeds: a look, not a search.")
 @click.option("--effort", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True, help="Share of the generations.")

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
-from optimisation.cli.common import check_target, name_files, plain_errors
+from optimisation.cli.common import check_target, command, name_files, plain_errors
 from optimisation.cli.structure_option import POSITION_HELP, model_of, refuse_beside, structure_option
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.machine import conditions, sources
@@ -49,7 +49,7 @@ def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]
     return files
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @structure_option
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance to tune to, counted from 1.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")

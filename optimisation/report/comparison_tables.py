@@ -9,7 +9,7 @@ from dataclasses import asdict
 import numpy as np
 
 from impact_env.curve import BAND, DOWN, UP, Optimum, quantiles
-from impact_env.kinds import is_linear
+from impact_env.laws import SceneKind
 from impact_env.scene import Scene
 from optimisation.bounds import LEAST_REACH
 from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
@@ -106,7 +106,7 @@ def _parameters(concept: Concept) -> Json:
 
 
 def _linear(comparison: Comparison, concept: Concept) -> bool:
-    return is_linear(Scene(comparison.model, concept.absorber))
+    return Scene(comparison.model, concept.absorber).kind is SceneKind.LINEAR
 
 
 def _concept_summary(comparison: Comparison, part: ResonanceComparison, concept: Concept) -> Json:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from impact_env.ensemble import LaneLevels
+from impact_env.laws import modes_in_words, words
 from impact_env.parameters import Beam
 from impact_env.plain import from_scene
 from impact_env.response import Response
-from impact_env.wording import absorber_words, number_of_modes
 from optimisation.sweep_rate import LEAST_RATIO
 
 
@@ -68,7 +68,7 @@ def describe_run(response: Response, resonance: int) -> str:
     ratios = schedule.omegas / schedule.reference
     frequency = f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"
     where = f"{frequency} times resonance {resonance} ({schedule.reference:.6g} rad/s)"
-    return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods, {number_of_modes(modes)}, {response.method}"
+    return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods, {modes_in_words(modes)}, {response.method}"
 
 
 def summary(result: Result, resonance: int) -> str:
@@ -95,4 +95,4 @@ def summary(result: Result, resonance: int) -> str:
         fast = "" if result.sweep_ratio >= LEAST_RATIO else ": too fast for shares"
         rows.append(("sweep over stationary", f"{result.sweep_ratio:.3f}", f"without absorber, at {rate:.3g} % per 100 pseudo periods{fast}"))
     lines = [f"  {name:<26}{value:>12}   {note}".rstrip() for name, value, note in rows]
-    return "\n".join([absorber_words(response.scene.absorber), describe_run(response, resonance), *lines])
+    return "\n".join([words(response.scene.absorber), describe_run(response, resonance), *lines])

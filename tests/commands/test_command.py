@@ -37,7 +37,7 @@ QUICK = {  # the shortest form of each command
     "pareto": f"{STEEP} --batch 4 --designs 4",
     "record_demonstrations": "--task passage --episodes 2",
     "render_episode": "--frames 4 --gif film.gif",
-    "sweep": "--modes 2 --from 0.98 --to 1 --percent-per-100-periods 10 --energy --time --plot sweep.png",
+    "sweep": "--modes 2 --from 0.98 --to 1 --rate 10 --energy --time --plot sweep.png",
     "train_sweep_agent": "--quick --steps 512",
     "tune_baselines": "--quick --task gap",
     "tune_ltva": "--quick --modes 1",

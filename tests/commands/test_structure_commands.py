@@ -65,20 +65,20 @@ def test_tunings_are_of_the_structure(monkeypatch: pytest.MonkeyPatch, tmp_path:
 
 def test_a_sweep_has_the_rule_gap_and_writes_its_scene(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     model, target = modal_model(load_structure(STEEL)), tmp_path / "sweep.json"
-    options = "--percent-per-100-periods 40 --mass-ratio 0.01"
+    options = "--rate 40 --mass-ratio 0.01"
     result = call("sweep", monkeypatch, f"--structure {STEEL} --force 0.3 {options} --json {target}")
     assert result.exit_code == 0, result.output
     found = json.loads(target.read_text())
     assert found["scene"]["beam"]["response_position"] == 0.9
-    assert found["scene"]["absorber"]["walls"]["gap_m"] == pytest.approx(design_gap(model, 0.01 * model.beam_mass, 0.3))
+    assert found["scene"]["absorber"]["gap"] == pytest.approx(design_gap(model, 0.01 * model.beam_mass, 0.3))
     np.testing.assert_array_equal(found["omega_rad_s"], model.omega)
     result = call("sweep", monkeypatch, f"--structure {FRAME} {options} --json {target}")
     assert result.exit_code == 0, result.output
-    assert json.loads(target.read_text())["scene"]["absorber"]["walls"]["gap_m"] == 1e-3  # for the force that the rule gives
-    again = call("sweep", monkeypatch, f"--scene {target.with_name('scene.json')} --percent-per-100-periods 40 --force 0.3")
+    assert json.loads(target.read_text())["scene"]["absorber"]["gap"] == 1e-3  # for the force that the rule gives
+    again = call("sweep", monkeypatch, f"--scene {target.with_name('scene.json')} --rate 40 --force 0.3")
     assert again.exit_code == 2
     target.with_name("scene.json").write_text(json.dumps(found["scene"]))
-    again = call("sweep", monkeypatch, f"--scene {target.with_name('scene.json')} --percent-per-100-periods 40 --force 0.3 --json {target}")
+    again = call("sweep", monkeypatch, f"--scene {target.with_name('scene.json')} --rate 40 --force 0.3 --json {target}")
     assert json.loads(target.read_text())["response_level_m"] == found["response_level_m"]
 
 

@@ -122,7 +122,7 @@ def test_rate_follows_the_damping_and_the_ratio_is_told(damping: str, periods: f
     values = results(tmp_path, *given)
     assert values["pseudo_periods"] == pytest.approx(periods)
     assert values["sweep_over_stationary_level"] == pytest.approx(ratio, abs=2e-3)
-    fast = results(tmp_path, *given, "--percent-per-100-periods", "10")
+    fast = results(tmp_path, *given, "--rate", "10")
     assert fast["pseudo_periods"] == pytest.approx(160)
     assert fast["sweep_over_stationary_level"] < ratio
     text = call(*given).output

@@ -65,7 +65,7 @@ class Bench:
         tip_shape = np.array(scene.model.tip_shape)
         self.free, self.joined, reach = rigid_regimes(scene, 20.0 / omega)
         schedule = Schedule(np.array([0.0, 2.0 / omega]), np.full(2, omega), np.array([0.0, 2.0]), 20.0, reach)
-        self.window, self.walls, self.limit = window_of(schedule, 0, 0, 1), Walls(GAP, 1.0), limit
+        self.window, self.walls, self.limit = window_of(schedule, 0, 0, 1), Walls(GAP, 1.0, None), limit
         contact = Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape, self.walls, limit)
         rigid = Rigid(self.free, self.joined, contact, Losses(tip_shape, tip_shape, tip_shape, 0.0))
         self.room = new_room(self.free, self.joined, np.zeros(8))

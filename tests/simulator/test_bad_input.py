@@ -29,7 +29,7 @@ from impact_env import (
     modal_model,
     simulate,
 )
-from impact_env.kinds import kind_of
+from impact_env.methods import Exact, check_supported
 
 NAN, INF = math.nan, math.inf
 
@@ -133,7 +133,7 @@ def test_an_unknown_absorber_is_of_no_kind() -> None:
     scene = Scene(modal_model(Beam(modes=1)))
     object.__setattr__(scene, "absorber", RigidWalls())
     with pytest.raises(ParameterError, match="absorber"):
-        kind_of(scene)
+        check_supported(scene, Exact())
 
 
 def test_contradictory_absorbers() -> None:

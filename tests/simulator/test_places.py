@@ -102,7 +102,7 @@ def test_one_absorber_is_at_the_first_place_and_not_where_the_level_is_read(stru
     assert again.model.absorber_shapes is not None
     np.testing.assert_array_equal(again.model.absorber_shapes, structure.absorber_shapes)
     np.testing.assert_array_equal(again.model.tip_shape, structure.response_shape)
-    result = sweep("--structure", str(write(tmp_path)), "--percent-per-100-periods", "100", "--json", str(tmp_path / "run.json"))
+    result = sweep("--structure", str(write(tmp_path)), "--rate", "100", "--json", str(tmp_path / "run.json"))
     assert result.exit_code == 0, result.output
     model = json.loads((tmp_path / "run.json").read_text())["scene"]["model"]
     np.testing.assert_array_equal(model["tip_shape_per_sqrt_kg"], structure.tip_shape)

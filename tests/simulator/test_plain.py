@@ -37,6 +37,7 @@ from impact_env import (
     linear_sweep,
 )
 from impact_env.envs.settings import Settings
+from impact_env.laws import CONCEPTS
 from impact_env.parameters import Absorber, friction_law
 from impact_env.plain import from_drive, from_method, from_scene, to_beam, to_drive, to_method, to_scene
 from impact_env.plain_files import read_plain
@@ -217,9 +218,8 @@ def test_no_friction_is_a_limit_of_zero_everywhere() -> None:
         assert Settings(absorber_options={"friction_limit": zero}).scene.absorber == impact_absorber()
         compliant = {"contact_stiffness": 1e5}
         assert Settings(absorber_options={**compliant, "friction_limit": zero}).scene.absorber == Settings(absorber_options=compliant).scene.absorber
-        for kind in ("coulomb", "elastic"):
-            friction = {"kind": kind, "limit_n": zero, **({"stiffness_n_m": 1e5} if kind == "elastic" else {})}
-            assert to_scene({"absorber": {"kind": "impact", "friction": friction}}).absorber == impact_absorber()
+        for elastic in ({}, {"friction_stiffness": 1e5}):
+            assert to_scene({"absorber": {"kind": "impact", "friction_limit": zero, **elastic}}).absorber == impact_absorber()
         assert design_space("impact", ["gap"], fixed={"friction_limit": zero}).default.absorber() == impact_absorber(restitution=0.7)
     for limit in (-1e-300, NAN, "0", False):
         with pytest.raises(ParameterError, match="friction limit"):
@@ -261,11 +261,11 @@ def test_page_names_every_key_with_its_default() -> None:
             shown = f"{value:g}" if isinstance(value, float) else str(value)
             assert f"`{key}` ({shown}" in PAGE or f"`{key}` ({value}" in PAGE, key
     tuned = from_scene(beam_scene(absorber=TunedAbsorber()))["absorber"]
-    assert f"`stiffness_n_m` ({tuned['stiffness_n_m']})" in PAGE
-    assert f"`damping_n_s_m` ({tuned['damping_n_s_m']})" in PAGE
+    assert f"`stiffness` ({tuned['stiffness']})" in PAGE
+    assert f"`damping` ({tuned['damping']})" in PAGE
     model = from_scene(beam_scene(absorber=KINDS["several"]))
     keys = {*model["model"], *model["absorber"], *model["absorber"]["absorbers"][0], "share", *from_drive(Drive(1.0, linear_sweep(1.0)))}
-    keys |= {*from_scene(beam_scene(absorber=KINDS["compliant and friction"]))["absorber"]["friction"], "gap_m", "restitution", "steps_per_contact"}
+    keys |= {name for concept in CONCEPTS.values() for name in concept} | {"steps_per_contact"}
     assert keys <= described, keys - described
 
 

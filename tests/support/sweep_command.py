@@ -6,7 +6,7 @@ from click.testing import CliRunner, Result
 
 from optimisation.cli import sweep
 
-SHORT = ["--modes", "2", "--from", "0.98", "--to", "1", "--percent-per-100-periods", "10"]  # 20 pseudo periods
+SHORT = ["--modes", "2", "--from", "0.98", "--to", "1", "--rate", "10"]  # 20 pseudo periods
 
 
 def call(*arguments: str) -> Result:

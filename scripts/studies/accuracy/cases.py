@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from impact_env.drive import PAPER_RATE, Drive, FrequencySchedule, linear_sweep
-from impact_env.kinds import is_linear
+from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, TunedAbsorber, friction_damper, impact_absorber
 from impact_env.response import Record
@@ -88,7 +88,7 @@ class Case:
         result: list[Method] = [Exact()]
         if not compliant:
             result += [Moreau(count) for count in steps]
-        if compliant or is_linear(self.scene):
+        if compliant or (self.scene.kind is SceneKind.LINEAR):
             result += [RungeKutta(count, count) for count in steps]
         return result
 
@@ -96,7 +96,7 @@ class Case:
 def method_name(method: Method, scene: Scene) -> str:
     """Return a method's name in tables and figures."""
     if isinstance(method, Exact):
-        return "closed form" if is_linear(scene) else "Exact"
+        return "closed form" if (scene.kind is SceneKind.LINEAR) else "Exact"
     return type(method).__name__ if isinstance(method, Moreau) else "Runge-Kutta"
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import Members, draw_members
-from impact_env.kinds import SceneKind, kind_of
+from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Beam
 from impact_env.scene import Scene, beam_scene
@@ -58,7 +58,7 @@ def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
     """Return a row for each run."""
     truth, members = draw_members(settings.truth_members, settings.seed + 1), draw_members(settings.members, settings.seed)
     scene = beam_scene(Beam(modes=modes), kind.absorber())
-    step_method = RungeKutta if kind_of(scene) is SceneKind.COMPLIANT else Moreau
+    step_method = RungeKutta if scene.kind is SceneKind.COMPLIANT else Moreau
     plans: list[tuple[str, Method, Members]] = [(TRUTH, Exact(), truth), ("", Exact(), members)]
     plans += [("", step_method(steps), members) for steps in settings.sweep_steps]
     found = []

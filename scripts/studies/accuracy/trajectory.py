@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
-from impact_env.kinds import is_linear
+from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
 from impact_env.sweep import IntegrationError, simulate
 from studies.accuracy.cases import BARE, KINDS, WATCHED, Case, Kind, case, method_name
@@ -215,6 +215,6 @@ def without_scenes(values: dict[str, Any], scenes: tuple[str, ...]) -> dict[str,
 def _starts(kind: Kind, modes: int, settings: Settings) -> list[Start]:
     """Return a scene's starts with their references; one suffices where there are no events to be met by chance."""
     found = [case(kind, modes)]
-    if not is_linear(found[0].scene):
+    if found[0].scene.kind is not SceneKind.LINEAR:
         found += [case(kind, modes, number) for number in range(1, settings.starts)]
     return [(it, truth_of(it)) for it in found]

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from optimisation.cli.common import command
 from studies.benchmarks.speed import NAME, QUICK, QUICK_REPEATS, REPEATS, STUDY, WHOLE, Settings
 from studies.one_table import table_options, table_place
 from studies.runner import run
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} repeat of {QUICK:g} pseudo periods: a look, not a measurement.")
 @click.option("--repeats", type=click.IntRange(min=1), help=f"Runs of each method, of which the median counts.  [default: {REPEATS}]")
 @table_options(NAME, "README.md")

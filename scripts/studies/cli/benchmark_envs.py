@@ -9,12 +9,13 @@ from pathlib import Path
 
 import click
 
+from optimisation.cli.common import command
 from studies.benchmarks.environments import NAME, QUICK_SECONDS, SECONDS, STUDY
 from studies.one_table import table_options, table_place
 from studies.runner import run
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--quick", is_flag=True, help=f"{QUICK_SECONDS:g} s a repeat instead of {SECONDS:g} s: a look, not a measurement.")
 @table_options(NAME, "docs/environments.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:

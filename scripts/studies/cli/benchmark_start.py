@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from optimisation.cli.common import command
 from studies.one_table import table_options, table_place
 from studies.runner import run
 from studies.specialisation.start import NAME, QUICK, STUDY, WHOLE
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--quick", is_flag=True, help="The quick comparison and one first call: a look, not a measurement.")
 @table_options(NAME, "docs/cost.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from optimisation.cli.common import command
 from studies.cost.study import NAME, PERIODS, QUICK_PERIODS, STUDY
 from studies.one_table import table_options, table_place
 from studies.runner import run
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--quick", is_flag=True, help=f"Runs of {QUICK_PERIODS:g} pseudo periods instead of {PERIODS:g}.")
 @table_options(NAME, "docs/cost.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:

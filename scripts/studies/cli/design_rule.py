@@ -6,14 +6,14 @@ from pathlib import Path
 
 import click
 
-from optimisation.cli.common import plain_errors
+from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
 from studies.rule_study import MEMBERS, NAME, OUT, QUICK_MEMBERS, QUICK_OUT, STUDY, settings
 from studies.runner import run
 from studies.study import beside
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--quick", is_flag=True, help="A look: one member, no gaps halfway to the best, no damping below 0.5 %.")
 @click.option(
     "--members",

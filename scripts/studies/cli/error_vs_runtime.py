@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from optimisation.cli.common import command
 from studies.accuracy import trajectory
 from studies.accuracy.cases import KINDS
 from studies.accuracy.settings import FULL, QUICK
@@ -16,7 +17,7 @@ from studies.accuracy.study import OUT, PARTS, QUICK_OUT, STUDY, place
 from studies.runner import run
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--only", type=click.Choice(PARTS), multiple=True, help="Compute this part only; may be given several times.")
 @click.option(
     "--scene",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from optimisation.cli.common import plain_errors
+from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, executor
 from optimisation.files import require_writable
 from studies.findings.page import PARTS
@@ -16,7 +16,7 @@ from studies.findings.study import OUT, QUICK_OUT, STUDY, place, settings
 from studies.runner import run
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--part", "parts", type=click.Choice(list(PARTS)), multiple=True, help="Part to do; may be repeated.  [default: all]")
 @click.option("--quick", is_flag=True, help=f"A look: few designs, fast sweeps, into {QUICK_OUT} unless told otherwise; the numbers mean little.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of searches and members.")

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import click
 
-from optimisation.cli.common import plain_errors
+from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, executor
 from studies.friction import CASES, MEMBERS, NAME, STUDY, Settings
 from studies.one_table import table_options, table_place
 from studies.runner import run
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--quick", is_flag=True, help="A look: the paper's damping only.")
 @click.option(
     "--members", type=click.IntRange(min=1), default=MEMBERS, show_default=True, help="Runs for each point at 1 %; half and a quarter at less."

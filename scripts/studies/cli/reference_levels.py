@@ -7,12 +7,13 @@ from pathlib import Path
 import click
 
 from impact_env.curve import DEFAULT_MEMBERS
+from optimisation.cli.common import command
 from studies.levels import NAME, STUDY, Settings
 from studies.one_table import table_options, table_place
 from studies.runner import run
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option(
     "--members",
     type=click.IntRange(min=1),

@@ -11,7 +11,7 @@ import click
 from impact_env.ensemble import Executor
 from impact_env.parameters import positive, require
 from impact_env.periodic.jump import Range
-from optimisation.cli.common import BadInput, plain_errors
+from optimisation.cli.common import BadInput, command, plain_errors
 from optimisation.cli.structure_option import structure_option
 from optimisation.cli.sweep_scene import make_scene, refuse_parts
 from optimisation.executors import cluster_option, workers
@@ -61,7 +61,7 @@ def _thinned(case: Case) -> Case:
     return replace(case, stay_ratios=case.stay_ratios[::9], kind_ratios=case.kind_ratios[::20], slownesses=fast[::2])
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Structure and absorber from a .toml or .json file.")
 @structure_option
 @click.option("--modes", type=int, help="Number of modes of the paper's beam.")

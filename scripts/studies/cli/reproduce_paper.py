@@ -7,14 +7,14 @@ from pathlib import Path
 
 import click
 
-from optimisation.cli.common import plain_errors
+from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
 from studies.paper.settings import Settings
 from studies.paper.study import CLAIMS, LABELS, OUT, QUICK_OUT, STUDY, place
 from studies.runner import run
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--figure", "figures", type=click.Choice(LABELS), multiple=True, help="Figure by the paper's label; may be repeated.  [default: all]")
 @click.option("--quick", is_flag=True, help=f"A look: few points and members, into {QUICK_OUT} unless told otherwise.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the members.")

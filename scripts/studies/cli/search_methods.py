@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from optimisation.cli.common import plain_errors
+from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, executor
 from studies.runner import run
 from studies.search_methods import QUESTIONS
@@ -16,7 +16,7 @@ from studies.search_methods_study import NAME, OUT, QUICK_OUT, STUDY, settings
 from studies.study import beside
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--quick", is_flag=True, help="A look: 40 designs, 4 members, 2 seeds, sweeps 4 times as fast.")
 @click.option("--question", multiple=True, type=click.Choice(list(QUESTIONS)), help="What is searched; may be repeated.  [default: all]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from optimisation.cli.common import command
 from studies.runner import run
 from studies.specialisation.study import NAME, OUT, QUICK_OUT, STUDY
 from studies.study import beside
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--quick", is_flag=True, help=f"Three scenes and short runs, into {QUICK_OUT} unless told otherwise.")
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder for specialisation.json, .csv, .png and .md.  [default: {OUT}]")
 @click.option("--redraw", is_flag=True, help="Draw figure and page again from the specialisation.json in the folder; nothing is measured.")

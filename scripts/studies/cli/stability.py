@@ -7,12 +7,13 @@ from pathlib import Path
 import click
 
 from impact_env.ensemble import available_cores
+from optimisation.cli.common import command
 from studies.runner import run
 from studies.stability.study import NAME, OUT, QUICK_OUT, STUDY, Settings
 from studies.study import beside
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--quick", is_flag=True, help=f"Some of the cases and shorter runs, into {QUICK_OUT} unless told otherwise.")
 @click.option("--workers", type=click.IntRange(min=1), help="Number of processes.  [default: all cores]")
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder for stability.json, .csv, .png and .md.  [default: {OUT}]")

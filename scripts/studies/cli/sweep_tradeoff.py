@@ -8,12 +8,13 @@ from pathlib import Path
 
 import click
 
+from optimisation.cli.common import command
 from studies.runner import run
 from studies.study import Place
 from studies.tradeoff import OUT, QUICK_OUT, STUDY
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@command()
 @click.option("--quick", is_flag=True, help=f"One scene, few rates and seeds, into {QUICK_OUT} unless told otherwise.")
 @click.option("--redraw", is_flag=True, help="Draw the figure again from the JSON file in the folder; nothing is played.")
 @click.option(

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import click
 
-from optimisation.cli.common import plain_errors
+from optimisation.cli.common import command, plain_errors
 from optimisation.files import replacing
 from optimisation.page import ROOT
 from optimisation.progress import BAR, Bar
@@ -45,7 +45,7 @@ def bring_up_to_date(page: Path) -> int:
     return len(blocks)
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@command()
 @click.option(
     "--page", type=click.Path(path_type=Path, dir_okay=False, exists=True), default=PAGE, show_default=True, help="Page to bring up to date."
 )

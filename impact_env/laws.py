@@ -1,0 +1,267 @@
+"""The table of absorbers and contact laws: one entry for each, and nothing else in the simulator asks which of them it has.
+
+An entry says by which plain names a law is given (options of commands, keys of files, arguments of environments and design variables are these
+names, in SI units), what kind of scene it makes, what it stores, what its compiled code takes, and how people are told of it. A law that is not in
+the table is an error. CONTRIBUTING.md says how to add one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields
+from enum import Enum
+from typing import Any
+
+from impact_env.checks import ParameterError, instance, one_of, require
+from impact_env.parameters import (
+    Absorber,
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    NonlinearSink,
+    RigidWalls,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    YieldingWalls,
+    friction_damper,
+    friction_law,
+)
+
+Values = Mapping[str, Any]
+
+
+class SceneKind(Enum):
+    """A scene's kind, by what happens in it: which methods can simulate it, and what has to be compiled for it, follow from it."""
+
+    LINEAR = "one linear regime"
+    RIGID = "rigid contact"
+    COMPLIANT = "compliant contact"
+    SEVERAL = "several absorbers"
+    SMOOTH = "a smooth nonlinear spring"
+
+
+@dataclass(frozen=True)
+class Key:
+    """A plain name: the attribute that it stands for, what it is, and its unit."""
+
+    attribute: str
+    what: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law of walls or of friction, or an absorber that has none.
+
+    ``keys``: its plain names. ``mark``: the one that only this law of its group has, None for the group's usual law. ``kernel``: what compiled code
+    takes, the name of a tuple of `impact_env.kernels` whose fields are attributes of the law (None where it has none), or of one attribute; it is
+    named, not imported, so that who reads a scene needs no kernels (`families.common.compiled`). ``stored``: its energy in J at a relative
+    displacement in m. ``words``: its values for people.
+    """
+
+    of: type
+    kind: SceneKind
+    keys: Mapping[str, Key]
+    words: Callable[[Any], str]
+    kernel: str | None
+    mark: str | None = None
+    stored: Callable[[Any, float], float] = lambda _law, _displacement: 0.0
+
+    def values(self, law: Any) -> dict[str, Any]:
+        """Return a law's values by their plain names."""
+        return {name: getattr(law, key.attribute) for name, key in self.keys.items()}
+
+    def make(self, values: Values) -> Any:
+        """Return the law of some values; those left out have the class's defaults. Raises ParameterError for one that has none."""
+        needed = {field.name for field in fields(self.of) if field.default is MISSING}
+        for name, key in self.keys.items():
+            require(name in values or key.attribute not in needed, name, None, "given: it has no default")
+        return self.of(**{key.attribute: values[name] for name, key in self.keys.items() if name in values})
+
+
+GAP = Key("gap", "Clearance to either wall", "m")
+RESTITUTION = Key("restitution", "Coefficient of restitution, 0 to 1")
+MASS = {"mass_ratio": Key("mass_ratio", "Absorber mass over beam mass")}
+
+WALLS = (
+    Law(
+        RigidWalls,
+        SceneKind.RIGID,
+        {"gap": GAP, "restitution": RESTITUTION},
+        lambda w: f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g}",
+        "rigid_contact.Walls",
+    ),
+    Law(
+        YieldingWalls,
+        SceneKind.RIGID,
+        {
+            "yield_velocity": Key("yield_velocity", "Impact velocity from which restitution falls, where contact yields", "m/s"),
+            "gap": GAP,
+            "restitution": RESTITUTION,
+        },
+        lambda w: f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g} that falls above {w.yield_velocity:g} m/s",
+        "rigid_contact.Walls",
+        mark="yield_velocity",
+    ),
+    Law(
+        CompliantWalls,
+        SceneKind.COMPLIANT,
+        {"contact_stiffness": Key("stiffness", "Stiffness of walls that are springs", "N/m"), "gap": GAP},
+        lambda w: f"gap {1e3 * w.gap:g} mm, contact stiffness {w.stiffness:g} N/m",
+        "feedback.Stops",
+        mark="contact_stiffness",
+        stored=lambda w, y: 0.5 * w.stiffness * max(abs(y) - w.gap, 0.0) ** 2,
+    ),
+)
+LIMIT = Key("limit", "Friction limit, 0 for none", "N")
+FRICTION = (
+    Law(CoulombFriction, SceneKind.RIGID, {"friction_limit": LIMIT}, lambda f: f"friction limit {f.limit:g} N", "limit"),
+    Law(
+        ElasticCoulombFriction,
+        SceneKind.COMPLIANT,
+        {"friction_limit": LIMIT, "friction_stiffness": Key("stiffness", "Stiffness of a spring in series with friction", "N/m")},
+        lambda f: f"friction limit {f.limit:g} N, friction stiffness {f.stiffness:g} N/m",
+        "feedback.Slider",
+        mark="friction_stiffness",
+    ),
+)
+STUCK = Law(StuckAbsorber, SceneKind.LINEAR, MASS, lambda _: "", None)
+TUNED = Law(
+    TunedAbsorber,
+    SceneKind.LINEAR,
+    {**MASS, "stiffness": Key("stiffness", "Spring of the absorber", "N/m"), "damping": Key("damping", "Damper of the absorber", "N s/m")},
+    lambda a: f"stiffness {a.stiffness:g} N/m, damping {a.damping:g} N s/m",
+    "moreau_law.Spring",
+    stored=lambda a, y: 0.5 * a.stiffness * y**2,
+)
+SINK = Law(
+    NonlinearSink,
+    SceneKind.SMOOTH,
+    {
+        **MASS,
+        "cubic_stiffness": Key("cubic_stiffness", "Spring of the absorber, whose force grows with the cube", "N/m^3"),
+        "damping": Key("damping", "Damper of the absorber", "N s/m"),
+    },
+    lambda a: f"cubic stiffness {a.cubic_stiffness:g} N/m^3, damping {a.damping:g} N s/m",
+    "feedback.Cubic",
+    stored=lambda a, y: 0.25 * a.cubic_stiffness * y**4,
+)
+WHOLE = {"tuned": TUNED, "stuck": STUCK, "sink": SINK}  # absorbers that are one law
+CALLED = {"impact": "impact absorber", "friction": "friction damper", "tuned": "tuned absorber", "stuck": "stuck absorber", "sink": "nonlinear sink"}
+
+
+def _keys(*laws: Law) -> dict[str, Key]:
+    return {name: key for law in laws for name, key in law.keys.items()}
+
+
+# the concepts of one absorber, and the plain names that each is given by
+CONCEPTS: dict[str, dict[str, Key]] = {
+    "impact": {**MASS, **_keys(*WALLS), **_keys(*FRICTION)},
+    "friction": {**MASS, **_keys(*FRICTION)},
+    **{name: dict(law.keys) for name, law in WHOLE.items()},
+    "none": {},
+}
+_ENTRIES = {law.of: law for law in (*WALLS, *FRICTION, *WHOLE.values())}
+
+
+def entry(law: object) -> Law:
+    """Return the entry of a law; raises ParameterError for one that is not in the table."""
+    require(type(law) in _ENTRIES, "law", law, f"one of {', '.join(known.__name__ for known in _ENTRIES)}")
+    return _ENTRIES[type(law)]
+
+
+def parts(absorber: Absorber | None) -> tuple[object, ...]:
+    """Return the laws that are present: walls and friction of a sliding absorber, or the absorber itself; none of several."""
+    if instance("absorber", absorber, Absorber | None) is None or isinstance(absorber, SeveralAbsorbers):
+        return ()
+    return tuple(law for law in (absorber.walls, absorber.friction) if law is not None) if isinstance(absorber, SlidingAbsorber) else (absorber,)
+
+
+def kind(absorber: Absorber | None) -> SceneKind:
+    """Return what kind of scene an absorber makes."""
+    if isinstance(absorber, SeveralAbsorbers):
+        return SceneKind.SEVERAL
+    return next((entry(law).kind for law in parts(absorber)), SceneKind.LINEAR)
+
+
+def stored(absorber: Absorber | None, displacement: float) -> float:
+    """Return the energy in J that an absorber's springs hold at a relative displacement in m; 0 for several, which are rigid."""
+    return sum(entry(law).stored(law, displacement) for law in parts(absorber))
+
+
+def concept(absorber: Absorber | None) -> str:
+    """Return which of `CONCEPTS` one absorber is."""
+    if isinstance(absorber, SlidingAbsorber):
+        return "friction" if absorber.walls is None else "impact"
+    return "none" if absorber is None else next(name for name, law in WHOLE.items() if law is entry(absorber))
+
+
+def values(absorber: Absorber | None) -> dict[str, Any]:
+    """Return one absorber's values by their plain names; `make` gives the same absorber back."""
+    mass = {} if absorber is None else {"mass_ratio": absorber.mass_ratio}
+    return mass | {name: value for law in parts(absorber) for name, value in entry(law).values(law).items()}
+
+
+def modes_in_words(modes: int) -> str:
+    """Return "1 mode" or "10 modes"."""
+    return f"{modes} mode{'s' * (modes != 1)}"
+
+
+def words(absorber: Absorber | None) -> str:
+    """Return an absorber's kind and values for people."""
+    if isinstance(absorber, SeveralAbsorbers):
+        each = zip(absorber.absorbers, absorber.positions, strict=True)
+        return "; ".join(f"at {position:g} of the length {words(one)}" for one, position in each)
+    if absorber is None:
+        return "no absorber"
+    told = [CALLED[concept(absorber)], f"mass ratio {absorber.mass_ratio:g}", *(entry(law).words(law) for law in parts(absorber))]
+    if isinstance(absorber, SlidingAbsorber) and absorber.friction is None:
+        told.append("no friction")
+    return ", ".join(word for word in told if word)
+
+
+def _chosen(laws: tuple[Law, ...], given: Values) -> Law:
+    """Return the law of a group that the given names belong to."""
+    law = next((law for law in laws if law.mark in given), laws[0])
+    for name in given:
+        other = name in _keys(*laws) and name not in law.keys
+        require(not other, name, given[name], f"left out with {law.mark}: {law.of.__name__} have {', '.join(law.keys)}")
+    return law
+
+
+def _friction(given: Values, walls: object) -> CoulombFriction | ElasticCoulombFriction | None:
+    """Return friction beside walls: elastic where they are springs, as stiff as they are unless it is said otherwise."""
+    limit, stiffness = given.get("friction_limit"), given.get("friction_stiffness")
+    if stiffness is None and isinstance(walls, CompliantWalls):
+        stiffness = walls.stiffness
+    if "friction_stiffness" in given:
+        require(limit is not None, "friction_stiffness", stiffness, "left out without a friction_limit")
+    return friction_law(limit, stiffness)
+
+
+def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None:
+    """Return an absorber from values by their plain names; those left out or None have the defaults of `impact_env.parameters`.
+
+    Raises ParameterError for an unknown concept or name, which it calls ``name``.
+    """
+    known = CONCEPTS[one_of(name, concept, CONCEPTS)]
+    strange = sorted(set(instance(f"{name}'s values", given, Mapping)) - set(known))
+    require(not strange, f"{name}'s values", dict(given), f"only the keys {', '.join(sorted(known))}" if known else "no keys")
+    present = {key: value for key, value in given.items() if value is not None}
+    if concept in WHOLE:
+        return WHOLE[concept].make(present)
+    mass = {key: present[key] for key in MASS if key in present}
+    if concept == "friction":
+        return friction_damper(**present)
+    if concept == "none":
+        return None
+    walls = _chosen(WALLS, present).make(present)
+    return SlidingAbsorber(**mass, walls=walls, friction=_friction(present, walls))
+
+
+def argument(error: ParameterError, concept: str) -> str | None:
+    """Return the plain name of the value that an error of `make` is about, None if it is about several."""
+    said = str(error).partition(" = ")[0].removeprefix("absorber ").replace(" ", "_")
+    return said if said in CONCEPTS[concept] else None

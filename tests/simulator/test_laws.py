@@ -1,0 +1,195 @@
+"""The table of laws: one vocabulary for files, commands, environments and designs; restitution that falls with velocity, and a nonlinear sink."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from impact_env import (
+    Beam,
+    Drive,
+    Exact,
+    Moreau,
+    NonlinearSink,
+    ParameterError,
+    Record,
+    Response,
+    RigidWalls,
+    RungeKutta,
+    SlidingAbsorber,
+    YieldingWalls,
+    beam_scene,
+    constant_frequency,
+    linear_sweep,
+    simulate,
+)
+from impact_env.envs.settings import Settings
+from impact_env.families.common import compiled
+from impact_env.laws import CONCEPTS, FRICTION, WALLS, argument, entry, make, values
+from impact_env.plain import from_scene, to_scene
+from optimisation.cli.sweep_scene import OPTIONS, SCENE_OPTIONS, make_absorber
+from optimisation.variables import VARIABLES
+
+GIVEN: dict[str, dict[str, Any]] = {
+    "impact": {"mass_ratio": 0.03, "gap": 2e-3, "restitution": 0.8, "friction_limit": 0.2},
+    "impact, yielding": {"mass_ratio": 0.03, "gap": 2e-3, "restitution": 0.8, "yield_velocity": 0.5},
+    "impact, compliant": {"mass_ratio": 0.03, "gap": 2e-3, "contact_stiffness": 1e5, "friction_limit": 0.2, "friction_stiffness": 2e4},
+    "friction": {"mass_ratio": 0.03, "friction_limit": 0.2},
+    "friction, elastic": {"mass_ratio": 0.03, "friction_limit": 0.2, "friction_stiffness": 2e4},
+    "tuned": {"mass_ratio": 0.03, "stiffness": 650.0, "damping": 0.9},
+    "sink": {"mass_ratio": 0.03, "cubic_stiffness": 5e7, "damping": 0.4},
+    "stuck": {"mass_ratio": 0.03},
+    "none": {},
+}
+
+
+@pytest.mark.parametrize("name", GIVEN)
+def test_one_vocabulary(name: str) -> None:
+    """Files, options of commands, arguments of environments and the library make the same absorber of the same names."""
+    concept, given = name.partition(",")[0], GIVEN[name]
+    absorber = make(concept, given)
+    assert values(absorber) == given
+    assert Settings(absorber=concept, absorber_options=given, method="runge-kutta" if concept == "sink" else "exact").scene.absorber == absorber
+    options = dict.fromkeys(SCENE_OPTIONS) | {OPTIONS.get(key, key): value for key, value in given.items()} | {"absorber": concept}
+    assert make_absorber(options) == absorber
+    if absorber is not None:
+        plain = {"beam": {"modes": 2}, "absorber": {"kind": concept, **given}}
+        assert to_scene(plain).absorber == absorber
+        assert from_scene(to_scene(plain))["absorber"] == plain["absorber"]
+
+
+def test_names_of_designs_are_those_of_the_table() -> None:
+    for concept in ("impact", "friction", "tuned"):
+        assert {variable.name for variable in VARIABLES[concept]} - {"position"} <= set(CONCEPTS[concept])
+
+
+def test_what_is_not_in_the_table_is_an_error() -> None:
+    class Magnet(SlidingAbsorber):
+        pass
+
+    for unknown in (lambda: entry(Beam()), lambda: compiled("walls"), lambda: make("magnet", {}), lambda: make("tuned", {"gap": 1e-3})):
+        with pytest.raises(ParameterError, match="is not allowed"):
+            unknown()
+    scene = beam_scene(Beam(modes=2), SlidingAbsorber(walls=RigidWalls()))
+    object.__setattr__(scene, "absorber", Beam())
+    with pytest.raises(ParameterError, match="absorber"):
+        simulate(scene, Drive(1.0, constant_frequency(300.0, 1.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("concept", "given", "said"),
+    [
+        ("impact", {"contact_stiffness": 1e5, "restitution": 0.5}, "restitution"),
+        ("impact", {"yield_velocity": -1.0}, "yield_velocity"),
+        ("impact", {"yield_velocity": 1.0, "contact_stiffness": 1e5}, None),
+        ("impact", {"friction_stiffness": 1e4}, "friction_stiffness"),
+        ("tuned", {"stiffness": -1.0}, "stiffness"),
+        ("sink", {"damping": -1.0, "cubic_stiffness": 1.0}, "damping"),
+        ("sink", {}, "cubic_stiffness"),
+    ],
+)
+def test_an_error_names_the_value(concept: str, given: dict[str, float], said: str | None) -> None:
+    with pytest.raises(ParameterError) as error:
+        make(concept, given)
+    assert said is None or argument(error.value, concept) == said
+
+
+def test_an_older_form_is_read_with_a_notice() -> None:
+    plain = {
+        "kind": "impact",
+        "walls": {"kind": "compliant", "gap_m": 2e-3, "stiffness_n_m": 1e5},
+        "friction": {"limit_n": 0.1, "stiffness_n_m": 1e4},
+    }
+    with pytest.warns(FutureWarning, match="friction, walls is an older form"):
+        scene = to_scene({"absorber": plain})
+    given = {"gap": 2e-3, "contact_stiffness": 1e5, "friction_limit": 0.1, "friction_stiffness": 1e4}
+    assert scene.absorber == make("impact", given)
+    with pytest.warns(FutureWarning, match="stiffness_n_m"):
+        assert to_scene({"absorber": {"kind": "tuned", "stiffness_n_m": 600.0}}).absorber == make("tuned", {"stiffness": 600.0})
+
+
+def test_every_law_of_a_group_is_known_by_a_name_of_its_own() -> None:
+    for laws in (WALLS, FRICTION):
+        marks = [law.mark for law in laws]
+        assert marks[0] is None
+        assert len(set(marks)) == len(laws)
+        assert all(law.mark in law.keys for law in laws[1:])
+
+
+def yielding(velocity: float, method: Any = None, restitution: float = 0.9) -> Response:
+    scene = beam_scene(Beam(modes=2), SlidingAbsorber(0.02, YieldingWalls(velocity, 1e-3, restitution)))
+    drive = Drive(2.0, linear_sweep(scene.model.resonance_omega(1), 0.95, 1.0, 10.0))
+    return simulate(scene, drive, method, record=Record(energy=True, events=True))
+
+
+def test_restitution_falls_with_the_velocity_of_each_impact() -> None:
+    found = yielding(0.1)
+    impacts, model = found.impacts, found.scene.model
+    assert impacts is not None
+    assert found.energy is not None
+    assert found.impact_count > 30
+    e = 0.9 * (1 + np.abs(impacts.relative_velocity) / 0.1) ** -0.25
+    assert np.ptp(e) > 0.03  # the velocities are such that the law matters
+    compliance = 1 / (0.02 * model.beam_mass) + np.sum(model.tip_shape**2)
+    np.testing.assert_allclose(impacts.impulse, -(1 + e) * impacts.relative_velocity / compliance, rtol=1e-12)
+    np.testing.assert_allclose(impacts.energy_lost, (1 - e**2) * impacts.relative_velocity**2 / (2 * compliance), rtol=1e-12)
+    assert found.energy.relative_error < 1e-11
+
+
+def test_far_below_the_yield_velocity_it_is_the_constant_law_to_the_last_bit() -> None:
+    found = yielding(1e30)
+    constant = simulate(beam_scene(Beam(modes=2), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.9))), found.drive, record=Record(energy=True, events=True))
+    assert found.impacts is not None
+    assert constant.impacts is not None
+    np.testing.assert_array_equal(found.impacts.time, constant.impacts.time)
+    np.testing.assert_array_equal(found.end_state, constant.end_state)
+
+
+def test_the_moreau_scheme_comes_closer_with_its_step() -> None:
+    """Up to the first impacts, which multiply every difference."""
+    exact = yielding(0.1).impacts
+    assert exact is not None
+    distances = []
+    for steps in (100, 1000, 10000):
+        found = yielding(0.1, Moreau(steps)).impacts
+        assert found is not None
+        distances.append(abs(found.time[1] - exact.time[1]))
+    assert distances[2] < distances[1] < distances[0]
+
+
+def sink_scene() -> Any:
+    return beam_scene(Beam(modes=2), NonlinearSink(5e7, 0.02, 0.5))
+
+
+def test_a_nonlinear_sink_is_integrated_as_an_independent_solver_does() -> None:
+    scene = sink_scene()
+    model, mass, omega = scene.model, scene.absorber_mass, scene.model.resonance_omega(1)
+    drive = Drive(2.0, constant_frequency(omega, 0.98, 12.0))
+
+    def rates(t: float, x: Any) -> Any:
+        u, q, v, w = x[:2], x[2], x[3:5], x[5]
+        d, g = q - model.tip_shape @ u, w - model.tip_shape @ v
+        force = -5e7 * d**3 - 0.5 * g
+        pull = model.force_shape * 2.0 * np.cos(0.98 * omega * t) - model.tip_shape * force
+        return np.concatenate([v, [w], pull - model.omega**2 * u - 2 * model.damping_ratio * model.omega * v, [force / mass]])
+
+    end = drive.schedule.times[-1]
+    reference = solve_ivp(rates, (0.0, end), np.zeros(6), method="DOP853", rtol=1e-12, atol=1e-15).y[:, -1]
+    errors = []
+    for steps in (50, 100, 200):
+        found = simulate(scene, drive, RungeKutta(steps), record=Record(energy=True))
+        assert found.energy is not None
+        errors.append(np.max(np.abs(found.end_state - reference)) / np.max(np.abs(reference)))
+    assert errors[2] < 1e-6
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.5)  # fourth order
+    assert found.energy.relative_error < 1e-9
+
+
+@pytest.mark.parametrize("method", [None, Exact(), Moreau()])
+def test_a_sink_is_refused_by_methods_that_cannot_do_it(method: Any) -> None:
+    scene = sink_scene()
+    with pytest.raises(ParameterError, match="RungeKutta for a nonlinear spring"):
+        simulate(scene, Drive(1.0, constant_frequency(300.0, 1.0, 1.0)), method)
