@@ -18,6 +18,7 @@ from impact_env.families import family
 from impact_env.first_use import CompilingFor
 from impact_env.kernels.crew import new_board
 from impact_env.kernels.interval import ORDER, REPORT, Batch, Watch, new_lanes
+from impact_env.kernels.jit import COMPILED
 from impact_env.kernels.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.methods import Exact, Method
@@ -130,7 +131,7 @@ class ControlledRuns:
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
         if self._compiled:
-            workers = max(1, min(self.threads, self.lanes // FEWEST))
+            workers = max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED else 1  # in plain Python threads only take turns
             self._crew.work(self._parts(workers), workers - 1)
         else:
             with CompilingFor(self.scene, self.method, "environments"):

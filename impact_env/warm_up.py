@@ -19,6 +19,7 @@ from impact_env.ensemble import available_cores
 from impact_env.envs import ENVIRONMENTS, first_step
 from impact_env.first_use import quiet
 from impact_env.kernels.cache import cache_folder
+from impact_env.kernels.jit import COMPILED
 from impact_env.parameters import Absorber, Beam, impact_absorber
 from impact_env.response import Record
 from impact_env.scene import beam_scene
@@ -93,6 +94,9 @@ def main(words: list[str], say: Callable[[str], None]) -> int:
     if words not in ([], ["environments"]):
         say(f"{' '.join(words)} is not allowed: nothing, or the word environments")
         return 2
+    if not COMPILED:
+        say("NUMBA_DISABLE_JIT is set: kernels run in plain Python, there is nothing to compile")
+        return 0
     jobs = environments() if words else main_job()
     warm_up(jobs, say, min(available_cores(), len(jobs)))
     folder = cache_folder()

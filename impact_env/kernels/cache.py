@@ -62,7 +62,12 @@ def choose(parent: Path | None, name: str) -> Folders:
 
 @cache
 def folders() -> Folders:
-    """Return the folders of this process, in the virtual environment that it runs in, in the user's cache, or where ``IMPACT_ENV_CACHE`` says."""
+    """Return the folders of this process, in the virtual environment that it runs in, in the user's cache, or where ``IMPACT_ENV_CACHE`` says.
+
+    There are none where numba is told to compile nothing (``NUMBA_DISABLE_JIT=1``).
+    """
+    if numba.config.DISABLE_JIT:
+        return Folders(None, None)
     named, parent = os.environ.get("IMPACT_ENV_CACHE"), None
     with suppress(RuntimeError):  # a user without a home
         if named:

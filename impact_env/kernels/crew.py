@@ -7,17 +7,14 @@ part, and whether there are helpers at all, changes no number.
 
 from __future__ import annotations
 
-import os
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba.core import cgutils, types
-from numba.core.extending import intrinsic
 from numpy.typing import NDArray
 
-from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.jit import INTEGER, jit, jit_room, vector_code
 from impact_env.kernels.lanes import compliant_lanes, linear_lanes, moreau_lanes, rigid_lanes, runge_kutta_lanes
+from impact_env.kernels.vector_code import Code, Index
 
 LEFT, DONE = 0, 16  # places of the words that threads share: parts that nobody has taken, and parts that are done; each in a cache line of its own
 ROUND = 1023  # looks, less one, after which others get the core if they wait for it
@@ -36,51 +33,28 @@ def new_board(lanes: int) -> Board:
     return Board(np.zeros(32, dtype=np.int64), np.zeros((lanes, 2), dtype=np.int64))
 
 
-def _place(context: Any, builder: Any, kind: Any, words: Any, place: Any) -> Any:
-    return builder.gep(context.make_array(kind)(context, builder, words).data, [place])
-
-
-@intrinsic
-def _look(_typing: Any, words: Any, place: Any) -> Any:
+@vector_code(INTEGER)
+def _look(code: Code, words, place: Index):
     """Return a word as it is now, and with it all that was written before it."""
-
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        return builder.load_atomic(_place(context, builder, signature.args[0], *given), "seq_cst", 8)
-
-    return types.int64(words, types.int64), generate
+    return code.look(words, place)
 
 
-@intrinsic
-def _add(_typing: Any, words: Any, place: Any, change: Any) -> Any:
+@vector_code(INTEGER)
+def _add(code: Code, words, place: Index, change: Index):
     """Add to a word and return what it was, in one piece."""
-
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        return builder.atomic_rmw("add", _place(context, builder, signature.args[0], *given[:2]), given[2], "seq_cst")
-
-    return types.int64(words, types.int64, types.int64), generate
+    return code.exchange(words, place, change)
 
 
-@intrinsic
-def _put(_typing: Any, words: Any, place: Any, value: Any) -> Any:
+@vector_code()
+def _put(code: Code, words, place: Index, value: Index):
     """Set a word, after all that was written before it."""
-
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        builder.store_atomic(given[2], _place(context, builder, signature.args[0], *given[:2]), "seq_cst", 8)
-        return context.get_dummy_value()
-
-    return types.void(words, types.int64, types.int64), generate
+    code.publish(words, place, value)
 
 
-@intrinsic
-def _give_way(_typing: Any) -> Any:
+@vector_code()
+def _give_way(code: Code):
     """Let others who wait for this core have it: a thread that only looks must not keep the caller off it."""
-
-    def generate(context: Any, builder: Any, _signature: Any, _given: Any) -> Any:
-        if hasattr(os, "sched_yield"):  # else the system has it under another name
-            builder.call(cgutils.get_or_insert_function(builder.module, ir.FunctionType(ir.IntType(32), []), "sched_yield"), [])
-        return context.get_dummy_value()
-
-    return types.void(), generate
+    code.give_way()
 
 
 @jit

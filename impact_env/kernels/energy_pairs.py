@@ -6,14 +6,10 @@ of that sum; pairs for which it would be almost zero are integrated by series, o
 
 from __future__ import annotations
 
-from numba.core import types
-from numba.extending import intrinsic
-
 from impact_env.kernels.energy_moments import decay_integrals, is_close, pair_integral
-from impact_env.kernels.jit import jit, jit_inline
-from impact_env.kernels.slot_sums import INTEGER
+from impact_env.kernels.jit import jit, jit_inline, vector_code
 from impact_env.kernels.slots import SPEED, S
-from impact_env.kernels.vector_code import LANES, Code, Complex, Sum
+from impact_env.kernels.vector_code import LANES, Code, Complex, Index
 
 # planes of pairs (PLANES J, J), of J rows each, for slots j <= k: inverse of s_j + s_k and of s_j + conj(s_k), real and imaginary, 0 where a series
 # is needed; which of the two need one (1, 2, 3: both); integrals over a stretch of the products of real and imaginary parts of both
@@ -47,61 +43,47 @@ def learn_pairs(rows, pairs):  # type: ignore[no-untyped-def]
     return count
 
 
-@intrinsic
-def _pair_integrals(typing_context, pairs, size, z, w):  # type: ignore[no-untyped-def]
+@vector_code()
+def _pair_integrals(code: Code, pairs, size: Index, z, w):
     """Fill FOUND for slots z at begin and w at end of the stretch; what is a series counts as zero."""
-
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        code = Code(context, builder, signature.args, values)
-        pairs, size, z, w = code.arguments
-        plane = code.times(size, size)
-        with code.loop(size) as j:
-            one = [Complex(*(code.spread(code.number(y, code.plus(j, part)), LANES) for part in (0, size))) for y in (z, w)]
-            first = builder.and_(j, code.index(-LANES))
-            with code.loop(size, LANES, first) as k:
-                other = [code.complex(y, k, code.plus(k, size), LANES) for y in (z, w)]
-                at = code.plus(code.times(j, size), k)
-                places = [code.plus(at, code.times(plane, m)) for m in range(PLANES)]
-                both = []
-                for side, start in enumerate((TOGETHER, APART)):
-                    partners = other if side == 0 else [Complex(y.real, -y.imag) for y in other]
-                    begin, end = (a.times(b) for a, b in zip(one, partners, strict=True))
-                    change = Complex(end.real - begin.real, end.imag - begin.imag)
-                    both.append(change.times(code.complex(pairs, places[start], places[start + 1], LANES)))
-                p, m = both
-                for n, number in enumerate((m.real + p.real, m.real - p.real, p.imag - m.imag, p.imag + m.imag)):
-                    code.store(number, pairs, places[FOUND + n])
-        return context.get_dummy_value()
-
-    return types.void(pairs, INTEGER, z, w), build
+    plane = size * size
+    for j in code.loop(size):
+        one = [Complex(*(code.spread(code.number(y, j + part), LANES) for part in (0, size))) for y in (z, w)]
+        first = j & -LANES
+        for k in code.loop(size, LANES, first):
+            other = [code.complex(y, k, k + size, LANES) for y in (z, w)]
+            at = j * size + k
+            places = [at + plane * m for m in range(PLANES)]
+            both = []
+            for side, start in enumerate((TOGETHER, APART)):
+                partners = other if side == 0 else [Complex(y.real, -y.imag) for y in other]
+                begin, end = (a.times(b) for a, b in zip(one, partners, strict=True))
+                change = Complex(end.real - begin.real, end.imag - begin.imag)
+                both.append(change.times(code.complex(pairs, places[start], places[start + 1], LANES)))
+            p, m = both
+            for n, number in enumerate((m.real + p.real, m.real - p.real, p.imag - m.imag, p.imag + m.imag)):
+                code.store(number, pairs, places[FOUND + n])
 
 
-@intrinsic
-def add_pairs(typing_context, shape, size, pairs, found):  # type: ignore[no-untyped-def]
+@vector_code()
+def add_pairs(code: Code, shape, size: Index, pairs, found):
     """Add the squares of the velocities' free parts to ``found`` (size,)."""
-
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        code = Code(context, builder, signature.args, values)
-        shape, size, pairs, found = code.arguments
-        plane = code.times(size, size)
-        for i in code.fours(size):
-            total = Sum(code, (code.lanes,))
-            with code.loop(size) as j:
-                sums = [Sum(code, (code.lanes,)) for _ in range(4)]
-                with code.loop(size, 1, j) as k:
-                    at, here = code.plus(code.times(size, k), i), code.plus(code.times(j, size), k)
-                    other = code.complex(shape, at, code.plus(at, plane))
-                    for n, part in enumerate((other.real, other.imag, other.imag, other.real)):
-                        sums[n].add_product(part, code.spread(code.number(pairs, code.plus(here, code.times(plane, FOUND + n)))))
-                at = code.plus(code.times(size, j), i)
-                one = code.complex(shape, at, code.plus(at, plane))
-                rr, ii, ri, ir = (each.number() for each in sums)
-                total.add_product(one.real, rr - ri)
-                total.add_product(one.imag, ii - ir)
-            code.store(code.vector(found, i) + total.number(), found, i)
-        return context.get_dummy_value()
-
-    return types.void(shape, INTEGER, pairs, found), build
+    plane = size * size
+    for i in code.fours(size):
+        total = code.sum(code.lanes)
+        for j in code.loop(size):
+            sums = [code.sum(code.lanes) for _ in range(4)]
+            for k in code.loop(size, 1, j):
+                at, here = size * k + i, j * size + k
+                other = code.complex(shape, at, at + plane)
+                for n, part in enumerate((other.real, other.imag, other.imag, other.real)):
+                    sums[n].add_product(part, code.spread(code.number(pairs, here + plane * (FOUND + n))))
+            at = size * j + i
+            one = code.complex(shape, at, at + plane)
+            rr, ii, ri, ir = (each.number() for each in sums)
+            total.add_product(one.real, rr - ri)
+            total.add_product(one.imag, ii - ir)
+        code.store(code.vector(found, i) + total.number(), found, i)
 
 
 @jit

@@ -11,18 +11,16 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from impact_env.kernels.budget import note_time
 from impact_env.kernels.chirp import RESET, phasor, stretch_at, turns_left
 from impact_env.kernels.grid import FREE, close_phase, rows_wanted, step_of_row
-from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.jit import NUMBER, jit, jit_inline, jit_room, vector_code
 from impact_env.kernels.level import push_level
 from impact_env.kernels.moreau_law import solve_contact
 from impact_env.kernels.observers import DONE, NOT_FINITE, push_impact
-from impact_env.kernels.vector_code import Code
+from impact_env.kernels.vector_code import Code, Index, Number
 
 Array = NDArray[np.float64]
 # rows of the table of modes
@@ -76,29 +74,25 @@ def _new_table(modes, amplitude, state, dt, wide):  # type: ignore[no-untyped-de
 
 
 def _swing_code(pushed: bool) -> Any:
-    def swing(typing_context, table, n, stride, force, push, dt):  # type: ignore[no-untyped-def]
-        def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-            code = Code(context, builder, signature.args, values)
-            table, n, stride, force, push, dt = code.arguments
-            numbers, velocity, displacement = (force, push, dt), code.sum(), code.sum()
-            for j in code.slots(n):
-                force, push, dt = (code.spread(number) for number in numbers)
-                places = [code.plus(code.times(stride, row), j) for row in range(_TIP + 1)]
-                q, u, keep, pull, load, tip = (code.vector(table, place) for place in places)
-                given = load * force
-                if pushed:
-                    given = tip.fma(push, given)
-                u = keep.fma(u, (-pull).fma(q, given))
-                q = dt.fma(u, q)
-                code.store(u, table, places[_U])
-                code.store(q, table, places[_Q])
-                velocity.add_product(tip, u)
-                displacement.add_product(tip, q)
-            return code.result(signature, context, [total.total() for total in (velocity, displacement)])
+    @vector_code(NUMBER, 2)
+    def swing(code: Code, table, n: Index, stride: Index, force: Number, push: Number, dt: Number):
+        numbers, velocity, displacement = (force, push, dt), code.sum(), code.sum()
+        for j in code.slots(n):
+            force, push, dt = (code.spread(number) for number in numbers)
+            places = [stride * row + j for row in range(_TIP + 1)]
+            q, u, keep, pull, load, tip = (code.vector(table, place) for place in places)
+            given = load * force
+            if pushed:
+                given = tip.fma(push, given)
+            u = keep.fma(u, (-pull).fma(q, given))
+            q = dt.fma(u, q)
+            code.store(u, table, places[_U])
+            code.store(q, table, places[_Q])
+            velocity.add_product(tip, u)
+            displacement.add_product(tip, q)
+        return [total.total() for total in (velocity, displacement)]
 
-        return types.UniTuple(types.float64, 2)(table, types.int64, types.int64, *[types.float64] * 3), build
-
-    return intrinsic(swing)
+    return swing
 
 
 _swing_freely, _swing_pushed = _swing_code(False), _swing_code(True)

@@ -3,35 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-from llvmlite import ir
-from numba.core import types
-from numba.extending import intrinsic
 
-from impact_env.kernels.jit import jit_inline
-from impact_env.kernels.vector_code import Number
-
-NUMBER = types.float64
+from impact_env.kernels.jit import INTEGER, NUMBER, jit_inline, vector_code
+from impact_env.kernels.vector_code import Code, Index, Number
 
 
-@intrinsic
-def fma(typing_context, x, y, z):  # type: ignore[no-untyped-def]
+@vector_code(NUMBER)
+def fma(code: Code, x: Number, y: Number, z: Number):
     """Return x y + z, rounded once."""
-
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        x, y, z = (Number(builder, value) for value in values)
-        return x.fma(y, z).value
-
-    return NUMBER(NUMBER, NUMBER, NUMBER), build
+    return x.fma(y, z)
 
 
-@intrinsic
-def lowest_bit(typing_context, mask):  # type: ignore[no-untyped-def]
+@vector_code(INTEGER)
+def lowest_bit(code: Code, mask: Index):
     """Return the place of the lowest bit that is set; 64 where there is none."""
-
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        return builder.cttz(values[0], ir.Constant(ir.IntType(1), 0))
-
-    return types.int64(types.int64), build
+    return code.lowest_bit(mask)
 
 
 _TWO_OVER_PI = 0.6366197723675814

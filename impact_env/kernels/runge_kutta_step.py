@@ -9,8 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba.core import types
-from numba.extending import intrinsic
 
 from impact_env.kernels.feedback import (
     QF1,
@@ -38,41 +36,37 @@ from impact_env.kernels.feedback import (
     stride_of,
     textbook_step,
 )
-from impact_env.kernels.jit import jit, jit_inline, jit_room
-from impact_env.kernels.vector_code import Code, Number
+from impact_env.kernels.jit import NUMBER, jit, jit_inline, jit_room, vector_code
+from impact_env.kernels.vector_code import Code, Index, Number
 
 
 def _swing_code(pushed: bool, watched: bool) -> Any:
-    def swing(typing_context, table, lanes, stride, f1, fm, f4, p1, p2, p3, p4):  # type: ignore[no-untyped-def]
-        def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-            code = Code(context, builder, signature.args, values)
-            table, lanes, stride, *numbers = code.arguments
-            sums = [code.sum() for _ in range(4)]
+    @vector_code(NUMBER, 4)
+    def swing(code: Code, table, lanes: Index, stride: Index, f1: Number, fm: Number, f4: Number, p1: Number, p2: Number, p3: Number, p4: Number):
+        numbers, sums = (f1, fm, f4, p1, p2, p3, p4), [code.sum() for _ in range(4)]
 
-            def of(row: int, j: Any) -> Number:
-                return code.vector(table, code.plus(code.times(stride, row), j))
+        def of(row: int, j: Any) -> Number:
+            return code.vector(table, stride * row + j)
 
-            for j in code.slots(lanes):
-                f1, fm, f4, p1, p2, p3, p4 = (code.spread(number) for number in numbers)
-                q, u = of(Q, j), of(U, j)
-                in_q = [(QU, u), (QF1, f1), (QFM, fm)] + ([(QP1, p1), (QP2, p2), (QP3, p3)] if pushed else [])
-                in_u = [(UU, u), (UF1, f1), (UFM, fm), (UF4, f4)] + ([(UP1, p1), (UP2, p2), (UP3, p3), (UP4, p4)] if pushed else [])
-                q_next, u_next = of(QQ, j) * q, of(UQ, j) * q
-                for row, number in in_q:
-                    q_next = of(row, j).fma(number, q_next)
-                for row, number in in_u:
-                    u_next = of(row, j).fma(number, u_next)
-                code.store(q_next, table, code.plus(code.times(stride, Q), j))
-                code.store(u_next, table, code.plus(code.times(stride, U), j))
-                if watched:
-                    for k, total in enumerate(sums):
-                        total.add_product(of(Y + 2 * k, j), q_next)
-                        total.add_product(of(Y + 2 * k + 1, j), u_next)
-            return code.result(signature, context, [total.total() for total in sums])
+        for j in code.slots(lanes):
+            f1, fm, f4, p1, p2, p3, p4 = (code.spread(number) for number in numbers)
+            q, u = of(Q, j), of(U, j)
+            in_q = [(QU, u), (QF1, f1), (QFM, fm)] + ([(QP1, p1), (QP2, p2), (QP3, p3)] if pushed else [])
+            in_u = [(UU, u), (UF1, f1), (UFM, fm), (UF4, f4)] + ([(UP1, p1), (UP2, p2), (UP3, p3), (UP4, p4)] if pushed else [])
+            q_next, u_next = of(QQ, j) * q, of(UQ, j) * q
+            for row, number in in_q:
+                q_next = of(row, j).fma(number, q_next)
+            for row, number in in_u:
+                u_next = of(row, j).fma(number, u_next)
+            code.store(q_next, table, stride * Q + j)
+            code.store(u_next, table, stride * U + j)
+            if watched:
+                for k, total in enumerate(sums):
+                    total.add_product(of(Y + 2 * k, j), q_next)
+                    total.add_product(of(Y + 2 * k + 1, j), u_next)
+        return [total.total() for total in sums]
 
-        return types.UniTuple(types.float64, 4)(table, types.int64, types.int64, *[types.float64] * 7), build
-
-    return intrinsic(swing)
+    return swing
 
 
 _freely, _freely_watched, _pushed, _pushed_watched = (_swing_code(pushed, watched) for pushed in (False, True) for watched in (False, True))

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from numba.core import cgutils, types
-from numba.extending import intrinsic
-
 from impact_env.kernels.forced import TIP_SIGNAL, signal_value
-from impact_env.kernels.jit import jit
+from impact_env.kernels.jit import jit, vector_code
 from impact_env.kernels.numbers import cos_sin
-from impact_env.kernels.slot_sums import DIGITS, INTEGER, NUMBER, SlotsAt
+from impact_env.kernels.slot_sums import SlotsAt
 from impact_env.kernels.slots import digits, value
 from impact_env.kernels.vector import TERMS, signal_place
-from impact_env.kernels.vector_code import Code, Complex, Number
+from impact_env.kernels.vector_code import Code, Complex, Index, Number
 
 FEW = 3  # samples up to which each is evaluated for itself
 TOGETHER = 8  # samples that are computed at once
@@ -29,79 +26,92 @@ def _powers(factor: Complex, one: Complex) -> list[Complex]:
 
 def _add_to_block(code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool) -> None:
     """Add numbers to the block from a place on, or write them if it is ``fresh``: as many as are ``left``."""
-    builder = code.builder
     for k, number in enumerate(numbers):
-        with builder.if_then(builder.icmp_signed(">", left, code.index(k)), likely=True):
-            at = code.plus(place, k)
+        for _ in code.where(left > k, likely=True):
+            at = place + k
             code.put(number if fresh else number + code.number(block, at), block, at)
 
 
 def _whole_or_part(code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool) -> None:
     """Do what `_add_to_block` does, with one instruction where all are left."""
-    whole = code.builder.icmp_signed(">=", left, code.index(TOGETHER))
-    with code.builder.if_else(whole) as (all_of_them, some):
-        with all_of_them:
+    for whole in code.either(left >= TOGETHER):
+        if whole:
             vector = code.gathered(numbers)
             code.store(vector if fresh else vector + code.vector(block, place, TOGETHER), block, place)
-        with some:
+        else:
             _add_to_block(code, numbers, block, place, left, fresh)
 
 
-@intrinsic
-def _fill_forced(typing_context, signals, tau, interval, c, s, turn_c, turn_s, rest, block, first, count):  # type: ignore[no-untyped-def]
+@vector_code()
+def _fill_forced(
+    code: Code,
+    signals,
+    tau: Number,
+    interval: Number,
+    c: Number,
+    s: Number,
+    turn_c: Number,
+    turn_s: Number,
+    rest: Number,
+    block,
+    first: Index,
+    count: Index,
+):
     """Write ``rest`` and the forced tip displacement at ``count`` samples from ``tau`` on; c + i s is the force's phasor there, turning by turn."""
-
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        code = Code(context, builder, signature.args, values)
-        signals, tau, interval, c, s, turn_c, turn_s, rest, block, first, count = code.arguments
-        one = Complex(code.repeated(1.0, 0), code.repeated(0.0, 0))
-        *powers, leap = _powers(Complex(Number(builder, turn_c), Number(builder, turn_s)), one)
-        turn = Complex(code.gathered([p.real for p in powers]), code.gathered([p.imag for p in powers]))
-        phasor = [cgutils.alloca_once_value(builder, part) for part in (c, s)]
-        steps = code.constant(range(TOGETHER))
-        with code.loop(count, TOGETHER) as k:
-            now = Complex(*(Number(builder, builder.load(part)) for part in phasor))
-            here = Complex(code.spread(now.real, TOGETHER), code.spread(now.imag, TOGETHER)).times(turn)
-            number = code.spread(builder.sitofp(k, tau.type), TOGETHER) + steps
-            x = number.fma(code.spread(interval, TOGETHER), code.spread(tau, TOGETHER))
-            parts = []
-            for part in (0, 1):
-                total = code.spread(code.number(signals, signal_place(code, TIP_SIGNAL, TERMS - 1, part)), TOGETHER)
-                for n in range(TERMS - 2, -1, -1):
-                    total = total.fma(x, code.spread(code.number(signals, signal_place(code, TIP_SIGNAL, n, part)), TOGETHER))
-                parts.append(total)
-            values = Complex(*parts).real_of_product(here) + code.spread(rest, TOGETHER)
-            _whole_or_part(code, values.elements(), block, code.plus(first, k), builder.sub(count, k), True)
-            for place, part in zip(phasor, now.times(leap), strict=True):
-                builder.store(part.value, place)
-        return context.get_dummy_value()
-
-    return types.void(signals, *[NUMBER] * 7, block, INTEGER, INTEGER), build
+    one = Complex(code.repeated(1.0, 0), code.repeated(0.0, 0))
+    *powers, leap = _powers(Complex(turn_c, turn_s), one)
+    turn = Complex(code.gathered([p.real for p in powers]), code.gathered([p.imag for p in powers]))
+    phasor = [code.variable(part) for part in (c, s)]
+    steps = code.constant(range(TOGETHER))
+    for k in code.loop(count, TOGETHER):
+        now = Complex(*(part.value for part in phasor))
+        here = Complex(code.spread(now.real, TOGETHER), code.spread(now.imag, TOGETHER)).times(turn)
+        number = code.spread(code.as_number(k), TOGETHER) + steps
+        x = number.fma(code.spread(interval, TOGETHER), code.spread(tau, TOGETHER))
+        parts = []
+        for part in (0, 1):
+            total = code.spread(code.number(signals, signal_place(TIP_SIGNAL, TERMS - 1, part)), TOGETHER)
+            for n in range(TERMS - 2, -1, -1):
+                total = total.fma(x, code.spread(code.number(signals, signal_place(TIP_SIGNAL, n, part)), TOGETHER))
+            parts.append(total)
+        values = Complex(*parts).real_of_product(here) + code.spread(rest, TOGETHER)
+        _whole_or_part(code, values.elements(), block, first + k, count - k, True)
+        for place, moved in zip(phasor, now.times(leap), strict=True):
+            place.value = moved
 
 
-@intrinsic
-def _add_slots(typing_context, rows, table, size, base, d1, d2, d3, x, h1, h2, h3, h, u, block, first, count):  # type: ignore[no-untyped-def]
+@vector_code()
+def _add_slots(
+    code: Code,
+    rows,
+    table,
+    size: Index,
+    base: Index,
+    d1: Index,
+    d2: Index,
+    d3: Index,
+    x: Number,
+    h1: Index,
+    h2: Index,
+    h3: Index,
+    h: Number,
+    u,
+    block,
+    first: Index,
+    count: Index,
+):
     """Add the slots' sum at ``count`` samples, the first at the offset d1, d2, d3, x, and h1, h2, h3, h between two."""
-
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        code = Code(context, builder, signature.args, values)
-        rows, table, size, base, d1, d2, d3, x, h1, h2, h3, h, u, block, first, count = code.arguments
-        start, step = (SlotsAt(code, rows, table, size, base, place) for place in ([d1, d2, d3, x], [h1, h2, h3, h]))
-        for j in code.slots(size):
-            amplitude = start.turned(u, j)
-            *powers, leap = _powers(step.factor(j), Complex(code.repeated(1.0), code.repeated(0.0)))
-            places = [cgutils.alloca_once_value(builder, part.value) for part in amplitude]
-            for part, place in zip(amplitude, places, strict=True):
-                builder.store(part.value, place)
-            with code.loop(count, TOGETHER) as k:
-                now = Complex(*(Number(builder, builder.load(place)) for place in places))
-                sums = [now.real_of_product(power).total() for power in powers]
-                _whole_or_part(code, sums, block, code.plus(first, k), builder.sub(count, k), False)
-                for place, part in zip(places, now.times(leap), strict=True):
-                    builder.store(part.value, place)
-        return context.get_dummy_value()
-
-    return types.void(rows, table, INTEGER, INTEGER, *DIGITS, *DIGITS, u, block, INTEGER, INTEGER), build
+    start, step = (SlotsAt(code, rows, table, size, base, place) for place in ([d1, d2, d3, x], [h1, h2, h3, h]))
+    for j in code.slots(size):
+        amplitude = start.turned(u, j)
+        *powers, leap = _powers(step.factor(j), Complex(code.repeated(1.0), code.repeated(0.0)))
+        turning = [code.variable(part) for part in amplitude]
+        for k in code.loop(count, TOGETHER):
+            now = Complex(*(part.value for part in turning))
+            sums = [now.real_of_product(power).total() for power in powers]
+            _whole_or_part(code, sums, block, first + k, count - k, False)
+            for place, moved in zip(turning, now.times(leap), strict=True):
+                place.value = moved
 
 
 class Samples(NamedTuple):

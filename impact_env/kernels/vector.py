@@ -8,11 +8,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from llvmlite import ir
-from numba.core import types
-from numba.extending import intrinsic
-
-from impact_env.kernels.vector_code import INDEX, Code, Number, Sum
+from impact_env.kernels.jit import INTEGER, NUMBER, vector_code
+from impact_env.kernels.vector_code import Code, Index, Number
 
 POINTS = 8  # times in a block
 TERMS = 9  # coefficients of the forced part's polynomials (forced.py)
@@ -43,14 +40,9 @@ class Step(NamedTuple):
     e1: float
 
 
-def signal_place(code: Code, m: Any, n: int, part: int) -> Any:
+def signal_place(m: Any, n: int, part: int) -> Any:
     """Return the place of coefficient n of signal m, its real (0) or imaginary (1) part, in the flat array `forced.Forced.signals`."""
-    builder = code.builder
-    inside = 8 * n + 4 * part
-    if isinstance(m, int):
-        return code.index(m // 4 * 8 * TERMS + m % 4 + inside)
-    group, member = builder.lshr(m, code.index(2)), builder.and_(m, code.index(3))
-    return code.plus(code.plus(code.times(group, 8 * TERMS), member), inside)
+    return (m >> 2) * (8 * TERMS) + (m & 3) + (8 * n + 4 * part)
 
 
 def _sum_slots(code: Code, orders: int, waves: Any, first: Any, w: Any, size: Any, count: Any) -> tuple[list[Number], list[Number]]:
@@ -58,13 +50,13 @@ def _sum_slots(code: Code, orders: int, waves: Any, first: Any, w: Any, size: An
 
     The products of real and of imaginary parts have sums of their own, so that none waits for the other.
     """
-    reals, imags, firsts = ([Sum(code, (lanes,)) for _ in range(orders)] for lanes in (POINTS, POINTS, 0))
-    with code.loop(count) as j:
-        at = code.plus(first, code.times(j, 2 * POINTS))
-        wave = code.complex(waves, at, code.plus(at, POINTS), POINTS)
+    reals, imags, firsts = ([code.sum(lanes) for _ in range(orders)] for lanes in (POINTS, POINTS, 0))
+    for j in code.loop(count):
+        at = first + j * (2 * POINTS)
+        wave = code.complex(waves, at, at + POINTS, POINTS)
         for q in range(orders):
-            index = code.plus(code.times(size, 2 * q), j)
-            w_r, w_i = code.number(w, index), code.number(w, code.plus(index, size))
+            index = size * (2 * q) + j
+            w_r, w_i = code.number(w, index), code.number(w, index + size)
             reals[q].add_product(code.spread(w_r, POINTS), wave.real)
             imags[q].add_product(code.spread(w_i, POINTS), wave.imag)
             firsts[q] += w_r
@@ -72,9 +64,9 @@ def _sum_slots(code: Code, orders: int, waves: Any, first: Any, w: Any, size: An
 
 
 def _horner(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
-    total = code.spread(code.number(signals, signal_place(code, m, SCAN_TERMS - 1, part)), POINTS)
+    total = code.spread(code.number(signals, signal_place(m, SCAN_TERMS - 1, part)), POINTS)
     for n in range(SCAN_TERMS - 2, -1, -1):
-        total = total.fma(y, code.spread(code.number(signals, signal_place(code, m, n, part)), POINTS))
+        total = total.fma(y, code.spread(code.number(signals, signal_place(m, n, part)), POINTS))
     return total
 
 
@@ -87,13 +79,13 @@ def _margins(left: Number, right: Number, left_slope: Number, right_slope: Numbe
 def _fill_block(code: Code, orders: int, course: Any, place: Any, step: Any, size: Any) -> tuple[list[Number], list[Number]]:
     """Write all of a block, and return the first ``orders`` derivatives at the start and at the end of each of its steps."""
     b, w, p, signals = course.signal.block, course.signal.moving, course.signal.polynomial, course.forced.signals
-    h, x = code.spread(step.h, POINTS), code.builder.fadd(course.tau, place.offset)
-    first = code.times(code.times(step.level, size), 2 * POINTS)
+    h, x = code.spread(step.h, POINTS), course.tau + place.offset
+    first = step.level * size * (2 * POINTS)
     sums, firsts = _sum_slots(code, orders, course.slots.waves, first, w, size, step.summed)
     steps = code.constant(range(1, POINTS + 1))
     y, z = (steps.fma(h, code.spread(start, POINTS)) for start in (x, place.offset))
-    at = code.times(step.level, 2 * POINTS)
-    turn = code.complex(course.forced.carrier, at, code.plus(at, POINTS), POINTS)
+    at = step.level * (2 * POINTS)
+    turn = code.complex(course.forced.carrier, at, at + POINTS, POINTS)
     c, s = code.spread(place.cos, POINTS), code.spread(place.sin, POINTS)
     cos, sin = c.fma(turn.real, -(s * turn.imag)), s.fma(turn.real, c * turn.imag)
     code.store(cos, b, COS)
@@ -114,92 +106,67 @@ def _fill_block(code: Code, orders: int, course: Any, place: Any, step: Any, siz
     return lefts, rights
 
 
-@intrinsic
-def scan(typing_context, course, guards, place, step, size):  # type: ignore[no-untyped-def]
+@vector_code(INTEGER, 2)
+def scan(code: Code, course, guards, place, step, size: Index):
     """Fill a block and return (walls, reversals): bit k of either is set where step k is not clear of it.
 
     ``course``: a `signals.Course`, whose block has the forced parts at its start set, and the carrier of the step's level; ``guards``: its
     `signals.Guards`; ``place``: where the block begins; ``size``: slots that the signal has.
     """
-    kinds = dict(zip(guards.fields, guards.types, strict=True))
-    walls, reversal = (not isinstance(kinds[name], types.NoneType) for name in ("low", "direction"))
-
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        code = Code(context, builder, signature.args, values)
-        course, guards, place, step, size = code.arguments
-        lefts, rights = _fill_block(code, 3 if reversal else 2, course, place, step, size)
-        third = code.spread(step.h, POINTS) * code.constant([1.0 / 3.0] * POINTS)
-        masks = [ir.Constant(INDEX, 0), ir.Constant(INDEX, 0)]
-        if walls:
-            low, high, error = (code.spread(number, POINTS) for number in (guards.low, guards.high, step.e0))
-            least, largest = _margins(lefts[0], rights[0], lefts[1], rights[1], third)
-            masks[0] = ((high - largest).least(least - low) - error).not_positive()
-        if reversal:
-            sign = code.spread(guards.direction, POINTS)
-            least, _ = _margins(sign * lefts[1], sign * rights[1], sign * lefts[2], sign * rights[2], third)
-            masks[1] = (least - code.spread(step.e1, POINTS)).not_positive()
-        return code.result(signature, context, masks)
-
-    return types.UniTuple(types.int64, 2)(course, guards, place, step, types.int64), build
+    walls, reversal = guards.low is not None, guards.direction is not None
+    lefts, rights = _fill_block(code, 3 if reversal else 2, course, place, step, size)
+    third = code.spread(step.h, POINTS) * code.constant([1.0 / 3.0] * POINTS)
+    masks = [code.index(0), code.index(0)]
+    if walls:
+        low, high, error = (code.spread(number, POINTS) for number in (guards.low, guards.high, step.e0))
+        least, largest = _margins(lefts[0], rights[0], lefts[1], rights[1], third)
+        masks[0] = ((high - largest).least(least - low) - error).not_positive()
+    if reversal:
+        sign = code.spread(guards.direction, POINTS)
+        least, _ = _margins(sign * lefts[1], sign * rights[1], sign * lefts[2], sign * rights[2], third)
+        masks[1] = (least - code.spread(step.e1, POINTS)).not_positive()
+    return masks
 
 
 def _turn(orders: int) -> Any:
-    def turn(typing_context, turns, start, w, size):  # type: ignore[no-untyped-def]
-        def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-            code = Code(context, builder, signature.args, values)
-            turns, start, w, size = code.arguments
-            for j in code.slots(size):
-                at = code.plus(start, j)
-                factor = code.complex(turns, at, code.plus(at, size))
-                for q in range(orders):
-                    index = code.plus(code.times(size, 2 * q), j)
-                    other = code.plus(index, size)
-                    code.store_complex(code.complex(w, index, other).times(factor), w, index, other)
-            return context.get_dummy_value()
-
-        return types.void(turns, types.int64, w, types.int64), build
+    @vector_code()
+    def turn(code: Code, turns, start: Index, w, size: Index):
+        for j in code.slots(size):
+            at = start + j
+            factor = code.complex(turns, at, at + size)
+            for q in range(orders):
+                index = size * (2 * q) + j
+                other = index + size
+                code.store_complex(code.complex(w, index, other).times(factor), w, index, other)
 
     turn.__doc__ = "Multiply w[q, j] by turn[j] for all orders q; ``turns``: flat, from ``start`` on ``size`` real, then ``size`` imaginary parts."
-    return intrinsic(turn)
+    return turn
 
 
-@intrinsic
-def begin_orders(typing_context, rows, u, w, size):  # type: ignore[no-untyped-def]
+@vector_code()
+def begin_orders(code: Code, rows, u, w, size: Index):
     """Write w[0] = u, w[1] = s u and w[2] = s^2 u; ``rows``: flat, its first four rows of ``size`` numbers hold s and s^2, real and imaginary."""
-
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        code = Code(context, builder, signature.args, values)
-        rows, u, w, size = code.arguments
-        for j in code.slots(size):
-            amplitude = code.complex(u, j, code.plus(j, size))
-            code.store_complex(amplitude, w, j, code.plus(j, size))
-            for q in (1, 2):
-                index = code.plus(code.times(size, 2 * q - 2), j)
-                speed = code.complex(rows, index, code.plus(index, size))
-                index = code.plus(code.times(size, 2 * q), j)
-                code.store_complex(amplitude.times(speed), w, index, code.plus(index, size))
-        return context.get_dummy_value()
-
-    return types.void(rows, u, w, types.int64), build
+    for j in code.slots(size):
+        amplitude = code.complex(u, j, j + size)
+        code.store_complex(amplitude, w, j, j + size)
+        for q in (1, 2):
+            index = size * (2 * q - 2) + j
+            speed = code.complex(rows, index, index + size)
+            index = size * (2 * q) + j
+            code.store_complex(amplitude.times(speed), w, index, index + size)
 
 
-@intrinsic
-def weighted_sizes(typing_context, weights, start, w, size):  # type: ignore[no-untyped-def]
+@vector_code(NUMBER, 2)
+def weighted_sizes(code: Code, weights, start: Index, w, size: Index):
     """Return sum_j weight[j] (|Re w[q, j]| + |Im w[q, j]|) for q = 0 and 1; ``weights``: flat, from ``start`` on."""
-
-    def build(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        code = Code(context, builder, signature.args, values)
-        weights, start, w, size = code.arguments
-        sums = [code.sum() for _ in range(2)]
-        for j in code.slots(size):
-            weight = code.vector(weights, code.plus(start, j))
-            for q in range(2):
-                index = code.plus(code.times(size, 2 * q), j)
-                both = code.complex(w, index, code.plus(index, size))
-                sums[q].add_product(weight, both.real.size() + both.imag.size())
-        return code.result(signature, context, [s.total() for s in sums])
-
-    return types.UniTuple(types.float64, 2)(weights, types.int64, w, types.int64), build
+    sums = [code.sum() for _ in range(2)]
+    for j in code.slots(size):
+        weight = code.vector(weights, start + j)
+        for q in range(2):
+            index = size * (2 * q) + j
+            both = code.complex(w, index, index + size)
+            sums[q].add_product(weight, both.real.size() + both.imag.size())
+    return [s.total() for s in sums]
 
 
 turn_2, turn_3 = _turn(2), _turn(3)

@@ -3,12 +3,14 @@
 numba's own loops become vectors only where sums may be reordered and products contracted, and then the compiler chooses the order anew in each
 library that a function gets into: one source, several results. Here order and contraction are written down. Nothing may be reordered, and a product
 and a sum are one rounding where ``fma`` says so, on any processor.
+
+The classes of this module write LLVM's code for what is asked of them; those of plain_code.py have the same methods and compute at once.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from llvmlite import ir
@@ -16,13 +18,57 @@ from numba.core import cgutils, types
 
 LANES = 4  # the number of slots is padded to a multiple of it
 
-DOUBLE, INDEX = ir.DoubleType(), ir.IntType(64)
+DOUBLE, INDEX, PLACE = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 
 
 def _function(builder: Any, name: str, kind: Any, arguments: int) -> Any:
     """Return one of the compiler's own functions of numbers or vectors of one kind."""
     suffix = f"v{kind.count}f64" if isinstance(kind, ir.VectorType) else "f64"
     return cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind] * arguments), f"llvm.{name}.{suffix}")
+
+
+class Index:
+    """A whole number, or the answer of a comparison, of the code under construction; the other one may be a known number."""
+
+    def __init__(self, builder: Any, value: Any) -> None:
+        self.builder, self.value = builder, value
+
+    def _with(self, other: Any, operation: Any) -> Index:
+        return Index(self.builder, operation(self.value, other.value if isinstance(other, Index) else ir.Constant(self.value.type, other)))
+
+    def _compared(self, sign: str, other: Any) -> Index:
+        return self._with(other, lambda one, two: self.builder.icmp_signed(sign, one, two))
+
+    def __add__(self, other: Any) -> Index:
+        return self._with(other, self.builder.add)
+
+    def __sub__(self, other: Any) -> Index:
+        return self._with(other, self.builder.sub)
+
+    def __mul__(self, other: Any) -> Index:
+        return self._with(other, self.builder.mul)
+
+    def __and__(self, other: Any) -> Index:
+        return self._with(other, self.builder.and_)
+
+    def __rshift__(self, other: Any) -> Index:
+        return self._with(other, self.builder.lshr)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __gt__(self, other: Any) -> Index:
+        return self._compared(">", other)
+
+    def __ge__(self, other: Any) -> Index:
+        return self._compared(">=", other)
+
+    def __lt__(self, other: Any) -> Index:
+        return self._compared("<", other)
+
+    def __ne__(self, other: object) -> Any:
+        return self._compared("!=", other)
+
+    __hash__ = None  # type: ignore[assignment]
 
 
 class Number:
@@ -72,7 +118,7 @@ class Number:
 
     def elements(self) -> list[Number]:
         """Return the elements of a vector."""
-        builder, places = self.builder, [ir.Constant(ir.IntType(32), k) for k in range(self.value.type.count)]
+        builder, places = self.builder, [ir.Constant(PLACE, k) for k in range(self.value.type.count)]
         return [Number(builder, builder.extract_element(self.value, place)) for place in places]
 
     @property
@@ -82,9 +128,8 @@ class Number:
 
     def folded(self) -> Number:
         """Return the sum of the vector's two halves."""
-        half, kind = self.count // 2, ir.IntType(32)
-        undefined = ir.Constant(self.value.type, ir.Undefined)
-        orders = (ir.Constant(ir.VectorType(kind, half), list(range(first, first + half))) for first in (0, half))
+        half, undefined = self.count // 2, ir.Constant(self.value.type, ir.Undefined)
+        orders = (_order(range(first, first + half)) for first in (0, half))
         low, high = (Number(self.builder, self.builder.shuffle_vector(self.value, undefined, order)) for order in orders)
         return low + high
 
@@ -100,7 +145,7 @@ class Number:
         """Return an integer whose bit k says that element k is not above zero (or not a number)."""
         builder, count = self.builder, self.value.type.count
         bits = builder.fcmp_unordered("<=", self.value, ir.Constant(self.value.type, [0.0] * count))
-        return builder.zext(builder.bitcast(bits, ir.IntType(count)), INDEX)
+        return Index(builder, builder.zext(builder.bitcast(bits, ir.IntType(count)), INDEX))
 
 
 class Complex(NamedTuple):
@@ -118,24 +163,42 @@ class Complex(NamedTuple):
         return self.real.fma(other.real, -(self.imag * other.imag))
 
 
+class Variable:
+    """A `Number` or an `Index` that may be replaced, as within a loop."""
+
+    def __init__(self, first: Any) -> None:
+        self._kind, self._builder = type(first), first.builder
+        self._place = cgutils.alloca_once_value(first.builder, first.value)
+
+    @property
+    def value(self) -> Any:
+        """What it is now."""
+        return self._kind(self._builder, self._builder.load(self._place))
+
+    @value.setter
+    def value(self, value: Any) -> None:
+        self._builder.store(value.value, self._place)
+
+
 class Sum:
     """A sum that a loop adds to: numbers, or vectors of any of some sizes."""
 
     def __init__(self, code: Code, sizes: Iterable[int]) -> None:
-        self.code = code
-        self.places = {size: cgutils.alloca_once_value(code.builder, code.repeated(0.0, size).value) for size in sizes}
+        self.parts = {size: code.variable(code.repeated(0.0, size)) for size in sizes}
 
     def __iadd__(self, summand: Number) -> Sum:
-        self.code.builder.store((self._number(summand.count) + summand).value, self.places[summand.count])
+        part = self.parts[summand.count]
+        part.value = part.value + summand
         return self
 
     def add_product(self, one: Number, other: Number) -> None:
         """Add the product of two, rounded once."""
-        self.code.builder.store(one.fma(other, self._number(one.count)).value, self.places[one.count])
+        part = self.parts[one.count]
+        part.value = one.fma(other, part.value)
 
     def number(self) -> Number:
         """Return the sum so far, vectors of other sizes folded to the smallest."""
-        numbers = [self._number(size) for size in sorted(self.places, reverse=True)]
+        numbers: list[Number] = [self.parts[size].value for size in sorted(self.parts, reverse=True)]
         total = numbers[0]
         for number in numbers[1:]:
             while total.count > number.count:
@@ -146,9 +209,6 @@ class Sum:
     def total(self) -> Number:
         """Return the sum of all elements so far."""
         return self.number().total()
-
-    def _number(self, size: int) -> Number:
-        return Number(self.code.builder, self.code.builder.load(self.places[size]))
 
 
 class Fields:
@@ -163,44 +223,66 @@ class Fields:
 
 
 def opened(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """Return what code works with: the data pointer of an array, which must be contiguous, the `Fields` of a named tuple, else the value."""
+    """Return what code works with: a pointer to the numbers of an array, which must be contiguous, a named tuple's `Fields`, None, else a number."""
     if isinstance(kind, types.Array):
         return context.make_array(kind)(context, builder, value).data
-    return Fields(context, builder, kind, value) if isinstance(kind, types.BaseNamedTuple) else value
+    if isinstance(kind, types.BaseNamedTuple):
+        return Fields(context, builder, kind, value)
+    if isinstance(kind, types.NoneType):
+        return None
+    return (Number if isinstance(kind, types.Float) else Index)(builder, value)
 
 
 class Code:
-    """Numbers and vectors of a function under construction; ``arguments`` are `opened`."""
+    """Numbers and vectors of a function under construction."""
 
-    def __init__(self, context: Any, builder: Any, kinds: Iterable[Any], arguments: Iterable[Any]) -> None:
-        self.builder, self.lanes = builder, LANES
-        self.arguments = [opened(context, builder, kind, value) for kind, value in zip(kinds, arguments, strict=True)]
+    def __init__(self, context: Any, builder: Any) -> None:
+        self.context, self.builder, self.lanes = context, builder, LANES
 
-    @contextmanager
     def loop(self, count: Any, step: int = 1, first: Any = 0) -> Iterator[Any]:
         """Repeat what follows for ``first``, ``first`` + ``step``, ... below ``count``."""
-        with cgutils.for_range_slice(self.builder, self.index(first), self.index(count), self.index(step), inc=True) as (j, _):
-            yield j
+        start, stop, stride = (self.index(bound).value for bound in (first, count, step))
+        with cgutils.for_range_slice(self.builder, start, stop, stride, inc=True) as (j, _):
+            yield Index(self.builder, j)
+
+    def where(self, condition: Any, likely: bool | None = None) -> Iterator[None]:
+        """Do what follows if the condition holds, which is ``likely`` or not."""
+        with self.builder.if_then(condition.value, likely):
+            yield
+
+    def either(self, condition: Any) -> Iterator[bool]:
+        """Do what follows with True if the condition holds, else with False."""
+        with self.builder.if_else(condition.value) as (then, otherwise):
+            with then:
+                yield True
+            with otherwise:
+                yield False
+
+    def choose(self, condition: Any, one: Any, other: Any) -> Any:
+        """Return one index if the condition holds, else the other."""
+        return Index(self.builder, self.builder.select(condition.value, self.index(one).value, self.index(other).value))
 
     def slots(self, size: Any) -> Iterator[Any]:
         """Repeat what follows for the first of 2 LANES slots each, and for the LANES that may be left; ``lanes`` says how many there are."""
-        whole = self.builder.and_(size, self.index(-2 * LANES))
+        whole = size & -2 * LANES
         self.lanes = 2 * LANES
-        with self.loop(whole, 2 * LANES) as j:
-            yield j
+        yield from self.loop(whole, 2 * LANES)
         self.lanes = LANES
-        with self.builder.if_then(self.builder.icmp_signed("!=", whole, size)):
+        for _ in self.where(whole != size):
             yield whole
 
     def fours(self, size: Any) -> Iterator[Any]:
         """Repeat what follows for LANES slots each: half the code of `slots`."""
         self.lanes = LANES
-        with self.loop(size, LANES) as j:
-            yield j
+        yield from self.loop(size, LANES)
 
-    def sum(self) -> Sum:
-        """Return a new sum over slots."""
-        return Sum(self, (2 * LANES, LANES))
+    def sum(self, *sizes: int) -> Sum:
+        """Return a new sum over vectors of these sizes (0: numbers), by default over slots."""
+        return Sum(self, sizes or (2 * LANES, LANES))
+
+    def variable(self, first: Any) -> Any:
+        """Return a new variable."""
+        return Variable(first if isinstance(first, Number) else self.index(first))
 
     def vector(self, pointer: Any, index: Any, size: int | None = None) -> Number:
         """Return ``size`` numbers from ``index`` on, None: as many as there are lanes."""
@@ -221,11 +303,11 @@ class Code:
 
     def number(self, pointer: Any, index: Any) -> Number:
         """Return one number."""
-        return Number(self.builder, self.builder.load(self.builder.gep(pointer, [self.index(index)])))
+        return Number(self.builder, self.builder.load(self._at(pointer, index)))
 
     def put(self, number: Number, pointer: Any, index: Any) -> None:
         """Write one number."""
-        self.builder.store(number.value, self.builder.gep(pointer, [self.index(index)]))
+        self.builder.store(number.value, self._at(pointer, index))
 
     def repeated(self, number: float, size: int | None = None) -> Number:
         """Return a vector that repeats a known number, or the number itself for ``size`` 0."""
@@ -233,25 +315,24 @@ class Code:
             return Number(self.builder, ir.Constant(DOUBLE, number))
         return self.constant([number] * (size or self.lanes))
 
-    def spread(self, number: Number | Any, size: int | None = None) -> Number:
+    def spread(self, number: Number, size: int | None = None) -> Number:
         """Return a vector that repeats a number."""
         size = size or self.lanes
         undefined = ir.Constant(ir.VectorType(DOUBLE, size), ir.Undefined)
-        value = number.value if isinstance(number, Number) else number
-        first = self.builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
-        return Number(self.builder, self.builder.shuffle_vector(first, undefined, self._order([0] * size)))
+        first = self.builder.insert_element(undefined, number.value, ir.Constant(PLACE, 0))
+        return Number(self.builder, self.builder.shuffle_vector(first, undefined, _order([0] * size)))
 
     def gathered(self, numbers: list[Number]) -> Number:
         """Return a vector of these numbers."""
         value = ir.Constant(ir.VectorType(DOUBLE, len(numbers)), ir.Undefined)
         for k, number in enumerate(numbers):
-            value = self.builder.insert_element(value, number.value, ir.Constant(ir.IntType(32), k))
+            value = self.builder.insert_element(value, number.value, ir.Constant(PLACE, k))
         return Number(self.builder, value)
 
     def before(self, first: Number, vector: Number) -> Number:
         """Return a vector moved on by one element, with ``first`` in front."""
-        size = vector.value.type.count
-        order = self._order([size, *range(size - 1)])
+        size = vector.count
+        order = _order([size, *range(size - 1)])
         return Number(self.builder, self.builder.shuffle_vector(vector.value, self.spread(first, size).value, order))
 
     def constant(self, numbers: Iterable[float]) -> Number:
@@ -260,25 +341,41 @@ class Code:
         return Number(self.builder, ir.Constant(ir.VectorType(DOUBLE, len(values)), values))
 
     def index(self, index: Any) -> Any:
-        """Return an index as a value of the code."""
-        return ir.Constant(INDEX, index) if isinstance(index, int) else index
+        """Return an index, which may be a known number, as one of the code."""
+        return index if isinstance(index, Index) else Index(self.builder, ir.Constant(INDEX, index))
 
-    def plus(self, index: Any, more: Any) -> Any:
-        """Return the sum of two indices."""
-        return self.builder.add(self.index(index), self.index(more))
+    def as_number(self, index: Any) -> Number:
+        """Return an index as a number."""
+        return Number(self.builder, self.builder.sitofp(index.value, DOUBLE))
 
-    def times(self, index: Any, factor: Any) -> Any:
-        """Return the product of two indices."""
-        return self.builder.mul(self.index(index), self.index(factor))
+    def lowest_bit(self, mask: Any) -> Any:
+        """Return the place of the lowest bit that is set; 64 where there is none."""
+        return Index(self.builder, self.builder.cttz(mask.value, ir.Constant(ir.IntType(1), 0)))
 
-    def result(self, signature: Any, context: Any, numbers: Iterable[Any]) -> Any:
-        """Return several numbers from the function."""
-        values = [number.value if isinstance(number, Number) else number for number in numbers]
-        return context.make_tuple(self.builder, signature.return_type, values)
+    def look(self, words: Any, place: Any) -> Any:
+        """Return a word that threads share as it is now, and with it all that was written before it."""
+        return Index(self.builder, self.builder.load_atomic(self._at(words, place), "seq_cst", 8))
+
+    def exchange(self, words: Any, place: Any, change: Any) -> Any:
+        """Add to a word that threads share and return what it was, in one piece."""
+        return Index(self.builder, self.builder.atomic_rmw("add", self._at(words, place), change.value, "seq_cst"))
+
+    def publish(self, words: Any, place: Any, value: Any) -> None:
+        """Set a word that threads share, after all that was written before it."""
+        self.builder.store_atomic(value.value, self._at(words, place), "seq_cst", 8)
+
+    def give_way(self) -> None:
+        """Let others who wait for this core have it."""
+        if hasattr(os, "sched_yield"):  # else the system has it under another name
+            self.builder.call(cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(PLACE, []), "sched_yield"), [])
+
+    def _at(self, pointer: Any, index: Any) -> Any:
+        return self.builder.gep(pointer, [self.index(index).value])
 
     def _place(self, pointer: Any, index: Any, size: int) -> Any:
-        return self.builder.bitcast(self.builder.gep(pointer, [self.index(index)]), ir.VectorType(DOUBLE, size).as_pointer())
+        return self.builder.bitcast(self._at(pointer, index), ir.VectorType(DOUBLE, size).as_pointer())
 
-    @staticmethod
-    def _order(elements: list[int]) -> Any:
-        return ir.Constant(ir.VectorType(ir.IntType(32), len(elements)), elements)
+
+def _order(elements: Iterable[int]) -> Any:
+    values = list(elements)
+    return ir.Constant(ir.VectorType(PLACE, len(values)), values)

@@ -36,7 +36,7 @@ def make_room(regime: Regime, omega: float, half: float) -> Room:
 def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Look at a block of times, again and again."""
     w, size, total = room.signal.moving, slots.rows.shape[1], 0
-    begin_orders(slots.rows, room.signal.u, w, size)  # type: ignore[call-arg]
+    begin_orders(slots.rows, room.signal.u, w, size)
     fill_carrier(slots.steps, room.window.omega, level, room.forced.carrier)
     course, guards = Course(slots, room.forced, room.window.omega, room.signal, 0.0), Guards(-1.0, 1.0, 0, None, False)
     place, step = Place(0.0, 1.0, 0.0, 0), Step(level, slots.steps[level, 0], size, 1e-9, 1e-9)
@@ -51,7 +51,7 @@ def repeat_scan(calls, slots, room, level):  # type: ignore[no-untyped-def]
 def repeat_turn(calls, slots, room, level):  # type: ignore[no-untyped-def]
     """Move the amplitudes on by a block, again and again."""
     w, size = room.signal.moving, slots.rows.shape[1]
-    begin_orders(slots.rows, room.signal.u, w, size)  # type: ignore[call-arg]
+    begin_orders(slots.rows, room.signal.u, w, size)
     turns = slots.turns
     for _ in range(calls):
         turn_2(turns, (level * POINTS + POINTS - 1) * 2 * size, w, size)
