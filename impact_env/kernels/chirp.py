@@ -6,7 +6,7 @@ constant rate. Rounding grows with the square of the number of turns: after `RES
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from impact_env.kernels.jit import jit
 
@@ -43,7 +43,7 @@ def phasor(force, k, t, dt):  # type: ignore[no-untyped-def]
     """Return cosine and sine of: the force's phase at ``t``, its turn to t + dt, and the change of that turn per step."""
     angle, omega, rate = force_angle(force, k, t)
     turn, change = (omega + 0.5 * rate * dt) * dt, rate * dt * dt
-    return np.cos(angle + force.phase), np.sin(angle + force.phase), np.cos(turn), np.sin(turn), np.cos(change), np.sin(change)
+    return math.cos(angle + force.phase), math.sin(angle + force.phase), math.cos(turn), math.sin(turn), math.cos(change), math.sin(change)
 
 
 @jit

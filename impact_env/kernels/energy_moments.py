@@ -72,7 +72,7 @@ def decay_integrals(rows, h, decay):  # type: ignore[no-untyped-def]
 @jit_inline
 def is_close(l_r, l_i, size):  # type: ignore[no-untyped-def]
     """Return whether the sum l of two eigenvalues is small beside ``size``, that of one of them."""
-    return l_r * l_r + l_i * l_i < (CLOSE * size) ** 2
+    return l_r * l_r + l_i * l_i < (CLOSE * size) * (CLOSE * size)
 
 
 @jit
@@ -82,7 +82,7 @@ def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):  # type: ignore[no-untyped-d
         f = decay_integral(l_r, h)
         return f * a_r, f * a_i
     square = l_r * l_r + l_i * l_i
-    if square * h * h < FEW_TURNS**2:
+    if square * h * h < FEW_TURNS * FEW_TURNS:
         x_r, x_i = l_r * h, l_i * h
         f_r, f_i = 1.0, 0.0
         for n in range(11):
@@ -112,7 +112,7 @@ def fill_moments(exponent, half, powers, first, last, out_r, out_i):  # type: ig
     l_r, l_i, a_r, a_i, b_r, b_i = exponent.real, exponent.imag, first.real, first.imag, last.real, last.imag
     count, square = out_r.shape[0], l_r * l_r + l_i * l_i
     n_r, n_i = 0.0, 0.0
-    if square * half * half < SLOW**2:
+    if square * half * half < SLOW * SLOW:
         for m in range(count + EXTRA):
             k = count + EXTRA - m
             factor = half * _INVERSE[k]

@@ -33,7 +33,7 @@ def learn_mixed(account, r, rows, forced, window):  # type: ignore[no-untyped-de
 @jit
 def _substitute(rows, window, sign, own, forced, at):  # type: ignore[no-untyped-def]
     """Fill the antiderivatives of loss and work with one sign of the carrier, from row ``at`` of ``own`` on; 0 where they are to be series."""
-    least, slots, terms, work = SLOW**2 / window.half**2, forced.slots, forced.terms, at + 4 * TERMS
+    least, slots, terms, work = SLOW * SLOW / (window.half * window.half), forced.slots, forced.terms, at + 4 * TERMS
     for j in range(rows.shape[1]):
         l_r, l_i = rows[S, j], rows[S + 1, j] + sign * window.omega
         square = l_r * l_r + l_i * l_i

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from impact_env.kernels.jit import jit
@@ -34,8 +36,8 @@ def add_by_quadrature(stretch, losses, state, energy):  # type: ignore[no-untype
     modes, half, window = losses.rate.shape[0], state.shape[0] // 2, stretch.window
     slots, p, absorber, tau, end = stretch.regime.slots, stretch.work.rows[0], stretch.motion[0], stretch.tau, stretch.end
     copy(stretch.work.z, p)
-    force_size = np.sqrt(window.force_r**2 + window.force_i**2)
-    phase = np.arctan2(window.force_i, window.force_r)
+    force_size = np.sqrt(window.force_r * window.force_r + window.force_i * window.force_i)
+    phase = math.atan2(window.force_i, window.force_r)
     x = tau
     while x < end:
         h = min(PANEL / _active_speed(slots.rows, window.omega, p), end - x)
@@ -45,7 +47,7 @@ def add_by_quadrature(stretch, losses, state, energy):  # type: ignore[no-untype
             t = 0.5 * h * (1.0 + _NODES[k])
             state_at(stretch, p, x, t, stretch.work.rows[1], state)
             c = x + t
-            f = force_size * np.cos(phase + (window.omega + 0.5 * window.alpha * c) * c)
+            f = force_size * math.cos(phase + (window.omega + 0.5 * window.alpha * c) * c)
             weight = 0.5 * h * _WEIGHTS[k]
             power, tip = 0.0, 0.0
             for i in range(modes):

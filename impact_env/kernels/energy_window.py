@@ -43,7 +43,7 @@ def _power_order(power):  # type: ignore[no-untyped-def]
 @jit
 def _find_near(account, r, rows, window):  # type: ignore[no-untyped-def]
     """Note which slots turn almost like the force's carrier, or its conjugate."""
-    least = SLOW**2 / window.half**2
+    least = SLOW * SLOW / (window.half * window.half)
     for k in range(2):
         sign, near = 1.0 - 2.0 * k, 0
         for j in range(rows.shape[1]):

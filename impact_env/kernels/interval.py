@@ -5,6 +5,7 @@ A lane's interval is one stretch of a schedule, so a chain of intervals is the r
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -142,8 +143,8 @@ def report_samples(desk, watch, order, report):  # type: ignore[no-untyped-def]
     step = watch.sample_dt
     change = (order.omega_stop - order.omega_start) / order.duration * step * step
     turn = order.omega_start * step + 0.5 * change
-    c, s = np.cos(order.phase), np.sin(order.phase)
-    turn_c, turn_s, change_c, change_s = np.cos(turn), np.sin(turn), np.cos(change), np.sin(change)
+    c, s = math.cos(order.phase), math.sin(order.phase)
+    turn_c, turn_s, change_c, change_s = math.cos(turn), math.sin(turn), math.cos(change), math.sin(change)
     along, behind, square, damage = 0.0, 0.0, 0.0, 0.0
     for k in range(count):
         q = desk.block[k]
@@ -167,8 +168,9 @@ def report_state(watch, state, relative, relative_velocity, report):  # type: ig
     energy, tip = 0.0, 0.0
     for i in range(modes):
         tip += watch.tip_shape[i] * state[i]
-        energy += (watch.omega[i] * state[i]) ** 2 + state[modes + 1 + i] ** 2
-    absorber = watch.mass * state[2 * modes + 1] ** 2
+        omega_q, rate = watch.omega[i] * state[i], state[modes + 1 + i]
+        energy += omega_q * omega_q + rate * rate
+    absorber = watch.mass * (state[2 * modes + 1] * state[2 * modes + 1])
     report.distance, report.relative_velocity, report.tip = relative, relative_velocity, tip
     report.absorber_share = absorber / (absorber + energy) if absorber > 0.0 else 0.0
 

@@ -190,7 +190,7 @@ def impact(slots, forced, window, walls, contact, body, found, observe):  # type
     now.q -= found.value - side * walls.gap  # rounding must not add up to a penetration
     e = restitution_at(walls, v)
     impulse = -(1.0 + e) * v / contact.compliance
-    loss = 0.5 * (1.0 - e**2) * v * v / contact.compliance
+    loss = 0.5 * (1.0 - e * e) * v * v / contact.compliance
     after = -e * v
     add(slots.rows, RELATIVE, impulse, z)
     now.v += impulse / contact.mass
@@ -216,7 +216,7 @@ def largest_kick(rows):  # type: ignore[no-untyped-def]
     kick = 0.0
     for j in range(rows.shape[1]):
         gain = np.hypot(rows[GUARD, j], rows[GUARD + 1, j]) * np.hypot(rows[RELATIVE, j], rows[RELATIVE + 1, j])
-        kick += gain * rows[SPEED, j] ** 2
+        kick += gain * (rows[SPEED, j] * rows[SPEED, j])
     return kick
 
 

@@ -153,12 +153,15 @@ def _take_row(series, row, part, table, laws, offset, state):  # type: ignore[no
     _store(target, table, part, laws.mass, laws.added_mass, offset)
 
 
-@jit_room
+@jit
 def _joined_mass(added_mass, tip_shape):  # type: ignore[no-untyped-def]
     """Return m_a / (1 + m_a sum tip_shape^2) of a stuck absorber, else 0."""
     if added_mass is None:
         return 0.0
-    return added_mass / (1.0 + added_mass * np.sum(tip_shape * tip_shape))
+    square = 0.0
+    for i in range(tip_shape.shape[0]):
+        square += tip_shape[i] * tip_shape[i]
+    return added_mass / (1.0 + added_mass * square)
 
 
 @jit

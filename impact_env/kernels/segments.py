@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -103,7 +104,7 @@ def window_of(schedule, k, w, count):  # type: ignore[no-untyped-def]
     x = duration * (w + 0.5) / count
     phase = schedule.phases[k] + (schedule.omegas[k] + 0.5 * alpha * x) * x
     a = schedule.amplitude
-    return Window(schedule.times[k] + x, 0.5 * duration / count, schedule.omegas[k] + alpha * x, alpha, a * np.cos(phase), a * np.sin(phase))
+    return Window(schedule.times[k] + x, 0.5 * duration / count, schedule.omegas[k] + alpha * x, alpha, a * math.cos(phase), a * math.sin(phase))
 
 
 @jit

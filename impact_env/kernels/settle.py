@@ -8,6 +8,7 @@ so that no set of absorbers needs to be tried: Gauss-Seidel, force by force, con
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -58,7 +59,7 @@ def see_accelerations(absorbers, losses, window, now, state, joints):  # type: i
     n, modes = absorbers.shapes.shape
     half, tau = n + modes, now[0].tau
     angle = (window.omega + 0.5 * window.alpha * tau) * tau
-    force = window.force_r * np.cos(angle) - window.force_i * np.sin(angle)
+    force = window.force_r * math.cos(angle) - window.force_i * math.sin(angle)
     for a in range(n):
         joints.start[a], joints.slack[a] = 0.0, 0.0
         if not joints.waits[a] and now[a].regime == FREE:

@@ -6,6 +6,7 @@ a P + a0 = Re(f H exp(i phase)), b P + b0 = -Im(f H exp(i phase)): squared and a
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -69,7 +70,7 @@ def impulses_of(line, force):  # type: ignore[no-untyped-def]
 def phase_of(line, force, impulse):  # type: ignore[no-untyped-def]
     """Return the force's phase (rad, 0 to 2 pi) at the impact on the lower wall."""
     x, y = line.a * impulse + line.a0, line.b * impulse + line.b0
-    phase = np.arctan2(-y, x) - np.angle(line.receptance)
+    phase = math.atan2(-y, x) - math.atan2(line.receptance.imag, line.receptance.real)
     if force < 0.0:
         phase += np.pi
     return phase - 2.0 * np.pi * np.floor(phase / (2.0 * np.pi))

@@ -163,7 +163,7 @@ def begin_rows(structure, point, order, z, scale, room, system):  # type: ignore
     h, h_slope = receptance(structure, omega)
     g0, g1, g2, d0, d1, d2 = own_sums(structure, room, span, order.mirror)
     kappa = kappa_of(point.restitution, structure.compliance)
-    kappa_slope = -structure.compliance / (1.0 + point.restitution) ** 2
+    kappa_slope = -structure.compliance / ((1.0 + point.restitution) * (1.0 + point.restitution))
     size, limit = jacobian.shape[0], point.limit
     for i in range(n):
         row, wall, jump, at = room.place[i], order.wall[i], room.jump[i], room.place[i]

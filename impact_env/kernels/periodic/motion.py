@@ -43,8 +43,8 @@ def rates(structure, omega, force, rest, amplitude, phase, out):  # type: ignore
     """Write modal displacements, velocities and accelerations (3, N_m): exponentials ``amplitude`` (J,), constant force ``rest`` (N), phase (rad)."""
     turning = force * np.exp(1j * phase)
     for i in range(structure.omega.shape[0]):
-        q = over(structure.push[i] * turning, complex(structure.omega[i] ** 2 - omega * omega, structure.rate[i] * omega))
-        out[0, i] = q.real - structure.tip[i] * rest / structure.omega[i] ** 2
+        q = over(structure.push[i] * turning, complex(structure.omega[i] * structure.omega[i] - omega * omega, structure.rate[i] * omega))
+        out[0, i] = q.real - structure.tip[i] * rest / (structure.omega[i] * structure.omega[i])
         out[1, i] = (1j * omega * q).real
         out[2, i] = (-omega * omega * q).real
     for j in range(structure.s.shape[0]):
@@ -71,10 +71,10 @@ def flights_of(structure, point, order, z, impulses):  # type: ignore[no-untyped
             k = i if i < n else 0
             total *= room.steps[k, j]
             turn = 1.0 if i < n else order.mirror
-            total += turn * (impulses[k] + room.jump[k] * point.limit / structure.s[j])
+            total += turn * (impulses[k] + complex(room.jump[k] * point.limit) / complex(structure.s[j]))
         amplitude[0, j] = order.mirror * room.first[j] * total
         for i in range(1, n):
-            amplitude[i, j] = amplitude[i - 1, j] * room.steps[i, j] + impulses[i] + room.jump[i] * point.limit / structure.s[j]
+            amplitude[i, j] = amplitude[i - 1, j] * room.steps[i, j] + impulses[i] + complex(room.jump[i] * point.limit) / complex(structure.s[j])
     flights = Flights(amplitude, force, place, velocity, time)
     absorber(structure, point, order, impulses, z[0], flights)
     return flights
@@ -161,7 +161,9 @@ def scan(structure, point, h, flights, order, turns):  # type: ignore[no-untyped
     """
     count, n, omega, mass = structure.s.shape[0], order.wall.shape[0], point.omega, structure.mass
     shift, leap, e = np.zeros((NODES, count), np.complex128), np.zeros(count, np.complex128), np.zeros(count, np.complex128)
-    fastest = max(np.max(np.abs(structure.s)), omega)
+    fastest = omega
+    for j in range(count):
+        fastest = max(fastest, abs(structure.s[j]))
     tip, square, distance, found, fits = 0.0, 0.0, 0.0, 0, True
     sign, last_rate, last_time = 0, 0.0, 0.0
     at, at_dt = 0, 0.0

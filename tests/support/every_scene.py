@@ -1,0 +1,127 @@
+"""Run as a process of its own: prints, as JSON, the bits that a small scene of each kind gives, or those kinds that the arguments name.
+
+Compiled or, under NUMBA_DISABLE_JIT=1, in plain Python: the same kernels, so the same bits.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from core import OMEGA, drive_of, scene_of
+from numpy.typing import ArrayLike
+from orbit_cases import paper_case
+
+from impact_env import (
+    CompliantWalls,
+    ElasticCoulombFriction,
+    Moreau,
+    Record,
+    Response,
+    RungeKutta,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    friction_damper,
+    impact_absorber,
+    impact_absorbers,
+    simulate,
+)
+from impact_env.controlled import ControlledRuns
+from impact_env.methods import Method
+from impact_env.parameters import Absorber, SeveralAbsorbers
+from impact_env.periodic.survey import closed_form_orbits
+
+ALL = Record(level=False, events=True, series=True, energy=True)  # as core.run records: no kernels for these tests alone
+LEVEL = Record(events=True)
+DRIVE = drive_of(6.0, 0.98, 1.02, periods=3.5, phase=0.4)
+Bits = dict[str, str]
+
+
+def bits(named: Iterable[tuple[str, ArrayLike | None]]) -> Bits:
+    return {name: np.ascontiguousarray(values).tobytes().hex() for name, values in named if values is not None}
+
+
+def fields(of: object, *names: str) -> list[tuple[str, ArrayLike | None]]:
+    return [(name, getattr(of, name)) for name in names] if of is not None else []
+
+
+def of_response(response: Response) -> Bits:
+    named = fields(response, "end_state", "stuck_time")
+    named += fields(response.level, "value", "time", "max_tip")
+    impacts = fields(response.impacts, "time", "relative_velocity", "impulse", "energy_lost", "absorber")
+    named += [(f"impact {name}", value) for name, value in impacts]
+    named += [(f"phase {name}", value) for name, value in fields(response.phases, "start", "end", "kind")]
+    named += fields(response.history, "modal_displacement", "modal_velocity", "absorber_displacement", "absorber_velocity")
+    named += fields(response.energy, "work", "modal_loss", "friction_loss", "impact_loss", "absorber_damping")
+    return bits(named)
+
+
+def swept(absorber: Absorber | SeveralAbsorbers | None, method: Method | None = None, record: Record = ALL) -> Callable[[], Bits]:
+    return lambda: of_response(simulate(scene_of(absorber, modes=2), DRIVE, method, record=record))  # type: ignore[arg-type]
+
+
+def controlled(absorber: Absorber, method: Method | None = None) -> Callable[[], Bits]:
+    """Return a run of two lanes in intervals, as an environment makes."""
+
+    def run() -> Bits:
+        runs = ControlledRuns(scene_of(absorber, modes=2), 2, OMEGA, 1.0, method, samples_per_period=32, exponent=4.0, threads=2)
+        runs.orders["omega_start"] = runs.orders["omega_stop"] = OMEGA
+        runs.orders["force"] = [6.0, 3.0]
+        named: list[tuple[str, ArrayLike | None]] = []
+        for k in range(3):
+            runs.advance()
+            named += [(f"report {k}", np.array(runs.reports)), (f"state {k}", runs.state.copy())]
+            runs.orders["gap"] *= 1.1
+            runs.orders["fresh"] = False
+        runs.close()
+        return bits(named)
+
+    return run
+
+
+def orbits() -> Bits:
+    """Return periodic orbits from the closed form, and the derivatives of their return maps."""
+    found = closed_form_orbits(paper_case(2, 0.9523, 1.5, friction=0.01)).orbits
+    assert found
+    named: list[tuple[str, ArrayLike | None]] = []
+    for k, orbit in enumerate(found):
+        named += [(f"{name} {k}", value) for name, value in fields(orbit.solution, "phases", "impulses")]
+        named += [(f"largest {k}", orbit.motion.tip_max), (f"derivative {k}", orbit.stability.matrix)]
+    return bits(named)
+
+
+SOFT = SlidingAbsorber(0.05, CompliantWalls(1e5, 5e-4), ElasticCoulombFriction(0.1, 1e5))
+SCENES: dict[str, Callable[[], Bits]] = {
+    "no absorber": swept(None),
+    "stuck": swept(StuckAbsorber()),
+    "tuned": swept(TunedAbsorber()),
+    "impacts without loss": swept(impact_absorber()),
+    "impacts with loss": swept(impact_absorber(restitution=0.7)),
+    "impacts and friction": swept(impact_absorber(5e-4, 0.3, 0.1)),
+    "friction damper": swept(friction_damper(0.1)),
+    "compliant walls": swept(SlidingAbsorber(walls=CompliantWalls(1e6))),
+    "elastic friction": swept(SlidingAbsorber(friction=ElasticCoulombFriction(0.1, 1e5))),
+    "compliant walls and elastic friction": swept(SOFT),
+    "several absorbers": swept(impact_absorbers((3e-4, 5e-4), (1.0, 0.6), 0.7, 0.04)),
+    "Moreau": swept(impact_absorber(5e-4, 0.3, 0.1), Moreau(200)),
+    "Runge-Kutta": swept(SOFT, RungeKutta(50, 50)),
+    "Runge-Kutta, tuned": swept(TunedAbsorber(), RungeKutta(50)),
+    "level": swept(impact_absorber(restitution=0.7, friction_limit=0.1), record=LEVEL),
+    "level, no absorber": swept(None, record=LEVEL),
+    "level, Moreau": swept(impact_absorber(), Moreau(100), LEVEL),
+    "checked": swept(impact_absorber(restitution=0.7), record=Record(check=True)),
+    "intervals": controlled(impact_absorber(restitution=0.7, friction_limit=0.1)),
+    "intervals, Moreau": controlled(impact_absorber(restitution=0.7), Moreau(100)),
+    "orbits": orbits,
+}
+
+
+def main(words: list[str]) -> str:
+    return json.dumps({name: SCENES[name]() for name in words or SCENES})
+
+
+if __name__ == "__main__":
+    print(main(sys.argv[1:]))
