@@ -55,7 +55,7 @@ def test_kernels_take_few_arguments() -> None:
         for file in FILES
         if file.is_relative_to(KERNELS)
         for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8")))
-        if isinstance(node, ast.FunctionDef) and len(node.args.args) > PLACES and node.args.args[0].arg != "typing_context"
+        if isinstance(node, ast.FunctionDef) and len(node.args.args) > PLACES and node.args.args[0].arg != "code"
     ]
     assert found == []
 
