@@ -18,13 +18,13 @@ LONG_SEARCH = 2_000_000  # evaluations after which a search gives up
 
 
 @jit_inline
-def limit_searches(memory, counters):  # type: ignore[no-untyped-def]
+def limit_searches(memory, counters):
     """Let no search of a run, which begins, use more evaluations than the run may; ``memory`` as in `signals.Signal`."""
     memory[1] = min(memory[1], counters.counts.most_evaluations)
 
 
 @jit_inline
-def progress(counters, window, tau, last, stalled):  # type: ignore[no-untyped-def]
+def progress(counters, window, tau, last, stalled):
     """Count the stretch from ``last`` to tau (s from the window's centre); return the events in a row without progress in time, and a status code."""
     counts = counters.counts
     counts.steps += 1
@@ -52,7 +52,7 @@ def progress(counters, window, tau, last, stalled):  # type: ignore[no-untyped-d
 
 
 @jit_inline
-def note_time(counters, time):  # type: ignore[no-untyped-def]
+def note_time(counters, time):
     """Note the time reached (s) of a run that has no events; return a status code."""
     counters.counts.reached = time
     return STOPPED if counters.counts.stop else DONE

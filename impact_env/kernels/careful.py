@@ -44,7 +44,7 @@ GROWTH = 4.0  # of a safe step against the one before
 
 
 @jit_inline
-def parabola(d, g, b):  # type: ignore[no-untyped-def]
+def parabola(d, g, b):
     """Return the smallest s > 0 with d - g s - b s^2/2 = 0 for d > 0, b >= 0; a huge number if there is none."""
     root = np.sqrt(g * g + 2.0 * b * d)
     if g >= 0.0:
@@ -53,7 +53,7 @@ def parabola(d, g, b):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def safe_step(d, g, a, b2, b3, reach):  # type: ignore[no-untyped-def]
+def safe_step(d, g, a, b2, b3, reach):
     """Return a step within which the wall at distance d > 0 cannot be reached; g closing speed, a closing acceleration.
 
     ``reach``: a guess of the step; no result is longer.
@@ -67,7 +67,7 @@ def safe_step(d, g, a, b2, b3, reach):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def guards_step(guards, now, reach):  # type: ignore[no-untyped-def]
+def guards_step(guards, now, reach):
     """Return the safe step for all guards."""
     step, y, v = reach, now.y, now.v
     if guards.low is not None:
@@ -87,7 +87,7 @@ def guards_step(guards, now, reach):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def root_ahead(guards, now):  # type: ignore[no-untyped-def]
+def root_ahead(guards, now):
     """Return (kind, step) of the event ahead if it is certain to be the next one and simple, else NOTHING.
 
     A wall: the closing speed stays positive over twice the step. A reversal: the rate's slope keeps its sign over twice the step, and the wall
@@ -117,7 +117,7 @@ def root_ahead(guards, now):  # type: ignore[no-untyped-def]
 
 
 @jit
-def nearest_event(guards, now):  # type: ignore[no-untyped-def]
+def nearest_event(guards, now):
     """Return which guard the search has come down to."""
     to_high, to_low = np.inf, np.inf
     if guards.low is not None:
@@ -131,7 +131,7 @@ def nearest_event(guards, now):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def bounded_at(course, offset):  # type: ignore[no-untyped-def]
+def bounded_at(course, offset):
     """Return a signal at an offset, as `Bounded`."""
     slots, p, bound = course.slots, course.signal.polynomial, course.forced.bound
     d1, d2, d3, x = digits(slots.scale, offset)
@@ -142,7 +142,7 @@ def bounded_at(course, offset):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def at_guard(guards, noise, now):  # type: ignore[no-untyped-def]
+def at_guard(guards, noise, now):
     """Return (kind, y): the event that the search has come to, NOTHING before one, and the signal, kept off the walls by its ``noise``."""
     y, v = now.y, now.v
     slowing = -now.a if v > 0.0 else now.a
@@ -163,7 +163,7 @@ def at_guard(guards, noise, now):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def event_ahead(course, guards, now, offset, length, resolution):  # type: ignore[no-untyped-def]
+def event_ahead(course, guards, now, offset, length, resolution):
     """Return the event ahead if it is certain to be the next one, simple and well within ``length``, else NOTHING."""
     kind, step = root_ahead(guards, now)
     if kind != NOTHING:
@@ -173,7 +173,7 @@ def event_ahead(course, guards, now, offset, length, resolution):  # type: ignor
 
 
 @jit
-def careful_search(course, guards, start, stop, length):  # type: ignore[no-untyped-def]
+def careful_search(course, guards, start, stop, length):
     """Return the first Event from the offset ``start`` on; NOTHING, with the offset ``stop``, if there is none up to there.
 
     Other arguments as in `search.search`. An event between ``stop`` and ``length`` may be returned.

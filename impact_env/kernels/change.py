@@ -18,7 +18,7 @@ from impact_env.kernels.slots import copy
 
 
 @jit
-def hold_or_let_go(scene, window, room, state):  # type: ignore[no-untyped-def]
+def hold_or_let_go(scene, window, room, state):
     """Leave the joined regime if the joint force is beyond its bounds; at a bound it is let join: there its rate decides, in the joined regime."""
     now, work = room.now[0], room.work
     solve_joined(scene, window, room)
@@ -36,7 +36,7 @@ def hold_or_let_go(scene, window, room, state):  # type: ignore[no-untyped-def]
 
 
 @jit
-def other_limit(limit, before):  # type: ignore[no-untyped-def]
+def other_limit(limit, before):
     """Return whether there is friction, of another limit (N) than before, and whether of a lower one."""
     if limit is None:
         return False, False
@@ -44,7 +44,7 @@ def other_limit(limit, before):  # type: ignore[no-untyped-def]
 
 
 @jit
-def take_change(scene, limit, before, jumps, schedule, room, state):  # type: ignore[no-untyped-def]
+def take_change(scene, limit, before, jumps, schedule, room, state):
     """Let a lane go on with the friction ``limit`` (N, or None) of its scene instead of the one ``before``.
 
     ``jumps``: whether the force's amplitude is another one; ``schedule``: of the stretch to come.

@@ -29,7 +29,7 @@ TIME_ROUNDING = 4.0  # times the search's resolution of time
 
 
 @jit
-def active_speed(slots, omega, u):  # type: ignore[no-untyped-def]
+def active_speed(slots, omega, u):
     """Return the largest |s| (1/s) of the slots that count in the signal u, or the force's frequency."""
     largest, speed = 0.0, omega
     for j in range(u.shape[1]):
@@ -41,7 +41,7 @@ def active_speed(slots, omega, u):  # type: ignore[no-untyped-def]
 
 
 @jit
-def rate_scale(slots, signal, bound, offset):  # type: ignore[no-untyped-def]
+def rate_scale(slots, signal, bound, offset):
     """Return the size of the terms that a signal's rate is the sum of."""
     scale = bound[1] + abs(signal.polynomial[1]) + offset * abs(signal.polynomial[2])
     for j in range(signal.u.shape[1]):
@@ -50,7 +50,7 @@ def rate_scale(slots, signal, bound, offset):  # type: ignore[no-untyped-def]
 
 
 @jit
-def sample_time(k, count, offset):  # type: ignore[no-untyped-def]
+def sample_time(k, count, offset):
     """Return the time (s) of sample k: first those close to the start, then ``count`` uniform ones, then those close to the end."""
     if k < HALVINGS:
         return offset * 0.5 ** (HALVINGS - k)
@@ -60,7 +60,7 @@ def sample_time(k, count, offset):  # type: ignore[no-untyped-def]
 
 
 @jit
-def note_miss(check, time, kind, share):  # type: ignore[no-untyped-def]
+def note_miss(check, time, kind, share):
     """Count a miss of a kind and of a share of what it is measured by, and list the first few."""
     check.worst[kind] = max(check.worst[kind], share)
     n = check.counts.misses
@@ -86,7 +86,7 @@ class Guard(NamedTuple):
 
 
 @jit
-def sample_guard(check, slots, forced, window, signal, tau, offset, guard):  # type: ignore[no-untyped-def]
+def sample_guard(check, slots, forced, window, signal, tau, offset, guard):
     """Check that a signal keeps within its guard from tau up to an offset (s)."""
     if not offset > 0.0:  # nothing was passed, or not a number
         return
@@ -113,7 +113,7 @@ def sample_guard(check, slots, forced, window, signal, tau, offset, guard):  # t
 
 
 @jit
-def check_flight(check, slots, forced, window, walls, limit, body, offset):  # type: ignore[no-untyped-def]
+def check_flight(check, slots, forced, window, walls, limit, body, offset):
     """Check the search of a flight: no wall is passed, and with friction the relative velocity keeps its sign."""
     if check is None:
         return
@@ -127,7 +127,7 @@ def check_flight(check, slots, forced, window, walls, limit, body, offset):  # t
 
 
 @jit
-def check_hold(check, slots, forced, window, limit, body, offset):  # type: ignore[no-untyped-def]
+def check_hold(check, slots, forced, window, limit, body, offset):
     """Check the search of a hold: the joint force keeps within what the joint can give."""
     if check is None:
         return
@@ -136,7 +136,7 @@ def check_hold(check, slots, forced, window, limit, body, offset):  # type: igno
 
 
 @jit
-def check_set(check, scene, window, s, offset, room):  # type: ignore[no-untyped-def]
+def check_set(check, scene, window, s, offset, room):
     """Check the searches of all absorbers in set s, up to the earliest event."""
     if check is None:
         return

@@ -14,7 +14,7 @@ RESET = 32
 
 
 @jit
-def stretch_at(times, k, t):  # type: ignore[no-untyped-def]
+def stretch_at(times, k, t):
     """Return the stretch of the schedule that holds time ``t``, searching onwards from stretch ``k``; the last stretch has no end."""
     while k + 2 < times.shape[0] and t >= times[k + 1]:
         k += 1
@@ -22,7 +22,7 @@ def stretch_at(times, k, t):  # type: ignore[no-untyped-def]
 
 
 @jit
-def turns_left(times, k, t, dt, most):  # type: ignore[no-untyped-def]
+def turns_left(times, k, t, dt, most):
     """Return how many of the times t, t + dt, ... (1 to ``most``) lie in stretch ``k``."""
     if k + 2 >= times.shape[0] or t + most * dt < times[k + 1]:
         return most
@@ -30,7 +30,7 @@ def turns_left(times, k, t, dt, most):  # type: ignore[no-untyped-def]
 
 
 @jit
-def force_angle(force, k, t):  # type: ignore[no-untyped-def]
+def force_angle(force, k, t):
     """Return (phase in rad, frequency in rad/s, its rate in rad/s^2) of stretch ``k`` at time ``t``."""
     times, omegas, phases = force.times, force.omegas, force.phases
     rate = (omegas[k + 1] - omegas[k]) / (times[k + 1] - times[k])
@@ -39,7 +39,7 @@ def force_angle(force, k, t):  # type: ignore[no-untyped-def]
 
 
 @jit
-def phasor(force, k, t, dt):  # type: ignore[no-untyped-def]
+def phasor(force, k, t, dt):
     """Return cosine and sine of: the force's phase at ``t``, its turn to t + dt, and the change of that turn per step."""
     angle, omega, rate = force_angle(force, k, t)
     turn, change = (omega + 0.5 * rate * dt) * dt, rate * dt * dt
@@ -47,7 +47,7 @@ def phasor(force, k, t, dt):  # type: ignore[no-untyped-def]
 
 
 @jit
-def fill_phases(target, count, force, k, t, dt):  # type: ignore[no-untyped-def]
+def fill_phases(target, count, force, k, t, dt):
     """Write the force for amplitude 1 at t, t + dt, ... into the first ``count`` places of ``target``; return the stretch of the first."""
     times = force.times
     first = stretch_at(times, k, t)

@@ -70,7 +70,7 @@ class Sprung(NamedTuple):
 
 
 @jit
-def guard_rest(rows):  # type: ignore[no-untyped-def]
+def guard_rest(rows):
     """Return the relative displacement under a unit constant relative force."""
     r = 0.0
     for j in range(rows.shape[1]):
@@ -79,7 +79,7 @@ def guard_rest(rows):  # type: ignore[no-untyped-def]
 
 
 @jit
-def check_springs(check, scene, slots, forced, window, bounds, room, offset):  # type: ignore[no-untyped-def]
+def check_springs(check, scene, slots, forced, window, bounds, room, offset):
     """Check a search: no contact or slip is passed, and a slider that slides does not turn."""
     if check is None:
         return
@@ -89,7 +89,7 @@ def check_springs(check, scene, slots, forced, window, bounds, room, offset):  #
 
 
 @jit_inline
-def next_event(slots, forced, window, limit, low, high, room):  # type: ignore[no-untyped-def]
+def next_event(slots, forced, window, limit, low, high, room):
     """Return the first event up to the window's end of the signal in ``room``: a bound of the interval, or the turn of a slider that slides."""
     now, half = room.now[0], window.half
     length, side, course = half - now.tau, int(now.side), Course(slots, forced, window.omega, room.signal, now.tau)
@@ -101,7 +101,7 @@ def next_event(slots, forced, window, limit, low, high, room):  # type: ignore[n
 
 
 @jit_inline
-def run_to_event(regime, forced, scene, window, reach, room, observe):  # type: ignore[no-untyped-def]
+def run_to_event(regime, forced, scene, window, reach, room, observe):
     """Advance a regime to its next event or the window's end."""
     now, work, counters, r = room.now[0], room.work, observe.counters, regime_number(room.now[0])
     free = r == 0
@@ -137,7 +137,7 @@ def run_to_event(regime, forced, scene, window, reach, room, observe):  # type: 
 
 
 @jit
-def read_state(regime, forced, omega, now, work, state):  # type: ignore[no-untyped-def]
+def read_state(regime, forced, omega, now, work, state):
     """Write the state in the current regime at the current time."""
     w = work.rows[0]
     copy(work.z, w)
@@ -150,7 +150,7 @@ def read_state(regime, forced, omega, now, work, state):  # type: ignore[no-unty
 
 
 @jit
-def write_state(regime, forced, omega, now, work, state):  # type: ignore[no-untyped-def]
+def write_state(regime, forced, omega, now, work, state):
     """Set the free part of the slots, and the absorber, from a state at the current time."""
     half = state.shape[0] // 2
     now.q, now.v = state[half - 1], state[2 * half - 1]
@@ -172,7 +172,7 @@ class Room(NamedTuple):
 
 
 @jit_room
-def new_room(regimes, state):  # type: ignore[no-untyped-def]
+def new_room(regimes, state):
     """Return room for lanes of one scene."""
     free, wall, friction, both = regimes
     size = free.slots.rows.shape[1]
@@ -181,7 +181,7 @@ def new_room(regimes, state):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def enter_regime(scene, window, room, state):  # type: ignore[no-untyped-def]
+def enter_regime(scene, window, room, state):
     """Go on from a state in the regime that `regime_number` says."""
     now = room.now[0]
     r = regime_number(now)
@@ -193,7 +193,7 @@ def enter_regime(scene, window, room, state):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def pass_event(scene, window, reach, room, state, observe):  # type: ignore[no-untyped-def]
+def pass_event(scene, window, reach, room, state, observe):
     """Advance to the next event, or to the window's end, and let it happen."""
     now = room.now[0]
     r0, _ = relative_motion(scene.contact, state)
@@ -210,7 +210,7 @@ def pass_event(scene, window, reach, room, state, observe):  # type: ignore[no-u
 
 
 @jit
-def compliant_stretch(scene, schedule, k, room, state, observe):  # type: ignore[no-untyped-def]
+def compliant_stretch(scene, schedule, k, room, state, observe):
     """Integrate over stretch ``k`` of the schedule and return a status code; ``state`` and ``room.now`` are carried from stretch to stretch."""
     now, reach = room.now[0], slider_reach(scene.springs, scene.limit)
     count = window_count(schedule, k)
@@ -232,7 +232,7 @@ def compliant_stretch(scene, schedule, k, room, state, observe):  # type: ignore
 
 
 @jit_room
-def compliant_lane(scene, schedule, state, observe):  # type: ignore[no-untyped-def]
+def compliant_lane(scene, schedule, state, observe):
     """Integrate one lane of a `Sprung` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end.
 
     The friction loss contains what the slider's spring holds at the end.
@@ -252,7 +252,7 @@ def compliant_lane(scene, schedule, state, observe):  # type: ignore[no-untyped-
 
 
 @jit
-def finish(scene, room, state, end, observe):  # type: ignore[no-untyped-def]
+def finish(scene, room, state, end, observe):
     """Close what is open at the end (s), and take the sample that falls on it."""
     now, contact = room.now[0], scene.contact
     if now.sticks:

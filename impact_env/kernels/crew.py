@@ -58,7 +58,7 @@ def _give_way(code: Code):
 
 
 @jit
-def next_part(board, patience):  # type: ignore[no-untyped-def]
+def next_part(board, patience):
     """Take a part that nobody has; return its number, or -1 if there was none in ``patience`` looks and one."""
     for k in range(patience + 1):
         if k & ROUND == ROUND:
@@ -71,7 +71,7 @@ def next_part(board, patience):  # type: ignore[no-untyped-def]
 
 
 @jit
-def open_call(board, parts):  # type: ignore[no-untyped-def]
+def open_call(board, parts):
     """Let all threads take ``parts``; nothing, if that is 0: what a helper says."""
     if parts > 0:
         _put(board.words, DONE, 0)
@@ -79,7 +79,7 @@ def open_call(board, parts):  # type: ignore[no-untyped-def]
 
 
 @jit
-def all_done(board, parts):  # type: ignore[no-untyped-def]
+def all_done(board, parts):
     """Return whether all ``parts`` are done, after some patience with the other threads' last ones."""
     for k in range(MEETING):
         if parts == 0 or _look(board.words, DONE) == parts:
@@ -90,13 +90,13 @@ def all_done(board, parts):  # type: ignore[no-untyped-def]
 
 
 @jit
-def hand_in(board):  # type: ignore[no-untyped-def]
+def hand_in(board):
     """Say that a part is done."""
     _add(board.words, DONE, 1)
 
 
 @jit_room
-def rigid_crew(scene, reach, batch, board, parts, patience):  # type: ignore[no-untyped-def]
+def rigid_crew(scene, reach, batch, board, parts, patience):
     """Take and advance parts as long as there are any; return whether all are done.
 
     The caller gives the number of ``parts`` that it has written on the board, a helper 0; ``patience``: looks at the board before a thread leaves.
@@ -111,7 +111,7 @@ def rigid_crew(scene, reach, batch, board, parts, patience):  # type: ignore[no-
 
 
 @jit_room
-def linear_crew(scene, reach, batch, board, parts, patience):  # type: ignore[no-untyped-def]
+def linear_crew(scene, reach, batch, board, parts, patience):
     """Take and advance parts of a scene with one linear regime, as `rigid_crew`."""
     open_call(board, parts)
     part = next_part(board, patience)
@@ -123,7 +123,7 @@ def linear_crew(scene, reach, batch, board, parts, patience):  # type: ignore[no
 
 
 @jit_room
-def compliant_crew(scene, reach, batch, board, parts, patience):  # type: ignore[no-untyped-def]
+def compliant_crew(scene, reach, batch, board, parts, patience):
     """Take and advance parts of a scene with compliant contact, as `rigid_crew`."""
     open_call(board, parts)
     part = next_part(board, patience)
@@ -135,7 +135,7 @@ def compliant_crew(scene, reach, batch, board, parts, patience):  # type: ignore
 
 
 @jit_room
-def moreau_crew(modes, laws, step, batch, board, parts, patience):  # type: ignore[no-untyped-def]
+def moreau_crew(modes, laws, step, batch, board, parts, patience):
     """Take and advance parts with the Moreau scheme, as `rigid_crew`."""
     open_call(board, parts)
     part = next_part(board, patience)
@@ -147,7 +147,7 @@ def moreau_crew(modes, laws, step, batch, board, parts, patience):  # type: igno
 
 
 @jit_room
-def runge_kutta_crew(modes, laws, step, batch, board, parts, patience):  # type: ignore[no-untyped-def]
+def runge_kutta_crew(modes, laws, step, batch, board, parts, patience):
     """Take and advance parts with the Runge-Kutta method, as `rigid_crew`."""
     open_call(board, parts)
     part = next_part(board, patience)

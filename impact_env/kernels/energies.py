@@ -21,7 +21,7 @@ from impact_env.kernels.vector import TERMS
 
 
 @jit
-def add_energy(stretch, losses, state, r, account):  # type: ignore[no-untyped-def]
+def add_energy(stretch, losses, state, r, account):
     """Add work and losses of a `segments.Stretch`, which lies in regime number ``r`` of the account; None: not observed.
 
     A constant force bends, and moves nothing. ``state`` is scratch.
@@ -56,7 +56,7 @@ def add_energy(stretch, losses, state, r, account):  # type: ignore[no-untyped-d
 
 
 @jit_inline
-def _fill_scratch(scratch, known, window, tau, end, in_parts):  # type: ignore[no-untyped-def]
+def _fill_scratch(scratch, known, window, tau, end, in_parts):
     """Fill carriers, powers and factors of the stretch's ends; powers for series only where they are needed."""
     turns = scratch[CARRIER]
     if known.reached == tau:
@@ -72,7 +72,7 @@ def _fill_scratch(scratch, known, window, tau, end, in_parts):  # type: ignore[n
 
 
 @jit_inline
-def _add_forced_part(account, r, found):  # type: ignore[no-untyped-def]
+def _add_forced_part(account, r, found):
     """Write half the squares of the forced velocities to ``found`` (J,), and return the work done on the forced part."""
     scratch, count = account.scratch[r], account.known[r].order
     add_products(account.rows[r, SQUARES:ADDED], found.shape[0], count, scratch, found)
@@ -84,7 +84,7 @@ def _add_forced_part(account, r, found):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def _book(account, r, losses, found, work):  # type: ignore[no-untyped-def]
+def _book(account, r, losses, found, work):
     """Add a stretch's work, and the squares of its velocities times what damps them, to the account."""
     modes, totals = losses.rate.shape[0], account.totals[0]
     if account.known[r].kind == OWN:

@@ -57,7 +57,7 @@ class Account(NamedTuple):
 
 
 @jit_room
-def new_account(energy, regimes, slots):  # type: ignore[no-untyped-def]
+def new_account(energy, regimes, slots):
     """Return room for the energies of a lane with this many regimes of this many slots; None where they are not observed."""
     if energy is None:
         return None
@@ -69,13 +69,13 @@ def new_account(energy, regimes, slots):  # type: ignore[no-untyped-def]
 
 
 @jit_view
-def observe_with(observe, account):  # type: ignore[no-untyped-def]
+def observe_with(observe, account):
     """Return a lane's observers with the account in place of the energies."""
     return Observe(observe.clock, observe.counters, observe.level, observe.events, observe.series, account, observe.place)
 
 
 @jit
-def learn_regime(account, r, regime, losses):  # type: ignore[no-untyped-def]
+def learn_regime(account, r, regime, losses):
     """Fill what belongs to regime r of the account."""
     modes, half, size, rows, known = losses.rate.shape[0], regime.out.shape[1] // 2, account.rows.shape[2], account.rows[r], account.known[r]
     for j in range(size):
@@ -101,7 +101,7 @@ def learn_regime(account, r, regime, losses):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _cancels(regime, modes, half):  # type: ignore[no-untyped-def]
+def _cancels(regime, modes, half):
     """Return whether slots of a state can be much larger than what they add up to: two are almost the same."""
     out, into = regime.out, regime.into
     for i in range(half, half + modes):
@@ -114,7 +114,7 @@ def _cancels(regime, modes, half):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _find_places(modes, place, rows):  # type: ignore[no-untyped-def]
+def _find_places(modes, place, rows):
     """Note each slot's mode and its weight in the mode's velocity and return True, or return False where slots and modes are not the same."""
     size = rows.shape[1]
     for j in range(size):

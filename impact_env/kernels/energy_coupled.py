@@ -13,7 +13,7 @@ from impact_env.kernels.vector import TERMS
 
 
 @jit
-def _mend_moments(rows, window, j, scratch, z, w, powers):  # type: ignore[no-untyped-def]
+def _mend_moments(rows, window, j, scratch, z, w, powers):
     """Fill the moments of slot j, which turns almost like the carrier or its conjugate."""
     z_r, z_i, w_r, w_i, found = z[0, j], z[1, j], w[0, j], w[1, j], scratch[MENDED:ROWS]
     for k in range(2):
@@ -29,7 +29,7 @@ def _mend_moments(rows, window, j, scratch, z, w, powers):  # type: ignore[no-un
 
 
 @jit_inline
-def add_coupled(account, r, stretch, w, found):  # type: ignore[no-untyped-def]
+def add_coupled(account, r, stretch, w, found):
     """Add what contains free parts to ``found`` (J,) and return the work; w (2, J): the slots at the end of the stretch."""
     rows, window, h, z = stretch.regime.slots.rows, stretch.window, stretch.end - stretch.tau, stretch.work.z
     known, own, scratch, size = account.known[r], account.rows[r], account.scratch[r], account.rows.shape[2]

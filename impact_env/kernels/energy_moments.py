@@ -30,14 +30,14 @@ _INVERSE = 1.0 / np.maximum(np.arange(2.0 * EXTRA + 20.0), 1.0)
 
 
 @jit_inline
-def decay_series(y):  # type: ignore[no-untyped-def]
+def decay_series(y):
     """Return (exp(y) - 1)/y for -SMALL_DECAY <= y <= 0."""
     f = _F[6] + y * (_F[7] + y * (_F[8] + y * (_F[9] + y * _F[10])))
     return 1.0 + y * (_F[1] + y * (_F[2] + y * (_F[3] + y * (_F[4] + y * (_F[5] + y * f)))))
 
 
 @jit
-def decay_integral(rate, h):  # type: ignore[no-untyped-def]
+def decay_integral(rate, h):
     """Return the integral of exp(rate t) over [0, h] for rate <= 0: a series over a part of h, which is then doubled. No table is used."""
     y, doublings = rate * h, 0
     while y < -SMALL_DECAY:
@@ -51,7 +51,7 @@ def decay_integral(rate, h):  # type: ignore[no-untyped-def]
 
 
 @jit
-def decay_integrals(rows, h, decay):  # type: ignore[no-untyped-def]
+def decay_integrals(rows, h, decay):
     """Write the integral of |exp(s t)|^2 over [0, h] for each slot to decay (J,)."""
     fastest, part, doublings = 0.0, 2.0 * h, 0
     for j in range(decay.shape[0]):
@@ -70,13 +70,13 @@ def decay_integrals(rows, h, decay):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def is_close(l_r, l_i, size):  # type: ignore[no-untyped-def]
+def is_close(l_r, l_i, size):
     """Return whether the sum l of two eigenvalues is small beside ``size``, that of one of them."""
     return l_r * l_r + l_i * l_i < (CLOSE * size) * (CLOSE * size)
 
 
 @jit
-def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):  # type: ignore[no-untyped-def]
+def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):
     """Return the integral of a exp(l t) over [0, h], with b the value at the end, where l is real or almost zero."""
     if l_i == 0.0:
         f = decay_integral(l_r, h)
@@ -94,7 +94,7 @@ def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):  # type: ignore[no-untyped-d
 
 
 @jit_inline
-def fill_powers(first, last, count, scratch):  # type: ignore[no-untyped-def]
+def fill_powers(first, last, count, scratch):
     """Write the powers of the stretch's ends, in half windows from the window's centre, to the first two rows of ``scratch``."""
     p, q = 1.0, 1.0
     for k in range(count):
@@ -103,7 +103,7 @@ def fill_powers(first, last, count, scratch):  # type: ignore[no-untyped-def]
 
 
 @jit
-def fill_moments(exponent, half, powers, first, last, out_r, out_i):  # type: ignore[no-untyped-def]
+def fill_moments(exponent, half, powers, first, last, out_r, out_i):
     """Write the integrals of x^k y, k = 0 ... len(out_r) - 1, over the stretch, real and imaginary part; x is the time in half windows.
 
     y turns as exp(exponent t), from ``first`` at the begin of the stretch to ``last`` at its end, complex numbers all three. ``powers`` (2 or more,
@@ -132,7 +132,7 @@ def fill_moments(exponent, half, powers, first, last, out_r, out_i):  # type: ig
 
 
 @jit_inline
-def fill_factors(omega, half, count, first, last, scratch):  # type: ignore[no-untyped-def]
+def fill_factors(omega, half, count, first, last, scratch):
     """Write what the products of two factors of the carrier are multiplied by, ``count`` powers; ``scratch`` as `energy_sums`.
 
     The product of Re(a E) and Re(b E), twice: Re a Re b + Im a Im b without a carrier, and a b on its square, which turns from ``first`` to ``last``.

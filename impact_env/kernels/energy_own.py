@@ -17,7 +17,7 @@ from impact_env.kernels.vector import TERMS
 
 
 @jit
-def learn_mixed(account, r, rows, forced, window):  # type: ignore[no-untyped-def]
+def learn_mixed(account, r, rows, forced, window):
     """Fill the antiderivatives of regime r in a window."""
     known, places, own = account.known[r], account.places[r], account.rows[r]
     known.mixed, known.reached = window.centre, np.nan
@@ -31,7 +31,7 @@ def learn_mixed(account, r, rows, forced, window):  # type: ignore[no-untyped-de
 
 
 @jit
-def _substitute(rows, window, sign, own, forced, at):  # type: ignore[no-untyped-def]
+def _substitute(rows, window, sign, own, forced, at):
     """Fill the antiderivatives of loss and work with one sign of the carrier, from row ``at`` of ``own`` on; 0 where they are to be series."""
     least, slots, terms, work = SLOW * SLOW / (window.half * window.half), forced.slots, forced.terms, at + 4 * TERMS
     for j in range(rows.shape[1]):
@@ -56,7 +56,7 @@ def _substitute(rows, window, sign, own, forced, at):  # type: ignore[no-untyped
 
 
 @jit
-def _build_up(exponent, half, j, sign, own, forced, series):  # type: ignore[no-untyped-def]
+def _build_up(exponent, half, j, sign, own, forced, series):
     """Fill the series of slot j (4 SERIES_TERMS,) in powers of the time in half windows, as is ``exponent``: loss and work, real and imaginary."""
     l_r, l_i, slots, terms = exponent.real, exponent.imag, forced.slots, forced.terms
     v_r, v_i, p_r, p_i, scale = own[VELOCITY, j], own[VELOCITY + 1, j], own[POINT, j], own[POINT + 1, j], half
@@ -75,7 +75,7 @@ def _build_up(exponent, half, j, sign, own, forced, series):  # type: ignore[no-
 
 
 @jit
-def _antiderivatives(known, places, own, c, s, tau, half, at):  # type: ignore[no-untyped-def]
+def _antiderivatives(known, places, own, c, s, tau, half, at):
     """Write the antiderivatives of loss and work to own[at] ... own[at + 3], without the slots themselves.
 
     ``tau`` (s): from the window's centre, which is ``half`` from its end; c and s: the carrier there.
@@ -102,7 +102,7 @@ def _antiderivatives(known, places, own, c, s, tau, half, at):  # type: ignore[n
 
 
 @jit
-def _add_losses(rows, own, z, w, found):  # type: ignore[no-untyped-def]
+def _add_losses(rows, own, z, w, found):
     """Add the integrals of the slots' velocities squared, without forced times forced, to ``found``; own[LOSS]: their decays."""
     for j in range(own.shape[1]):
         v_r, v_i, s_r, s_i = own[VELOCITY, j], own[VELOCITY + 1, j], rows[S, j], rows[S + 1, j]
@@ -116,7 +116,7 @@ def _add_losses(rows, own, z, w, found):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def add_own(account, r, stretch, w, found):  # type: ignore[no-untyped-def]
+def add_own(account, r, stretch, w, found):
     """Add what contains free parts to ``found`` (J,), slot by slot, and return the work; w (2, J): the slots at the end of the stretch."""
     rows, window, tau, end, z = stretch.regime.slots.rows, stretch.window, stretch.tau, stretch.end, stretch.work.z
     known, places, own, turns = account.known[r], account.places[r], account.rows[r], account.scratch[r, CARRIER]
@@ -135,7 +135,7 @@ def add_own(account, r, stretch, w, found):  # type: ignore[no-untyped-def]
 
 
 @jit
-def add_free_losses(rows, own, z, w, h, found):  # type: ignore[no-untyped-def]
+def add_free_losses(rows, own, z, w, h, found):
     """Add the integrals of the slots' free velocities squared over a stretch of length ``h`` (s) to ``found`` (J,)."""
     for j in range(own.shape[1]):
         own[BEGIN, j], own[BEGIN + 1, j], own[END, j], own[END + 1, j] = 0.0, 0.0, 0.0, 0.0

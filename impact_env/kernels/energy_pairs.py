@@ -17,13 +17,13 @@ TOGETHER, APART, SERIES, FOUND, PLANES = 0, 2, 4, 5, 9
 
 
 @jit_inline
-def _needs_series(j, k, special):  # type: ignore[no-untyped-def]
+def _needs_series(j, k, special):
     """Return whether an integral of a pair is a series of its own, not that of a slot which turns and its conjugate: `decay_integrals`."""
     return special > 0 and not (j == k and special == 2)
 
 
 @jit
-def learn_pairs(rows, pairs):  # type: ignore[no-untyped-def]
+def learn_pairs(rows, pairs):
     """Fill what a regime knows of its pairs, and return how many need series; a slot that decays with its own conjugate is not counted."""
     count, size = 0, rows.shape[1]
     for j in range(size):
@@ -87,7 +87,7 @@ def add_pairs(code: Code, shape, size: Index, pairs, found):
 
 
 @jit
-def _add_series(rows, pairs, h, z, w):  # type: ignore[no-untyped-def]
+def _add_series(rows, pairs, h, z, w):
     """Add the integrals that are series, pair by pair."""
     size = z.shape[1]
     for j in range(size):
@@ -112,7 +112,7 @@ def _add_series(rows, pairs, h, z, w):  # type: ignore[no-untyped-def]
 
 
 @jit
-def integrate_pairs(rows, pairs, series, h, z, w, decay):  # type: ignore[no-untyped-def]
+def integrate_pairs(rows, pairs, series, h, z, w, decay):
     """Fill FOUND for a stretch of length ``h`` (s), with the slots z at its begin and w at its end (2, J).
 
     ``series``: how many pairs need series, from `learn_pairs`; ``decay`` (J,) is scratch.

@@ -16,7 +16,7 @@ ACTIVE = 1e-11  # of the largest slot velocity
 
 
 @jit
-def _active_speed(rows, omega, z):  # type: ignore[no-untyped-def]
+def _active_speed(rows, omega, z):
     largest = 0.0
     for j in range(z.shape[1]):
         largest = max(largest, rows[SPEED, j] * (abs(z[0, j]) + abs(z[1, j])))
@@ -28,7 +28,7 @@ def _active_speed(rows, omega, z):  # type: ignore[no-untyped-def]
 
 
 @jit
-def add_by_quadrature(stretch, losses, state, energy):  # type: ignore[no-untyped-def]
+def add_by_quadrature(stretch, losses, state, energy):
     """Add work and losses of a `segments.Stretch` by Gauss-Legendre quadrature, in panels that resolve every slot still active.
 
     Of absorbers only a tuned one has a damper; ``state`` is scratch.

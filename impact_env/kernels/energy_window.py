@@ -12,7 +12,7 @@ from impact_env.kernels.slots import SPEED, S
 
 
 @jit
-def learn_window(account, r, slots, forced, window):  # type: ignore[no-untyped-def]
+def learn_window(account, r, slots, forced, window):
     """Fill what belongs to the forced part of regime r in a window; ``slots``: rows of `slots.Slots`."""
     known, rows, scratch, size = account.known[r], account.rows[r], account.scratch[r], slots.shape[1]
     known.window, known.reached = window.centre, np.nan
@@ -29,7 +29,7 @@ def learn_window(account, r, slots, forced, window):  # type: ignore[no-untyped-
 
 
 @jit
-def _power_order(power):  # type: ignore[no-untyped-def]
+def _power_order(power):
     """Return how many powers of the products with the force count."""
     order, largest = 1, 0.0
     for p in range(PRODUCTS):
@@ -41,7 +41,7 @@ def _power_order(power):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _find_near(account, r, rows, window):  # type: ignore[no-untyped-def]
+def _find_near(account, r, rows, window):
     """Note which slots turn almost like the force's carrier, or its conjugate."""
     least = SLOW * SLOW / (window.half * window.half)
     for k in range(2):

@@ -38,7 +38,7 @@ class Way(NamedTuple):
 
 
 @jit
-def go_on(way, change, ratio, duration, after, ended):  # type: ignore[no-untyped-def]
+def go_on(way, change, ratio, duration, after, ended):
     """Let the frequency ``ratio`` (L,) go on by ``change`` (L,) in a pseudo period, but no further than the far end, and not back beyond the start.
 
     Filled: ``duration`` in pseudo periods, ratio ``after`` it, whether the passage has ``ended`` there, each (L,).
@@ -55,7 +55,7 @@ def go_on(way, change, ratio, duration, after, ended):  # type: ignore[no-untype
 
 
 @jit
-def order_intervals(orders, omega, period, duration, ratio, after, force, final):  # type: ignore[no-untyped-def]
+def order_intervals(orders, omega, period, duration, ratio, after, force, final):
     """Fill what ORDER records say of drive and end from arrays (L,): durations in periods (s), frequency ratios to ``omega`` (rad/s), forces (N)."""
     for i in range(orders.shape[0]):
         order = orders[i]
@@ -64,7 +64,7 @@ def order_intervals(orders, omega, period, duration, ratio, after, force, final)
 
 
 @jit
-def pay_for_level(reports, level_scale, price, duration, fine, late, potential, rewards):  # type: ignore[no-untyped-def]
+def pay_for_level(reports, level_scale, price, duration, fine, late, potential, rewards):
     """Fill the rewards (L,): the fall of the level over ``level_scale``, which ``potential`` keeps, less ``price`` a pseudo period and a ``fine``."""
     for i in range(reports.shape[0]):
         relative = reports[i].level / level_scale[i]
@@ -73,7 +73,7 @@ def pay_for_level(reports, level_scale, price, duration, fine, late, potential, 
 
 
 @jit
-def pay_for_damage(reports, damage_scale, price, duration, fine, late, potential, rewards):  # type: ignore[no-untyped-def]
+def pay_for_damage(reports, damage_scale, price, duration, fine, late, potential, rewards):
     """Fill the rewards like `pay_for_level`, for the damage of the interval; ``potential`` sums it up."""
     for i in range(reports.shape[0]):
         gain = reports[i].damage / damage_scale[i]
@@ -82,7 +82,7 @@ def pay_for_damage(reports, damage_scale, price, duration, fine, late, potential
 
 
 @jit
-def fill_features(reports, units, ratio, elapsed, level, values):  # type: ignore[no-untyped-def]
+def fill_features(reports, units, ratio, elapsed, level, values):
     """Write the features that all tasks share into the first columns of ``values`` (L, features)."""
     for i in range(reports.shape[0]):
         report, row = reports[i], values[i]

@@ -20,7 +20,7 @@ from impact_env.kernels.slots import REST, add, copy
 
 
 @jit_inline
-def solve_free(scene, window, room):  # type: ignore[no-untyped-def]
+def solve_free(scene, window, room):
     """Fill the forced part of the free regime for a window, unless it is known."""
     if not room.solved[FREE]:
         solve_forced(scene.free.slots, window, None, room.free_forced)
@@ -28,7 +28,7 @@ def solve_free(scene, window, room):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def solve_joined(scene, window, room):  # type: ignore[no-untyped-def]
+def solve_joined(scene, window, room):
     """Fill the forced part of the joined regime for a window, unless it is known."""
     if not room.solved[JOINED]:
         solve_forced(scene.joined.slots, window, scene.contact.mass, room.joined_forced)
@@ -36,7 +36,7 @@ def solve_joined(scene, window, room):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def add_forced_part(window, tau, sign, room):  # type: ignore[no-untyped-def]
+def add_forced_part(window, tau, sign, room):
     """Add the forced part of the regime in use, times ``sign``, to the slots."""
     if room.now[0].regime == FREE:
         add_forced(room.free_forced.slots, window.omega, tau, sign, room.work.z)
@@ -45,7 +45,7 @@ def add_forced_part(window, tau, sign, room):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def enter_window(scene, window, started, room, state):  # type: ignore[no-untyped-def]
+def enter_window(scene, window, started, room, state):
     """Begin a window: take the forced part out of the slots, which hold the whole state, or set the first regime of a run."""
     now = room.now[0]
     now.tau = -window.half
@@ -61,7 +61,7 @@ def enter_window(scene, window, started, room, state):  # type: ignore[no-untype
 
 
 @jit_inline
-def meet(scene, window, found, room, observe):  # type: ignore[no-untyped-def]
+def meet(scene, window, found, room, observe):
     """Let the event that ended a flight happen; return True if absorber and tip have no relative velocity from then on."""
     slots, contact, body = scene.free.slots, scene.contact, body_of(room)
     if found.kind == NOTHING:
@@ -72,7 +72,7 @@ def meet(scene, window, found, room, observe):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def join_or_slide(scene, window, room, state):  # type: ignore[no-untyped-def]
+def join_or_slide(scene, window, room, state):
     """Go on from the free regime without relative velocity: joined if the joint force allows it."""
     now, work = room.now[0], room.work
     solve_joined(scene, window, room)
@@ -84,7 +84,7 @@ def join_or_slide(scene, window, room, state):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def pass_event(scene, window, room, state, observe):  # type: ignore[no-untyped-def]
+def pass_event(scene, window, room, state, observe):
     """Advance to the next event, or to the window's end, and let it happen."""
     if room.now[0].regime == FREE:
         found = fly(scene, window, room, observe)
@@ -98,7 +98,7 @@ def pass_event(scene, window, room, state, observe):  # type: ignore[no-untyped-
 
 
 @jit_inline
-def exact_stretch(scene, schedule, k, started, room, state, observe):  # type: ignore[no-untyped-def]
+def exact_stretch(scene, schedule, k, started, room, state, observe):
     """Integrate over stretch ``k`` of the schedule and return a status code; what the next stretch needs stays in ``room``.
 
     ``started`` False: the first stretch of a run, which begins with ``state``.
@@ -123,7 +123,7 @@ def exact_stretch(scene, schedule, k, started, room, state, observe):  # type: i
 
 
 @jit_room
-def exact_lane(scene, schedule, state, observe):  # type: ignore[no-untyped-def]
+def exact_lane(scene, schedule, state, observe):
     """Integrate one lane of a `free_and_joined.Rigid` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end."""
     room, status = new_room(scene.free, scene.joined, state), DONE
     limit_searches(room.signal.memory, observe.counters)
@@ -140,7 +140,7 @@ def exact_lane(scene, schedule, state, observe):  # type: ignore[no-untyped-def]
 
 
 @jit
-def current_state(scene, room, state):  # type: ignore[no-untyped-def]
+def current_state(scene, room, state):
     """Write the state at the end of a stretch, or where it was given up."""
     now, work, half = room.now[0], room.work, state.shape[0] // 2
     if now.regime == FREE:
@@ -155,7 +155,7 @@ def current_state(scene, room, state):  # type: ignore[no-untyped-def]
 
 
 @jit
-def finish(scene, room, state, end, observe):  # type: ignore[no-untyped-def]
+def finish(scene, room, state, end, observe):
     """Write the end state, close an open phase, and take the sample that falls on the end (s)."""
     current_state(scene, room, state)
     if room.now[0].regime != FREE:

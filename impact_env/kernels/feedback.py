@@ -52,7 +52,7 @@ class CompliantLaws(NamedTuple):
 
 
 @jit
-def textbook_step(w2, c, h, q, u, w):  # type: ignore[no-untyped-def]
+def textbook_step(w2, c, h, q, u, w):
     """Return the four stages' (q, u) and the new (q, u) of q'' + c q' + w2 q = w, with w given stage by stage."""
     w1, wm2, wm3, w4 = w
     a1 = w1 - w2 * q - c * u
@@ -102,7 +102,7 @@ class Table(NamedTuple):
 
 
 @jit_inline
-def stride_of(wide):  # type: ignore[no-untyped-def]
+def stride_of(wide):
     """Return the distance between rows."""
     if wide is None:
         return STRIDE
@@ -110,7 +110,7 @@ def stride_of(wide):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def _unit_response(w2, c, h, one):  # type: ignore[no-untyped-def]
+def _unit_response(w2, c, h, one):
     """Return `textbook_step` for the unit vector ``one`` of (q, u, w1, w2, w3, w4)."""
     e = np.zeros(6)
     e[one] = 1.0
@@ -118,7 +118,7 @@ def _unit_response(w2, c, h, one):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def _add_oscillator(table, j, one):  # type: ignore[no-untyped-def]
+def _add_oscillator(table, j, one):
     """Fill column ``j`` with an `Oscillator` and add its share to the mix."""
     cells, mix, stride = table.cells, table.mix, stride_of(table.wide)
     responses = np.empty((6, 10))
@@ -141,7 +141,7 @@ def _add_oscillator(table, j, one):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def _observe(cells, mix, stride, j, one, responses):  # type: ignore[no-untyped-def]
+def _observe(cells, mix, stride, j, one, responses):
     """Fill column ``j`` of an observation's eight rows, and add its share to the mix."""
     for stage in range(4):
         seen = one.see_q * responses[:, 2 * stage] + one.see_u * responses[:, 2 * stage + 1]
@@ -155,7 +155,7 @@ def _observe(cells, mix, stride, j, one, responses):  # type: ignore[no-untyped-
 
 
 @jit
-def _seen(spring, added_mass, tip, w2, c):  # type: ignore[no-untyped-def]
+def _seen(spring, added_mass, tip, w2, c):
     """Return what a mode's displacement, velocity and excitation add to the observation."""
     if added_mass is not None:
         return -tip * w2, -tip * c, tip
@@ -165,7 +165,7 @@ def _seen(spring, added_mass, tip, w2, c):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def _add_absorber(m_a, spring, table, state):  # type: ignore[no-untyped-def]
+def _add_absorber(m_a, spring, table, state):
     """Fill the column of an absorber that moves: an oscillator of frequency zero."""
     if m_a is None:
         return
@@ -178,7 +178,7 @@ def _add_absorber(m_a, spring, table, state):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def _new_speeds(cubic, stride):  # type: ignore[no-untyped-def]
+def _new_speeds(cubic, stride):
     """Return room for the relative velocity if a law needs it."""
     if cubic is None:
         return None
@@ -186,7 +186,7 @@ def _new_speeds(cubic, stride):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def new_table(modes, laws, amplitude, state, h, wide):  # type: ignore[no-untyped-def]
+def new_table(modes, laws, amplitude, state, h, wide):
     """Return the `Table` of a scene for steps of h (s). The observation is the relative displacement; with a spring, its force; with an added mass,
     the tip's acceleration without that mass.
     """  # noqa: D205
@@ -202,7 +202,7 @@ def new_table(modes, laws, amplitude, state, h, wide):  # type: ignore[no-untype
 
 
 @jit
-def stop_force(y, stops):  # type: ignore[no-untyped-def]
+def stop_force(y, stops):
     """Return the walls' force on the absorber (N)."""
     if stops is None:
         return 0.0
@@ -214,7 +214,7 @@ def stop_force(y, stops):  # type: ignore[no-untyped-def]
 
 
 @jit
-def slider_force(y, rest, slider):  # type: ignore[no-untyped-def]
+def slider_force(y, rest, slider):
     """Return the friction on the absorber (N) with the slider at ``rest``."""
     if slider is None:
         return 0.0
@@ -222,7 +222,7 @@ def slider_force(y, rest, slider):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def _linear_feedback(y, spring, added_mass, joined_mass):  # type: ignore[no-untyped-def]
+def _linear_feedback(y, spring, added_mass, joined_mass):
     """Return the force of spring and added mass for an observation."""
     force = 0.0
     if spring is not None:
@@ -233,7 +233,7 @@ def _linear_feedback(y, spring, added_mass, joined_mass):  # type: ignore[no-unt
 
 
 @jit_inline
-def feedback(y, v, rest, laws, joined_mass):  # type: ignore[no-untyped-def]
+def feedback(y, v, rest, laws, joined_mass):
     """Return the force on the absorber (N) for an observation, and for a relative velocity (m/s) that is 0 where no law needs it.
 
     ``joined_mass`` is m_a / (1 + m_a sum tip_shape^2).
@@ -245,7 +245,7 @@ def feedback(y, v, rest, laws, joined_mass):  # type: ignore[no-untyped-def]
 
 
 @jit
-def move_slider(y, rest, slider):  # type: ignore[no-untyped-def]
+def move_slider(y, rest, slider):
     """Return the slider's place after a step that ends at relative displacement ``y``."""
     if slider is None:
         return rest

@@ -61,7 +61,7 @@ class Window(NamedTuple):
 
 
 @jit_room
-def new_forced(slots):  # type: ignore[no-untyped-def]
+def new_forced(slots):
     """Return empty room for the forced part of a regime."""
     size, levels = slots.rows.shape[1], slots.steps.shape[0]
     signals, bound, carrier = np.zeros(SIGNALS), np.zeros(DERIVATIVES + SCANNED), np.zeros((levels, 2, POINTS))
@@ -69,7 +69,7 @@ def new_forced(slots):  # type: ignore[no-untyped-def]
 
 
 @jit
-def fill_terms(window, terms):  # type: ignore[no-untyped-def]
+def fill_terms(window, terms):
     """Write the terms of `Forced`: only even ones are not zero."""
     c_r, c_i = 0.5 * window.force_r, 0.5 * window.force_i
     terms[0, 0], terms[1, 0] = c_r, c_i
@@ -80,7 +80,7 @@ def fill_terms(window, terms):  # type: ignore[no-untyped-def]
 
 
 @jit
-def forward_substitute(rows, j, omega, sign, terms, at, out):  # type: ignore[no-untyped-def]
+def forward_substitute(rows, j, omega, sign, terms, at, out):
     """Solve the same for one slot that the force drives at its own frequency, where back-substitution divides by almost zero."""
     l_r, l_i = -rows[S, j], sign * omega - rows[S + 1, j]
     p_r, p_i = 0.0, 0.0
@@ -93,7 +93,7 @@ def forward_substitute(rows, j, omega, sign, terms, at, out):  # type: ignore[no
 
 
 @jit
-def _at_resonance(rows, window, sign, terms, at, out):  # type: ignore[no-untyped-def]
+def _at_resonance(rows, window, sign, terms, at, out):
     limit = NEAR_RESONANCE / window.half
     for j in range(rows.shape[1]):
         if abs(rows[S, j]) < limit and abs(sign * window.omega - rows[S + 1, j]) < limit:
@@ -101,7 +101,7 @@ def _at_resonance(rows, window, sign, terms, at, out):  # type: ignore[no-untype
 
 
 @jit
-def _derive(omega, signals, start, at):  # type: ignore[no-untyped-def]
+def _derive(omega, signals, start, at):
     """Write into ``at`` the polynomial of the derivative of the signal ``start``: p' + i omega p."""
     for n in range(TERMS):
         d_r, d_i = -omega * signals[start // 4, n, 1, start % 4], omega * signals[start // 4, n, 0, start % 4]
@@ -112,7 +112,7 @@ def _derive(omega, signals, start, at):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _fill_bounds(signals, reach, bound):  # type: ignore[no-untyped-def]
+def _fill_bounds(signals, reach, bound):
     for m in range(DERIVATIVES):
         whole, rest, power = 0.0, 0.0, 1.0
         for n in range(TERMS):
@@ -128,7 +128,7 @@ def _fill_bounds(signals, reach, bound):  # type: ignore[no-untyped-def]
 
 
 @jit
-def fill_carrier(steps, omega, level, carrier):  # type: ignore[no-untyped-def]
+def fill_carrier(steps, omega, level, carrier):
     """Write the carrier of one level, unless it is known: a search needs few of them."""
     if not np.isnan(carrier[level, 0, 0]):
         return
@@ -140,7 +140,7 @@ def fill_carrier(steps, omega, level, carrier):  # type: ignore[no-untyped-def]
 
 
 @jit
-def solve_response(slots, window, forced):  # type: ignore[no-untyped-def]
+def solve_response(slots, window, forced):
     """Fill the slots' and the tip's forced part for a window: all that a regime without guards needs."""
     rows, terms = slots.rows, forced.terms
     fill_terms(window, terms)
@@ -152,7 +152,7 @@ def solve_response(slots, window, forced):  # type: ignore[no-untyped-def]
 
 
 @jit
-def solve_forced(slots, window, absorber_mass, forced):  # type: ignore[no-untyped-def]
+def solve_forced(slots, window, absorber_mass, forced):
     """Fill a regime's forced part for a window.
 
     ``absorber_mass`` None: the guard signal is a displacement with the weights in row GUARD. A number (kg): it is the joint force, this
@@ -163,13 +163,13 @@ def solve_forced(slots, window, absorber_mass, forced):  # type: ignore[no-untyp
 
 
 @jit
-def solve_place(slots, forced):  # type: ignore[no-untyped-def]
+def solve_place(slots, forced):
     """Fill the signal of the displacement with the weights in row TIP; the slots' forced part is known."""
     combine(slots.rows, TIP, slots.rows.shape[1], forced.slots, forced.signals, TIP_SIGNAL)
 
 
 @jit
-def solve_guard(slots, window, absorber_mass, forced):  # type: ignore[no-untyped-def]
+def solve_guard(slots, window, absorber_mass, forced):
     """Fill the guard signal, its derivatives and bounds; slots' forced part and displacement are known, ``absorber_mass`` as in `solve_forced`."""
     signals = forced.signals
     if absorber_mass is None:
@@ -189,21 +189,21 @@ def solve_guard(slots, window, absorber_mass, forced):  # type: ignore[no-untype
 
 
 @jit_inline
-def signal_value(signals, m, omega, tau):  # type: ignore[no-untyped-def]
+def signal_value(signals, m, omega, tau):
     """Return signal m at an offset from the window's centre: Re(polynomial(tau) exp(i omega tau))."""
     c, s = cos_sin(omega * tau)
     return polynomial_value(signals, m, tau, c, s)
 
 
 @jit_inline
-def guard_values(signals, omega, tau):  # type: ignore[no-untyped-def]
+def guard_values(signals, omega, tau):
     """Return the forced guard signal and its first two derivatives at an offset from the window's centre."""
     c, s = cos_sin(omega * tau)
     return first_values(signals, tau, c, s)
 
 
 @jit
-def add_forced(slots, omega, tau, factor, z):  # type: ignore[no-untyped-def]
+def add_forced(slots, omega, tau, factor, z):
     """Add factor * (A exp(i omega tau) + B exp(-i omega tau)) to z."""
     c, s = cos_sin(omega * tau)
     add_response(slots, z.shape[1], tau, c * factor, s * factor, z)

@@ -66,7 +66,7 @@ class Room(NamedTuple):
 
 
 @jit_room
-def new_room(free, joined, state):  # type: ignore[no-untyped-def]
+def new_room(free, joined, state):
     """Return room for lanes of one scene."""
     size = free.slots.rows.shape[1]
     now = new_now(1)
@@ -76,13 +76,13 @@ def new_room(free, joined, state):  # type: ignore[no-untyped-def]
 
 
 @jit_view
-def body_of(room):  # type: ignore[no-untyped-def]
+def body_of(room):
     """Return the absorber."""
     return Body(room.now[0], room.work, room.signal)
 
 
 @jit
-def totals(regime, forced, omega, now, z, w):  # type: ignore[no-untyped-def]
+def totals(regime, forced, omega, now, z, w):
     """Write the whole slots (free, forced and rest part) at the current time to w."""
     copy(z, w)
     add_forced(forced.slots, omega, now.tau, 1.0, w)
@@ -90,7 +90,7 @@ def totals(regime, forced, omega, now, z, w):  # type: ignore[no-untyped-def]
 
 
 @jit
-def enter(regime, forced, omega, now, state, z):  # type: ignore[no-untyped-def]
+def enter(regime, forced, omega, now, state, z):
     """Write the free part of a regime's slots for a state at the current time."""
     to_slots(regime.into, state, z)
     add_forced(forced.slots, omega, now.tau, -1.0, z)
@@ -98,7 +98,7 @@ def enter(regime, forced, omega, now, state, z):  # type: ignore[no-untyped-def]
 
 
 @jit
-def free_state(free, forced, omega, now, work, state):  # type: ignore[no-untyped-def]
+def free_state(free, forced, omega, now, work, state):
     """Write the state in the free regime."""
     totals(free, forced, omega, now, work.z, work.rows[0])
     to_state(free.out, work.rows[0], state)
@@ -108,7 +108,7 @@ def free_state(free, forced, omega, now, work, state):  # type: ignore[no-untype
 
 
 @jit
-def joint_force(joined, forced, omega, tau, work):  # type: ignore[no-untyped-def]
+def joint_force(joined, forced, omega, tau, work):
     """Return the joint force at tau in the joined regime, whose free part is ``work.z``, and the size of its terms."""
     weigh(joined.slots.rows, GUARD, work.z, work.u)
     f, scale = signal_value(forced.signals, 0, omega, tau), forced.bound[0]
@@ -119,7 +119,7 @@ def joint_force(joined, forced, omega, tau, work):  # type: ignore[no-untyped-de
 
 
 @jit
-def try_join(scene, window, room, state):  # type: ignore[no-untyped-def]
+def try_join(scene, window, room, state):
     """Join absorber and tip if the joint force allows it, else set the sign in which the absorber will slide; return True if joined."""
     now, joined, forced, work = room.now[0], scene.joined, room.joined_forced, room.work
     q_tip, v_tip = tip_motion(scene.contact, state)
@@ -140,7 +140,7 @@ def try_join(scene, window, room, state):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def observe_stretch(scene, stretch, r, scratch, observe):  # type: ignore[no-untyped-def]
+def observe_stretch(scene, stretch, r, scratch, observe):
     """Let the observers of samples and energies see a stretch, which lies in regime r."""
     sample_level(stretch, observe.clock, observe.level, observe.place)
     sample_state(stretch, observe.clock, observe.series)
@@ -148,7 +148,7 @@ def observe_stretch(scene, stretch, r, scratch, observe):  # type: ignore[no-unt
 
 
 @jit_inline
-def fly(scene, window, room, observe):  # type: ignore[no-untyped-def]
+def fly(scene, window, room, observe):
     """Advance the free regime to its next event or to the window's end; return what the search found."""
     free, forced, contact, body, omega = scene.free, room.free_forced, scene.contact, body_of(room), window.omega
     now, slots, counters = body.now, free.slots, observe.counters
@@ -171,7 +171,7 @@ def fly(scene, window, room, observe):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def hold(scene, window, room, observe):  # type: ignore[no-untyped-def]
+def hold(scene, window, room, observe):
     """Advance the joined regime to where the joint force leaves its interval, or to the window's end; return the event."""
     joined, forced, limit, body = scene.joined, room.joined_forced, scene.contact.limit, body_of(room)
     now, slots, counters = body.now, joined.slots, observe.counters
@@ -190,7 +190,7 @@ def hold(scene, window, room, observe):  # type: ignore[no-untyped-def]
 
 
 @jit
-def release(scene, window, room, state, event, events):  # type: ignore[no-untyped-def]
+def release(scene, window, room, state, event, events):
     """Leave the joined regime: the absorber lags where the joint force is above its bound, leads where it is below."""
     now, joined, work, half = room.now[0], scene.joined, room.work, state.shape[0] // 2
     totals(joined, room.joined_forced, window.omega, now, work.z, work.rows[0])
@@ -206,13 +206,13 @@ def release(scene, window, room, state, event, events):  # type: ignore[no-untyp
 
 
 @jit_inline
-def can_hold(limit, side):  # type: ignore[no-untyped-def]
+def can_hold(limit, side):
     """Return whether friction or a wall could hold an absorber without relative velocity."""
     return limit is not None or side != 0.0
 
 
 @jit
-def begin(scene, window, room, state):  # type: ignore[no-untyped-def]
+def begin(scene, window, room, state):
     """Set the first regime from the initial state: joined if the relative velocity is zero and friction or a wall can hold it."""
     now, contact, half = room.now[0], scene.contact, state.shape[0] // 2
     now.q, now.v = state[half - 1], state[2 * half - 1]

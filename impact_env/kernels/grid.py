@@ -41,7 +41,7 @@ class Step(NamedTuple):
 
 
 @jit
-def rows_wanted(level, series, duration, sample_dt):  # type: ignore[no-untyped-def]
+def rows_wanted(level, series, duration, sample_dt):
     """Return the number of samples that the observers want."""
     if level is None:
         if series is None:
@@ -50,7 +50,7 @@ def rows_wanted(level, series, duration, sample_dt):  # type: ignore[no-untyped-
 
 
 @jit
-def step_of_row(row, rows, sample_dt, dt, steps):  # type: ignore[no-untyped-def]
+def step_of_row(row, rows, sample_dt, dt, steps):
     """Return the step at whose end, or before it, sample ``row`` lies; -1 if there is none left."""
     if row >= rows:
         return -1
@@ -58,7 +58,7 @@ def step_of_row(row, rows, sample_dt, dt, steps):  # type: ignore[no-untyped-def
 
 
 @jit
-def close_phase(kind, start, end, counters, events):  # type: ignore[no-untyped-def]
+def close_phase(kind, start, end, counters, events):
     """Note the contact phase that ends, if it is one."""
     if kind != FREE:
         counters.counts.stuck_time += end - start

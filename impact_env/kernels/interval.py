@@ -108,7 +108,7 @@ class Desk(NamedTuple):
 
 
 @jit_room
-def new_desk(watch):  # type: ignore[no-untyped-def]
+def new_desk(watch):
     """Return scratch for one thread."""
     budget = np.zeros(1, COUNTS)
     budget[0].most_events, budget[0].most_evaluations = FIRST_EVENTS, FIRST_EVENTS * EVALUATIONS_PER_EVENT
@@ -116,14 +116,14 @@ def new_desk(watch):  # type: ignore[no-untyped-def]
 
 
 @jit_view
-def observe_lane(desk, watch, lanes, i):  # type: ignore[no-untyped-def]
+def observe_lane(desk, watch, lanes, i):
     """Return the observers of lane i, of which there is the level."""
     level = Level(lanes.ring[i], lanes.level[i], desk.block)
     return Observe(desk.clock[0], Counters(desk.counts[0], None), level, None, None, None, watch.place)
 
 
 @jit
-def open_interval(desk, watch, lanes, i, order):  # type: ignore[no-untyped-def]
+def open_interval(desk, watch, lanes, i, order):
     """Lay out a lane's interval."""
     clock = desk.clock[0]
     desk.times[1] = order.duration
@@ -137,7 +137,7 @@ def open_interval(desk, watch, lanes, i, order):  # type: ignore[no-untyped-def]
 
 
 @jit
-def report_samples(desk, watch, order, report):  # type: ignore[no-untyped-def]
+def report_samples(desk, watch, order, report):
     """Report what the interval's samples say: the amplitudes by projection on the force's phase, mean square, damage."""
     count = desk.clock[0].level
     step = watch.sample_dt
@@ -162,7 +162,7 @@ def report_samples(desk, watch, order, report):  # type: ignore[no-untyped-def]
 
 
 @jit
-def report_state(watch, state, relative, relative_velocity, report):  # type: ignore[no-untyped-def]
+def report_state(watch, state, relative, relative_velocity, report):
     """Report what the state at the interval's end says."""
     modes = watch.omega.shape[0]
     energy, tip = 0.0, 0.0
@@ -176,7 +176,7 @@ def report_state(watch, state, relative, relative_velocity, report):  # type: ig
 
 
 @jit
-def close_interval(desk, watch, level, state, order, report):  # type: ignore[no-untyped-def]
+def close_interval(desk, watch, level, state, order, report):
     """Report samples and level, and set the order's phase to that of the interval's end."""
     report_samples(desk, watch, order, report)
     report.impact_count = desk.counts[0].impacts
@@ -189,7 +189,7 @@ def close_interval(desk, watch, level, state, order, report):  # type: ignore[no
 
 
 @jit
-def with_gap(walls, gap):  # type: ignore[no-untyped-def]
+def with_gap(walls, gap):
     """Return walls at another half-clearance, or None."""
     if walls is None:
         return None
@@ -197,7 +197,7 @@ def with_gap(walls, gap):  # type: ignore[no-untyped-def]
 
 
 @jit
-def with_limit(limit, wanted):  # type: ignore[no-untyped-def]
+def with_limit(limit, wanted):
     """Return another friction limit (N), or None where there is no friction."""
     if limit is None:
         return None
@@ -205,7 +205,7 @@ def with_limit(limit, wanted):  # type: ignore[no-untyped-def]
 
 
 @jit
-def possible_gap(wanted, gap, distance, touching):  # type: ignore[no-untyped-def]
+def possible_gap(wanted, gap, distance, touching):
     """Return the half-clearance nearest to ``wanted`` that a cavity of half-clearance ``gap`` can take without closing onto the absorber."""
     if wanted >= gap:
         return wanted
@@ -215,7 +215,7 @@ def possible_gap(wanted, gap, distance, touching):  # type: ignore[no-untyped-de
 
 
 @jit_room
-def spread(share, low, high):  # type: ignore[no-untyped-def]
+def spread(share, low, high):
     """Return low (high/low)^share for an array of shares from 0 to 1; here, because a vectorised power may differ in its last digit."""
     values = np.empty_like(share)
     for i in range(share.shape[0]):

@@ -25,7 +25,7 @@ from impact_env.kernels.slots import copy
 
 
 @jit
-def move_walls(walls, order, now, gap, relative):  # type: ignore[no-untyped-def]
+def move_walls(walls, order, now, gap, relative):
     """Set the half-clearance in use; return True if an absorber that a wall held is set free and its regime must be found anew."""
     if walls is None:
         return False
@@ -37,7 +37,7 @@ def move_walls(walls, order, now, gap, relative):  # type: ignore[no-untyped-def
 
 
 @jit
-def take_up(walls, lanes, i, order, distance, start, room):  # type: ignore[no-untyped-def]
+def take_up(walls, lanes, i, order, distance, start, room):
     """Put lane i into the room; return whether its regime must be found anew.
 
     ``distance``: of the absorber from the tip (m); ``start`` (1,): the contact of a lane that begins.
@@ -55,13 +55,13 @@ def take_up(walls, lanes, i, order, distance, start, room):  # type: ignore[no-u
 
 
 @jit
-def keep_order(kept, order, search_level):  # type: ignore[no-untyped-def]
+def keep_order(kept, order, search_level):
     """Keep what was in use."""
     kept.gap, kept.limit, kept.force, kept.search_level = order.gap, order.limit, order.force, search_level
 
 
 @jit
-def report_rigid(watch, scene, room, state, report):  # type: ignore[no-untyped-def]
+def report_rigid(watch, scene, room, state, report):
     """Write the lane's state, and report its share."""
     exact.current_state(scene, room, state)
     now, half = room.now[0], state.shape[0] // 2
@@ -74,7 +74,7 @@ def report_rigid(watch, scene, room, state, report):  # type: ignore[no-untyped-
 
 
 @jit_room
-def rigid_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-def]
+def rigid_lanes(scene, reach, batch, start, stop):
     """Advance lanes [start, stop) of a scene with rigid contact; ``reach`` (s): longest window.
 
     Walls' gap and friction limit are those of a lane's order.
@@ -85,7 +85,7 @@ def rigid_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-de
 
 
 @jit
-def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):  # type: ignore[no-untyped-def]
+def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):
     watch, lanes, orders, reports, status = batch
     free, joined, contact, losses = scene
     for i in range(start, stop):
@@ -107,14 +107,14 @@ def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):  # type: i
 
 
 @jit_room
-def linear_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-def]
+def linear_lanes(scene, reach, batch, start, stop):
     """Advance lanes [start, stop) of a scene with one linear regime; ``reach`` (s): longest window."""
     desk, room = new_desk(batch.watch), linear.new_room(scene.regime, batch.lanes.state[start])
     _each_linear(scene, reach, batch, start, stop, desk, room)
 
 
 @jit
-def _each_linear(scene, reach, batch, start, stop, desk, room):  # type: ignore[no-untyped-def]
+def _each_linear(scene, reach, batch, start, stop, desk, room):
     watch, lanes, orders, reports, status = batch
     regime, work = scene.regime, room.work
     for i in range(start, stop):
@@ -133,7 +133,7 @@ def _each_linear(scene, reach, batch, start, stop, desk, room):  # type: ignore[
 
 
 @jit
-def report_relative(watch, state, report):  # type: ignore[no-untyped-def]
+def report_relative(watch, state, report):
     """Report the state's share with the relative motion read from it; there is none without an absorber."""
     half = state.shape[0] // 2
     if watch.mass > 0.0:
@@ -144,14 +144,14 @@ def report_relative(watch, state, report):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def compliant_lanes(scene, reach, batch, start, stop):  # type: ignore[no-untyped-def]
+def compliant_lanes(scene, reach, batch, start, stop):
     """Advance lanes [start, stop) of a scene with compliant contact; ``reach`` (s): longest window."""
     desk, room, fresh = new_desk(batch.watch), compliant.new_room(scene.regimes, batch.lanes.state[start]), springs.new_now()
     _each_compliant(scene, reach, batch, start, stop, desk, room, fresh)
 
 
 @jit
-def _each_compliant(scene, reach, batch, start, stop, desk, room, fresh):  # type: ignore[no-untyped-def]
+def _each_compliant(scene, reach, batch, start, stop, desk, room, fresh):
     watch, lanes, orders, reports, status = batch
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
@@ -170,7 +170,7 @@ def _each_compliant(scene, reach, batch, start, stop, desk, room, fresh):  # typ
 
 
 @jit
-def take_rows(desk, watch, series, level, order):  # type: ignore[no-untyped-def]
+def take_rows(desk, watch, series, level, order):
     """Push the recorded states' displacements where the level is read to it, all but the one at the interval's end."""
     count = int(samples_before(order.duration, watch.sample_dt))
     modes = watch.level_shape.shape[0]
@@ -184,7 +184,7 @@ def take_rows(desk, watch, series, level, order):  # type: ignore[no-untyped-def
 
 
 @jit
-def close_walls(walls, lanes, i, order, distance):  # type: ignore[no-untyped-def]
+def close_walls(walls, lanes, i, order, distance):
     """Set the half-clearance in use of a lane that goes on; ``distance``: of the absorber from the tip (m)."""
     if walls is None or order.fresh:
         return
@@ -192,13 +192,13 @@ def close_walls(walls, lanes, i, order, distance):  # type: ignore[no-untyped-de
 
 
 @jit_view
-def observe_steps(seen, series):  # type: ignore[no-untyped-def]
+def observe_steps(seen, series):
     """Return observers that record the states, from which the level is taken later."""
     return Observe(seen.clock, seen.counters, None, None, series, None, None)
 
 
 @jit_room
-def moreau_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no-untyped-def]
+def moreau_lanes(modes, laws, step, batch, start, stop):
     """Advance lanes [start, stop) with the Moreau scheme; arguments as in `moreau_lane`.
 
     Walls' gap and friction limit are those of a lane's order.
@@ -220,7 +220,7 @@ def moreau_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no-unty
 
 
 @jit_room
-def runge_kutta_lanes(modes, laws, step, batch, start, stop):  # type: ignore[no-untyped-def]
+def runge_kutta_lanes(modes, laws, step, batch, start, stop):
     """Advance lanes [start, stop) with the Runge-Kutta method; arguments as in `runge_kutta_lane`. No friction."""
     watch, lanes, orders, reports, status = batch
     desk, series = new_desk(watch), Series(np.zeros((watch.samples + 1, lanes.state.shape[1])))

@@ -36,7 +36,7 @@ def new_level(samples_per_period: int, half_window_periods: int = 10) -> Level:
 
 
 @jit
-def clear_level(level):  # type: ignore[no-untyped-def]
+def clear_level(level):
     """Forget all samples."""
     state = level.state
     state.next, state.at, state.due = 0, 0, False
@@ -45,14 +45,14 @@ def clear_level(level):  # type: ignore[no-untyped-def]
 
 
 @jit
-def push_level(level, q):  # type: ignore[no-untyped-def]
+def push_level(level, q):
     """Take the next sample of the tip displacement (m)."""
     level.block[0] = q
     push_block(level, 0, 1)
 
 
 @jit
-def push_block(level, first, count):  # type: ignore[no-untyped-def]
+def push_block(level, first, count):
     """Take the next ``count`` samples of the tip displacement (m), which lie in the block from place ``first`` on."""
     ring, state, block = level
     size = ring.shape[0]
@@ -82,7 +82,7 @@ def push_block(level, first, count):  # type: ignore[no-untyped-def]
 
 
 @jit
-def close_level(level):  # type: ignore[no-untyped-def]
+def close_level(level):
     """Return (response level in m, sample of the maximum with a parabola's fraction, largest |q| in m).
 
     The window is cut where the run starts or ends. The RMS is the mean of the samples after the window's first.

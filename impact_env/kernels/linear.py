@@ -50,14 +50,14 @@ class Room(NamedTuple):
 
 
 @jit_room
-def new_room(regime, state):  # type: ignore[no-untyped-def]
+def new_room(regime, state):
     """Return room for lanes of one scene."""
     size = regime.slots.rows.shape[1]
     return Room(new_work(size), new_forced(regime.slots), np.zeros_like(state), np.zeros(1, MOTION))
 
 
 @jit
-def linear_stretch(scene, schedule, k, room, observe):  # type: ignore[no-untyped-def]
+def linear_stretch(scene, schedule, k, room, observe):
     """Propagate over stretch ``k`` of the schedule and return a status code; what the next stretch needs stays in ``room``."""
     regime, slots, work, forced = scene.regime, scene.regime.slots, room.work, room.forced
     count = window_count(schedule, k)
@@ -81,7 +81,7 @@ def linear_stretch(scene, schedule, k, room, observe):  # type: ignore[no-untype
 
 
 @jit_room
-def linear_lane(scene, schedule, state, observe):  # type: ignore[no-untyped-def]
+def linear_lane(scene, schedule, state, observe):
     """Propagate one lane of a `Linear` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end."""
     regime, room, status, counts = scene.regime, new_room(scene.regime, state), DONE, observe.counters.counts
     seen = observe_with(observe, new_account(observe.energy, 1, regime.slots.rows.shape[1]))

@@ -57,7 +57,7 @@ class Hit(NamedTuple):
 
 
 @jit_room
-def _new_table(modes, amplitude, state, dt, wide):  # type: ignore[no-untyped-def]
+def _new_table(modes, amplitude, state, dt, wide):
     stride = STRIDE
     if wide is not None:
         stride = wide
@@ -99,7 +99,7 @@ _swing_freely, _swing_pushed = _swing_code(False), _swing_code(True)
 
 
 @jit_inline
-def _stride(wide):  # type: ignore[no-untyped-def]
+def _stride(wide):
     """Return the distance between rows; where it is a constant no check for overlap is needed."""
     if wide is None:
         return STRIDE
@@ -107,7 +107,7 @@ def _stride(wide):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def _swing(table, force, push):  # type: ignore[no-untyped-def]
+def _swing(table, force, push):
     """Advance the modes by a step without contact; return the tip's velocity at its end and displacement at the next step's middle."""
     if push is None:
         return _swing_freely(table.cells, table.lanes, _stride(table.wide), force, 0.0, table.dt)
@@ -115,7 +115,7 @@ def _swing(table, force, push):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _kick(table, percussion):  # type: ignore[no-untyped-def]
+def _kick(table, percussion):
     """Let the contact's percussion (N s, on the absorber) act back on the modes."""
     cells, stride = table.cells, _stride(table.wide)
     for j in range(table.lanes):
@@ -125,7 +125,7 @@ def _kick(table, percussion):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _keep_before(table):  # type: ignore[no-untyped-def]
+def _keep_before(table):
     """Note displacements and velocities of the modes at the step's start."""
     cells, stride = table.cells, _stride(table.wide)
     for j in range(table.modes):
@@ -135,7 +135,7 @@ def _keep_before(table):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def _keep_for(energy, series, due, table):  # type: ignore[no-untyped-def]
+def _keep_for(energy, series, due, table):
     """Keep the modes at the step's start where an observer wants them; ``due``: a sample is."""
     if energy is not None:
         _keep_before(table)
@@ -145,7 +145,7 @@ def _keep_for(energy, series, due, table):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def _account_modes(energy, table, force):  # type: ignore[no-untyped-def]
+def _account_modes(energy, table, force):
     """Add a step's work of the force and dissipation of the modes, both with the mean velocity of the step.
 
     With that velocity the balance closes up to dt^2/8 times the change of sum omega^2 u^2, which does not grow with time.
@@ -161,14 +161,14 @@ def _account_modes(energy, table, force):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _account_damper(energy, spring, before, mean, dt):  # type: ignore[no-untyped-def]
+def _account_damper(energy, spring, before, mean, dt):
     """Add a step's loss in the tuned absorber's damper."""
     if spring is not None:
         energy.totals[0].absorber_damping += spring.damping * before * mean * dt
 
 
 @jit_inline
-def _account_contact(energy, spring, friction, before, after, dt):  # type: ignore[no-untyped-def]
+def _account_contact(energy, spring, friction, before, after, dt):
     """Add a step's friction loss and loss in the tuned absorber's damper, with the mean relative velocity of the step."""
     if energy is None:
         return
@@ -178,14 +178,14 @@ def _account_contact(energy, spring, friction, before, after, dt):  # type: igno
 
 
 @jit_inline
-def _account_impact(energy, loss):  # type: ignore[no-untyped-def]
+def _account_impact(energy, loss):
     """Add an impulse's loss to the energies."""
     if energy is not None:
         energy.totals[0].impact_loss += loss
 
 
 @jit_inline
-def _note_impact(normal, distance, before, after, time, observe):  # type: ignore[no-untyped-def]
+def _note_impact(normal, distance, before, after, time, observe):
     """Account an impulse; it is listed as an impact where the absorber came towards the wall."""
     loss = -0.5 * normal * (before + after)
     _account_impact(observe.energy, loss)
@@ -195,19 +195,19 @@ def _note_impact(normal, distance, before, after, time, observe):  # type: ignor
 
 
 @jit_inline
-def _at_start(body, dt):  # type: ignore[no-untyped-def]
+def _at_start(body, dt):
     """Return tip displacement, absorber displacement and velocity at the start of the step."""
     return body.tip_q - 0.5 * dt * body.tip_u, body.q - 0.5 * dt * body.v, body.v
 
 
 @jit_inline
-def _take_level(level, part, start, end):  # type: ignore[no-untyped-def]
+def _take_level(level, part, start, end):
     if level is not None:
         push_level(level, start + part * (end - start))
 
 
 @jit_inline
-def _take_row(series, row, part, start, end, table):  # type: ignore[no-untyped-def]
+def _take_row(series, row, part, start, end, table):
     if series is None:
         return
     n, target = table.modes, series.states[row]
@@ -217,14 +217,14 @@ def _take_row(series, row, part, start, end, table):  # type: ignore[no-untyped-
 
 
 @jit_inline
-def _take_sample(row, part, start, end, table, observe):  # type: ignore[no-untyped-def]
+def _take_sample(row, part, start, end, table, observe):
     """Take a sample at ``part`` (0 to 1) of a step from what `_at_start` says of its two ends."""
     _take_level(observe.level, part, start[0], end[0])
     _take_row(observe.series, row, part, start, end, table)
 
 
 @jit
-def _store_row(target, table, part):  # type: ignore[no-untyped-def]
+def _store_row(target, table, part):
     """Write the modes' state at ``part`` (0 to 1) of the step into a row of the series."""
     cells, n, stride = table.cells, table.modes, _stride(table.wide)
     for j in range(n):
@@ -235,7 +235,7 @@ def _store_row(target, table, part):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _write_state(m_a, state, table, body):  # type: ignore[no-untyped-def]
+def _write_state(m_a, state, table, body):
     """Write the state at the end of the last step."""
     cells, n, stride = table.cells, table.modes, _stride(table.wide)
     for j in range(n):
@@ -246,7 +246,7 @@ def _write_state(m_a, state, table, body):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _start(m_a, tip_shape, state, dt):  # type: ignore[no-untyped-def]
+def _start(m_a, tip_shape, state, dt):
     """Return the `Body` of the first step, and the relative acceleration of absorber and tip by a unit force between them (1/kg)."""
     n = tip_shape.shape[0]
     displacement, velocity, square = 0.0, 0.0, 0.0
@@ -261,7 +261,7 @@ def _start(m_a, tip_shape, state, dt):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _scaled(limit, dt):  # type: ignore[no-untyped-def]
+def _scaled(limit, dt):
     """Return the largest friction percussion of a step, or None."""
     if limit is None:
         return None
@@ -269,7 +269,7 @@ def _scaled(limit, dt):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _spring_percussion(spring, distance, gamma, dt):  # type: ignore[no-untyped-def]
+def _spring_percussion(spring, distance, gamma, dt):
     """Return the percussion of the tuned absorber's spring and damper on the tip, or None."""
     if spring is None:
         return None
@@ -277,7 +277,7 @@ def _spring_percussion(spring, distance, gamma, dt):  # type: ignore[no-untyped-
 
 
 @jit_inline
-def _pulled(push, m_a, v):  # type: ignore[no-untyped-def]
+def _pulled(push, m_a, v):
     """Return the absorber's velocity after the percussion of its spring."""
     if push is None:
         return v
@@ -285,7 +285,7 @@ def _pulled(push, m_a, v):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def _meet(m_a, bounds, table, body, push, distance):  # type: ignore[no-untyped-def]
+def _meet(m_a, bounds, table, body, push, distance):
     """Let the absorber meet tip and walls in a step in which the tip has swung without it; return `Body` and `Hit`."""
     if m_a is None:
         return body, Hit(0.0, 0.0, FREE)
@@ -303,7 +303,7 @@ def _meet(m_a, bounds, table, body, push, distance):  # type: ignore[no-untyped-
 
 
 @jit_inline
-def _advance(i, table, laws, bounds, body, force, observe):  # type: ignore[no-untyped-def]
+def _advance(i, table, laws, bounds, body, force, observe):
     """Do step i and account for it; return `Body` at its end and the kind of phase in it."""
     dt, distance = table.dt, body.q - body.tip_q
     push = _spring_percussion(laws.spring, distance, body.gamma, dt)
@@ -317,7 +317,7 @@ def _advance(i, table, laws, bounds, body, force, observe):  # type: ignore[no-u
 
 
 @jit_room
-def moreau_lane(modes, laws, force, state, step, observe):  # type: ignore[no-untyped-def]
+def moreau_lane(modes, laws, force, state, step, observe):
     """Integrate one lane from time 0 to the drive's end and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end.
 
     `grid.Modes`, `moreau_law.RigidLaws`, `grid.Force`, `grid.Step`. Sample k lies at k ``observe.clock.interval``. ``step.wide`` is None, or N_m

@@ -30,7 +30,7 @@ class RigidLaws(NamedTuple):
 
 
 @jit
-def solve_contact(before, free, distance, walls, slip, compliance):  # type: ignore[no-untyped-def]
+def solve_contact(before, free, distance, walls, slip, compliance):
     """Solve one step's contact problem; return (relative velocity after, friction and wall percussion on the absorber, kind of phase).
 
     ``before`` and ``free`` are the relative velocity at the step's start and at its end without contact. First friction alone is

@@ -12,7 +12,7 @@ from impact_env.kernels.slots import GUARD, weigh
 
 
 @jit_inline
-def end_of_flight(slots, forced, window, walls, limit, body, bent, length):  # type: ignore[no-untyped-def]
+def end_of_flight(slots, forced, window, walls, limit, body, bent, length):
     """Return the first event within ``length`` (s) of an absorber apart from the beam, which constant forces have bent by ``bent`` (m) there."""
     now, signal, p = body.now, body.signal, body.signal.polynomial
     p[0], p[1], p[2] = now.q - bent, now.v, now.a  # first: what the caller has just written is still in registers
@@ -32,7 +32,7 @@ def end_of_flight(slots, forced, window, walls, limit, body, bent, length):  # t
 
 
 @jit_inline
-def end_of_hold(slots, forced, window, limit, body, length):  # type: ignore[no-untyped-def]
+def end_of_hold(slots, forced, window, limit, body, length):
     """Return the first event within ``length`` (s) of an absorber that moves with the beam: its joint force leaves what the joint can give."""
     signal = body.signal
     weigh(slots.rows, GUARD, body.work.z, signal.u)

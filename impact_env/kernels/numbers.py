@@ -26,7 +26,7 @@ _HALF_PI_TAIL = 6.077100506506192e-11
 
 
 @jit_inline
-def cos_sin(x):  # type: ignore[no-untyped-def]
+def cos_sin(x):
     """Return (cos x, sin x) for |x| up to 1e6 by Taylor polynomials on [-pi/4, pi/4]; error below 2e-16."""
     k = np.floor(fma(x, _TWO_OVER_PI, 0.5))
     r = fma(-k, _HALF_PI_TAIL, fma(-k, _HALF_PI_HEAD, x))

@@ -144,7 +144,7 @@ def new_check() -> Check:
 
 
 @jit
-def push_impact(events, time, relative_velocity, impulse, loss, absorber):  # type: ignore[no-untyped-def]
+def push_impact(events, time, relative_velocity, impulse, loss, absorber):
     """Append an impact of an absorber (its number) to the list, if one is kept."""
     if events is None:
         return
@@ -156,7 +156,7 @@ def push_impact(events, time, relative_velocity, impulse, loss, absorber):  # ty
 
 
 @jit
-def push_phase(events, start, end, kind, absorber):  # type: ignore[no-untyped-def]
+def push_phase(events, start, end, kind, absorber):
     """Append a contact phase of an absorber (its number) to the list, if one is kept."""
     if events is None:
         return

@@ -70,20 +70,20 @@ class Body(NamedTuple):
 
 
 @jit_room
-def new_now(n):  # type: ignore[no-untyped-def]
+def new_now(n):
     """Return the contacts (n,) of absorbers that are free and at rest."""
     return np.zeros(n, NOW)
 
 
 @jit
-def friction_force(limit, now):  # type: ignore[no-untyped-def]
+def friction_force(limit, now):
     """Set the constant relative force and the absorber's acceleration from the sign of sliding."""
     if limit is not None:
         now.force = -now.sign * limit
 
 
 @jit
-def add_friction_loss(limit, slots, forced, omega, body, tau, offset, energy):  # type: ignore[no-untyped-def]
+def add_friction_loss(limit, slots, forced, omega, body, tau, offset, energy):
     """Add friction limit times the distance slid."""
     if energy is None or limit is None:
         return
@@ -93,7 +93,7 @@ def add_friction_loss(limit, slots, forced, omega, body, tau, offset, energy):  
 
 
 @jit
-def slide_on(slots, limit, sign, now, z):  # type: ignore[no-untyped-def]
+def slide_on(slots, limit, sign, now, z):
     """Let the friction force follow a new sign of sliding, and with it the free part z of the slots."""
     if limit is None:
         return
@@ -104,7 +104,7 @@ def slide_on(slots, limit, sign, now, z):  # type: ignore[no-untyped-def]
 
 
 @jit
-def turn(slots, contact, limit, body, found):  # type: ignore[no-untyped-def]
+def turn(slots, contact, limit, body, found):
     """The relative velocity is zero: slide on the other way if friction cannot hold, and return False; else return True."""
     if limit is None:
         return False
@@ -118,7 +118,7 @@ def turn(slots, contact, limit, body, found):  # type: ignore[no-untyped-def]
 
 
 @jit
-def joint_bounds(limit, side):  # type: ignore[no-untyped-def]
+def joint_bounds(limit, side):
     """Return the interval of the joint force on the absorber: friction, and what the wall touched can push."""
     low, high = 0.0, 0.0
     if limit is not None:
@@ -131,14 +131,14 @@ def joint_bounds(limit, side):  # type: ignore[no-untyped-def]
 
 
 @jit
-def end_phase(events, now, time):  # type: ignore[no-untyped-def]
+def end_phase(events, now, time):
     """Note a joined phase that ends."""
     kind = STUCK_INSIDE if now.side == 0.0 else (HELD_UPPER if now.side > 0.0 else HELD_LOWER)
     push_phase(events, now.since, time, kind, now.which)
 
 
 @jit
-def tip_motion(contact, state):  # type: ignore[no-untyped-def]
+def tip_motion(contact, state):
     """Return displacement and velocity of the tip."""
     half = state.shape[0] // 2
     q, v = 0.0, 0.0
@@ -149,7 +149,7 @@ def tip_motion(contact, state):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def stay_at_wall(walls, now, q_tip):  # type: ignore[no-untyped-def]
+def stay_at_wall(walls, now, q_tip):
     """Note the wall that an absorber touches within rounding, as after a plastic impact, whose flight is one of no length."""
     if walls is not None:
         if abs(now.q - q_tip) >= walls.gap - 4.0 * EPSILON * (walls.gap + abs(now.q) + abs(q_tip)):
@@ -157,7 +157,7 @@ def stay_at_wall(walls, now, q_tip):  # type: ignore[no-untyped-def]
 
 
 @jit
-def touch(contact, walls, now, state):  # type: ignore[no-untyped-def]
+def touch(contact, walls, now, state):
     """Find the wall that an absorber touches and the sign in which it slides; return its relative velocity."""
     q_tip, v_tip = tip_motion(contact, state)
     relative = now.v - v_tip
@@ -167,14 +167,14 @@ def touch(contact, walls, now, state):  # type: ignore[no-untyped-def]
 
 
 @jit
-def add_impact_loss(loss, energy):  # type: ignore[no-untyped-def]
+def add_impact_loss(loss, energy):
     """Add what an impact has dissipated."""
     if energy is not None:
         energy.totals[0].impact_loss += loss
 
 
 @jit_inline
-def restitution_at(walls, v):  # type: ignore[no-untyped-def]
+def restitution_at(walls, v):
     """Return the coefficient of restitution of an impact with a relative velocity (m/s): `parameters.YieldingWalls`."""
     if walls.yield_velocity is None:
         return walls.restitution
@@ -182,7 +182,7 @@ def restitution_at(walls, v):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def impact(slots, forced, window, walls, contact, body, found, observe):  # type: ignore[no-untyped-def]
+def impact(slots, forced, window, walls, contact, body, found, observe):
     """Apply Newton's impact law; return True if the remaining chatter is below rounding and was completed by a plastic impulse."""
     if walls is None:
         return False
@@ -211,7 +211,7 @@ def impact(slots, forced, window, walls, contact, body, found, observe):  # type
 
 
 @jit
-def largest_kick(rows):  # type: ignore[no-untyped-def]
+def largest_kick(rows):
     """Return a bound of the relative acceleration that a unit impulse between beam and absorber leaves."""
     kick = 0.0
     for j in range(rows.shape[1]):
@@ -221,7 +221,7 @@ def largest_kick(rows):  # type: ignore[no-untyped-def]
 
 
 @jit
-def chatter_is_complete(slots, forced, window, walls, body, side, after, largest):  # type: ignore[no-untyped-def]
+def chatter_is_complete(slots, forced, window, walls, body, side, after, largest):
     """Return whether all bounces to come, of heights summed to v^2/(2 a (1 - e)), stay below the rounding of the position.
 
     ``largest`` bounds the relative acceleration after the impact.

@@ -32,7 +32,7 @@ TOUCH = record(side=NUMBER, time=NUMBER, rate=NUMBER, impulse=NUMBER)
 
 
 @jit
-def _crossing(left, right, level, h):  # type: ignore[no-untyped-def]
+def _crossing(left, right, level, h):
     """Return (time into the step, relative velocity) where the cubic through both ends' values and slopes passes ``level``."""
     (d0, g0), (d1, g1) = left, right
     low, high = 0.0, 1.0
@@ -48,25 +48,25 @@ def _crossing(left, right, level, h):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _side(y, gap):  # type: ignore[no-untyped-def]
+def _side(y, gap):
     return 1.0 if y > gap else (-1.0 if y < -gap else 0.0)
 
 
 @jit_inline
-def _slope(y, h):  # type: ignore[no-untyped-def]
+def _slope(y, h):
     """Return the relative displacement and its rate from a step's observations."""
     return y[0], 2.0 * (y[1] - y[0]) / h
 
 
 @jit
-def _begin_touch(stops, touches, y, h):  # type: ignore[no-untyped-def]
+def _begin_touch(stops, touches, y, h):
     """Note a contact that there is from the start."""
     if stops is not None:
         touches[0].side, touches[0].rate = _side(y[0], stops.gap), _slope(y, h)[1]
 
 
 @jit
-def _track_stops(stops, touches, before, y, seen, span, observe):  # type: ignore[no-untyped-def]
+def _track_stops(stops, touches, before, y, seen, span, observe):
     """Note where a wall's spring is reached and left; ``touches`` (1,): a TOUCH record; ``span``: start and length of the step (s)."""
     if stops is None:
         return
@@ -90,7 +90,7 @@ def _track_stops(stops, touches, before, y, seen, span, observe):  # type: ignor
 
 
 @jit
-def _end_touch(touches, time, observe):  # type: ignore[no-untyped-def]
+def _end_touch(touches, time, observe):
     """Note a contact, if there is one, as an impact without loss and as a phase."""
     touch = touches[0]
     if touch.side == 0.0:
@@ -102,7 +102,7 @@ def _end_touch(touches, time, observe):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _keep_before(table):  # type: ignore[no-untyped-def]
+def _keep_before(table):
     """Note the state at the step's start."""
     cells, stride = table.cells, stride_of(table.wide)
     for j in range(table.lanes):
@@ -111,7 +111,7 @@ def _keep_before(table):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _tip(table):  # type: ignore[no-untyped-def]
+def _tip(table):
     """Return the tip's displacement."""
     cells, stride, tip = table.cells, stride_of(table.wide), 0.0
     for j in range(table.modes):
@@ -120,7 +120,7 @@ def _tip(table):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _store(target, table, part, m_a, added_mass, offset):  # type: ignore[no-untyped-def]
+def _store(target, table, part, m_a, added_mass, offset):
     """Write the state at ``part`` (0 to 1) of the step; ``offset`` is where a stuck absorber sits in the cavity."""
     cells, n, stride = table.cells, table.modes, stride_of(table.wide)
     tip_q, tip_u = 0.0, 0.0
@@ -138,13 +138,13 @@ def _store(target, table, part, m_a, added_mass, offset):  # type: ignore[no-unt
 
 
 @jit_inline
-def _take_level(level, part, start, table):  # type: ignore[no-untyped-def]
+def _take_level(level, part, start, table):
     if level is not None:
         push_level(level, start + part * (_tip(table) - start))
 
 
 @jit_inline
-def _take_row(series, row, part, table, laws, offset, state):  # type: ignore[no-untyped-def]
+def _take_row(series, row, part, table, laws, offset, state):
     """Write a row of the series; where there is no absorber its place keeps what ``state`` has there."""
     if series is None:
         return
@@ -154,7 +154,7 @@ def _take_row(series, row, part, table, laws, offset, state):  # type: ignore[no
 
 
 @jit
-def _joined_mass(added_mass, tip_shape):  # type: ignore[no-untyped-def]
+def _joined_mass(added_mass, tip_shape):
     """Return m_a / (1 + m_a sum tip_shape^2) of a stuck absorber, else 0."""
     if added_mass is None:
         return 0.0
@@ -165,7 +165,7 @@ def _joined_mass(added_mass, tip_shape):  # type: ignore[no-untyped-def]
 
 
 @jit
-def _close_stuck(added_mass, end, counters, events):  # type: ignore[no-untyped-def]
+def _close_stuck(added_mass, end, counters, events):
     """Note the phase of a stuck absorber, which is the whole run."""
     if added_mass is not None:
         close_phase(STUCK_INSIDE, 0.0, end, counters, events)
@@ -193,7 +193,7 @@ class Kit(NamedTuple):
 
 
 @jit_inline
-def _free_step(kit, forces, at, observe):  # type: ignore[no-untyped-def]
+def _free_step(kit, forces, at, observe):
     """Do a step without an absorber and account for it."""
     zero, f = (0.0, 0.0, 0.0, 0.0), (forces[at], forces[at + 1], forces[at + 2])
     account_step(observe.energy, kit.modes, kit.amplitude, kit.laws, kit.table, 0.0, (f, zero, zero))
@@ -201,7 +201,7 @@ def _free_step(kit, forces, at, observe):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def _watched_step(kit, absorber, forces, at, time, observe):  # type: ignore[no-untyped-def]
+def _watched_step(kit, absorber, forces, at, time, observe):
     """Do a step that begins at a time (s) and account for it; return the `Absorber` at its end."""
     laws, table, before, f = kit.laws, kit.table, absorber.y, (forces[at], forces[at + 1], forces[at + 2])
     seen, push = stages(absorber, table, forces, at, laws, kit.joined_mass)
@@ -212,7 +212,7 @@ def _watched_step(kit, absorber, forces, at, time, observe):  # type: ignore[no-
 
 
 @jit_inline
-def _advance(m_a, added_mass, kit, absorber, forces, at, time, observe):  # type: ignore[no-untyped-def]
+def _advance(m_a, added_mass, kit, absorber, forces, at, time, observe):
     """Do a step that begins at a time (s); without an absorber nothing feeds back."""
     if m_a is None:
         if added_mass is None:
@@ -222,7 +222,7 @@ def _advance(m_a, added_mass, kit, absorber, forces, at, time, observe):  # type
 
 
 @jit_inline
-def _finish(kit, offset, state, end, observe):  # type: ignore[no-untyped-def]
+def _finish(kit, offset, state, end, observe):
     """Close what is open at the end (s), and write the state."""
     laws, table = kit.laws, kit.table
     _end_touch(kit.touches, end, observe)
@@ -232,7 +232,7 @@ def _finish(kit, offset, state, end, observe):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def runge_kutta_lane(modes, laws, force, state, step, observe):  # type: ignore[no-untyped-def]
+def runge_kutta_lane(modes, laws, force, state, step, observe):
     """Integrate one lane from time 0 to the drive's end and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end.
 
     `grid.Modes`, `feedback.CompliantLaws`, `grid.Force`, `grid.Step`. Sample k lies at k ``observe.clock.interval``. ``step.wide`` is None, or

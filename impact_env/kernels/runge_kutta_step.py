@@ -73,7 +73,7 @@ _freely, _freely_watched, _pushed, _pushed_watched = (_swing_code(pushed, watche
 
 
 @jit_inline
-def swing(table, forces, at, push, watched):  # type: ignore[no-untyped-def]
+def swing(table, forces, at, push, watched):
     """Advance all oscillators by a step; return the next step's four observations as far as they follow from the state."""
     cells, lanes, stride = table.cells, table.lanes, stride_of(table.wide)
     f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
@@ -87,7 +87,7 @@ def swing(table, forces, at, push, watched):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def swing_watched(table, forces, at, push):  # type: ignore[no-untyped-def]
+def swing_watched(table, forces, at, push):
     """Advance as `swing` does, with the four feedbacks; most steps are without any."""
     if push[0] == 0.0 and push[1] == 0.0 and push[2] == 0.0 and push[3] == 0.0:
         return swing(table, forces, at, None, 0.0)
@@ -95,7 +95,7 @@ def swing_watched(table, forces, at, push):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def _seen(table, rows):  # type: ignore[no-untyped-def]
+def _seen(table, rows):
     """Return what the eight rows of an observation see of the state in the four stages of the next step."""
     cells, stride, y = table.cells, stride_of(table.wide), np.zeros(4)
     for stage in range(4):
@@ -106,13 +106,13 @@ def _seen(table, rows):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def observations(table):  # type: ignore[no-untyped-def]
+def observations(table):
     """Return the four observations of the first step as far as they follow from the state."""
     return _seen(table, table.cells[Y * stride_of(table.wide) :])
 
 
 @jit_room
-def relative_velocities(table):  # type: ignore[no-untyped-def]
+def relative_velocities(table):
     """Return the relative velocities in the next step's four stages as far as they follow from the state, 0 where no law needs them."""
     if table.speeds is None:
         return 0.0, 0.0, 0.0, 0.0
@@ -120,7 +120,7 @@ def relative_velocities(table):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def _stage_velocity(speeds, v, k, f, p):  # type: ignore[no-untyped-def]
+def _stage_velocity(speeds, v, k, f, p):
     """Return the relative velocity in stage ``k``, with the feedbacks ``p`` of the stages before."""
     if speeds is None:
         return 0.0
@@ -130,7 +130,7 @@ def _stage_velocity(speeds, v, k, f, p):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def stages(absorber, table, forces, at, laws, joined_mass):  # type: ignore[no-untyped-def]
+def stages(absorber, table, forces, at, laws, joined_mass):
     """Return the observations and the feedbacks in the four stages; ``absorber``: `runge_kutta.Absorber`."""
     y, rest, v, mix, speeds = absorber.y, absorber.rest, absorber.v, table.mix, table.speeds
     f = f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
@@ -146,7 +146,7 @@ def stages(absorber, table, forces, at, laws, joined_mass):  # type: ignore[no-u
 
 
 @jit
-def _account_laws(energy, laws, y, rest, gamma, weight):  # type: ignore[no-untyped-def]
+def _account_laws(energy, laws, y, rest, gamma, weight):
     """Add a stage's losses in slider and absorber's damper, at a relative velocity."""
     if laws.slider is not None:
         energy.totals[0].friction_loss -= weight * slider_force(y, rest, laws.slider) * gamma
@@ -157,7 +157,7 @@ def _account_laws(energy, laws, y, rest, gamma, weight):  # type: ignore[no-unty
 
 
 @jit_room
-def account_step(energy, modes, amplitude, laws, table, rest, stages):  # type: ignore[no-untyped-def]
+def account_step(energy, modes, amplitude, laws, table, rest, stages):
     """Add a step's work and losses: the powers in the four stages with the weights of the method.
 
     ``stages``: the excitation at start, middle and end, the observations, and the feedbacks.

@@ -128,7 +128,7 @@ class Samples(NamedTuple):
 
 
 @jit
-def fill_samples(slots, signals, omega, u, rest, samples, block):  # type: ignore[no-untyped-def]
+def fill_samples(slots, signals, omega, u, rest, samples, block):
     """Write the tip displacement at `Samples` into the block; ``u``: the slots' shares at the stretch's start, ``rest`` (m) what stays the same.
 
     From sample to sample slots and force turn by fixed factors; what rounding adds to that stays below 1e-16 times their number.

@@ -38,7 +38,7 @@ MOST_TURNS = 2_000  # blocks after which the moving amplitudes are computed anew
 
 
 @jit_inline
-def coarsest_level(steps, half):  # type: ignore[no-untyped-def]
+def coarsest_level(steps, half):
     """Return the coarsest level that a window of half length ``half`` (s) allows: bounds hold up to a quarter of that beyond it."""
     top = steps.shape[0] - 1
     while top > 0 and steps[top, 0] > 0.25 * half:
@@ -47,7 +47,7 @@ def coarsest_level(steps, half):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def begin_at(course, offset):  # type: ignore[no-untyped-def]
+def begin_at(course, offset):
     """Compute amplitudes and forced parts at an offset anew, and return the place."""
     slots, signal, omega = course.slots, course.signal, course.omega
     p, w, b, size = signal.polynomial, signal.moving, signal.block, signal.u.shape[1]
@@ -66,7 +66,7 @@ def begin_at(course, offset):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def move_on(course, guards, place, step, k):  # type: ignore[no-untyped-def]
+def move_on(course, guards, place, step, k):
     """Turn amplitudes and forced parts to the end of a block's first k > 0 steps, and return the place."""
     w, b, size = course.signal.moving, course.signal.block, course.signal.u.shape[1]
     at = (step.level * POINTS + k - 1) * 2 * size
@@ -79,7 +79,7 @@ def move_on(course, guards, place, step, k):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def steps_of(course, level):  # type: ignore[no-untyped-def]
+def steps_of(course, level):
     """Return the steps of a level, with the errors that they have from here on."""
     slots, bound, p, w = course.slots, course.forced.bound, course.signal.polynomial, course.signal.moving
     size = slots.errors.shape[1]
@@ -92,14 +92,14 @@ def steps_of(course, level):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def coarser(course, guards, step):  # type: ignore[no-untyped-def]
+def coarser(course, guards, step):
     """Return the steps of the next level if one of them, after the block, will probably be clear, else the same."""
     wide = steps_of(course, step.level + 1)
     return wide if is_far(course.signal.block, step.h, guards, wide.e0, wide.e1) else step
 
 
 @jit_inline
-def scan_block(course, guards, place, step):  # type: ignore[no-untyped-def]
+def scan_block(course, guards, place, step):
     """Fill a block and return (walls, reversals), as `vector.scan` does; a first step may start on a guard."""
     fill_carrier(course.slots.steps, course.omega, step.level, course.forced.carrier)
     walls, reversals = scan(course, guards, place, step, course.signal.u.shape[1])
@@ -109,7 +109,7 @@ def scan_block(course, guards, place, step):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def event_in(course, guards, place, step, k, near, length):  # type: ignore[no-untyped-def]
+def event_in(course, guards, place, step, k, near, length):
     """Return the only event in step k, or NOTHING where that is not certain; ``near``: whether the step is not clear of walls, of a reversal."""
     slots, forced, b = course.slots, course.forced, course.signal.block
     slope_error = SLOPE_ERROR + step.h * slots.scale[FASTEST] / 3.0
@@ -130,7 +130,7 @@ def event_in(course, guards, place, step, k, near, length):  # type: ignore[no-u
 
 
 @jit
-def search(course, guards, length, half):  # type: ignore[no-untyped-def]
+def search(course, guards, length, half):
     """Return the first Event of a `Course` within ``length`` (s), else one at ``length``; ``half`` (s): half length of the window."""
     memory, top = course.signal.memory, coarsest_level(course.slots.steps, half)
     level, up, careful, count = min(int(memory[0]), top), False, 1.0, 0

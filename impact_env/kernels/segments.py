@@ -61,7 +61,7 @@ class Work(NamedTuple):
 
 
 @jit_room
-def new_work(size):  # type: ignore[no-untyped-def]
+def new_work(size):
     """Return scratch for regimes of ``size`` slots."""
     return Work(np.zeros((2, size)), np.zeros((2, size)), np.zeros((2, 2, size)))
 
@@ -85,7 +85,7 @@ class Stretch(NamedTuple):
 
 
 @jit
-def window_count(schedule, k):  # type: ignore[no-untyped-def]
+def window_count(schedule, k):
     """Return how many windows stretch k of the schedule needs: within the tables' reach, the chirp's remainder and MOST_PHASE."""
     duration = schedule.times[k + 1] - schedule.times[k]
     alpha = abs(schedule.omegas[k + 1] - schedule.omegas[k]) / duration
@@ -97,7 +97,7 @@ def window_count(schedule, k):  # type: ignore[no-untyped-def]
 
 
 @jit
-def window_of(schedule, k, w, count):  # type: ignore[no-untyped-def]
+def window_of(schedule, k, w, count):
     """Return window w of ``count`` in stretch k."""
     duration = schedule.times[k + 1] - schedule.times[k]
     alpha = (schedule.omegas[k + 1] - schedule.omegas[k]) / duration
@@ -108,25 +108,25 @@ def window_of(schedule, k, w, count):  # type: ignore[no-untyped-def]
 
 
 @jit
-def to_state(out, z, state):  # type: ignore[no-untyped-def]
+def to_state(out, z, state):
     """Write state = Re(out Z)."""
     state_of_slots(out, state.shape[0], z.shape[1], z, state)
 
 
 @jit
-def to_slots(into, state, z):  # type: ignore[no-untyped-def]
+def to_slots(into, state, z):
     """Write Z = into state."""
     slots_of_state(into, state.shape[0], z.shape[1], state, z)
 
 
 @jit
-def samples_before(end, interval):  # type: ignore[no-untyped-def]
+def samples_before(end, interval):
     """Return how many of the times 0, interval, 2 interval, ... lie before ``end``; one that falls on the end within rounding does not."""
     return max(np.ceil(end / interval - SAMPLE_ROUNDING), 0.0)
 
 
 @jit_inline
-def sample_level(stretch, clock, level, place):  # type: ignore[no-untyped-def]
+def sample_level(stretch, clock, level, place):
     """Push the displacement at the samples in [tau, end) to the level: that of the tip, or at the ``place`` of this mode shape (N_m,)."""
     if level is None:
         return
@@ -153,7 +153,7 @@ def sample_level(stretch, clock, level, place):  # type: ignore[no-untyped-def]
 
 
 @jit
-def fill_places(stretch, place, samples, block):  # type: ignore[no-untyped-def]
+def fill_places(stretch, place, samples, block):
     """Write the displacement at a place at `Samples` into the block."""
     slots, out, w = stretch.regime.slots, stretch.regime.out, stretch.work.rows[0]
     for k in range(samples.number):
@@ -170,7 +170,7 @@ def fill_places(stretch, place, samples, block):  # type: ignore[no-untyped-def]
 
 
 @jit
-def state_at(stretch, z, tau, offset, w, state):  # type: ignore[no-untyped-def]
+def state_at(stretch, z, tau, offset, w, state):
     """Write the state at tau + offset from the free part z at tau, both within the stretch; w is scratch."""
     slots = stretch.regime.slots
     copy(z, w)
@@ -181,7 +181,7 @@ def state_at(stretch, z, tau, offset, w, state):  # type: ignore[no-untyped-def]
 
 
 @jit
-def sample_state(stretch, clock, series):  # type: ignore[no-untyped-def]
+def sample_state(stretch, clock, series):
     """Write the state at the samples in [tau, end)."""
     if series is None:
         return
@@ -203,7 +203,7 @@ def sample_state(stretch, clock, series):  # type: ignore[no-untyped-def]
 
 
 @jit
-def last_sample(state, tip_shape, end, clock, level, series):  # type: ignore[no-untyped-def]
+def last_sample(state, tip_shape, end, clock, level, series):
     """Take the sample that falls on the end of the run, within rounding."""
     interval = clock.interval
     if series is not None:

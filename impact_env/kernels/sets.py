@@ -82,7 +82,7 @@ class Signals(NamedTuple):
 
 
 @jit_room
-def new_flow(sets):  # type: ignore[no-untyped-def]
+def new_flow(sets):
     """Return empty room for the forced parts."""
     count, places, _, size = sets.rows.shape
     slots, signals = np.zeros((count, 4, TERMS, size)), np.zeros((count, places, *SIGNALS))
@@ -91,7 +91,7 @@ def new_flow(sets):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def new_signals(sets):  # type: ignore[no-untyped-def]
+def new_signals(sets):
     """Return room for the absorbers' signals."""
     n, size = sets.bent.shape[2], sets.rows.shape[3]
     memory = np.zeros((n, 2))
@@ -100,7 +100,7 @@ def new_signals(sets):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def all_kicks(sets):  # type: ignore[no-untyped-def]
+def all_kicks(sets):
     """Return `rigid_contact.largest_kick` (2^n, n) of every absorber in every set."""
     count, n = sets.rows.shape[0], sets.bent.shape[2]
     kicks = np.zeros((count, n))
@@ -111,37 +111,37 @@ def all_kicks(sets):  # type: ignore[no-untyped-def]
 
 
 @jit_view
-def slots_with(sets, s, rows):  # type: ignore[no-untyped-def]
+def slots_with(sets, s, rows):
     """Return the slots of set s with these rows of weights."""
     return Slots(rows, sets.table[s], sets.scale[s], sets.steps[s], sets.waves[s], sets.turns[s], sets.errors[s])
 
 
 @jit_view
-def regime_with(sets, s, rows):  # type: ignore[no-untyped-def]
+def regime_with(sets, s, rows):
     """Return the regime of set s with these rows of weights."""
     return Regime(slots_with(sets, s, rows), sets.out[s], sets.into[s], 0.0)
 
 
 @jit_view
-def forced_of(flow, s, place):  # type: ignore[no-untyped-def]
+def forced_of(flow, s, place):
     """Return the forced part of set s with the signals of an absorber, or of the level's place."""
     return Forced(flow.slots[s], flow.signals[s, place], flow.bound[s, place], flow.carrier[s], flow.terms)
 
 
 @jit_view
-def signal_of(signals, a):  # type: ignore[no-untyped-def]
+def signal_of(signals, a):
     """Return the signal of absorber a."""
     return Signal(signals.u[a], signals.polynomial[a], signals.moving[a], signals.block[a], signals.memory[a])
 
 
 @jit
-def is_joined(s, a):  # type: ignore[no-untyped-def]
+def is_joined(s, a):
     """Return whether absorber a is in set s."""
     return (s >> a) & 1 != 0
 
 
 @jit
-def joined_set(now):  # type: ignore[no-untyped-def]
+def joined_set(now):
     """Return the number of the set of joined absorbers."""
     s = 0
     for a in range(now.shape[0]):
@@ -151,7 +151,7 @@ def joined_set(now):  # type: ignore[no-untyped-def]
 
 
 @jit
-def solve_set(sets, absorbers, window, s, flow):  # type: ignore[no-untyped-def]
+def solve_set(sets, absorbers, window, s, flow):
     """Fill the forced part of set s for a window, unless it is known."""
     if flow.solved[s]:
         return
@@ -168,7 +168,7 @@ def solve_set(sets, absorbers, window, s, flow):  # type: ignore[no-untyped-def]
 
 
 @jit
-def bend(sets, now, s, own, bent):  # type: ignore[no-untyped-def]
+def bend(sets, now, s, own, bent):
     """Note what the constant forces of all absorbers do in set s: the slots' rest part in own[s], the displacement of each place in ``bent``."""
     n = now.shape[0]
     own[s, REST, :] = 0.0
@@ -182,7 +182,7 @@ def bend(sets, now, s, own, bent):  # type: ignore[no-untyped-def]
 
 
 @jit
-def enter_set(sets, window, s, room, state):  # type: ignore[no-untyped-def]
+def enter_set(sets, window, s, room, state):
     """Write the free part of the slots of set s for a state and the absorbers' constant forces."""
     z = room.work.z
     bend(sets, room.now, s, room.own, room.bent)

@@ -35,13 +35,13 @@ class Joints(NamedTuple):
 
 
 @jit_room
-def new_joints(n):  # type: ignore[no-untyped-def]
+def new_joints(n):
     """Return scratch for n absorbers."""
     return Joints(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, np.bool_))
 
 
 @jit
-def see_places(absorbers, state, joints):  # type: ignore[no-untyped-def]
+def see_places(absorbers, state, joints):
     """Write displacement and velocity of the beam at the absorbers' places."""
     n, modes = absorbers.shapes.shape
     half = n + modes
@@ -54,7 +54,7 @@ def see_places(absorbers, state, joints):  # type: ignore[no-untyped-def]
 
 
 @jit
-def see_accelerations(absorbers, losses, window, now, state, joints):  # type: ignore[no-untyped-def]
+def see_accelerations(absorbers, losses, window, now, state, joints):
     """Write the relative accelerations without the forces of those that wait, and how far the terms' sizes make them uncertain."""
     n, modes = absorbers.shapes.shape
     half, tau = n + modes, now[0].tau
@@ -77,7 +77,7 @@ def see_accelerations(absorbers, losses, window, now, state, joints):  # type: i
 
 
 @jit
-def wanted_force(absorbers, compliance, joints, a):  # type: ignore[no-untyped-def]
+def wanted_force(absorbers, compliance, joints, a):
     """Return the force on absorber a that would leave it without relative acceleration, the other joint forces being what they are."""
     r = joints.start[a]
     for b in range(joints.force.shape[0]):
@@ -87,7 +87,7 @@ def wanted_force(absorbers, compliance, joints, a):  # type: ignore[no-untyped-d
 
 
 @jit
-def balance(absorbers, compliance, now, joints):  # type: ignore[no-untyped-def]
+def balance(absorbers, compliance, now, joints):
     """Find the joint forces of those that wait by Gauss-Seidel."""
     n = joints.force.shape[0]
     joints.force[:] = 0.0
@@ -104,7 +104,7 @@ def balance(absorbers, compliance, now, joints):  # type: ignore[no-untyped-def]
 
 
 @jit
-def settle(absorbers, losses, compliance, window, now, state, joints, events):  # type: ignore[no-untyped-def]
+def settle(absorbers, losses, compliance, window, now, state, joints, events):
     """Decide for each absorber that waits (``joints.waits``) whether it moves with the beam or begins to slide, and which way.
 
     ``compliance`` (n, n): of the free beam. The state is the one at the current time. At its bound a joint force is let join: there its rate
@@ -125,7 +125,7 @@ def settle(absorbers, losses, compliance, window, now, state, joints, events):  
 
 
 @jit
-def join(now, place, time):  # type: ignore[no-untyped-def]
+def join(now, place, time):
     """Let an absorber move with the beam from now on; one that does so already goes on."""
     if now.regime != JOINED:
         now.regime, now.since, now.offset = JOINED, time, now.q - place
@@ -133,7 +133,7 @@ def join(now, place, time):  # type: ignore[no-untyped-def]
 
 
 @jit
-def part(limit, now, speed, sign, time, events):  # type: ignore[no-untyped-def]
+def part(limit, now, speed, sign, time, events):
     """Let an absorber without relative velocity slide in a sign from now on; ``speed``: of the beam at its place."""
     if now.regime == JOINED:
         end_phase(events, now, time)

@@ -74,7 +74,7 @@ class Room(NamedTuple):
 
 
 @jit_room
-def new_room(sets, absorbers, state):  # type: ignore[no-untyped-def]
+def new_room(sets, absorbers, state):
     """Return room for a lane."""
     n = absorbers.mass.shape[0]
     now = new_now(n)
@@ -87,7 +87,7 @@ def new_room(sets, absorbers, state):  # type: ignore[no-untyped-def]
 
 
 @jit
-def watch(scene, window, s, a, length, room):  # type: ignore[no-untyped-def]
+def watch(scene, window, s, a, length, room):
     """Return the first event of absorber a within ``length`` (s) in set s."""
     sets, absorbers = scene.sets, scene.absorbers
     slots, forced = slots_with(sets, s, sets.rows[s, a]), forced_of(room.flow, s, a)
@@ -102,7 +102,7 @@ def watch(scene, window, s, a, length, room):  # type: ignore[no-untyped-def]
 
 
 @jit
-def earliest(scene, window, s, counters, room):  # type: ignore[no-untyped-def]
+def earliest(scene, window, s, counters, room):
     """Return the absorber whose event comes first, and that event; NOTHING at the window's end."""
     first, length = 0, window.half - room.now[0].tau
     found = Event(NOTHING, length, 0.0, 0.0, 0.0, 0)
@@ -118,7 +118,7 @@ def earliest(scene, window, s, counters, room):  # type: ignore[no-untyped-def]
 
 
 @jit
-def observe_stretch(scene, window, s, offset, room, observe):  # type: ignore[no-untyped-def]
+def observe_stretch(scene, window, s, offset, room, observe):
     """Let the observers see ``offset`` (s) without an event."""
     n, sets, tau = room.now.shape[0], scene.sets, room.now[0].tau
     regime, forced = regime_with(sets, s, room.own[s]), forced_of(room.flow, s, n)
@@ -133,7 +133,7 @@ def observe_stretch(scene, window, s, offset, room, observe):  # type: ignore[no
 
 
 @jit
-def pass_time(scene, window, s, offset, room, observe):  # type: ignore[no-untyped-def]
+def pass_time(scene, window, s, offset, room, observe):
     """Let all move on by ``offset`` (s) without an event."""
     sets, absorbers, tau = scene.sets, scene.absorbers, room.now[0].tau
     observe_stretch(scene, window, s, offset, room, observe)
@@ -154,7 +154,7 @@ def pass_time(scene, window, s, offset, room, observe):  # type: ignore[no-untyp
 
 
 @jit
-def enter_window(scene, window, started, room, state, events):  # type: ignore[no-untyped-def]
+def enter_window(scene, window, started, room, state, events):
     """Begin a window: take the forced part out of the slots, which hold the whole state, or set the first regime of a run."""
     for a in range(room.now.shape[0]):
         room.now[a].tau = -window.half
@@ -168,7 +168,7 @@ def enter_window(scene, window, started, room, state, events):  # type: ignore[n
 
 
 @jit
-def pass_event(scene, window, state, room, observe):  # type: ignore[no-untyped-def]
+def pass_event(scene, window, state, room, observe):
     """Advance to the next event of any absorber, or to the window's end, and let it happen."""
     s = joined_set(room.now)
     a, found = earliest(scene, window, s, observe.counters, room)
@@ -184,7 +184,7 @@ def pass_event(scene, window, state, room, observe):  # type: ignore[no-untyped-
 
 
 @jit
-def is_finite(room):  # type: ignore[no-untyped-def]
+def is_finite(room):
     """Return whether slots and absorbers are."""
     total = room.work.z[0, 0]
     for a in range(room.now.shape[0]):
@@ -193,7 +193,7 @@ def is_finite(room):  # type: ignore[no-untyped-def]
 
 
 @jit
-def several_stretch(scene, schedule, k, started, room, state, observe):  # type: ignore[no-untyped-def]
+def several_stretch(scene, schedule, k, started, room, state, observe):
     """Integrate over stretch ``k`` of the schedule and return a status code; what the next stretch needs stays in ``room``.
 
     ``started`` False: the first stretch of a run, which begins with ``state``.
@@ -218,7 +218,7 @@ def several_stretch(scene, schedule, k, started, room, state, observe):  # type:
 
 
 @jit_room
-def several_lane(scene, schedule, state, observe):  # type: ignore[no-untyped-def]
+def several_lane(scene, schedule, state, observe):
     """Integrate one lane of a `Several` scene of n absorbers and return a status code; ``state`` (2 N_m + 2 n,) is the start and becomes the end."""
     sets, room, status, counts = scene.sets, new_room(scene.sets, scene.absorbers, state), DONE, observe.counters.counts
     for a in range(room.now.shape[0]):
@@ -235,7 +235,7 @@ def several_lane(scene, schedule, state, observe):  # type: ignore[no-untyped-de
 
 
 @jit
-def finish(scene, end, room, state, observe):  # type: ignore[no-untyped-def]
+def finish(scene, end, room, state, observe):
     """Write the end state, close open phases, and take the sample that falls on the end (s)."""
     now, s, w = room.now, joined_set(room.now), room.work.rows[0]
     copy(room.work.z, w)

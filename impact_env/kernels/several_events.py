@@ -38,7 +38,7 @@ NO_SET = -1  # before a run's first regime
 
 
 @jit_view
-def contact_of(scene, s, a, restitution):  # type: ignore[no-untyped-def]
+def contact_of(scene, s, a, restitution):
     """Return the contact of absorber a in set s."""
     absorbers = scene.absorbers
     walls = Walls(absorbers.gap[a], restitution, None)
@@ -46,7 +46,7 @@ def contact_of(scene, s, a, restitution):  # type: ignore[no-untyped-def]
 
 
 @jit
-def write_state(sets, window, s, room, state):  # type: ignore[no-untyped-def]
+def write_state(sets, window, s, room, state):
     """Write the state at the current time."""
     w = room.work.rows[0]
     copy(room.work.z, w)
@@ -55,7 +55,7 @@ def write_state(sets, window, s, room, state):  # type: ignore[no-untyped-def]
 
 
 @jit
-def write_from(sets, s, w, room, state):  # type: ignore[no-untyped-def]
+def write_from(sets, s, w, room, state):
     """Write the state from free and forced part of the slots of set s, and displacement and velocity of the absorbers; w is changed."""
     add(room.own[s], REST, 1.0, w)
     to_state(sets.out[s], w, state)
@@ -69,7 +69,7 @@ def write_from(sets, s, w, room, state):  # type: ignore[no-untyped-def]
 
 
 @jit
-def go_to(scene, window, before, state, room):  # type: ignore[no-untyped-def]
+def go_to(scene, window, before, state, room):
     """Go on in the regime of the absorbers that are joined now, from a state that was left in set ``before``.
 
     The way through the state leaves the rounding of two maps. In the same set only the constant forces change, and that is all that is done; in
@@ -90,7 +90,7 @@ def go_to(scene, window, before, state, room):  # type: ignore[no-untyped-def]
 
 
 @jit
-def relative(sets, window, s, a, room):  # type: ignore[no-untyped-def]
+def relative(sets, window, s, a, room):
     """Return displacement and velocity of absorber a, which is apart in set s, less those of the beam at its place."""
     now, slots, signal = room.now[a], slots_with(sets, s, sets.rows[s, a]), signal_of(room.signals, a)
     weigh(slots.rows, GUARD, room.work.z, signal.u)
@@ -100,7 +100,7 @@ def relative(sets, window, s, a, room):  # type: ignore[no-untyped-def]
 
 
 @jit
-def rate_scale(sets, s, a, room):  # type: ignore[no-untyped-def]
+def rate_scale(sets, s, a, room):
     """Return the size of the terms that the relative velocity of absorber a in set s is the sum of, once `relative` has written its signal."""
     u, scale = room.signals.u[a], abs(room.now[a].v) + room.flow.bound[s, a, 1]
     for j in range(u.shape[1]):
@@ -109,7 +109,7 @@ def rate_scale(sets, s, a, room):  # type: ignore[no-untyped-def]
 
 
 @jit
-def note_relative(scene, window, s, room):  # type: ignore[no-untyped-def]
+def note_relative(scene, window, s, room):
     """Write the relative motion of the absorbers that are apart from now on, as set s has it, which is being left."""
     sets = scene.sets
     for a in range(room.now.shape[0]):
@@ -122,7 +122,7 @@ def note_relative(scene, window, s, room):  # type: ignore[no-untyped-def]
 
 
 @jit
-def keep_relative(sets, window, s, room):  # type: ignore[no-untyped-def]
+def keep_relative(sets, window, s, room):
     """Shift the absorbers that are apart in set s by what the way through the state has changed in their relative motion."""
     for a in range(room.now.shape[0]):
         now, motion = room.now[a], room.motion[a]
@@ -133,7 +133,7 @@ def keep_relative(sets, window, s, room):  # type: ignore[no-untyped-def]
 
 
 @jit
-def settle_waiting(scene, window, s, state, room, events):  # type: ignore[no-untyped-def]
+def settle_waiting(scene, window, s, state, room, events):
     """Settle all absorbers without relative velocity, joined ones in set s and those that just came to rest, and go on in the regime that results."""
     absorbers = scene.absorbers
     write_state(scene.sets, window, s, room, state)
@@ -147,7 +147,7 @@ def settle_waiting(scene, window, s, state, room, events):  # type: ignore[no-un
 
 
 @jit
-def release(scene, window, s, a, event, state, room, events):  # type: ignore[no-untyped-def]
+def release(scene, window, s, a, event, state, room, events):
     """Let absorber a leave set s: it lags where the joint force is above its bound, leads where it is below. No force jumps."""
     write_state(scene.sets, window, s, room, state)
     see_places(scene.absorbers, state, room.joints)
@@ -157,7 +157,7 @@ def release(scene, window, s, a, event, state, room, events):  # type: ignore[no
 
 
 @jit
-def reverse(scene, window, s, a, found, state, room, events):  # type: ignore[no-untyped-def]
+def reverse(scene, window, s, a, found, state, room, events):
     """The relative velocity of absorber a is zero: stick, or slide on the other way."""
     now, sets, limit = room.now, scene.sets, scene.absorbers.limit[a]
     alone = s == 0
@@ -174,7 +174,7 @@ def reverse(scene, window, s, a, found, state, room, events):  # type: ignore[no
 
 
 @jit
-def stays(scene, window, s, b, kick, state, room):  # type: ignore[no-untyped-def]
+def stays(scene, window, s, b, kick, state, room):
     """Return whether a joined absorber can be kept joined although an impulse gives it a relative velocity ``kick``.
 
     So it is where its way until it rests again, kick^2/(2 a), is below the rounding of the position; a, its deceleration, follows from how far the
@@ -196,7 +196,7 @@ def stays(scene, window, s, b, kick, state, room):  # type: ignore[no-untyped-de
 
 
 @jit
-def set_free(scene, window, s, a, found, state, room, events):  # type: ignore[no-untyped-def]
+def set_free(scene, window, s, a, found, state, room, events):
     """Free the joined absorbers that an impact of absorber a tears loose; return True if there are any."""
     now, compliance, absorbers = room.now, scene.sets.compliance[0], scene.absorbers
     impulse = -(1.0 + absorbers.restitution[a]) * found.rate / compliance[a, a]
@@ -216,7 +216,7 @@ def set_free(scene, window, s, a, found, state, room, events):  # type: ignore[n
 
 
 @jit
-def kick_others(scene, window, s, a, impulse, state, room):  # type: ignore[no-untyped-def]
+def kick_others(scene, window, s, a, impulse, state, room):
     """Let the other absorbers that are apart slide in the sign of the relative velocity that they have after an impulse on absorber a."""
     now, joints, absorbers = room.now, room.joints, scene.absorbers
     others = 0
@@ -242,7 +242,7 @@ def kick_others(scene, window, s, a, impulse, state, room):  # type: ignore[no-u
 
 
 @jit
-def rebound(sets, absorbers, s, a):  # type: ignore[no-untyped-def]
+def rebound(sets, absorbers, s, a):
     """Return the restitution of an impact of absorber a in set s, in which those that are joined stay so.
 
     The impulse is that of the free beam. What it gives to the joined ones is taken out by their joints, so that the beam and they give way less.
@@ -253,7 +253,7 @@ def rebound(sets, absorbers, s, a):  # type: ignore[no-untyped-def]
 
 
 @jit
-def hit(scene, window, s, a, found, state, room, observe):  # type: ignore[no-untyped-def]
+def hit(scene, window, s, a, found, state, room, observe):
     """Absorber a hits a wall in set s."""
     now, sets, mass = room.now, scene.sets, scene.absorbers.mass[a]
     changed = False
@@ -272,7 +272,7 @@ def hit(scene, window, s, a, found, state, room, observe):  # type: ignore[no-un
 
 
 @jit
-def begin(scene, window, state, room, events):  # type: ignore[no-untyped-def]
+def begin(scene, window, state, room, events):
     """Set the first regime from the initial state: absorbers without relative velocity are joined if friction or a wall can hold them."""
     now, absorbers, half, n = room.now, scene.absorbers, state.shape[0] // 2, room.now.shape[0]
     for a in range(n):

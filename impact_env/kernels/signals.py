@@ -100,26 +100,26 @@ class Event(NamedTuple):
 
 
 @jit_room
-def new_signal(size):  # type: ignore[no-untyped-def]
+def new_signal(size):
     """Return room for a signal of ``size`` slots."""
     return Signal(np.zeros((2, size)), np.zeros(3), np.zeros(6 * size), np.zeros(BLOCK), np.array([0.0, MOST_EVALUATIONS]))
 
 
 @jit_view
-def terms_of(course):  # type: ignore[no-untyped-def]
+def terms_of(course):
     """Return the terms of a course's signal."""
     slots, signal = course.slots, course.signal
     return Terms(slots.rows, slots.table, slots.scale, course.forced.signals, course.omega, signal.u, signal.polynomial, course.tau)
 
 
 @jit_inline
-def signal_scale(signal, bound):  # type: ignore[no-untyped-def]
+def signal_scale(signal, bound):
     """Return the size of the terms that a signal is the sum of."""
     return bound[0] + abs(signal.polynomial[0]) + sum_sizes(signal.u.shape[1], signal.u)
 
 
 @jit_inline
-def signal_at(terms, offset):  # type: ignore[no-untyped-def]
+def signal_at(terms, offset):
     """Return a signal and its first three derivatives at an offset from its reference time."""
     p, tau = terms.polynomial, terms.tau + offset
     d1, d2, d3, x = digits(terms.scale, offset)
@@ -131,14 +131,14 @@ def signal_at(terms, offset):  # type: ignore[no-untyped-def]
 
 
 @jit
-def at_offset(slots, signals, omega, signal, tau, offset):  # type: ignore[no-untyped-def]
+def at_offset(slots, signals, omega, signal, tau, offset):
     """Return a signal and its first two derivatives at an offset from its reference time."""
     y, v, a, _ = signal_at(Terms(slots.rows, slots.table, slots.scale, signals, omega, signal.u, signal.polynomial, tau), offset)
     return y, v, a
 
 
 @jit
-def value_at_offset(slots, signals, omega, signal, tau, offset):  # type: ignore[no-untyped-def]
+def value_at_offset(slots, signals, omega, signal, tau, offset):
     """Return a signal at an offset from its reference time, to the last digit that of `at_offset`."""
     p = signal.polynomial
     y = value(slots.rows, slots.table, slots.scale, signal.u, offset)
@@ -146,13 +146,13 @@ def value_at_offset(slots, signals, omega, signal, tau, offset):  # type: ignore
 
 
 @jit_inline
-def time_resolution(rows, omega, length):  # type: ignore[no-untyped-def]
+def time_resolution(rows, omega, length):
     """Return the shortest time (s) that a search tells apart: by the slowest slot, or a quicker force."""
     return max(TIME_RESOLUTION / max(rows[SPEED, 0], omega), 4.0 * EPSILON * length)
 
 
 @jit_inline
-def wall_of(kind, guards):  # type: ignore[no-untyped-def]
+def wall_of(kind, guards):
     """Return the wall that an event is at; 0 where there are none."""
     wall = 0.0
     if guards.low is not None:
@@ -161,19 +161,19 @@ def wall_of(kind, guards):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def counted(event, evaluations):  # type: ignore[no-untyped-def]
+def counted(event, evaluations):
     """Return an event with the evaluations of the whole search."""
     return Event(event.kind, event.offset, event.value, event.rate, event.bend, evaluations)
 
 
 @jit_inline
-def given_up(evaluations):  # type: ignore[no-untyped-def]
+def given_up(evaluations):
     """Return what is not a number, so that the run ends in an error: an event could be missed."""
     return Event(NOTHING, np.nan, np.nan, np.nan, np.nan, evaluations)
 
 
 @jit
-def refine(terms, offset, kind, wall, b4, resolution):  # type: ignore[no-untyped-def]
+def refine(terms, offset, kind, wall, b4, resolution):
     """Return the simple root near ``offset`` of a signal as an Event, by Newton's method with two more derivatives.
 
     The last step is not evaluated again: it must be so short that the fourth derivative's bound b4 leaves time and rate exact. NOTHING where it

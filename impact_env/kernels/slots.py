@@ -50,7 +50,7 @@ class Slots(NamedTuple):
 
 
 @jit_inline
-def digits(scale, delta):  # type: ignore[no-untyped-def]
+def digits(scale, delta):
     """Return (d1, d2, d3, rest) of a time offset within the tables' reach; the rest is at most h3/2 in size, and 0 on the grid of h3."""
     n = np.int64(delta * scale[PER_FINEST] + 0.5)
     bits = np.int64(scale[BITS])
@@ -60,26 +60,26 @@ def digits(scale, delta):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def advance(rows, table, scale, delta, z):  # type: ignore[no-untyped-def]
+def advance(rows, table, scale, delta, z):
     """Multiply z (2, J) by exp(s delta) in place."""
     move(rows, table, scale, z, delta, z)
 
 
 @jit
-def move(rows, table, scale, u, delta, out):  # type: ignore[no-untyped-def]
+def move(rows, table, scale, u, delta, out):
     """Write u exp(s delta) to ``out``, real parts first."""
     d1, d2, d3, x = digits(scale, delta)
     turn_to(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u, out)
 
 
 @jit_inline
-def sum_block(rows, table, u, d1, d2, d3, x):  # type: ignore[no-untyped-def]
+def sum_block(rows, table, u, d1, d2, d3, x):
     """Return sum Re(u_j exp(s_j t)) and its first three derivatives."""
     return sum_four(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)
 
 
 @jit_inline
-def sum_and_bound(rows, table, u, d1, d2, d3, x):  # type: ignore[no-untyped-def]
+def sum_and_bound(rows, table, u, d1, d2, d3, x):
     """Return value, first and second derivative of sum Re(u_j exp(s_j t)), and bounds of the second to fourth that hold for ever after.
 
     A bound is the sum of |u_j exp(s_j t)| |s_j|^m.
@@ -88,31 +88,31 @@ def sum_and_bound(rows, table, u, d1, d2, d3, x):  # type: ignore[no-untyped-def
 
 
 @jit
-def copy(z, w):  # type: ignore[no-untyped-def]
+def copy(z, w):
     """Write z to w, both (2, J)."""
     copy_slots(z.shape[1], z, w)
 
 
 @jit
-def value(rows, table, scale, u, delta):  # type: ignore[no-untyped-def]
+def value(rows, table, scale, u, delta):
     """Return sum Re(u_j exp(s_j delta))."""
     d1, d2, d3, x = digits(scale, delta)
     return sum_one(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)[0]
 
 
 @jit_inline
-def high_derivatives(rows, u):  # type: ignore[no-untyped-def]
+def high_derivatives(rows, u):
     """Return the third, fourth and fifth derivative of sum Re(u_j exp(s_j t)) at t = 0."""
     return third_to_fifth(rows, rows.shape[1], u)
 
 
 @jit
-def weigh(rows, row, z, u):  # type: ignore[no-untyped-def]
+def weigh(rows, row, z, u):
     """Write u = w z with the weights w in ``row`` and the row behind it."""
     multiply_row(rows, row, rows.shape[1], z, u)
 
 
 @jit
-def add(rows, row, factor, z):  # type: ignore[no-untyped-def]
+def add(rows, row, factor, z):
     """Add factor * w to z with w in ``row`` and the row behind it."""
     add_row(rows, row, rows.shape[1], factor, z)

@@ -45,19 +45,19 @@ NOW = record(
 
 
 @jit_room
-def new_now():  # type: ignore[no-untyped-def]
+def new_now():
     """Return the record (1,) of a lane at its start."""
     return np.zeros(1, NOW)
 
 
 @jit
-def regime_number(now):  # type: ignore[no-untyped-def]
+def regime_number(now):
     """Return 0 free, 1 wall's spring, 2 friction's spring, 3 both."""
     return (1 if now.wall != 0.0 else 0) + (2 if now.sticks else 0)
 
 
 @jit
-def guard_bounds(gap, reach, now):  # type: ignore[no-untyped-def]
+def guard_bounds(gap, reach, now):
     """Return the interval of the relative displacement in which the regime holds; ``reach`` is the slider's limit over its stiffness."""
     low, high = -np.inf, np.inf
     if gap is not None:
@@ -73,7 +73,7 @@ def guard_bounds(gap, reach, now):  # type: ignore[no-untyped-def]
 
 
 @jit
-def constant_force(springs, gap, limit, now):  # type: ignore[no-untyped-def]
+def constant_force(springs, gap, limit, now):
     """Set the constant part of the force on the absorber: from the wall's place, the slider's place, and sliding friction."""
     force = 0.0
     if gap is not None:
@@ -84,7 +84,7 @@ def constant_force(springs, gap, limit, now):  # type: ignore[no-untyped-def]
 
 
 @jit
-def slider_sign(limit, now):  # type: ignore[no-untyped-def]
+def slider_sign(limit, now):
     """Return the sign that the relative velocity keeps while a slider slides, else 0."""
     if limit is None:
         return 0.0
@@ -92,7 +92,7 @@ def slider_sign(limit, now):  # type: ignore[no-untyped-def]
 
 
 @jit
-def clearance(gap):  # type: ignore[no-untyped-def]
+def clearance(gap):
     """Return the half-clearance, 0 without walls."""
     if gap is None:
         return 0.0
@@ -100,7 +100,7 @@ def clearance(gap):  # type: ignore[no-untyped-def]
 
 
 @jit
-def relative_motion(contact, state):  # type: ignore[no-untyped-def]
+def relative_motion(contact, state):
     """Return relative displacement and velocity, absorber less tip."""
     modes = contact.tip_shape.shape[0]
     r, v = state[modes], state[2 * modes + 1]
@@ -111,7 +111,7 @@ def relative_motion(contact, state):  # type: ignore[no-untyped-def]
 
 
 @jit
-def start_contact(side, time, rate, absorber_velocity, now, counters):  # type: ignore[no-untyped-def]
+def start_contact(side, time, rate, absorber_velocity, now, counters):
     """A wall is touched."""
     now.wall = side
     now.contact_time, now.contact_rate, now.contact_v = time, rate, absorber_velocity
@@ -119,14 +119,14 @@ def start_contact(side, time, rate, absorber_velocity, now, counters):  # type: 
 
 
 @jit
-def list_contact(time, absorber_velocity, now, events, mass):  # type: ignore[no-untyped-def]
+def list_contact(time, absorber_velocity, now, events, mass):
     """List the contact that lasts up to ``time``."""
     push_impact(events, now.contact_time, now.contact_rate, mass * (absorber_velocity - now.contact_v), 0.0, 0)
     push_phase(events, now.contact_time, time, HELD_UPPER if now.wall > 0.0 else HELD_LOWER, 0)
 
 
 @jit
-def touch(found, gap, now, time, absorber_velocity, mass, counters, events):  # type: ignore[no-untyped-def]
+def touch(found, gap, now, time, absorber_velocity, mass, counters, events):
     """A wall's contact begins or ends; without clearance the end at one wall is the begin at the other."""
     if gap is None:
         return
@@ -144,7 +144,7 @@ def touch(found, gap, now, time, absorber_velocity, mass, counters, events):  # 
 
 
 @jit_inline
-def switch(found, scene, reach, now, state, time, observe):  # type: ignore[no-untyped-def]
+def switch(found, scene, reach, now, state, time, observe):
     """Set the regime that follows an event."""
     half = state.shape[0] // 2
     r, v = relative_motion(scene.contact, state)
@@ -165,7 +165,7 @@ def switch(found, scene, reach, now, state, time, observe):  # type: ignore[no-u
 
 
 @jit
-def begin(springs, gap, limit, now, state, contact, counters):  # type: ignore[no-untyped-def]
+def begin(springs, gap, limit, now, state, contact, counters):
     """Set the first regime at time 0: the slider starts without force, a wall that is already overlapped is in contact."""
     r, v = relative_motion(contact, state)
     if gap is not None:
@@ -179,7 +179,7 @@ def begin(springs, gap, limit, now, state, contact, counters):  # type: ignore[n
 
 
 @jit
-def add_slider_loss(limit, r0, r1, now, energy):  # type: ignore[no-untyped-def]
+def add_slider_loss(limit, r0, r1, now, energy):
     """Add limit times the distance slid."""
     if energy is None or limit is None:
         return
@@ -188,7 +188,7 @@ def add_slider_loss(limit, r0, r1, now, energy):  # type: ignore[no-untyped-def]
 
 
 @jit
-def add_slider_energy(scene, limit, now, state, energy):  # type: ignore[no-untyped-def]
+def add_slider_energy(scene, limit, now, state, energy):
     """Add what the slider's spring holds: at the limit while it slides."""
     if energy is None or limit is None:
         return
@@ -200,7 +200,7 @@ def add_slider_energy(scene, limit, now, state, energy):  # type: ignore[no-unty
 
 
 @jit
-def slider_reach(springs, limit):  # type: ignore[no-untyped-def]
+def slider_reach(springs, limit):
     """Return the slider's limit over its stiffness (m), 0 without a slider."""
     if limit is None:
         return 0.0

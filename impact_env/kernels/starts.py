@@ -25,19 +25,19 @@ WALL_NOISE = 10.0 * BEND_NOISE  # the same where a wall pushes: what is released
 
 
 @jit_inline
-def micro_reach(course):  # type: ignore[no-untyped-def]
+def micro_reach(course):
     """Return how far (s) the Taylor series of a start on a guard is used."""
     return MICRO_REACH / max(course.slots.scale[FASTEST], course.omega)
 
 
 @jit_inline
-def series(t, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
+def series(t, d, v, a, j, s, c):
     """Return d + v t + a t^2/2 + j t^3/6 + s t^4/24 + c t^5/120."""
     return d + t * (v + t * (a / 2 + t * (j / 6 + t * (s / 24 + t * c / 120))))
 
 
 @jit_inline
-def sign_changes(t, h, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
+def sign_changes(t, h, d, v, a, j, s, c):
     """Return how often the Bernstein coefficients of `series` over (t, t + h) change their sign: a bound of the number of its roots there."""
     p0, p1 = series(t, d, v, a, j, s, c), h * series(t, v, a, j, s, c, 0.0) / 5
     p2 = h * h * series(t, a, j, s, c, 0.0, 0.0) / 20
@@ -49,7 +49,7 @@ def sign_changes(t, h, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
 
 
 @jit
-def bisect(left, right, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
+def bisect(left, right, d, v, a, j, s, c):
     """Return the first number after a root of `series`, which is negative at ``right``."""
     for _ in range(200):
         mid = 0.5 * (left + right)
@@ -63,7 +63,7 @@ def bisect(left, right, d, v, a, j, s, c):  # type: ignore[no-untyped-def]
 
 
 @jit
-def micro_root(d, v, a, j, s, c, reach, noise):  # type: ignore[no-untyped-def]
+def micro_root(d, v, a, j, s, c, reach, noise):
     """Return the first root in (0, reach] of `series`, whose rounding is ``noise``, or -1 if it does not turn negative.
 
     A start below 0 counts as 0, unless it goes on below. Intervals are halved until the coefficients allow no root or only one. What dips below 0 and
@@ -87,7 +87,7 @@ def micro_root(d, v, a, j, s, c, reach, noise):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def exactly_on_guard(guards, noise, now):  # type: ignore[no-untyped-def]
+def exactly_on_guard(guards, noise, now):
     """Return a signal without the rounding of the guard on which it starts; a wall that is not left keeps a distance of ``noise``."""
     y, v = now.y, 0.0
     if guards.low is not None:
@@ -99,7 +99,7 @@ def exactly_on_guard(guards, noise, now):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def leaves_quickly(course, guards, now):  # type: ignore[no-untyped-def]
+def leaves_quickly(course, guards, now):
     """Return whether a start on a guard leaves it so quickly that the safe step from distance zero is beyond the rounding."""
     reach = micro_reach(course)
     if guards.side != 0:
@@ -110,7 +110,7 @@ def leaves_quickly(course, guards, now):  # type: ignore[no-untyped-def]
 
 
 @jit
-def rate_noise(rows, u, rate_bound, rate):  # type: ignore[no-untyped-def]
+def rate_noise(rows, u, rate_bound, rate):
     """Return the rounding of the rate of a signal: slots' amplitudes u, a bound of the forced part's rate, and the polynomial's."""
     scale = rate_bound + abs(rate)
     for j in range(u.shape[1]):
@@ -119,7 +119,7 @@ def rate_noise(rows, u, rate_bound, rate):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def first_reversal(guards, now, high, reach, noise):  # type: ignore[no-untyped-def]
+def first_reversal(guards, now, high, reach, noise):
     """Return when, within ``reach`` (s) of a start on a guard, the rate first changes its sign, or -1.
 
     ``high``: the third to fifth derivatives; ``noise``: the rounding of the rate.
@@ -136,7 +136,7 @@ def first_reversal(guards, now, high, reach, noise):  # type: ignore[no-untyped-
 
 
 @jit_inline
-def first_hit(guards, now, v, high, reach, noise):  # type: ignore[no-untyped-def]
+def first_hit(guards, now, v, high, reach, noise):
     """Return (time, event) of the first hit within ``reach`` (s), else a time of -1; ``high`` and ``noise`` as in `first_reversal`.
 
     From a wall: back on it, or on the opposite one, whichever is first. In a gap far below the amplitudes that one, too, lies within reach: a flight
@@ -167,7 +167,7 @@ def first_hit(guards, now, v, high, reach, noise):  # type: ignore[no-untyped-de
 
 
 @jit
-def start_on_guard(course, guards, now):  # type: ignore[no-untyped-def]
+def start_on_guard(course, guards, now):
     """Return (offset, event): the offset from which the search may trust computed distances, or an event before it; ``now``: the signal at its start.
 
     What is known to be zero is left out: the constant term, divided by t, or the linear one. Where both a wall and the rate are watched the earlier

@@ -20,7 +20,7 @@ LEVEL_RATIO = 4.0
 
 
 @jit_inline
-def start_error(w, size, summed, order, h, error):  # type: ignore[no-untyped-def]
+def start_error(w, size, summed, order, h, error):
     """Return the error, in the quadratic (H - known zero)/t of a first step, of the derivative ``order`` with the error ``error``; times h.
 
     Each slot that is not summed, with the amplitudes w of this derivative and the next, has a share of its own instead of that in ``error``.
@@ -33,13 +33,13 @@ def start_error(w, size, summed, order, h, error):  # type: ignore[no-untyped-de
 
 
 @jit_inline
-def start_margin(d1, slope0, slope1, h):  # type: ignore[no-untyped-def]
+def start_margin(d1, slope0, slope1, h):
     """Return the least of a first step that starts on a guard, from the distance at its end and the growth of the distance at both ends."""
     return min(min(h * slope0, 1.5 * (d1 - h / 3.0 * slope1)), d1)
 
 
 @jit_inline
-def leaves_wall(b, guards, step, error):  # type: ignore[no-untyped-def]
+def leaves_wall(b, guards, step, error):
     """Return whether a block's first step, which starts on a wall, is clear of both walls; ``error`` as in `start_error`."""
     h, y0, y1 = step.h, b[VALUE], b[VALUE + 1]
     y2, y3 = y0 + h / 3.0 * b[RATE], y1 - h / 3.0 * b[RATE + 1]
@@ -51,13 +51,13 @@ def leaves_wall(b, guards, step, error):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def leaves_rest(b, h, direction, error):  # type: ignore[no-untyped-def]
+def leaves_rest(b, h, direction, error):
     """Return whether a block's first step, which starts with rate zero, is clear of a reversal; ``error`` as in `start_error`."""
     return start_margin(direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], h) > error
 
 
 @jit_inline
-def leaves_guard(signal, guards, step, walls, reversals):  # type: ignore[no-untyped-def]
+def leaves_guard(signal, guards, step, walls, reversals):
     """Return what a scan found, (walls, reversals), with the bit of the first step as the guard says on which the signal starts."""
     b, w, size = signal.block, signal.moving, signal.u.shape[1]
     if guards.low is not None:
@@ -72,7 +72,7 @@ def leaves_guard(signal, guards, step, walls, reversals):  # type: ignore[no-unt
 
 
 @jit_inline
-def sharp_root(d0, d1, d2, d3, error, slope_error):  # type: ignore[no-untyped-def]
+def sharp_root(d0, d1, d2, d3, error, slope_error):
     """Return where in (0, 1) the secant of the cubic with these Bernstein coefficients is zero, or -1 if its root is not sharp."""
     least = min(min(d0 - d1, d1 - d2), d2 - d3)
     if not (d0 > error and d3 < -error and least > max(slope_error * error, STEADY * (d0 - d3)) and error < SHARP * (d0 - d3)):
@@ -81,13 +81,13 @@ def sharp_root(d0, d1, d2, d3, error, slope_error):  # type: ignore[no-untyped-d
 
 
 @jit_inline
-def halley(x, f, slope, bend):  # type: ignore[no-untyped-def]
+def halley(x, f, slope, bend):
     """Return a better root than x, by Halley's method."""
     return x - f * slope / fma(-0.5 * f, bend, slope * slope)
 
 
 @jit_inline
-def cubic_root(b, k, h, wall, x):  # type: ignore[no-untyped-def]
+def cubic_root(b, k, h, wall, x):
     """Return a root near ``x``, in shares of step k, of the cubic through value and rate at both ends: at the wall."""
     y, v = b[VALUE + k] - wall, h * b[RATE + k]
     way, turn = b[VALUE + 1 + k] - b[VALUE + k] - v, h * b[RATE + 1 + k] - v
@@ -99,7 +99,7 @@ def cubic_root(b, k, h, wall, x):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def closer_root(b, k, h, kind, wall, x):  # type: ignore[no-untyped-def]
+def closer_root(b, k, h, kind, wall, x):
     """Return a root near ``x``, in shares of step k, of the quintic through value, rate and bend at both ends: at the wall, or of its rate."""
     y0, v0, a0 = b[VALUE + k] - wall, h * b[RATE + k], h * h * b[BEND + k]
     way, turn, bend = b[VALUE + 1 + k] - b[VALUE + k] - v0 - 0.5 * a0, h * b[RATE + 1 + k] - v0 - a0, h * h * b[BEND + 1 + k] - a0
@@ -116,14 +116,14 @@ def closer_root(b, k, h, kind, wall, x):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def turn_in_step(b, k, step, direction, slope_error):  # type: ignore[no-untyped-def]
+def turn_in_step(b, k, step, direction, slope_error):
     """Return the share of step k where the rate changes its sign, or -1 if that is not sharp."""
     h, v0, v3 = step.h, direction * b[RATE + k], direction * b[RATE + 1 + k]
     return sharp_root(v0, v0 + h / 3.0 * direction * b[BEND + k], v3 - h / 3.0 * direction * b[BEND + 1 + k], v3, step.e1, slope_error)
 
 
 @jit_inline
-def event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):  # type: ignore[no-untyped-def]
+def event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
     """Return (kind, share of the step) of the only event in step k, or NOTHING where that is not certain."""
     low, high = guards.low, guards.high
     if guards.direction is not None:
@@ -144,7 +144,7 @@ def event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):  # typ
 
 
 @jit_inline
-def is_far(b, h, guards, e0, e1):  # type: ignore[no-untyped-def]
+def is_far(b, h, guards, e0, e1):
     """Return whether a step of LEVEL_RATIO h from the block's end, with these errors, will probably be clear."""
     far = True
     if guards.low is not None:

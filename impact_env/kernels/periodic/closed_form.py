@@ -26,13 +26,13 @@ class Line(NamedTuple):
 
 
 @jit_inline
-def kappa_of(restitution, compliance):  # type: ignore[no-untyped-def]
+def kappa_of(restitution, compliance):
     """Return kappa (1/kg): at an impact the mean of the relative velocities before and after is -kappa P."""
     return 0.5 * compliance * (1.0 - restitution) / (1.0 + restitution)
 
 
 @jit
-def line_of(structure, point):  # type: ignore[no-untyped-def]
+def line_of(structure, point):
     """Return the line of the symmetric orbits at a point."""
     half = np.pi / point.omega
     k, k_rate, s_value, s_rate = -0.25 * half / structure.mass, 0.0, 0.0, 0.0
@@ -53,7 +53,7 @@ def line_of(structure, point):  # type: ignore[no-untyped-def]
 
 
 @jit
-def impulses_of(line, force):  # type: ignore[no-untyped-def]
+def impulses_of(line, force):
     """Return the smaller and the larger root P of the quadratic in N s; both are nan where there is none."""
     two = line.a * line.a + line.b * line.b
     one = line.a * line.a0 + line.b * line.b0
@@ -67,7 +67,7 @@ def impulses_of(line, force):  # type: ignore[no-untyped-def]
 
 
 @jit
-def phase_of(line, force, impulse):  # type: ignore[no-untyped-def]
+def phase_of(line, force, impulse):
     """Return the force's phase (rad, 0 to 2 pi) at the impact on the lower wall."""
     x, y = line.a * impulse + line.a0, line.b * impulse + line.b0
     phase = math.atan2(-y, x) - math.atan2(line.receptance.imag, line.receptance.real)
@@ -77,7 +77,7 @@ def phase_of(line, force, impulse):  # type: ignore[no-untyped-def]
 
 
 @jit
-def fold_of(line):  # type: ignore[no-untyped-def]
+def fold_of(line):
     """Return the smallest force (N) with a symmetric orbit, and its impulse (N s): the line's distance from the origin over |H|."""
     two = line.a * line.a + line.b * line.b
     cross = abs(line.a * line.b0 - line.b * line.a0)
@@ -85,7 +85,7 @@ def fold_of(line):  # type: ignore[no-untyped-def]
 
 
 @jit
-def closed_forms(structure, point, omegas, out):  # type: ignore[no-untyped-def]
+def closed_forms(structure, point, omegas, out):
     """Write impulse and phase of both branches, (M, 4), at frequencies (M,) in rad/s: small P and its phase, large P and its phase."""
     for m in range(omegas.shape[0]):
         line = line_of(structure, at_frequency(point, omegas[m]))
@@ -95,7 +95,7 @@ def closed_forms(structure, point, omegas, out):  # type: ignore[no-untyped-def]
 
 
 @jit
-def fold_forces(structure, point, omegas, out):  # type: ignore[no-untyped-def]
+def fold_forces(structure, point, omegas, out):
     """Write fold force (N) and impulse at the fold (N s), (M, 2), at frequencies (M,) in rad/s."""
     for m in range(omegas.shape[0]):
         out[m, 0], out[m, 1] = fold_of(line_of(structure, at_frequency(point, omegas[m])))

@@ -55,7 +55,7 @@ class Room(NamedTuple):
 
 
 @jit_room
-def new_room(structure, order):  # type: ignore[no-untyped-def]
+def new_room(structure, order):
     """Return room for an order of events."""
     n, j = order.wall.shape[0], structure.s.shape[0]
     place = np.full(n, -1, np.int64)
@@ -83,7 +83,7 @@ def new_room(structure, order):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def polynomial(structure, span, mirror, tau):  # type: ignore[no-untyped-def]
+def polynomial(structure, span, mirror, tau):
     """Return the absorber's share of L, K, K', K'' and of dL/dspan, dK/dspan, dK'/dspan at 0 <= tau <= span (s)."""
     mass, static = structure.mass, structure.static
     if mirror < 0.0:
@@ -104,7 +104,7 @@ def polynomial(structure, span, mirror, tau):  # type: ignore[no-untyped-def]
 
 
 @jit
-def prepare(structure, order, omega, z, room):  # type: ignore[no-untyped-def]
+def prepare(structure, order, omega, z, room):
     """Fill the exponentials between events and those of the periodic kernel."""
     n, span, mirror = order.wall.shape[0], order.turn / omega, order.mirror
     for j in range(structure.s.shape[0]):
@@ -120,7 +120,7 @@ def prepare(structure, order, omega, z, room):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def sums(structure, room, tau, span, mirror, with_span):  # type: ignore[no-untyped-def]
+def sums(structure, room, tau, span, mirror, with_span):
     """Return L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan for the exponentials in ``room.running``, ``tau`` (s) after an impulse."""
     g0, g1, g2, g3, d0, d1, d2 = polynomial(structure, span, mirror, tau)
     for j in range(structure.s.shape[0]):
@@ -138,7 +138,7 @@ def sums(structure, room, tau, span, mirror, with_span):  # type: ignore[no-unty
 
 
 @jit_inline
-def own_sums(structure, room, span, mirror):  # type: ignore[no-untyped-def]
+def own_sums(structure, room, span, mirror):
     """Return L, K, K' at an impulse itself, the mean of both sides, and their derivatives by the span."""
     g0, g1, g2, d0, d1, d2 = 0.0, -0.25 * span / structure.mass, 0.0, 0.0, -0.25 / structure.mass, 0.0
     if mirror > 0.0:
@@ -155,7 +155,7 @@ def own_sums(structure, room, span, mirror):  # type: ignore[no-untyped-def]
 
 
 @jit
-def begin_rows(structure, point, order, z, scale, room, system):  # type: ignore[no-untyped-def]
+def begin_rows(structure, point, order, z, scale, room, system):
     """Fill the forced part, the constant and each event's own share; what other events add comes later."""
     residual, jacobian = system.residual, system.jacobian
     n, omega = order.wall.shape[0], point.omega
@@ -193,7 +193,7 @@ def begin_rows(structure, point, order, z, scale, room, system):  # type: ignore
 
 
 @jit
-def add_pairs(structure, point, order, z, scale, room, system, with_span):  # type: ignore[no-untyped-def]
+def add_pairs(structure, point, order, z, scale, room, system, with_span):
     """Add to each event's rows what the impulses and friction jumps of the others bring, going round the span from each of them."""
     residual, jacobian = system.residual, system.jacobian
     n, omega, limit = order.wall.shape[0], point.omega, point.limit
@@ -233,7 +233,7 @@ def add_pairs(structure, point, order, z, scale, room, system, with_span):  # ty
 
 
 @jit
-def finish_rows(structure, point, order, scale, room, jacobian):  # type: ignore[no-untyped-def]
+def finish_rows(structure, point, order, scale, room, jacobian):
     """Fill the derivatives by the events' own phases, by omega and by the friction limit."""
     n, size, omega = order.wall.shape[0], jacobian.shape[0], point.omega
     span = order.turn / omega
@@ -249,7 +249,7 @@ def finish_rows(structure, point, order, scale, room, jacobian):  # type: ignore
 
 
 @jit
-def balance(structure, point, order, z, scale, room, system):  # type: ignore[no-untyped-def]
+def balance(structure, point, order, z, scale, room, system):
     """Fill the last row of a whole period: impulses and friction together leave the absorber's momentum as it was."""
     residual, jacobian = system.residual, system.jacobian
     n, size = order.wall.shape[0], jacobian.shape[0]
@@ -269,7 +269,7 @@ def balance(structure, point, order, z, scale, room, system):  # type: ignore[no
 
 
 @jit
-def conditions(structure, point, order, z, scale, room, system, with_span):  # type: ignore[no-untyped-def]
+def conditions(structure, point, order, z, scale, room, system, with_span):
     """Fill the system; ``with_span`` False leaves the column of omega out (it is then wrong): Newton's method at one point does not need it."""
     residual, jacobian = system.residual, system.jacobian
     n, size = order.wall.shape[0], jacobian.shape[0]

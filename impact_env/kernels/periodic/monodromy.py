@@ -13,7 +13,7 @@ from impact_env.kernels.periodic.motion import state_in
 
 
 @jit
-def fly_over(structure, dt, block, matrix):  # type: ignore[no-untyped-def]
+def fly_over(structure, dt, block, matrix):
     """Multiply ``matrix`` (2 N_m + 2, columns) from the left by a flight over ``dt`` (s): modes by themselves, the absorber uniformly."""
     n, columns = structure.omega.shape[0], matrix.shape[1]
     block[:, :] = 0.0
@@ -32,7 +32,7 @@ def fly_over(structure, dt, block, matrix):  # type: ignore[no-untyped-def]
 
 
 @jit
-def relative_rows(structure, matrix, c):  # type: ignore[no-untyped-def]
+def relative_rows(structure, matrix, c):
     """Return relative displacement and velocity of column ``c``."""
     n = structure.omega.shape[0]
     d, v = matrix[n, c], matrix[2 * n + 1, c]
@@ -43,7 +43,7 @@ def relative_rows(structure, matrix, c):  # type: ignore[no-untyped-def]
 
 
 @jit
-def leap_over(structure, wall, restitution, impulse, jump, rate, bend, matrix):  # type: ignore[no-untyped-def]
+def leap_over(structure, wall, restitution, impulse, jump, rate, bend, matrix):
     """Multiply ``matrix`` from the left by an event's saltation matrix.
 
     ``impulse`` (N s), ``jump`` (N) of the friction force on the absorber, relative velocity ``rate`` (m/s) and acceleration ``bend`` (m/s^2) before.
@@ -66,7 +66,7 @@ def leap_over(structure, wall, restitution, impulse, jump, rate, bend, matrix): 
 
 
 @jit_room
-def monodromy(structure, point, order, flights, impulses, jumps, matrix, turning):  # type: ignore[no-untyped-def]
+def monodromy(structure, point, order, flights, impulses, jumps, matrix, turning):
     """Write the derivative of the map over one span, from just after the first event to just after its return, mirrored back where the order is.
 
     ``jumps`` (n,): changes of the friction force in N. ``turning`` (n,) takes the relative acceleration before each reversal over the change that

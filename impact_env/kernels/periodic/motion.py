@@ -39,7 +39,7 @@ class Extremes(NamedTuple):
 
 
 @jit_inline
-def rates(structure, omega, force, rest, amplitude, phase, out):  # type: ignore[no-untyped-def]
+def rates(structure, omega, force, rest, amplitude, phase, out):
     """Write modal displacements, velocities and accelerations (3, N_m): exponentials ``amplitude`` (J,), constant force ``rest`` (N), phase (rad)."""
     turning = force * np.exp(1j * phase)
     for i in range(structure.omega.shape[0]):
@@ -56,7 +56,7 @@ def rates(structure, omega, force, rest, amplitude, phase, out):  # type: ignore
 
 
 @jit_room
-def flights_of(structure, point, order, z, impulses):  # type: ignore[no-untyped-def]
+def flights_of(structure, point, order, z, impulses):
     """Return the flights of an orbit with phases ``z`` (n, rad) and ``impulses`` (n, N s; 0 at reversals). The first event is an impact."""
     room = new_room(structure, order)
     prepare(structure, order, point.omega, z, room)
@@ -81,7 +81,7 @@ def flights_of(structure, point, order, z, impulses):  # type: ignore[no-untyped
 
 
 @jit_room
-def absorber(structure, point, order, impulses, phase, flights):  # type: ignore[no-untyped-def]
+def absorber(structure, point, order, impulses, phase, flights):
     """Fill the absorber's place and velocity after each event: it starts on a wall, and its velocity follows from what comes again."""
     force, place, velocity, time = flights.force, flights.place, flights.velocity, flights.time
     n, modal, mass, x, v = time.shape[0] - 1, np.zeros((3, structure.omega.shape[0])), structure.mass, 0.0, 0.0
@@ -101,7 +101,7 @@ def absorber(structure, point, order, impulses, phase, flights):  # type: ignore
 
 
 @jit
-def state_in(structure, point, flights, i, dt, amplitude, modal, state):  # type: ignore[no-untyped-def]
+def state_in(structure, point, flights, i, dt, amplitude, modal, state):
     """Write the state (2 N_m + 2,) ``dt`` (s) after event ``i``; ``amplitude`` (J,) is scratch, ``modal`` (3, N_m) is left with q, q', q''."""
     n = structure.omega.shape[0]
     for j in range(structure.s.shape[0]):
@@ -115,7 +115,7 @@ def state_in(structure, point, flights, i, dt, amplitude, modal, state):  # type
 
 
 @jit_room
-def states_at(structure, point, flights, times, out):  # type: ignore[no-untyped-def]
+def states_at(structure, point, flights, times, out):
     """Write states (S, 2 N_m + 2) at rising times (S,) in s from the first event to its return."""
     amplitude, modal, i = np.zeros(structure.s.shape[0], np.complex128), np.zeros((3, structure.omega.shape[0])), 0
     for k in range(times.shape[0]):
@@ -125,7 +125,7 @@ def states_at(structure, point, flights, times, out):  # type: ignore[no-untyped
 
 
 @jit
-def tip_in(structure, point, h, flights, i, dt):  # type: ignore[no-untyped-def]
+def tip_in(structure, point, h, flights, i, dt):
     """Return displacement, velocity and acceleration of the tip ``dt`` (s) after event ``i``; ``h`` is the receptance."""
     omega = point.omega
     forced = point.force * h * np.exp(1j * omega * (flights.time[i] + dt))
@@ -139,7 +139,7 @@ def tip_in(structure, point, h, flights, i, dt):  # type: ignore[no-untyped-def]
 
 
 @jit
-def peak_near(structure, point, h, flights, i, dt, reach):  # type: ignore[no-untyped-def]
+def peak_near(structure, point, h, flights, i, dt, reach):
     """Return the largest |tip displacement| (m) within ``reach`` (s) of ``dt`` (s) after event ``i``, and within its flight."""
     length = flights.time[i + 1] - flights.time[i]
     best, start = abs(tip_in(structure, point, h, flights, i, dt)[0]), dt
@@ -153,7 +153,7 @@ def peak_near(structure, point, h, flights, i, dt, reach):  # type: ignore[no-un
 
 
 @jit_room
-def scan(structure, point, h, flights, order, turns):  # type: ignore[no-untyped-def]
+def scan(structure, point, h, flights, order, turns):
     """Go through all flights; return (extremes, number of turns, whether the signs fit the impacts).
 
     ``turns`` (capacity,) takes the times (s) at which the relative velocity changes its sign between impacts, whatever the order says; the

@@ -16,7 +16,7 @@ SLIVER = 1e-9  # rad between events, below which their order is lost
 
 
 @jit
-def solve_in_place(matrix, columns, rows):  # type: ignore[no-untyped-def]
+def solve_in_place(matrix, columns, rows):
     """Solve ``matrix`` x = column number ``columns`` of the same array, (m, > m), by elimination with row exchange; False if it is singular."""
     m = rows.shape[0]
     largest = 0.0
@@ -49,7 +49,7 @@ def solve_in_place(matrix, columns, rows):  # type: ignore[no-untyped-def]
 
 
 @jit
-def share_kept(order, z, step):  # type: ignore[no-untyped-def]
+def share_kept(order, z, step):
     """Return the share of a step of the unknowns, 1 at most, that leaves every time between two events at least `KEEP` of what it is."""
     n, share = order.wall.shape[0], 1.0
     for i in range(n):
@@ -61,7 +61,7 @@ def share_kept(order, z, step):  # type: ignore[no-untyped-def]
 
 
 @jit
-def least_gap(order, z):  # type: ignore[no-untyped-def]
+def least_gap(order, z):
     """Return the shortest way between two events in rad."""
     n = order.wall.shape[0]
     least = z[0] + order.turn - z[n - 1]
@@ -71,7 +71,7 @@ def least_gap(order, z):  # type: ignore[no-untyped-def]
 
 
 @jit_room
-def newton(structure, point, order, z, scale, system):  # type: ignore[no-untyped-def]
+def newton(structure, point, order, z, scale, system):
     """Move the unknowns ``z`` (m,) to a solution; return status, steps, largest residual. The ``system`` is left as at ``z``."""
     room, size = new_room(structure, order), z.shape[0]
     work, step = np.zeros((size, size + 1)), np.zeros(size)

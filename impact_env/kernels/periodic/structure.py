@@ -65,13 +65,13 @@ class Scale(NamedTuple):
 
 
 @jit_inline
-def at_frequency(point, omega):  # type: ignore[no-untyped-def]
+def at_frequency(point, omega):
     """Return the point at another circular frequency (rad/s)."""
     return Point(omega, point.force, point.gap, point.restitution, point.limit)
 
 
 @jit_inline
-def over(a, b):  # type: ignore[no-untyped-def]
+def over(a, b):
     """Return a/b, complex; infinite or nan where b is 0 (an undamped mode at resonance), for which numba's own division raises an error."""
     size = b.real * b.real + b.imag * b.imag
     value = a * complex(b.real, -b.imag)
@@ -79,7 +79,7 @@ def over(a, b):  # type: ignore[no-untyped-def]
 
 
 @jit
-def receptance(structure, omega):  # type: ignore[no-untyped-def]
+def receptance(structure, omega):
     """Return H (m/N) and dH/domega: displacement of the tip under a force exp(i omega t) at the place of the force."""
     value, slope = 0j, 0j
     for i in range(structure.omega.shape[0]):
