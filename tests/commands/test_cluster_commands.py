@@ -7,9 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
-from sweep_command import SHORT
-from sweep_command import call as sweep
+from commands import SHORT, call, sweep
 
 pytest.importorskip("distributed")
 pytest.importorskip("optuna")
@@ -20,8 +18,6 @@ from optimisation.cli import design_gap, frequency_response, mass_ratios
 from optimisation.evaluation import Threads
 from optimisation.search.cluster import Workers
 from studies import rule, search_methods
-from studies.cli import design_rule, friction_branches
-from studies.cli import search_methods as search_methods_script
 
 
 @pytest.fixture(scope="module")
@@ -38,22 +34,19 @@ def test_members_of_a_sweep(address: str, tmp_path: Path) -> None:
     here, there = (json.loads(file.read_text()) for file in files)
     assert len(there["response_level_m"]) == 3
     assert {k: x for k, x in here.items() if k != "wall_s"} == {k: x for k, x in there.items() if k != "wall_s"}
-    alone = sweep(*SHORT, "--cluster", address)
-    assert alone.exit_code == 2
-    assert "--cluster needs --members above 1" in alone.output
 
 
 def test_gaps_around_the_rule(address: str, tmp_path: Path) -> None:
     line = ["--force", "3.5", "--modes", "2", "--rate", "100", "--gaps", "3", "--members", "2"]
     for name, where in (("here", ["--threads", "1"]), ("there", ["--cluster", address])):
-        result = CliRunner().invoke(design_gap.main, [*line, *where, "--out", str(tmp_path / name)])
+        result = call(design_gap, *line, *where, "--out", str(tmp_path / name))
         assert result.exit_code == 0, result.output
     assert (tmp_path / "here" / "levels.csv").read_text() == (tmp_path / "there" / "levels.csv").read_text()
 
 
 def test_best_gaps_over_the_mass(address: str) -> None:
     line = ["--mass-ratio", "0.05", "--resonances", "1", "1", "--rate", "100", "--members", "2"]
-    here, there = (CliRunner().invoke(mass_ratios.main, [*line, *where]) for where in (["--threads", "1"], ["--cluster", address]))
+    here, there = (call(mass_ratios, *line, *where) for where in (["--threads", "1"], ["--cluster", address]))
     assert there.exit_code == 0, there.output
     tables = [[row for row in result.output.splitlines() if row.startswith("|")] for result in (here, there)]
     assert tables[0] == tables[1]
@@ -64,12 +57,12 @@ def test_stationary_responses_over_the_frequency(address: str, tmp_path: Path) -
     line = ["--modes", "2", "--no-sweeps", "--method", "balance", "--friction-limit", "0.02", "--from", "1.02", "--to", "1.04"]
     runs, files = ["--envelope", "2", "--members", "2", "--settle", "50", "--window", "20"], [tmp_path / name for name in ("a.json", "b.json")]
     for file, where in zip(files, (["--threads", "1"], ["--cluster", address]), strict=True):
-        result = CliRunner().invoke(frequency_response.main, [*line, *runs, *where, "--json", str(file)])
+        result = call(frequency_response, *line, *runs, *where, "--json", str(file))
         assert result.exit_code == 0, result.output
     here, there = (json.loads(file.read_text()) for file in files)
     assert here == there
     assert [point["omega_ratio"] for point in here["stationary"]] == [1.02, 1.04]
-    alone = CliRunner().invoke(frequency_response.main, [*line, "--cluster", address])
+    alone = call(frequency_response, *line, "--cluster", address)
     assert alone.exit_code == 2
     assert "--cluster does not go without --envelope" in alone.output
 
@@ -82,22 +75,3 @@ def test_a_case_of_the_rule_study_and_a_search(address: str) -> None:
         first, second = (search_methods.trial("paper, first", "random", 0, 4, 1, where, 100.0) for where in (Threads(1), workers))
     assert first is not None
     assert first == second
-
-
-COMMANDS = {
-    "frequency_response": (frequency_response.main, ["--envelope", "2"]),
-    "design_rule": (design_rule.main, ["--quick", "--out"]),
-    "search_methods": (search_methods_script.main, ["--quick", "--out"]),
-    "mass_ratios": (mass_ratios.main, []),
-    "friction_branches": (friction_branches.main, ["--quick"]),
-}
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_threads_and_no_scheduler_are_refused(name: str, tmp_path: Path) -> None:
-    command, options = COMMANDS[name]
-    line = [*options, *([str(tmp_path)] if "--out" in options else []), "--cluster", "127.0.0.1:1"]
-    result = CliRunner().invoke(command, [*line, "--threads", "2"])
-    assert result.exit_code == 2
-    assert "--threads = 2 is not allowed: with --cluster" in result.output
-    assert list(tmp_path.iterdir()) == []

@@ -83,6 +83,9 @@ def test_a_wheel_lists_its_commands_under_headings(installed: Path, tmp_path: Pa
     assert {line.split()[0] for line in listed.splitlines() if line[2:3].strip() and line.startswith("  ")} == set(shipped())
     assert "Give the cavity's gap for a force by the design rule" in result.stdout
     assert "scripts" not in result.stdout
+    assert {file.name for file in installed.iterdir() if file.suffix != ".dist-info"} - {"bin"} == {"impact_env", "optimisation"}
+    for file in ("impact_env/py.typed", "optimisation/py.typed", "optimisation/rl/hyperparameters.yaml"):
+        assert (installed / file).is_file()
 
 
 def test_the_version_is_told(installed: Path, tmp_path: Path) -> None:

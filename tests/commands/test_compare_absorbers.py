@@ -3,7 +3,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -16,7 +16,7 @@ from impact_env import Beam
 from optimisation.cli import compare_absorbers
 from optimisation.comparison import FORCE_SPAN, IMPACT, LTVA_PAPER, NONE, Comparison, compare, force_grid
 from optimisation.files import replacing, require_writable, write_csv, write_json
-from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
+from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary
 from optimisation.tuned import den_hartog
 
 FILES = {"runs.csv", "curves.csv", "summary.json", "comparison.png"}
@@ -99,16 +99,6 @@ def test_summary_names_optimum_and_parameters(study: Comparison) -> None:
     assert part["concepts"]["friction"]["absorber"] == {"mass_ratio": 0.02, "friction": {"limit": 0.5}}
 
 
-def test_table_to_read_is_aligned(study: Comparison) -> None:
-    blocks = text_table(study).split("\n\n")
-    assert len(blocks) == 3
-    for block in blocks[:2]:
-        lines = block.splitlines()
-        column = lines[1].index("best force")
-        assert all(line[column - 2 : column] == "  " for line in lines[1:9])
-        assert all(concept.label in block for concept in study.concepts)
-
-
 def test_quick_look_writes_all_files(script: ModuleType, tmp_path: Path) -> None:
     result = call(script, "--quick", "--seed", 4, "--out", tmp_path / "new" / "folder")
     assert result.exit_code == 0, result.output
@@ -130,63 +120,6 @@ def test_result_follows_from_the_seed_alone(script: ModuleType, tmp_path: Path) 
         assert call(script, "--forces", 2, "--members", 2, "--seed", seed, "--threads", threads, "--out", tmp_path / name).exit_code == 0
     a, b, c = ((tmp_path / name / "runs.csv").read_text() for name in "abc")
     assert a == b != c
-
-
-def interrupted_after(lanes: int) -> Callable[..., Comparison]:
-    def stop(done: int, _total: int) -> None:
-        if done == lanes:
-            raise KeyboardInterrupt
-
-    return lambda **options: small(**options | {"progress": stop, "threads": 1})
-
-
-@pytest.mark.parametrize("lanes", [1, 60])
-def test_interrupt_leaves_what_is_finished(script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lanes: int) -> None:
-    monkeypatch.setattr("optimisation.cli.compare_absorbers.compare", interrupted_after(lanes))
-    result = call(script, "--forces", 4, "--members", 4, "--out", tmp_path)
-    assert result.exit_code == 130
-    assert "Stopped early" in result.output
-    assert {file.name for file in tmp_path.iterdir()} == FILES
-    assert json.loads((tmp_path / "summary.json").read_text())["complete"] is False
-    runs = read(tmp_path / "runs.csv")
-    assert len(runs) < 2 * len(KEYS) * 4 * 4 * 2
-    assert all(float(run["response_level_m"]) > 0 for run in runs)
-    if lanes == 60:  # the first member is whole
-        assert {run["concept"] for run in runs if run["member"] == "0"} == set(KEYS)
-
-
-def test_break_while_writing_leaves_no_part_of_a_file(script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "comparison.png").write_text("the last result")
-
-    def save(path: Path, _comparison: Comparison) -> None:
-        path.write_text("half")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("optimisation.report.comparison_figure.save_figure", save)
-    result = call(script, "--forces", 2, "--members", 1, "--out", tmp_path)
-    assert result.exit_code == 130
-    assert {file.name for file in tmp_path.iterdir()} == FILES
-    assert (tmp_path / "comparison.png").read_text() == "the last result"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "names"),
-    [
-        (["--members", 0], ["--members", "0", "x>=1"]),
-        (["--members", "many"], ["--members", "many"]),
-        (["--forces", 1], ["--forces", "1", "x>=2"]),
-        (["--seed", -1], ["--seed", "-1", "x>=0"]),
-        (["--threads", 0], ["--threads", "0", "x>=1"]),
-        (["--no-such-option"], ["--no-such-option"]),
-        (["--out", __file__], ["--out", __file__, "folder"]),
-    ],
-)
-def test_bad_input_is_named(script: ModuleType, monkeypatch: pytest.MonkeyPatch, arguments: list[object], names: list[str]) -> None:
-    monkeypatch.setattr("optimisation.cli.compare_absorbers.compare", lambda **_options: pytest.fail("computed"))
-    result = call(script, *arguments)
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    assert all(name in result.stderr for name in names)
 
 
 def test_files_are_whole_or_absent(tmp_path: Path) -> None:

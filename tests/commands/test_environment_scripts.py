@@ -53,25 +53,6 @@ def test_an_agent_acts_in_its_own_environment(tmp_path: Path) -> None:
     played = play(load_agent(file), "ImpactAbsorber/SweepRate-v1", [2000403])
     whole = call(render_episode.main, "--agent", file, "--seed", 2000403, "--gif", target)
     assert f"{int(played.steps[0]) + 1} frames" in whole.output
-    assert call(render_episode.main, "--agent", file, "--interval", 3).exit_code == 2
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--gif", "no/such/folder/a.gif"), "--gif"),
-        (("--gif", "film.mp4"), ".gif"),
-        (("--action", 2), "--action"),
-        (("--env", "nothing"), "--env"),
-        (("--gif", "{here}/a.gif", "--interval", 0.01), "interval = 0.01"),
-        (("--gif", "{here}/a.gif", "--force", -1), "force = -1"),
-    ],
-)
-def test_bad_options_are_named(tmp_path: Path, arguments: tuple[object, ...], words: str) -> None:
-    result = call(render_episode.main, *(str(argument).format(here=tmp_path) for argument in arguments))
-    assert result.exit_code == 2
-    assert words in result.output
-    assert not list(tmp_path.iterdir())
 
 
 def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

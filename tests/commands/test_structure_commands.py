@@ -23,7 +23,6 @@ from studies.cli.your_structure import BLOCK, PAGE
 from studies.regimes.cases import Settings as RegimeSettings
 
 STEEL, FRAME, MEASURED = (str(EXAMPLES / f"{name}.toml") for name in ("steel_beam_tip", "frame", "measured"))
-WITHOUT_FOLDER = ("sweep", "orbits", "isola", "frequency_response")
 
 
 @pytest.fixture(autouse=True)
@@ -133,36 +132,6 @@ def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyP
     result = call("pareto", monkeypatch, f"--structure {FRAME} --rate 40 --members 1 --designs 4 --batch 2 --threads 1 --out {tmp_path / 'front'}")
     assert result.exit_code == 0, result.output
     assert "warning: at resonance 2 the free amplitude is" in result.output
-
-
-@pytest.mark.parametrize(
-    ("name", "line", "message"),
-    [
-        ("design_gap", "--structure {steel} --force 1 --modes 3", "--modes does not go with --structure"),
-        (
-            "design_gap",
-            "--structure {frame} --force 1 --position 0.5",
-            "position = 0.5 is not allowed: the number of one of the structure's places for absorbers, 1 to 1",
-        ),
-        ("tune_ltva", "--structure {steel} --damping 0.1", "--damping does not go with --structure"),
-        ("orbits", "--structure {steel} --modes 3", "--modes does not go with --structure"),
-        ("regimes", "--structure {steel} --modes 3", "--modes does not go with --structure"),
-        ("isola", "--structure {steel} --damping 0.1", "--damping does not go with --structure"),
-        ("frequency_response", "--structure {steel} --scene x.toml", "--scene does not go with --structure"),
-        ("sweep", "--structure {steel} --scene x.toml", "--scene does not go with --structure"),
-        ("sweep", "--structure none.toml", "file = 'none.toml' is not allowed: TOML that can be read"),
-        ("compare_absorbers", "--structure {steel} --gap 1e-3 --force 1", "gap = 0.001 is not allowed: left out beside a force"),
-        ("compare_absorbers", "--structure {steel} --resonances 1 99", "resonance = 99 is not allowed: a mode of the model, 1 to 10"),
-        ("optimise_design", "--structure {steel} --at 1:1 --resonances 1 2", "--resonances = (1, 2) is not allowed: beside --at"),
-        ("optimise_design", "--structure {frame} --free position", "position = 'free' is not allowed: left out on a modal model"),
-    ],
-)
-def test_bad_input_is_one_line(name: str, line: str, message: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    out = "" if name in WITHOUT_FOLDER else f" --out {tmp_path}"
-    result = call(name, monkeypatch, line.format(steel=STEEL, frame=FRAME) + out)
-    assert result.exit_code == 2, result.output
-    assert message in result.output
-    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
 def test_warnings_of_a_file_are_lines(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -3,10 +3,8 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +17,6 @@ from impact_env.parameters import Beam
 from optimisation.designs import design_space
 from optimisation.evaluation import Threads
 from optimisation.insight import sensitivity
-from optimisation.measures import Chunk
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.report.design_tables import LEVEL_COLUMNS, limit
@@ -76,35 +73,6 @@ def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path) -> N
     assert "winner over paper" in result.stdout
 
 
-@pytest.mark.parametrize("concept", ["impact", "friction"])
-def test_study_goes_on_and_tells_the_same(optimise: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, concept: str) -> None:
-    class Stopping(Threads):
-        def run(self, chunks: Sequence[Chunk]) -> Iterator[Any]:
-            for count, result in enumerate(super().run(chunks)):
-                if count == 3:
-                    raise KeyboardInterrupt
-                yield result
-
-    arguments = [*FAST, "--concept", concept, "--designs", 5, "--no-figures", "--audit", 0, "--study", tmp_path / "one.journal"]
-    with monkeypatch.context() as patch:
-        patch.setattr("optimisation.executors.Threads", Stopping)
-        result = call(optimise, *arguments, "--out", tmp_path / "a")
-    assert result.exit_code == 130
-    assert "goes on from here" in result.output
-    assert "no design yet" in result.output
-    assert json.loads((tmp_path / "a" / concept / "summary.json").read_text())["finished"] is False
-    assert (tmp_path / "one.journal").stat().st_size > 500
-    for name in "ab":
-        study = tmp_path / ("one.journal" if name == "a" else "another.journal")
-        assert call(optimise, *arguments, "--study", study, "--out", tmp_path / name).exit_code == 0
-        assert not list((tmp_path / name).rglob("*.journal"))
-    a, b = ((tmp_path / name / concept / "designs.csv").read_text() for name in "ab")
-    assert a == b
-    again = call(optimise, *arguments, "--seed", 7, "--out", tmp_path / "a")
-    assert again.exit_code == 2
-    assert "problem.seed is 0 there and 7 here" in again.stderr
-
-
 def test_range_objective_spreads_the_forces(optimise: ModuleType, tmp_path: Path) -> None:
     arguments = ["--objective", "range", "--limit", 0.4, "--over", "mean", "--quantile", 0.9, "--at", "1:3.5", "--no-figures"]
     result = call(optimise, *FAST, *arguments, "--designs", 5, "--out", tmp_path)
@@ -133,40 +101,6 @@ def test_front_is_written_and_compared(pareto: ModuleType, tmp_path: Path, again
     assert content["seeds_won_against_random"] == (won if compared else None)
     assert (f"in {won} of 2 seeds" in result.stdout) == bool(compared)
     assert all(set(entry) == {"seed", "method", "random"} for entry in content["against_random"])
-
-
-@pytest.mark.parametrize(
-    ("name", "arguments", "names"),
-    [
-        ("optimise_design", ["--objective", "beauty"], ["--objective", "beauty", "level"]),
-        ("optimise_design", ["--concept", "spring"], ["--concept", "spring"]),
-        ("optimise_design", ["--at", "one"], ["--at", "'one'", "1:3.5"]),
-        ("optimise_design", ["--at", "1:-3"], ["force = -3.0"]),
-        ("optimise_design", ["--at", "9:3", "--modes", 2], ["resonance = 9"]),
-        ("optimise_design", ["--free", "colour"], ["'colour'", "gap"]),
-        ("optimise_design", ["--bounds", "gap", 2e-3, 1e-3], ["bounds of gap", "(0.002, 0.001)"]),
-        ("optimise_design", ["--bounds", "gap", 1e-3, 1e-3], ["bounds of gap"]),
-        ("optimise_design", ["--fix", "restitution", 2], ["restitution"]),
-        ("optimise_design", ["--constraint", "noise", 1], ["constraint = 'noise'", "stroke"]),
-        ("optimise_design", ["--objective", "range"], ["limit of the relative level"]),
-        ("optimise_design", ["--sampler", "scipy"], ["sampler = 'scipy'", "without walls"]),
-        ("optimise_design", ["--free", "gap", "--sampler", "cma"], ["sampler = 'cma'", "two or more"]),
-        ("optimise_design", ["--cluster", "127.0.0.1:1", "--threads", 2], ["--threads = 2"]),
-        ("optimise_design", ["--concept", "all", "--study", "x.journal"], ["--study = x.journal"]),
-        ("optimise_design", ["--out", __file__], ["--out", __file__]),
-        ("pareto", ["--at", "1:3.5"], ["--at", "two resonances"]),
-        ("pareto", ["--against", "all"], ["--against", "all"]),
-        ("pareto", ["--designs", 1], ["--designs", "x>=2"]),
-    ],
-)
-def test_bad_input_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str, arguments: list[object], names: list[str]) -> None:
-    script = load(name, monkeypatch)
-    monkeypatch.setattr(Threads, "run", lambda *_: pytest.fail("computed"))
-    out = [] if "--out" in arguments else ["--out", tmp_path]
-    result = call(script, *arguments, *out)
-    assert result.exit_code == 2, result.output
-    assert result.stdout == ""
-    assert all(part in result.stderr for part in names), result.stderr
 
 
 def test_limit_is_that_of_the_free_end_for_any_place_and_any_number_of_cavities() -> None:

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sweep_command import SHORT, call, sweep
+from commands import SHORT
+from commands import sweep as call
 
 from impact_env.drive import PAPER_LIMITS
 from impact_env.methods import Exact, Moreau, RungeKutta
@@ -24,7 +25,8 @@ from impact_env.parameters import (
 )
 from impact_env.plain import from_scene
 from impact_env.scene import beam_scene
-from optimisation.cli import sweep_scene
+from optimisation.cli import sweep, sweep_scene
+from optimisation.report import sweep_figure
 
 STRONG = [*SHORT, "--force", "20"]
 CONSTANT = ["--modes", "2", "--from", "1", "--to", "1"]
@@ -267,3 +269,17 @@ def test_defaults_are_the_papers() -> None:
     assert sweep_scene.make_method(given) == Exact()
     assert sweep_scene.make_method(options("--method", "moreau")) == Moreau()
     assert sweep_scene.make_method(options("--method", "runge-kutta", "--steps-per-period", "50")) == RungeKutta(50)
+
+
+def test_failure_while_writing_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(path: Path, *_: object) -> None:
+        path.write_text("half a figure")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(sweep_figure, "save_figure", fail)
+    old, figure = tmp_path / "sweep.json", tmp_path / "sweep.png"
+    old.write_text("older results")
+    result = call(*SHORT, "--absorber", "none", "--json", str(old), "--plot", str(figure))
+    assert result.exit_code != 0
+    assert old.read_text() == "older results"
+    assert list(tmp_path.iterdir()) == [old]

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import sweep
 from places import EXAMPLES
-from sweep_command import call as sweep
 
 from impact_env import Beam, ModalModel, ParameterError, beam_scene, impact_absorber, impact_absorbers, load_structure, modal_model
 from impact_env.beam import deflection_row, matrices

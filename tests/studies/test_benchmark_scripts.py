@@ -4,12 +4,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from click import Command
 from commands import call
 
-from impact_env import SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, TunedAbsorber
 from optimisation.report.markdown import markdown
 from studies import levels
 from studies.benchmarks import energies, speed
@@ -66,11 +63,6 @@ def test_median_of_the_repeats_counts() -> None:
     assert [cell.strip() for cell in row.strip("|").split("|")] == ["10 modes, 5 N, e = 1", "5", "2.00", "3.0", "20", "150", "30.0", "170", "34.0"]
 
 
-def test_cases_are_the_stated_ones() -> None:
-    stated = [(c.modes, c.force, c.restitution, c.friction_limit, c.reference_us) for c in speed.CASES]
-    assert stated == [(3, 1.5, 1.0, None, 7.0), (10, 5.0, 1.0, None, 170.0), (30, 5.0, 1.0, None, 3000.0), (10, 3.5, 0.7, 0.1, 185.0)]
-
-
 # --- price of an energy account ------------------------------------------------------------------------------------------------------------------
 
 
@@ -91,12 +83,6 @@ def test_quick_price_of_energies_writes_what_it_prints(monkeypatch: pytest.Monke
     events, windows = (case["stretches_per_period"] for case in values["cases"])
     assert events > 1 > windows
     assert_block(page, "benchmark_energies", energies.table(values["cases"]), values["machine"]["versions"]["kernels"])
-
-
-def test_energies_are_priced_in_scenes_of_every_kind() -> None:
-    regimes = {type(case.absorber) for case in energies.CASES}
-    assert {case.modes for case in energies.CASES} == {10, 30}
-    assert {type(None), StuckAbsorber, TunedAbsorber, SlidingAbsorber, SeveralAbsorbers} <= regimes
 
 
 # --- reference levels --------------------------------------------------------------------------------------------------------------------------
@@ -149,34 +135,6 @@ def test_levels_without_absorber_agree(monkeypatch: pytest.MonkeyPatch, tmp_path
         assert abs(level["deviation_percent"]) < 2
     assert "members lie above the plateau's" in result.output
     assert_block(page, "levels", levels.table(values["levels"]), values["machine"]["versions"]["kernels"])
-
-
-def test_every_force_has_an_earlier_number() -> None:
-    for column in levels.COLUMNS:
-        assert len(column.forces) == len(column.earlier)
-        assert np.all(np.diff(column.forces) > 0)
-
-
-@pytest.mark.parametrize(
-    "command",
-    [benchmark.main, benchmark_energies.main, reference_levels.main, cost_of_exact.main],
-    ids=["benchmark", "benchmark_energies", "reference_levels", "cost_of_exact"],
-)
-def test_bad_input_is_one_line_and_exit_code_2(command: Command, tmp_path: Path) -> None:
-    missing = tmp_path / "missing" / "out.json"
-    result = call(command, "--json", missing)
-    assert result.exit_code == 2
-    assert str(missing) in result.output
-    assert call(command, "--members" if command is reference_levels.main else "--repeats", 0).exit_code == 2  # cost_of_exact has none
-    assert call(command, "--unknown").exit_code == 2
-    assert list(tmp_path.iterdir()) == []
-    page = tmp_path / "page.md"
-    page.write_text("no markers\n")
-    refused = call(command, "--page", page)
-    assert refused.exit_code == 2
-    assert "one pair of markers" in refused.output
-    assert str(tmp_path / "none.md") in call(command, "--page", tmp_path / "none.md").output
-    assert page.read_text() == "no markers\n"
 
 
 # --- cost of the exact method -----------------------------------------------------------------------------------------------------------------

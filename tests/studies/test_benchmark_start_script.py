@@ -68,33 +68,3 @@ def test_every_step_is_timed_and_the_table_goes_to_the_page(tmp_path: Path) -> N
     assert all(step["what"] in text for step in steps)
     assert text.startswith("before\n")
     assert text.endswith("after\n")
-
-
-@pytest.mark.usefixtures("checkout")
-def test_other_first_calls_have_the_packages_of_the_environments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = "import sys; from pathlib import Path; sys.exit(not Path('.venv/bin/env').exists())"
-    monkeypatch.setattr(benchmark_start, "QUICK", start.QUICK._replace(others={"another": ("-c", made)}))
-    target = tmp_path / "start.json"
-    result = CliRunner().invoke(benchmark_start.main, ["--quick", "--json", str(target)])
-    assert result.exit_code == 0, result.output
-    assert [step["what"] for step in json.loads(target.read_text())["steps"]][-1] == "first call: another"
-    names = list(start.WHOLE.calls)
-    assert len(names) == len(set(names)) == len(start.FIRST_CALLS) + len(start.OTHERS)
-
-
-def test_a_step_that_fails_ends_it_with_what_it_said(checkout: Path, tmp_path: Path) -> None:
-    run = checkout / "scripts" / "run"
-    run.write_text("#!/bin/sh\necho no figure >&2\nexit 3\n")
-    subprocess.run(["git", "-C", str(checkout), "-c", "user.name=a", "-c", "user.email=a@b", "commit", "-qam", "broken"], check=True)
-    result = CliRunner().invoke(benchmark_start.main, ["--quick", "--json", str(tmp_path / "start.json")])
-    assert result.exit_code == 1
-    assert "comparison" in result.output
-    assert "ended with 3: no figure" in result.output
-    assert not (tmp_path / "start.json").exists()
-
-
-def test_without_a_history_there_is_nothing_to_clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(start, "ROOT", tmp_path)
-    result = CliRunner().invoke(benchmark_start.main, ["--quick"])
-    assert result.exit_code == 2
-    assert "a checkout with its history" in result.output

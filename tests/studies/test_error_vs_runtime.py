@@ -6,7 +6,6 @@ import csv
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +13,11 @@ from click.testing import CliRunner, Result
 
 pytest.importorskip("mpmath")
 from impact_env import Exact, Moreau
-from impact_env.sweep import IntegrationError
-from optimisation.cli.common import INTERRUPTED
 from studies.accuracy import bands, cost, distribution, growth, jumps, settings, study, tables, trajectory
 from studies.accuracy.cases import case, kind_named
 from studies.accuracy.statistics import wilson
 from studies.cli import error_vs_runtime
-from studies.runner import measure
-from studies.study import Measured, left, rows_by_case
+from studies.study import left, rows_by_case
 
 TINY = settings.Settings(
     quick=True,
@@ -188,65 +184,6 @@ def test_tiny_run_writes_files_figures_and_page(tmp_path: Path) -> None:
     assert page.read_text() == text
 
 
-@pytest.mark.usefixtures("tiny")
-def test_an_interrupted_part_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    row = {"over": "threads", "value": 1, "scene": "s", "modes": 3, "method": "Exact", "us_per_period": 2.0}
-
-    measured, later = [], row | {"value": 2}
-
-    def ending(error: type[BaseException] | None):  # type: ignore[no-untyped-def]
-        def second() -> list[settings.Row]:
-            if error is not None:
-                raise error("at the second")
-            return [later]
-
-        def first() -> list[settings.Row]:
-            measured.append(row)
-            return [row]
-
-        return lambda _: {cost.key(row): first, cost.key(later): second}
-
-    def stored() -> dict[str, Any]:
-        return dict(json.loads((tmp_path / "cost.json").read_text()))
-
-    monkeypatch.setattr(cost, "cases", ending(KeyboardInterrupt))
-    result = call("--quick", "--only", "cost", "--out", tmp_path)
-    assert result.exit_code == INTERRUPTED
-    assert stored()["rows"] == [row]
-    assert not stored()["complete"]
-    assert "Stopped early" in result.output
-    # going on measures the rest alone, and one that breaks down keeps what there is as well
-    monkeypatch.setattr(cost, "cases", ending(IntegrationError))
-    result = call("--quick", "--only", "cost", "--out", tmp_path, "--resume")
-    assert result.exit_code == 1
-    assert "cost is not complete: at the second" in result.stderr
-    monkeypatch.setattr(cost, "cases", ending(None))
-    refused = call("--quick", "--only", "cost", "--out", tmp_path, "--resume", "--seed", 1)
-    assert refused.exit_code == 2
-    assert "seed" in refused.stderr
-    assert call("--quick", "--only", "cost", "--out", tmp_path, "--resume").exit_code == 0
-    assert stored()["rows"] == [row, later]
-    assert stored()["complete"]
-    assert measured == [row]
-    whole = (tmp_path / "cost.json").read_bytes()
-    assert call("--quick", "--only", "cost", "--out", tmp_path, "--resume").exit_code == 0
-    assert (tmp_path / "cost.json").read_bytes() == whole
-
-
-def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
-    assert call("--only", "everything").exit_code == 2
-    empty = call("--redraw", "--out", tmp_path)
-    assert empty.exit_code == 2
-    assert str(tmp_path) in empty.output
-    (tmp_path / "jumps.json").write_text('{"part": "cost", "rows": []}')
-    broken = call("--redraw", "--only", "jumps", "--out", tmp_path)
-    assert broken.exit_code == 2
-    assert "jumps.json" in broken.output
-    file = tmp_path / "file"
-    file.write_text("")
-    assert call("--out", file / "below", "--only", "jumps").exit_code == 2
-
-
 # --- one scene anew ----------------------------------------------------------------------------------------------------------------------------
 
 
@@ -261,16 +198,6 @@ def test_a_scene_that_is_measured_anew_replaces_its_rows_only() -> None:
     assert left([*cases, ("b", 1), ("b", 3)], trajectory.key, merged) == [("b", 3)]
 
 
-def test_times_of_runs_that_went_on_are_added() -> None:
-    part = replace(study.STUDY.parts[0], measure=lambda _, known: iter_of(known), steps=lambda *_: 1)
-    earlier = Measured({"rows": []}, {"wall_s": 1000.0}, complete=False)
-    assert 1000 <= measure(study.STUDY, part, TINY, earlier).conditions["wall_s"] < 1010
-
-
-def iter_of(known: dict[str, Any]):  # type: ignore[no-untyped-def]
-    yield known
-
-
 def test_one_scene_on_the_command_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(error_vs_runtime, "QUICK", TINY)
     out = tmp_path / "out"
@@ -278,4 +205,3 @@ def test_one_scene_on_the_command_line(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert call("--quick", "--scene", "no absorber", "--no-peers", "--out", out).exit_code == 0
     scenes = [row["scene"] for row in json.loads((out / "trajectory.json").read_text())["rows"]]
     assert list(dict.fromkeys(scenes)) == ["no absorber", "impact, e = 1"]
-    assert call("--scene", "no such", "--out", out).exit_code == 2

@@ -19,7 +19,6 @@ pytest.importorskip("cmaes")
 
 from impact_env import Beam, modal_model
 from optimisation.designs import VARIABLES
-from optimisation.evaluation import Clocked
 from optimisation.friction_rule import best_friction
 from optimisation.memory import peak_memory
 from optimisation.problem import Problem
@@ -78,16 +77,6 @@ def test_parts_write_numbers_figures_and_page(findings: ModuleType, tmp_path: Pa
     assert (tmp_path / "findings.md").read_text() == before
 
 
-def test_what_is_missing_is_named(findings: ModuleType, tmp_path: Path) -> None:
-    for arguments in (["--redraw", "--part", "place"], ["--quick", "--part", "robustness"]):
-        run = call(findings, "--out", tmp_path, *arguments)
-        assert run.exit_code == 2, run.output
-        assert "an earlier run of this command wrote" in run.stderr
-    (tmp_path / "docs" / "findings.md").write_text("no markers\n")
-    assert "pair of markers" in call(findings, "--quick", "--out", tmp_path, "--part", "full").stderr
-    assert call(findings, "--part", "colour").exit_code == 2
-
-
 def test_interrupt_keeps_finished_parts(findings: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
@@ -136,15 +125,3 @@ def test_energy_argument_scales_and_balances() -> None:
     assert relative == pytest.approx(q / np.sqrt(2))
     lost = 4 * limit * relative + 2 * np.pi * damping * square * (q / tip) ** 2
     assert np.pi * 3.5 * at_force / tip * q == pytest.approx(lost)  # work of the force in a cycle
-
-
-def test_clock_counts_the_time_of_the_runs() -> None:
-    class Waiting:
-        def run(self, _chunks: object):  # type: ignore[no-untyped-def]
-            for k in range(3):
-                time.sleep(0.01)
-                yield k, np.zeros((1, 1))
-
-    clocked = Clocked(Waiting())
-    assert [k for k, _ in clocked.run([])] == [0, 1, 2]
-    assert clocked.seconds >= 0.03

@@ -245,15 +245,6 @@ def test_the_depth_of_a_modulation_is_that_of_its_envelope() -> None:
     assert modulation.depth(np.ones(10)) == 0
 
 
-def test_starts_lie_in_the_cavity_and_outside_of_the_resonance() -> None:
-    drawn = starts.draw(400, 0)
-    assert np.abs(drawn.place).max() <= 1
-    assert drawn.place.min() < -0.95 < 0.95 < drawn.place.max()
-    up, down = drawn.first.T
-    assert 0.9 <= up.min() < up.max() < 1 < down.min() < down.max() <= 1.06
-    assert np.array_equal(starts.draw(3, 0).place, starts.draw(3, 0).place)
-
-
 def test_claims_beyond_the_paper_follow_the_numbers() -> None:
     def level(middle: float) -> dict[str, Any]:
         return {"forces_n": [35.0], "relative": [middle], "low": [middle - 0.01], "high": [middle + 0.01], "nominal": [middle]}

@@ -18,11 +18,11 @@ from impact_env.parameters import Beam, ParameterError, friction_damper, impact_
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.machine import PACKAGES, conditions
-from studies.paper import dissinf, m12, oprange, oprange_two, scat, second_mode, vard
-from studies.paper.account import accounted, contact_ends, window_around
+from studies.paper import dissinf, oprange, oprange_two, scat, second_mode, vard
+from studies.paper.account import accounted, window_around
 from studies.paper.claim import Verdict
-from studies.paper.curve import Curve, curve_of, force_grid, plain_curve, watched_curve
-from studies.paper.judging import claim, interval, verdict
+from studies.paper.curve import Curve, curve_of, plain_curve, watched_curve
+from studies.paper.judging import verdict
 from studies.paper.ranges import operating_ranges, ranges_of, slopes
 from studies.paper.settings import Settings
 from studies.paper.watched import WATCHED, Contacts, Envelope, part_of, sampled_level
@@ -75,17 +75,6 @@ def test_a_range_that_comes_back_ends_with_its_last_force() -> None:
     assert found.transition.low == 2.0
 
 
-def test_ranges_outside_of_the_forces_are_none() -> None:
-    assert operating_ranges(FORCES, np.zeros(5), np.zeros(5)) == operating_ranges(FORCES, np.ones(5), np.ones(5))
-    assert operating_ranges(FORCES, np.zeros(5), np.zeros(5)).transition is None
-
-
-@pytest.mark.parametrize(("forces", "shares"), [([1.0, 1.0], [0, 1]), ([2.0, 1.0], [0, 1]), ([1.0, 2.0], [0, 1, 1])])
-def test_bad_curves_are_refused(forces: list[float], shares: list[float]) -> None:
-    with pytest.raises(ParameterError):
-        operating_ranges(forces, shares, [0, 1])
-
-
 def test_sustained_means_no_pause_of_a_period_of_the_force() -> None:
     pauses = np.array([[0.5, 0.5], [1.04, 1.04], [1.04, 1.06], [1.06, 3.0], [20.0, 20.0]])  # pseudo periods, at 0.95 of the resonance
     assert made(power(1, 2), pause=pauses).sustained.tolist() == [1, 1, 0.5, 0, 0]
@@ -120,11 +109,6 @@ def test_watched_curve_is_the_performance_curve(tmp_path: Path) -> None:
         assert getattr(own, name) == pytest.approx(getattr(known, name), rel=1e-9), name  # two libraries may round sums differently
     assert own.rate[0].max() == 0
     assert own.rate[1].min() > 0
-
-
-def test_force_grids_rise() -> None:
-    grid = force_grid(0.5, 8.0, 5, (3.0,))
-    assert grid == (0.5, 1.0, 2.0, 3.0, 4.0, 8.0)
 
 
 # what is seen of a run
@@ -217,19 +201,6 @@ def test_conservative_contacts_pass_energy_on_without_loss() -> None:
     assert np.abs(energy.absorber[after] - energy.absorber[before]).max() > 0.02 * energy.total.mean()
 
 
-def test_impacts_close_to_one_another_are_one_contact() -> None:
-    first, last = contact_ends(np.array([1.0, 1.1, 1.15, 3.0, 5.0, 5.2]), 0.5)
-    assert first.tolist() == [1.0, 3.0, 5.0]
-    assert last.tolist() == [1.15, 3.0, 5.2]
-    assert [len(ends) for ends in contact_ends(np.zeros(0), 0.5)] == [0, 0]
-
-
-def test_the_critical_direction_is_kept() -> None:
-    one = accounted(lane(modes=2))
-    high = replace(one, level=2 * one.level)
-    assert second_mode.critical([one, high, high, one]) == [high, high]
-
-
 # claims
 
 
@@ -241,14 +212,6 @@ def test_verdicts_at_the_papers_step() -> None:
     assert verdict(float("nan"), 3.0, 0.0, 1.0) is Verdict.NOT
 
 
-def test_claims_say_their_interval() -> None:
-    assert interval([1.0, 1.0]) == "1.00"
-    assert interval(np.linspace(0, 1, 101), unit=" N") == "0.50 N (0.05 to 0.95)"
-    one = claim("fig", "name", "statement", "3", [0.2, 0.3], (0.0, 1.0), "", about="level ", form="{:.3f}", at_step=0.24)
-    assert one.computed == "level 0.250 (0.205 to 0.295); 0.240 at the paper's step"
-    assert one.verdict is Verdict.HOLDS
-
-
 def test_force_with_the_largest_contrast() -> None:
     none = made(power(1))
     low = made(np.where(FORCES[:, None] < 4, 0.4, 1.0) * power(1))
@@ -257,17 +220,6 @@ def test_force_with_the_largest_contrast() -> None:
     assert oprange_two.chosen_force(read) == 0.5  # the first of equal contrasts
     read[oprange_two.THREE] = made(np.array([0.9, 0.8, 0.5, 0.95, 1.0])[:, None] * power(1))
     assert oprange_two.chosen_force(read) == 2.0
-
-
-def test_gap_between_an_isola_and_the_other_branches() -> None:
-    isola, main = {"ratio": [0.93, 0.95], "closed": True}, {"ratio": [0.98, 1.06], "closed": False}
-    assert oprange_two.gap_of_isola({"branches": [isola, main]}) == pytest.approx(0.03)
-    assert oprange_two.gap_of_isola({"branches": [main]}) == 0.0
-
-
-def test_span_is_the_longest_unbroken_range() -> None:
-    assert m12.span(FORCES, np.array([True, False, True, True, True])) == 4.0
-    assert m12.span(FORCES, np.zeros(5, dtype=bool)) == 1.0
 
 
 def test_first_impacts_and_best_forces() -> None:
@@ -320,9 +272,3 @@ def test_claims_of_the_second_modes_damping(tmp_path: Path) -> None:
         assert claims[f"vard_{name}"].verdict is Verdict.HOLDS, claims[f"vard_{name}"]
     left = [np.median(second_mode.row(found.values, vard.name(d), "left")) for d in dampings]
     assert left[0] > 0.5 > 0.1 > left[1]
-
-
-def test_unfinished_figures_have_no_drawing() -> None:
-    for module in (oprange, oprange_two, vard, scat, dissinf, m12):
-        empty = Measured({}, {"wall_s": 0.0}, complete=False)
-        assert module.PART.figures(empty) == {}, module.LABEL

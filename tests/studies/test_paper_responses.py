@@ -6,7 +6,7 @@ import json
 import pickle
 from collections.abc import Callable, Generator, Hashable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -17,11 +17,10 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.periodic.approach import Approach, hold
 from impact_env.periodic.jump import jumps
 from impact_env.periodic.residence import stays
-from studies.paper import conv, high_low, high_low_claims, jump, jump_claims, smr
+from studies.paper import conv, high_low, jump, smr
 from studies.paper.claim import Claim, Verdict, from_plain
 from studies.paper.settings import Settings
 from studies.paper.study import FIGURES
-from studies.paper.words import between, middle, spread
 from studies.study import Measured
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -98,29 +97,6 @@ def test_on_the_high_branch_the_absorber_visits_two_walls_a_period_and_is_struck
     assert 3 < impacts < 6
 
 
-def test_waits_are_counted_between_the_largest_shares() -> None:
-    share = np.zeros(40)
-    share[[3, 4, 20, 33]] = [0.85, 0.9, 0.95, 0.85]
-    assert smr._waits(share) == [16, 13]
-    assert smr._waits(np.zeros(10)) == []
-
-
-def test_responses_at_a_frequency_are_counted() -> None:
-    line = {"omega_ratio": [0.88, 1.1], "closed": False}
-    loop = {"omega_ratio": [0.95, 0.97, 0.96], "closed": True}
-    counts = high_low_claims._counts({"balance": [line, loop]})
-    assert set(counts) == {1, 3}
-
-
-def test_verdict_on_a_share_that_only_the_step_makes_large() -> None:
-    exact, step = {"share": 0.5, "low": 0.4, "high": 0.6}, {"share": 0.9, "low": 0.8, "high": 0.95}
-    assert jump_claims._often(exact, step) is Verdict.STEP
-    assert jump_claims._often(step, exact) is Verdict.HOLDS
-    assert jump_claims._often(exact, exact) is Verdict.SPREAD
-    assert jump_claims._rarely(exact, {"share": 0.1, "low": 0.0, "high": 0.2}) is Verdict.STEP
-    assert jump_claims._rarely(step, step) is Verdict.NOT
-
-
 def test_stays_and_jumps_are_the_same_elsewhere() -> None:
     scene, phases = jump.scene(), [0.0, 1.0, 2.0]
     approach = Approach(scene.model.resonance_omega(1), 1.0, periods=60.0)
@@ -132,21 +108,6 @@ def test_stays_and_jumps_are_the_same_elsewhere() -> None:
             for where in ({"threads": 1}, {"executor": Elsewhere()})
         ]
         assert found[0] == found[1]
-
-
-def test_numbers_in_words() -> None:
-    values = [1.0, 2.0, 3.0, float("nan")]
-    assert spread(values, "{:.1f}") == "2.0 (1.1 to 2.9)"
-    assert spread([1.0, 1.0], "{:.0f}", 100, " %") == "100 %"
-    assert between(values, "{:.0f}", 10) == "10 to 30"
-    assert between([1.001, 1.002], "{:.1f}") == "1.0"
-    assert middle(values) == pytest.approx((1.1, 2.9))
-
-
-@pytest.mark.parametrize("module", FIGURES, ids=lambda module: module.PART.name)
-def test_what_a_figure_depends_on_can_be_written_down(module: Any) -> None:
-    whole, quick = (json.dumps(module.parameters(Settings(Path("nowhere"), quick=quick))) for quick in (False, True))
-    assert whole != quick
 
 
 @pytest.mark.skipif(not (DOCS / "paper" / "claims.json").exists(), reason="the page has not been measured yet")

@@ -13,7 +13,6 @@ from typing import Any, cast
 
 import pytest
 from click.testing import CliRunner, Result
-from places import ROOT
 
 from impact_env.parameters import ParameterError
 from studies.cli import reproduce_paper
@@ -118,34 +117,6 @@ def test_stopped_run_keeps_its_groups_and_goes_on(figures: Figures, tmp_path: Pa
     assert [claim["figure"] for claim in claims_in(tmp_path)] == ["one", "two"]
 
 
-def test_redraw_reads_numbers_and_judges_again(figures: Figures, tmp_path: Path) -> None:
-    module = script()
-    assert call(module, "--redraw", "--out", tmp_path).exit_code == 2
-    assert call(module, "--figure", "one", "--out", tmp_path).exit_code == 0
-    (tmp_path / "paper" / "one.png").unlink()
-    (tmp_path / "paper" / "claims.json").unlink()
-    assert call(module, "--redraw", "--out", tmp_path).exit_code == 0
-    assert len(figures.measured) == 2
-    assert (tmp_path / "paper" / "one.png").exists()
-    assert len(claims_in(tmp_path)) == 1
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--figure", "three"], "'three' is not one of 'one', 'two'"),
-        (["--seed", -1], "-1 is not in the range"),
-        (["--threads", 1, "--cluster", "nowhere:1"], "--threads = 1 is not allowed"),
-    ],
-)
-def test_bad_input(figures: Figures, options: list[Any], words: str, tmp_path: Path) -> None:
-    result = call(script(), *options, "--out", tmp_path / "no")
-    assert result.exit_code == 2
-    assert words in result.output
-    assert not figures.measured
-    assert not (tmp_path / "no").exists()
-
-
 def test_verdicts_of_intervals() -> None:
     assert judged(1.0, 2.0, 0.5, 2.0) is Verdict.HOLDS
     assert judged(1.0, 2.0, 1.5, 3.0) is Verdict.SPREAD
@@ -163,21 +134,6 @@ def test_a_claim_that_does_not_hold_says_why() -> None:
     assert [from_plain(claim.to_plain()) for claim in claims] == [replace(claims[0], why=""), claims[1]]
     assert "x \\| y" in table(claims)
     assert reasons(claims) == "\n\n**Z: holds only at the paper's step.** The step errs."
-
-
-def test_files_of_something_else_are_refused(figures: Figures, tmp_path: Path) -> None:
-    (tmp_path / "paper").mkdir()
-    (tmp_path / "paper" / "one.json").write_text('{"rows": []}')
-    result = call(script(), "--figure", "one", "--out", tmp_path)
-    assert result.exit_code == 2
-    assert "one.json is not allowed: a file that an earlier run of this command wrote" in result.output
-    assert not figures.measured
-
-
-def test_the_page_has_a_section_for_each_figure() -> None:
-    text = (ROOT / "docs" / "paper.md").read_text()
-    for name in (*study.LABELS, CLAIMS):
-        assert text.count(f"<!-- {marker(name)} -->") == 1, name
 
 
 def test_a_figures_numbers_come_from_what_its_module_takes_from_others() -> None:

@@ -1,4 +1,4 @@
-"""scripts/regimes.py: files, page, going on where it was stopped, and bad input."""
+"""scripts/regimes.py: files, page, and a cluster."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 from commands import call
 from places import ROOT
 
-from impact_env.periodic import residence
 from studies.cli import regimes
 from studies.regimes import measured
 from studies.regimes.cases import PAPER, cases
@@ -41,49 +40,6 @@ def test_own_scene(tmp_path: Path) -> None:
     assert (tmp_path / "jump_stay.csv").read_text() == before
 
 
-def test_stopped_run_goes_on_to_the_same_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, parted = tmp_path / "whole", tmp_path / "parted"
-    options = [*OWN, "--approach", 1.0, "--only", JUMP]
-    assert call(regimes, *options, "--threads", 1, "--out", whole).exit_code == 0
-    calls = []
-
-    def stopped(*given: Any, **named: Any) -> residence.Stays:
-        calls.append(given)
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return residence.stays(*given, **named)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(measured, "stays", stopped)
-        assert call(regimes, *options, "--out", parted).exit_code == 130
-    assert len(rows(parted, JUMP)) == 1
-    refused = call(regimes, *options, "--silence", 60, "--resume", "--out", parted)
-    assert refused.exit_code == 2
-    assert "silence" in refused.output
-    assert call(regimes, *options, "--threads", 2, "--resume", "--out", parted).exit_code == 0
-    assert rows(parted, JUMP) == rows(whole, JUMP)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--modes", 2], "needs --force"),
-        (["--force", 1, "--from", 0.9, "--to", 0.9], "--to = 0.9 is not allowed"),
-        (["--force", 1, "--points", 1], "points = 1 is not allowed"),
-        (["--force", 1, "--restitution", 2], "restitution = 2.0 is not allowed"),
-        (["--force", 1, "--slowness", -1], "slowness = -1.0 is not allowed"),
-        (["--force", 1, "--silence", 0], "silence = 0.0 is not allowed"),
-        (["--silence", 1e9], "stay_periods = 8000.0 is not allowed"),
-        (["--force", 1, "--approach", -1], "approach_ratio = -1.0 is not allowed"),
-    ],
-)
-def test_bad_input(options: list[Any], words: str, tmp_path: Path) -> None:
-    result = call(regimes, *options, "--out", tmp_path / "no")
-    assert result.exit_code == 2
-    assert words in result.output
-    assert not (tmp_path / "no").exists()
-
-
 def test_published_numbers_tell_what_the_page_says() -> None:
     folder = ROOT / "docs" / "regimes"
     found = rows(folder, JUMP)
@@ -110,6 +66,3 @@ def test_a_cluster_measures_the_same(tmp_path: Path) -> None:
     assert call(regimes, *options, "--threads", 1, "--out", here).exit_code == 0
     for part in (JUMP, KINDS):
         assert rows(where, part) == rows(here, part)
-    refused = call(regimes, *options, "--cluster", "127.0.0.1:1", "--threads", 2, "--out", where)
-    assert refused.exit_code == 2
-    assert "--threads = 2" in refused.output

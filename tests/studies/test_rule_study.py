@@ -10,7 +10,6 @@ import pytest
 from click.testing import CliRunner
 
 from impact_env.modes import modal_model
-from impact_env.parameters import ParameterError
 from optimisation.bounds import design_gap, expected_factor, expected_gap, reach
 from studies import rule
 from studies.cli import design_rule
@@ -54,13 +53,6 @@ def test_light_damping_widens_the_expected_gap() -> None:
     assert expected_factor(7.0, 0.005) == 1.2
     assert expected_factor(20.0, 0.002) == pytest.approx(1.2 * 2.5**0.2)
     assert expected_factor(40.0, 0.0) == expected_factor(40.0, 0.0015) == pytest.approx(1.2 * (10 / 3) ** 0.2)
-
-
-@pytest.mark.parametrize("resonance", [0, 11])
-def test_a_resonance_that_the_structure_lacks_is_one_message(resonance: int) -> None:
-    model = modal_model(STRUCTURES["steel"])
-    with pytest.raises(ParameterError, match=f"resonance = {resonance} is not allowed"):
-        expected_gap(model, 0.01 * model.beam_mass, 1.0, resonance)
 
 
 def test_prices_and_classes() -> None:

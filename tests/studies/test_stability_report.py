@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import math
 import time
 from dataclasses import replace
@@ -29,13 +28,6 @@ def case(group: str, name: str) -> one_case.Case:
 
 
 # --- reference and cells -----------------------------------------------------------------------------------------------------------------------
-
-
-def test_every_case_has_a_name_of_its_own_and_a_method() -> None:
-    every = cases.cases()
-    assert len({(c.group, c.name) for c in every}) == len(every) > 200
-    assert all(c.methods for c in every)
-    assert {c.group for c in cases.cases(quick=True)} == {c.group for c in every}
 
 
 @pytest.mark.parametrize("name", ["impact", "impact and friction"])
@@ -160,15 +152,6 @@ def test_a_missed_event_is_a_failure() -> None:
     assert not checks.Checked("one").passed  # nothing was checked
 
 
-def test_every_kind_of_search_is_checked() -> None:
-    scenes = [case.scene(np.random.default_rng(0)) for case in checks.CASES]
-    assert {scene.model.modes for scene in scenes} >= {2, 5, 10, 30}
-    assert any(isinstance(scene.absorber, checks.SeveralAbsorbers) for scene in scenes)
-    several = [scene.absorber.walls for scene in scenes if isinstance(scene.absorber, checks.SlidingAbsorber)]
-    assert any(isinstance(walls, checks.CompliantWalls) for walls in several)
-    assert sum(task.arguments[1] for task in tasks.tasks(quick=False) if task.function is tasks.run_check) >= checks.SEARCHES == 1_000_000
-
-
 # --- processes ---------------------------------------------------------------------------------------------------------------------------------
 
 
@@ -234,38 +217,3 @@ def test_lost_tasks_are_failures() -> None:
     gathered = tasks.gather(lost, order)
     assert len(list(gathered.failures())) == 2
     assert [outcome.task for outcome in tasks.finished(order, vars(gathered))] == order[:1]  # the other is asked again
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--workers", "0"], "--workers"),
-        (["--redraw", "--out", "{tmp}"], "--redraw"),
-        (["--out", "{tmp}/file/folder"], "--out"),
-        (["--slow"], "--slow"),
-    ],
-)
-def test_bad_input(arguments: list[str], words: str, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    outcome = CliRunner().invoke(stability.main, [argument.format(tmp=tmp_path) for argument in arguments])
-    assert outcome.exit_code == 2
-    assert words in outcome.output
-
-
-def test_results_are_plain_values() -> None:
-    values = study.STUDY.pack("stability", results())
-    assert json.loads(json.dumps(values, allow_nan=False)) == values
-
-
-def test_what_an_earlier_run_has_found_is_not_done_again() -> None:
-    order = tasks.tasks(quick=True)
-    everything = [workers.Outcome(task, tasks._identity(task) | {"number": k}, "", 1.0) for k, task in enumerate(order)]
-    known = vars(tasks.gather(everything, order))
-    assert [(outcome.task, outcome.value["number"]) for outcome in tasks.finished(order, known)] == list(zip(order, range(len(order)), strict=True))
-    assert [outcome.task for outcome in tasks.finished(order, known | {"cells": [], "soaks": []})] == [
-        task for task in order if task.function not in (tasks.run_cell, tasks.run_soak)
-    ]
-    settings = study.Settings(quick=True, workers=1)
-    assert study._steps(settings, known) == 0
-    assert study._steps(settings, {}) == len(order)
-    assert list(study._measure(settings, known)) == []

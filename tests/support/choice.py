@@ -24,7 +24,6 @@ QUICK = (
     "simulator/test_model.py",
     "simulator/test_phase_lag.py",
     "simulator/test_plain.py",
-    "simulator/test_plain_input.py",
     "simulator/test_structure.py",
     "simulator/test_structure_input.py",
     "periodic/test_continuation.py",
@@ -49,9 +48,9 @@ QUICK = (
     "design/test_structure_design.py",
     "design/test_sweep_rate.py",
     "studies/test_study_pattern.py",
+    "commands/test_bad_input.py",
     "commands/test_compare_absorbers.py",
     "commands/test_orbits_script.py",
-    "commands/test_sweep_input.py",
     "commands/test_sweep_script.py",
     "house/test_docs.py",
 )

@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 from optimisation.cli.group import imported
 
 FAST = ["--modes", 2, "--rate", 40, "--members", 2, "--batch", 4]  # the numbers do not matter here
+SHORT = ["--modes", 2, "--from", 0.98, "--to", 1, "--rate", 10]  # of sweep: 20 pseudo periods
 SMALL = {"MAP": 3, "SOBOL": 2, "QUICK_SOBOL": 2, "FORCES": 3, "DETUNINGS": 3, "DRAWS": 2}
 
 
@@ -26,3 +27,8 @@ def call(script: ModuleType | Command, *arguments: object) -> Result:
     """Call the command, or that of a script; the result has exit code and output."""
     command = script if isinstance(script, Command) else script.main
     return CliRunner().invoke(command, [str(argument) for argument in arguments])
+
+
+def sweep(*arguments: object) -> Result:
+    """Call the command sweep."""
+    return call(imported("sweep"), *arguments)

@@ -1,4 +1,4 @@
-"""What each scene leaves out: compiled code, compile time, speed, memory and imports, beside a part that is only switched off."""
+"""What each scene leaves out: compiled code, compile time, speed and memory, beside a part that is only switched off."""
 
 from __future__ import annotations
 

@@ -1,28 +1,21 @@
-"""Run in a process of its own by the specialisation report: import, compile, look into the compiled code, time, and print JSON.
+"""Run in a process of its own by the specialisation report: compile, look into the compiled code, time, and print JSON.
 
 Arguments: absorber, method, record, "inspect" or "time", pseudo periods, repeats. The kernel cache is that of IMPACT_ENV_CACHE.
 """
 
 from __future__ import annotations
 
+import json
+import operator
+import statistics
 import sys
 import time
+import tracemalloc
+from typing import Any
 
-BEGAN = time.perf_counter()
-import impact_env  # noqa: E402, F401 - its import is timed
-
-IMPORT_S = time.perf_counter() - BEGAN
-IMPORTED = sorted({name.partition(".")[0] for name in sys.modules if not name.startswith("_")} - set(sys.stdlib_module_names))
-
-import json  # noqa: E402
-import operator  # noqa: E402
-import statistics  # noqa: E402
-import tracemalloc  # noqa: E402
-from typing import Any  # noqa: E402
-
-from impact_env import simulate  # noqa: E402
-from optimisation.memory import peak_memory  # noqa: E402
-from studies.variants import METHODS, RECORDS, Variant  # noqa: E402
+from impact_env import simulate
+from optimisation.memory import peak_memory
+from studies.variants import METHODS, RECORDS, Variant
 
 LONGER = 10  # memory is compared between a run and one so many times longer
 
@@ -43,7 +36,7 @@ def _part(dispatcher: Any, signature: Any) -> Any:
 
 
 def functions(lane: Any) -> list[dict[str, Any]]:
-    """Return the functions that a compiled kernel calls after numba has pruned what is absent: name, statements, arithmetic operations, calls."""
+    """Return the functions that a compiled kernel calls after numba has pruned what is absent: name, arithmetic operations."""
     from numba.core import ir, types
 
     seen: dict[tuple[str, Any], dict[str, Any]] = {}
@@ -53,16 +46,14 @@ def functions(lane: Any) -> list[dict[str, Any]]:
         if (name, signature) in seen:
             return
         notes = dispatcher.overloads[signature].type_annotation
-        entry = seen[name, signature] = {"name": name, "statements": 0, "arithmetic": 0, "calls": 0}
+        entry = seen[name, signature] = {"name": name, "arithmetic": 0}
         for block in notes.blocks.values():
-            entry["statements"] += len(block.body)
             for statement in block.body:
                 value = statement.value if isinstance(statement, ir.Assign) else None
                 if not isinstance(value, ir.Expr):
                     continue
                 entry["arithmetic"] += value.op in ("binop", "inplace_binop", "unary") and value.fn not in (operator.is_, operator.is_not)
                 if value.op == "call":
-                    entry["calls"] += 1
                     called = notes.typemap[value.func.name]
                     if isinstance(called, types.Dispatcher):
                         walk(_part(called.dispatcher, notes.calltypes[value].args), notes.calltypes[value].args)
@@ -93,7 +84,7 @@ def main(absorber: str, method: str, record: str, what: str, periods: float, rep
     scene, drive = variant.scene(), variant.drive(1.0)
     began = time.perf_counter()
     simulate(scene, drive, METHODS[method], record=RECORDS[record])
-    values: dict[str, Any] = {"import_s": IMPORT_S, "first_s": time.perf_counter() - began, "imported": IMPORTED}
+    values: dict[str, Any] = {"first_s": time.perf_counter() - began}
     if what == "inspect":
         return values | {"functions": functions(_lane()), "instructions": instructions(_lane())}
     drive = variant.drive(periods)

@@ -20,7 +20,6 @@ PROBE = Path(__file__).with_name("probe.py")
 PACKAGES = PROBE.parents[3]  # the folder from which they are imported
 PERIODS, QUICK_PERIODS = 400.0, 60.0
 REPEATS, QUICK_REPEATS = 5, 3
-HEAVY = ("torch", "matplotlib", "stable_baselines3", "cvxpy", "optuna", "pandas", "optimisation")
 FRICTION = ("rigid_contact.friction_force", "rigid_contact.add_friction_loss", "rigid_contact.turn")
 LINEAR = ("no absorber", "stuck", "tuned")
 REAL = 1.02  # a part switched off by its value must cost more than this, or leaving it out saves nothing
@@ -45,7 +44,6 @@ class Claim:
 
 
 def _probe(variant: Variant, what: str, cache: Path, periods: float, repeats: int) -> dict[str, Any]:
-    # -P: the folder of the probe is not among those from which the simulator imports
     command = [sys.executable, "-P", str(PROBE), variant.absorber, variant.method, variant.record, what, str(periods), str(repeats)]
     path = os.pathsep.join([str(PACKAGES), *filter(None, [os.environ.get("PYTHONPATH")])])
     environment = {**os.environ, "IMPACT_ENV_CACHE": str(cache), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
@@ -87,7 +85,7 @@ def measure(quick: bool, known: Json) -> Steps:
 def _entry(variant: Variant, cold: dict[str, Any], cached: dict[str, Any]) -> dict[str, Any]:
     names = {"absorber": variant.absorber, "method": variant.method, "record": variant.record}
     compiling = {"cold_s": cold["first_s"], "cached_s": cached["first_s"], "functions": cold["functions"], "instructions": cold["instructions"]}
-    running = ("ns_per_period", "impacts_per_period", "memory_mb", "peak_kb", "imported", "import_s")
+    running = ("ns_per_period", "impacts_per_period", "memory_mb", "peak_kb")
     return names | compiling | {name: cached[name] for name in running}
 
 
@@ -103,8 +101,7 @@ def _arithmetic(entry: dict[str, Any], names: tuple[str, ...]) -> int:
 
 def claims(results: Results) -> Iterator[Claim]:
     """Yield what has to be true of the compiled code and of the measurements."""
-    entries = list(results.own.values())
-    for entry in entries:
+    for entry in results.own.values():
         called = [function["name"] for function in entry["functions"]]
         scene = f"{entry['absorber']}, {entry['method']}, {entry['record']}"
         if entry["method"] == "exact" and entry["absorber"] in LINEAR:
@@ -122,10 +119,6 @@ def claims(results: Results) -> Iterator[Claim]:
         if entry["record"] == "level and samples":
             growth = entry["peak_kb"][1] - entry["peak_kb"][0]
             yield Claim(f"{scene}: stores one (the check can fail)", f"{growth:+.1f} kB for a run 10 times longer", growth > FLAT_KB)
-    imported = sorted({name for entry in entries for name in entry["imported"]})
-    heavy = [name for name in imported if name in HEAVY]
-    if entries:
-        yield Claim("importing the simulator loads no heavy package", f"loads {', '.join(imported)}", not heavy)
 
 
 def unreal(results: Results) -> list[str]:

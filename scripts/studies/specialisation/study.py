@@ -15,7 +15,7 @@ NAME = "specialisation"
 QUICK_OUT = Path("results/specialisation")
 OUT = published(Path("docs"), QUICK_OUT)
 COLUMNS = (
-    "absorber", "method", "record", "cold_s", "cached_s", "ns_per_period", "impacts_per_period", "memory_mb", "import_s", "instructions",
+    "absorber", "method", "record", "cold_s", "cached_s", "ns_per_period", "impacts_per_period", "memory_mb", "instructions",
 )  # fmt: skip
 
 

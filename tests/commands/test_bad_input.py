@@ -1,0 +1,376 @@
+"""What commands refuse: a line, and what its one message holds. Exit code 2, nothing computed, nothing written."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from commands import call
+from places import EXAMPLES, ROOT
+
+from optimisation.cli.group import file_of, files, imported, missing_extras
+
+GIVEN = {  # files that lie in the folder of the call
+    "file": "",
+    "bare.md": "no markers\n",
+    "kept.json": '{"form": "another"}',
+    "good.toml": "[beam]\nmodes = 2\n",
+    "bad.toml": "[beam]\nlength = 2\n",
+    "other/jumps.json": '{"part": "cost", "rows": []}',
+    "paper/paper/jump.json": '{"rows": []}',
+    "numbers/design_rule.json": "{}",
+}
+NOWHERE = "--json = nowhere/a.json is not allowed: a file in a folder that exists"
+BOTH = "--threads = 2 is not allowed: with --cluster"
+CLUSTER = "--cluster 127.0.0.1:1"
+MARKERS = "one pair of markers"
+EARLIER = "an earlier run of this command wrote"
+ORBITS = "--modes 1"
+BALANCE = "--modes 2 --method balance --no-sweeps"
+# command: the start of its lines, and what follows it with the message that it gets
+BAD: dict[str, tuple[str, dict[str, str]]] = {
+    "sweep": (
+        "--json a.json",
+        {
+            "--gap -1e-3": "gap = -0.001 is not allowed",
+            "--gap nan": "gap = nan is not allowed",
+            "--force nan": "force amplitude = nan is not allowed",
+            "--force inf": "force amplitude = inf is not allowed",
+            "--phase inf": "phase = inf is not allowed",
+            "--restitution 2": "restitution = 2.0 is not allowed",
+            "--modes 61": "modes = 61 is not allowed",
+            "--modes 0": "modes = 0 is not allowed",
+            "--modes ten": "'ten' is not a valid integer",
+            "--damping -0.1": "damping_ratio = -0.1 is not allowed",
+            "--mass-ratio 0": "mass_ratio = 0.0 is not allowed",
+            "--friction-limit -1": "friction limit = -1.0 is not allowed",
+            "--absorber friction --friction-limit 0": "friction limit = 0.0 is not allowed",
+            "--absorber tuned --stiffness 0": "absorber stiffness = 0.0 is not allowed",
+            "--absorber tuned --absorber-damping nan": "absorber damping = nan is not allowed",
+            "--contact-stiffness 0": "contact stiffness = 0.0 is not allowed",
+            "--resonance 3 --modes 2": "resonance = 3 is not allowed",
+            "--resonance 0": "resonance = 0 is not allowed",
+            "--from -1": "start ratio = -1.0 is not allowed",
+            "--to nan": "stop ratio = nan is not allowed",
+            "--rate 0": "percent_per_100_periods = 0.0 is not allowed",
+            "--from 1 --to 1 --periods -5": "periods = -5.0 is not allowed",
+            "--members 0": "members = 0 is not allowed",
+            "--seed -1": "seed = -1 is not allowed",
+            "--method moreau --steps-per-period 3": "steps_per_period = 3 is not allowed",
+            "--method runge-kutta": "for rigid walls or rigid friction Exact or Moreau",
+            "--method moreau --contact-stiffness 1e5": "for compliant contact Exact or RungeKutta",
+            "--method euler": "'euler' is not one of",
+            "--absorber rubber": "'rubber' is not one of",
+            "--frobnicate": "--frobnicate",
+            "extra": "unexpected extra argument",
+            "--absorber tuned --gap 1e-3": "--gap does not go with --absorber tuned",
+            "--absorber none --mass-ratio 0.1": "--mass-ratio does not go with --absorber none",
+            "--absorber friction --restitution 1": "--restitution does not go with --absorber friction",
+            "--absorber friction --contact-stiffness 1": "--contact-stiffness does not go with --absorber friction",
+            "--stiffness 700": "--stiffness does not go with --absorber impact",
+            "--contact-stiffness 1e5 --restitution 1": "restitution = 1.0 is not allowed: left out with contact_stiffness",
+            "--friction-limit 1 --friction-stiffness 1e5": "walls and friction either both rigid or both compliant",
+            "--contact-stiffness 1e5 --friction-stiffness 1e5": "friction_stiffness = 100000.0 is not allowed: left out without a friction_limit",
+            "--steps-per-period 20": "--steps-per-period does not go with --method exact",
+            "--most-events 0": "most_events = 0 is not allowed",
+            "--most-events 1.5": "'1.5' is not a valid integer",
+            "--most-events 5 --method moreau": "--most-events does not go with --method moreau",
+            "--periods 10": "--periods is for a constant frequency",
+            "--from 1 --to 1": "it needs --periods",
+            "--from 1 --to 1 --periods 5 --rate 1": "--rate does not go with a constant frequency",
+            "--from 1 --to 1 --periods 5 --down": "--down swaps --from and --to",
+            "--from 1.06 --to 0.9 --down": "--down swaps --from and --to",
+            "--from 1 --to 1 --periods 1e9 --plot a.png": "--plot of 1e+09 pseudo periods needs",
+            f"{CLUSTER}": "--cluster needs --members above 1",
+            "--scene bad.toml": "scene.beam.length = 2 is not allowed: only the keys length_m",
+            "--scene none.toml": "none.toml' is not allowed: TOML that can be read",
+            "--scene file": "a name that ends in .toml or .json",
+            "--scene good.toml --modes 2": "--modes does not go with --scene",
+            "--scene good.toml --absorber impact": "--absorber does not go with --scene",
+            "--scene good.toml --gap 0": "--gap does not go with --scene",
+            "--scene good.toml --damping 0": "--damping does not go with --scene",
+            "--scene good.toml --steps-per-period 20": "--steps-per-period does not go with --method exact",
+            "--scene good.toml --resonance 3": "resonance = 3 is not allowed",
+            "--structure {steel} --scene x.toml": "--scene does not go with --structure",
+            "--structure none.toml": "file = 'none.toml' is not allowed: TOML that can be read",
+            "--json nowhere/a.json": NOWHERE,
+            "--json other": "is a directory",
+            "--json /dev/null": "a plain file",
+            "--plot a.txt": "a name that ends in .png, .pdf, .svg",
+        },
+    ),
+    "compare_absorbers": (
+        "",
+        {
+            "--members 0": "0 is not in the range x>=1",
+            "--members many": "'many' is not a valid integer",
+            "--forces 1": "1 is not in the range x>=2",
+            "--seed -1": "-1 is not in the range x>=0",
+            "--threads 0": "0 is not in the range x>=1",
+            "--no-such-option": "--no-such-option",
+            "--out file": "--out = 'file' is not allowed",
+            "--structure {steel} --gap 1e-3 --force 1": "gap = 0.001 is not allowed: left out beside a force",
+            "--structure {steel} --resonances 1 99": "resonance = 99 is not allowed: a mode of the model, 1 to 10",
+            f"{CLUSTER} --threads 2": BOTH,
+            CLUSTER: "--cluster = 127.0.0.1:1 is not allowed: an address",
+        },
+    ),
+    "render_episode": (
+        "--gif a.gif",
+        {
+            "--gif no/such/folder/a.gif": "--gif",
+            "--gif film.mp4": ".gif",
+            "--action 2": "--action",
+            "--env nothing": "--env",
+            "--interval 0.01": "interval = 0.01",
+            "--force -1": "force = -1",
+            "--agent {root}/docs/agents/passage/ppo/seed-3/final.npz --interval 3": "--interval",
+        },
+    ),
+    "design_gap": (
+        "",
+        {
+            "": "Missing option '--force'",
+            "--force 0": "force = 0.0 is not allowed",
+            "--force -3": "force = -3.0 is not allowed",
+            "--force nan": "force = nan is not allowed",
+            "--force 3 --gaps 4": "gaps = 4 is not allowed: an odd",
+            "--force 3 --members 0": "0 is not in the range x>=1",
+            "--force 3 --mass-ratio -1": "mass_ratio = -1.0 is not allowed",
+            "--force 3 --restitution 2": "restitution = 2.0 is not allowed",
+            "--force 3 --friction-limit -1": "friction_limit = -1.0 is not allowed",
+            "--force 3 --resonance 11": "resonance = 11 is not allowed",
+            "--force 3 --rate 0": "--rate",
+            "--force 3 --damping -1": "damping_ratio = -1.0 is not allowed",
+            "--force 3 --out file": "--out = 'file' is not allowed",
+            "--force 35 --resonance 2 --position 0.8": "= 4.937 is not allowed",
+            "--structure {steel} --force 1 --modes 3": "--modes does not go with --structure",
+            "--structure {frame} --force 1 --position 0.5": "position = 0.5 is not allowed: the number of one of the structure's places",
+        },
+    ),
+    "optimise_design": (
+        "",
+        {
+            "--at 1:1e300 --at 2:1": "force = 1e+300 is not allowed: above 0 and at most 1e+12 N",
+            "--rate 1e-9": "rate = 1e-09 is not allowed: from 1.6e-06 to 320 %",
+            "--rate 1e9": "rate = 1000000000.0 is not allowed",
+            "--fix mass_ratio 100": "at most 1: an absorber no heavier than the structure",
+            "--study nowhere/a.journal": "study file = nowhere/a.journal is not allowed: a file that can be written to, in a folder that exists",
+            "--study /dev/full": "study file = /dev/full is not allowed",
+            "--objective beauty": "'beauty' is not one of 'level'",
+            "--concept spring": "'spring' is not one of",
+            "--at one": "'one'",
+            "--at 1:-3": "force = -3.0",
+            "--at 9:3 --modes 2": "resonance = 9",
+            "--free colour": "'colour'",
+            "--bounds gap 2e-3 1e-3": "bounds of gap = (0.002, 0.001)",
+            "--bounds gap 1e-3 1e-3": "bounds of gap",
+            "--fix restitution 2": "restitution",
+            "--constraint noise 1": "constraint = 'noise'",
+            "--objective range": "limit of the relative level",
+            "--free gap --sampler cma": "sampler = 'cma'",
+            "--concept all --study x.journal": "--study = x.journal",
+            "--out file": "--out = 'file/impact' is not allowed",
+            f"{CLUSTER} --threads 2": BOTH,
+            "--structure {steel} --at 1:1 --resonances 1 2": "--resonances = (1, 2) is not allowed: beside --at",
+            "--structure {frame} --free position": "position = 'free' is not allowed: left out on a modal model",
+        },
+    ),
+    "pareto": (
+        "",
+        {
+            "--at 1:1e300 --at 2:1": "force = 1e+300 is not allowed",
+            "--fix mass_ratio 100": "mass_ratio = 100.0 is not allowed",
+            "--study nowhere/a.journal": "study file = nowhere/a.journal is not allowed",
+            "--at 1:3.5": "two resonances",
+            "--against all": "'all' is not one of",
+            "--designs 1": "1 is not in the range x>=2",
+        },
+    ),
+    "mass_ratios": (
+        "",
+        {
+            "--page bare.md": MARKERS,
+            "--rate 1e-9": "rate = 1e-09 is not allowed",
+            "--mass-ratio 100": "mass_ratio = 100.0 is not allowed",
+            f"{CLUSTER} --threads 2": BOTH,
+        },
+    ),
+    "tune_ltva": (
+        "--quick",
+        {
+            "--low 0.9 --high 1.06": "scoring range (low, high) = (0.9, 1.06) is not allowed: a scoring range that holds both peaks",
+            "--mass-ratio 0": "mass_ratio = 0.0 is not allowed",
+            "--resonance 3 --modes 2": "resonance = 3 is not allowed",
+            "--resonance 0": "0 is not in the range x>=1",
+            "--position 1.5": "absorber_position = 1.5 is not allowed",
+            "--out file": "--out = 'file' is not allowed",
+            "--page bare.md": MARKERS,
+            "--structure {steel} --damping 0.1": "--damping does not go with --structure",
+        },
+    ),
+    "orbits": (
+        ORBITS,
+        {
+            "--modes 0": "modes = 0",
+            "--restitution 2": "restitution = 2",
+            "--friction-limit -1": "friction limit = -1",
+            "--gap 0": "gap = 0",
+            "--force nan": "force amplitude = nan",
+            "--from 1 --to 0.9": "--from = 1",
+            "--from nan": "--from = nan",
+            "--at 2": "--at = 2",
+            "--at nan": "--at = nan",
+            "--folds --thresholds": "--folds does not go with --thresholds",
+            "--folds --at 0.95": "--at does not go with --folds",
+            "--points 1": "points = 1",
+            "--json nowhere/a.json": NOWHERE,
+            "--json a.txt": "--json = a.txt",
+            "--structure {steel}": "--modes does not go with --structure",
+        },
+    ),
+    "frequency_response": (
+        BALANCE,
+        {
+            "--restitution 0.7": "--method = 'balance'",
+            "--from 1 --to 0.9": "--to = 0.9",
+            "--from -1": "--from = -1.0",
+            "--plot a.txt": "--plot = a.txt",
+            "--json nowhere/a.json": NOWHERE,
+            "--force nan": "force = nan",
+            "--harmonics 0": "harmonics = 0",
+            "--weight -3": "weight = -3.0",
+            "--absorber friction --gap 1e-3": "--gap does not go with --absorber friction",
+            "--restitution 0.7 --contact-stiffness 1e4": "left out with contact_stiffness",
+            "--members 1": "--members does not go without --envelope",
+            "--envelope 1": "points = 1",
+            f"--envelope 2 {CLUSTER} --threads 2": BOTH,
+            "--structure {steel} --scene x.toml": "--scene does not go with --structure",
+            "--resume kept.json": "--resume = kept.json",
+        },
+    ),
+    "isola": (
+        "--modes 3",
+        {
+            "--map-friction-limits -1": "friction limit = -1",
+            "--resume kept.txt": "--resume = kept.txt",
+            "--map-modes 1,5 --map-restitutions 1": "modes = 5",
+            "--map-modes x": "--map-modes = 'x'",
+            "--map-modes 1 --map-restitutions 2": "restitution = 2",
+            "--from 1 --to 0.9": "frequency range",
+            "--restitution 2": "restitution = 2",
+            "--structure {steel}": "--modes does not go with --structure",
+        },
+    ),
+    "balance_error": ("", {"--harmonics ten": "--harmonics", "--at 0.9 --force 0.5": "frequency = "}),
+    "record_demonstrations": ("", {"--task nothing": "'nothing' is not one of"}),
+    "train_sweep_agent": ("", {"--algorithm nothing": "'nothing' is not one of"}),
+    "tune_baselines": ("", {"--task nothing": "'nothing' is not one of"}),
+    "evaluate_policies": ("", {"--task nothing": "'nothing' is not one of"}),
+    "benchmark": (
+        "",
+        {"--json nowhere/a.json": NOWHERE, "--repeats 0": "0 is not in the range", "--unknown": "--unknown", "--page bare.md": MARKERS},
+    ),
+    "benchmark_energies": ("", {"--json nowhere/a.json": NOWHERE, "--page none.md": "none.md"}),
+    "benchmark_envs": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
+    "benchmark_periodic": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
+    "benchmark_start": ("--quick", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
+    "cost_of_exact": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
+    "reference_levels": ("", {"--json nowhere/a.json": NOWHERE, "--members 0": "0 is not in the range", "--page bare.md": MARKERS}),
+    "design_rule": ("--quick", {f"--out no {CLUSTER} --threads 2": BOTH, "--out numbers": EARLIER}),
+    "search_methods": ("--quick", {f"{CLUSTER} --threads 2": BOTH, "--question nothing": "'nothing' is not one of"}),
+    "friction_branches": ("--quick", {f"{CLUSTER} --threads 2": BOTH}),
+    "sweep_tradeoff": ("", {"--redraw --out .": "a folder with results of sweep_tradeoff"}),
+    "your_structure": ("", {"--page none.md": "none.md"}),
+    "error_vs_runtime": (
+        "",
+        {
+            "--only everything": "'everything' is not one of",
+            "--redraw --out no": "--redraw",
+            "--redraw --only jumps --out other": "jumps.json",
+            "--out file/below --only jumps": "--out = 'file/below' is not allowed",
+            "--scene nothing": "'nothing'",
+        },
+    ),
+    "findings": (
+        "--out .",
+        {
+            "--redraw --part place": EARLIER,
+            "--quick --part robustness": EARLIER,
+            "--part colour": "'colour' is not one of",
+            f"{CLUSTER} --threads 2": BOTH,
+        },
+    ),
+    "reproduce_paper": (
+        "--out no",
+        {
+            "--figure three": "'three' is not one of",
+            "--seed -1": "-1 is not in the range",
+            f"{CLUSTER} --threads 2": BOTH,
+            "--figure jump --out paper": "jump.json is not allowed: a file that an earlier run of this command wrote",
+        },
+    ),
+    "regimes": (
+        "--out no",
+        {
+            "--modes 2": "needs --force",
+            "--force 1 --from 0.9 --to 0.9": "--to = 0.9 is not allowed",
+            "--force 1 --points 1": "points = 1 is not allowed",
+            "--force 1 --restitution 2": "restitution = 2.0 is not allowed",
+            "--force 1 --slowness -1": "slowness = -1.0 is not allowed",
+            "--force 1 --silence 0": "silence = 0.0 is not allowed",
+            "--silence 1e9": "stay_periods = 8000.0 is not allowed",
+            "--force 1 --approach -1": "approach_ratio = -1.0 is not allowed",
+            f"{CLUSTER} --threads 2": BOTH,
+            "--structure {steel} --modes 3": "--modes does not go with --structure",
+        },
+    ),
+    "specialisation": ("", {"--redraw --out .": "--redraw", "--out file/below": "--out = 'file/below' is not allowed"}),
+    "stability": (
+        "",
+        {"--workers 0": "--workers", "--redraw --out .": "--redraw", "--out file/below": "--out = 'file/below' is not allowed", "--slow": "--slow"},
+    ),
+}
+LINES = [(name, f"{start} {line}".strip(), words) for name, (start, lines) in BAD.items() for line, words in lines.items()]
+
+
+def test_each_command_is_in_the_table() -> None:
+    assert set(BAD) == {name for commands in files().values() for name in commands}
+
+
+@pytest.mark.parametrize(("name", "line", "words"), LINES, ids=[f"{name} {line}" for name, line, _ in LINES])
+def test_what_cannot_be_done_is_one_message(name: str, line: str, words: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    file = file_of(name)
+    assert file is not None
+    if missing_extras(file) or (CLUSTER in line and find_spec("distributed") is None):
+        pytest.skip("a package that it needs is not installed")
+    for own, text in GIVEN.items():
+        (tmp_path / own).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / own).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    if CLUSTER in line:
+        monkeypatch.setattr("optimisation.search.cluster.Workers.__init__.__defaults__", (1.0,))
+    for computing in ("optimisation.evaluation.Threads.run", "impact_env.ensemble.each_lane"):
+        monkeypatch.setattr(computing, lambda *_, **__: pytest.fail("computed"))
+    places = {"steel": EXAMPLES / "steel_beam_tip.toml", "frame": EXAMPLES / "frame.toml", "root": ROOT}
+    result = call(imported(name), *shlex.split(line.format(**places)))
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.count("Error: ") == 1
+    assert "Traceback" not in result.stderr
+    assert words in " ".join(result.stderr.split()), result.stderr
+    assert {str(path.relative_to(tmp_path)): path.read_text() for path in tmp_path.rglob("*") if path.is_file()} == GIVEN
+
+
+@pytest.mark.slow
+def test_a_process_ends_with_code_2(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "optimisation.cli.group", "sweep", "--gap", "-1", "--json", str(tmp_path / "sweep.json")]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "Error: gap = -1.0 is not allowed: a number in m, 0 or above (infinity: no wall)\n"
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,152 @@
+"""Ctrl-C at a command: exit code 130 and one line, what is finished is kept, and the same command goes on from there or starts anew."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from commands import call, load
+from places import ROOT
+
+from optimisation.cli.group import file_of, missing_extras
+from optimisation.tuned import den_hartog
+
+CONSOLE = "from optimisation.cli.start import main; main()"
+SIMULATE, MEASURE = "impact_env.ensemble.simulate", "optimisation.evaluation.measure"
+SUMMARY, PERIODIC = "summary.json", "impact_env.periodic"
+FAST = "--rate 100 --threads 1"
+DESIGNS = f"--modes 2 --members 2 --batch 4 --designs 5 {FAST}"
+PLAIN = "--concept friction --no-figures --audit 0"
+ORBITS = "--modes 1 --restitution 0.75 --force 1.5 --from 0.92 --to 0.94 --points 3"
+RESPONSE = "--modes 3 --friction-limit 0.01 --method exact --from 0.93 --to 0.95 --rate 20"
+ISOLA = "--modes 3 --from 0.93 --map-modes 1,3 --map-friction-limits 0,0.01"
+REGIMES = "--modes 2 --friction-limit 0.025 --force 1.5 --quick --members 6 --points 3 --from 0.98 --to 0.96 --approach 1 --only jump --threads 1"
+
+
+class Stop(NamedTuple):
+    """A command that is broken off at call number ``at`` of a function (of a generator: where that would give its value number ``at``).
+
+    ``kept`` is the JSON file that it leaves (None: none) and ``same`` the one that in the end is that of a run which was never broken off. Where it
+    goes on with what it has kept, ``calls`` are those of both runs together, with the one that was broken off.
+    """
+
+    name: str
+    line: str
+    function: str
+    at: int
+    kept: str | None
+    same: str | None
+    calls: int | None = None
+    again: str = ""
+
+
+STOPS = (
+    Stop("sweep", "--modes 2 --from 0.98 --to 1 --rate 10 --members 3 --json a.json", SIMULATE, 1, None, "a.json"),
+    Stop("compare_absorbers", f"--resonances 1 1 --forces 2 --members 2 {FAST} --out .", SIMULATE, 9, SUMMARY, "runs.csv"),
+    Stop("design_gap", f"--force 3.5 --modes 2 --gaps 3 --members 2 {FAST} --out .", SIMULATE, 5, SUMMARY, "levels.csv"),
+    Stop("mass_ratios", f"--mass-ratio 0.02 --resonances 1 1 --members 1 {FAST}", SIMULATE, 2, None, None),
+    Stop("optimise_design", f"{DESIGNS} {PLAIN} --out .", MEASURE, 4, f"friction/{SUMMARY}", "friction/designs.csv"),
+    Stop("pareto", f"{DESIGNS} --out .", MEASURE, 4, f"resonances/{SUMMARY}", "resonances/front.csv"),
+    Stop("orbits", f"{ORBITS} --json a.json", "optimisation.cli.orbits.all_orbits_over", 2, "a.json", "a.json"),
+    Stop("orbits", f"{ORBITS} --symmetric --json a.json", "optimisation.cli.orbits.orbits_over", 2, "a.json", "a.json"),
+    Stop("frequency_response", f"{RESPONSE} --resume kept.json --json a.json", f"{PERIODIC}.overview.sweep_envelope", 2, "a.json", "a.json", 3),
+    Stop("isola", f"{ISOLA} --resume kept.json --json a.json", f"{PERIODIC}.isola_map.cell_of", 3, "a.json", "a.json", 5),
+    Stop("regimes", f"{REGIMES} --out .", "studies.regimes.measured.stays", 2, "jump.json", "jump_stay.csv", 4, "--resume"),
+)
+
+
+def broken_off(function: str, at: int, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Break a function off at its call number ``at``; return a list that grows with each call."""
+    module, _, name = function.rpartition(".")
+    whole, calls = getattr(importlib.import_module(module), name), list[str]()
+
+    def counted() -> None:
+        calls.append(function)
+        if len(calls) == at:
+            raise KeyboardInterrupt
+
+    def stopped(*given: Any, **named: Any) -> Any:
+        counted()
+        return whole(*given, **named)
+
+    def stopped_within(*given: Any, **named: Any) -> Iterator[Any]:
+        found = whole(*given, **named)
+        while True:
+            counted()
+            try:
+                value = next(found)
+            except StopIteration:
+                return
+            yield value
+
+    monkeypatch.setattr(function, stopped_within if inspect.isgeneratorfunction(whole) else stopped)
+    return calls
+
+
+@pytest.mark.parametrize("stop", STOPS, ids=lambda stop: f"{stop.name}-{stop.function}")
+def test_what_is_finished_is_kept_and_the_command_goes_on(stop: Stop, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    file = file_of(stop.name)
+    assert file is not None
+    if missing_extras(file):
+        pytest.skip("a package that it needs is not installed")
+    monkeypatch.setattr("optimisation.comparison.minimax", den_hartog)  # in closed form
+    command = load(stop.name, monkeypatch)
+    whole, parted = tmp_path / "whole", tmp_path / "parted"
+    for folder in (whole, parted):
+        folder.mkdir()
+    monkeypatch.chdir(whole)
+    result = call(command, *shlex.split(stop.line))
+    assert result.exit_code == 0, result.output
+    monkeypatch.chdir(parted)
+    calls = broken_off(stop.function, stop.at, monkeypatch)
+    result = call(command, *shlex.split(stop.line))
+    assert result.exit_code == 130, result.output
+    assert "Traceback" not in result.output
+    assert "Stopped early: " in result.stderr or result.stderr.endswith("Broken off.\n")
+    if stop.kept is None:
+        assert list(parted.iterdir()) == []
+    else:
+        kept, wanted = (json.loads((folder / stop.kept).read_text()) for folder in (parted, whole))
+        assert kept == wanted[: len(kept)] != [] if isinstance(kept, list) else not kept.get("complete", kept.get("finished"))
+    result = call(command, *shlex.split(stop.line), *shlex.split(stop.again))
+    assert result.exit_code == 0, result.output
+    assert stop.calls in (None, len(calls))
+    if stop.same is not None:
+        assert (parted / stop.same).read_text() == (whole / stop.same).read_text()
+
+
+def heed_interrupts() -> None:
+    """Let a process that is about to start notice Ctrl-C, also where these tests run in the background of a shell, which ignores it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends a signal as a terminal does")
+@pytest.mark.parametrize(
+    ("slow", "start"), [("tqdm", ["-c", CONSOLE]), ("tqdm", ["-m", "optimisation.cli.group"]), ("click", ["-c", CONSOLE])], ids=str
+)
+def test_during_imports_it_is_one_line(slow: str, start: list[str], tmp_path: Path) -> None:
+    """A module that takes for ever stands first on the path: the signal comes while it is being imported."""
+    (tmp_path / "cmaes.py").write_text("")
+    mark = tmp_path / "there"
+    (tmp_path / f"{slow}.py").write_text(f"import pathlib, time\npathlib.Path({str(mark)!r}).touch()\ntime.sleep(100)\n")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    words = [sys.executable, *start, "optimise_design"]
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(words, cwd=ROOT, env=environment, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed_interrupts)
+    until = time.monotonic() + 120
+    while not mark.exists() and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, "", "Broken off.\n")
