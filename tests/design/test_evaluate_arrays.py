@@ -1,9 +1,8 @@
-"""Designs in arrays for other people's optimisers, and the adapter in the style of EngiBench."""
+"""Designs in arrays for other people's optimisers."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,56 +86,3 @@ def test_fresh_members_give_other_values_of_the_same_design() -> None:
     here, there = problem.evaluate([[1.0, 0.1]]).F, problem.evaluate([[1.0, 0.1]], problem.fresh_ensemble(5, 0)).F
     assert here != there
     assert here == pytest.approx(there, rel=0.5)
-
-
-def test_adapter_has_what_its_readers_expect(tmp_path: Path) -> None:
-    pytest.importorskip("gymnasium")
-    from optimisation.benchmark_problem import Conditions, ImpactAbsorberProblem, ObjectiveDirection
-
-    given = {"force": 0.5, "members": 2, "rate": 40.0}
-    own = ImpactAbsorberProblem(0, given, beam=STEEL, constraints=(Constraint("stroke", 1e-5),))
-    assert own.conditions == Conditions(0.5)
-    assert own.problem.rate == 40.0
-    box = own.design_space
-    design, number = own.random_design()
-    assert box.contains(design)
-    assert number >= 0
-    assert own.objectives == (("level", ObjectiveDirection.MINIMIZE),)
-    start = own.problem.space.coordinates(own.problem.space.default)
-    row = np.array(list(start.values()))
-    config = {"damping_ratio": 0.02}
-    values, damped = own.simulate(row), own.simulate(row, config)
-    assert values.shape == (1,)
-    assert values != damped
-    with pytest.raises(ParameterError, match="config"):
-        own.simulate(row, {"colour": 1})
-    assert own.check_constraints(row, {}).violations[0].constraint == "stroke"
-    broken = own.check_constraints(2 * box.high, {})
-    assert [violation.constraint for violation in broken.violations] == [v.name for v in own.problem.space.free]
-    assert (len(broken), broken.n_constraints) == (3, 4)
-    assert str(broken).startswith("gap: ")
-    assert "impact absorber" in own.render(row, path=tmp_path / "card.png")
-    assert (tmp_path / "card.png").read_bytes().startswith(b"\x89PNG")
-    own.reset(seed=3)
-    first = own.random_design()[0]
-    own.reset(seed=3)
-    np.testing.assert_array_equal(own.random_design()[0], first)
-
-
-def test_adapters_search_and_data_set() -> None:
-    pytest.importorskip("gymnasium")
-    from optimisation.benchmark_problem import ImpactAbsorberProblem
-
-    own = ImpactAbsorberProblem(0, {"force": 0.5, "members": 1, "rate": 40.0}, concept="friction", beam=STEEL)
-    start = own.problem.space.at([0.65])  # too much friction
-    best, history = own.optimize(list(own.problem.space.coordinates(start).values()), designs=13)
-    assert own.simulate(best)[0] == min(step.obj_values[0] for step in history) < 0.9 * history[0].obj_values[0]
-    assert [step.step for step in history] == list(range(len(history)))
-    assert len(history) <= 13
-    data = own.make_dataset(5)
-    assert {name: len(part["design"]) for name, part in data.items()} == {"train": 4, "test": 1}
-    np.testing.assert_array_equal(data["test"]["objectives"][0], own.simulate(data["test"]["design"][0]))
-    assert data["test"]["level"][0] == data["test"]["objectives"][0, 0]
-    assert data["train"]["force"].tolist() == [0.5] * 4
-    own._samples = own.make_dataset(2)  # `dataset` itself has more designs
-    assert own.dataset is own._samples

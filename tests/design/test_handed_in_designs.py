@@ -5,8 +5,7 @@ from __future__ import annotations
 import handed_in
 import pytest
 
-from impact_env import Beam, ParameterError
-from impact_env.modes import ModalModel
+from impact_env import ParameterError
 from optimisation.comparison import compare, force_grid
 from optimisation.designs import Design, DesignSpace, design_space
 from optimisation.objectives import Condition, Constraint, Objective
@@ -34,10 +33,7 @@ def test_whatever_is_handed_in_is_refused_by_name_or_right(make: object) -> None
     ("arguments", "name"),
     [
         ({"beam": "beam"}, "beam"),
-        ({"beam": Beam}, "beam"),
-        ({"beam": ModalModel}, "beam"),
         ({"resonances": 1}, "resonances"),
-        ({"resonances": [[1]]}, "resonances"),
         ({"resonances": [True]}, "resonances"),
         ({"mass_ratio": "0.02"}, "mass_ratio"),
         ({"force": [1.0]}, "force"),

@@ -9,7 +9,6 @@ import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from design_studies import Bowl, Model, problem, settings
 
 from optimisation.designs import design_space
 from optimisation.evaluation import Executor
-from optimisation.files import append
 from optimisation.problem import Problem
 from optimisation.search.find import Plan, find
 from optimisation.search.journal import StudyError
@@ -75,25 +73,6 @@ def test_file_goes_on_from_any_torn_line(tmp_path: Path) -> None:
         file.write_bytes(b"".join(lines[:cut]) + lines[cut][: len(lines[cut]) // 2])
         assert told(find(given, plan, file, executor())) == expected
         assert sorted(file.read_bytes().splitlines()) == sorted(line.rstrip(b"\n") for line in lines)
-
-
-@pytest.mark.parametrize(
-    ("changed", "searched", "names"),
-    [
-        ({"members": 3}, {}, "problem.members is 4 there and 3 here"),
-        ({"rate": 50.0}, {}, "problem.rate is 100.0 there and 50.0 here"),
-        ({}, {"seed": 2}, "search.seed is 0 there and 2 here"),
-        ({}, {"from_scratch": True}, "search.from_scratch is False there and True here"),
-    ],
-)
-def test_file_of_another_search_is_refused(tmp_path: Path, changed: dict[str, object], searched: dict[str, object], names: str) -> None:
-    file, (_, plan, executor) = tmp_path / "a.journal", case("friction")
-    space = design_space("friction")
-    find(problem(space=space), plan, file, executor())
-    before = file.read_bytes()
-    with pytest.raises(StudyError, match=names):
-        find(problem(**({"space": space} | changed)), replace(plan, **searched), file, executor())  # type: ignore[arg-type]
-    assert file.read_bytes() == before
 
 
 def test_methods_do_not_take_one_anothers_files(tmp_path: Path) -> None:
@@ -188,33 +167,6 @@ def test_disk_that_is_full_leaves_a_whole_journal_that_goes_on(tmp_path: Path, k
         assert content.endswith(b"\n")
     assert full_study(kind, file) == expected
     assert not list(tmp_path.glob("*.damaged"))
-
-
-def test_short_writes_are_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three bytes at a time, as a system may."""
-    opening = Path.open
-
-    class Short:
-        def __init__(self, file: Any) -> None:
-            self.file = file
-
-        def __enter__(self) -> Short:
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            self.file.close()
-
-        def __getattr__(self, name: str) -> object:
-            return getattr(self.file, name)
-
-        def write(self, content: bytes) -> int:
-            return int(self.file.write(bytes(content)[:3]))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "open", lambda *arguments, **how: Short(opening(*arguments, **how)))
-        append(tmp_path / "a", b"one line\n")
-        append(tmp_path / "a", b"and another\n")
-    assert (tmp_path / "a").read_bytes() == b"one line\nand another\n"
 
 
 @pytest.mark.parametrize("kind", ["cma", "friction"])

@@ -142,13 +142,6 @@ def test_limits_without_a_problem_to_solve() -> None:
     )
 
 
-@pytest.mark.parametrize("status", ["optimal_inaccurate", "infeasible", "user_limit"])
-def test_status_that_is_not_optimal_is_refused(monkeypatch: pytest.MonkeyPatch, status: str) -> None:
-    monkeypatch.setattr(cvxpy.Problem, "status", property(lambda _self: status))
-    with pytest.raises(NotOptimalError, match=status):
-        passive_limit(MODEL, MASS, GAP, 10.0, 242.0)
-
-
 def test_failure_of_the_solver_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_arguments: object, **_options: object) -> None:
         raise cvxpy.error.SolverError("no memory")
