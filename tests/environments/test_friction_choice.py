@@ -9,9 +9,6 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
 
-from impact_env import impact_absorber
-from impact_env.plain import from_scene
-from impact_env.scene import Scene
 from optimisation.friction_rule import PAPER_FRICTION, paper_share
 
 FRICTION, PASSIVE = "ImpactAbsorber/FrictionChoice-v0", "ImpactAbsorber/Passive-v0"
@@ -86,29 +83,3 @@ def test_other_absorbers_methods_and_measures(arguments: dict[str, Any]) -> None
     np.testing.assert_array_equal(rows[1:, 10], actions[: len(rewards)].astype(np.float32))
     calm = episode(made(arguments), np.full(20, 1.0))[1].sum()
     assert rewards.sum() != calm
-
-
-def test_a_whole_scene_in_plain_form_is_the_scene_itself() -> None:
-    env = made({})
-    scene = Scene(env.task.settings.scene.model, impact_absorber(8e-4, 0.7, 0.05))
-    plain = from_scene(scene)
-    actions = np.random.default_rng(4).uniform(-1, 1, 20)
-    runs = [episode(made({"whole_scene": given}), actions) for given in (scene, plain)]
-    for one, other in zip(runs[0][:2], runs[1][:2], strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
-def test_a_snapshot_holds_the_friction_in_use() -> None:
-    env = gymnasium.make_vec(FRICTION, num_envs=3, **WAY).unwrapped
-    actions = np.random.default_rng(6).uniform(-1, 1, (12, 3, 1)).astype(np.float32)
-    env.reset(seed=1)
-    for action in actions[:4]:
-        env.step(action)
-    kept = env.snapshot()
-    expected = [env.step(action) for action in actions[4:]]
-    other = gymnasium.make_vec(FRICTION, num_envs=3, **WAY).unwrapped
-    np.testing.assert_array_equal(other.restore(kept)[:, 10], actions[3, :, 0])
-    for action, (observation, reward, *_) in zip(actions[4:], expected, strict=True):
-        found = other.step(action)
-        np.testing.assert_array_equal(found[0], observation)
-        np.testing.assert_array_equal(found[1], reward)

@@ -12,9 +12,10 @@ import impact_env.envs  # noqa: F401
 from impact_env.parameters import ParameterError
 
 SEEN: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, "observation_noise": 0.1, "observation_delay": 2}
-SWEEP, GAP = "ImpactAbsorber/SweepRate-v0", "ImpactAbsorber/GapChoice-v0"
+SWEEP, GAP, FRICTION = (f"ImpactAbsorber/{name}" for name in ("SweepRate-v0", "GapChoice-v0", "FrictionChoice-v0"))
 OWN: dict[str, dict[str, Any]] = {
     SWEEP: {"limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0},
+    FRICTION: {"limits": (0.97, 0.98), "rate": 20.0},
     GAP: {"hold": (10.0, 30.0), "time_budget": 60.0, "frequency_ratio": (0.98, 1.0)},
 }
 

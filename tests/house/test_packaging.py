@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import ast
 import importlib.metadata
 import importlib.util
 import os
@@ -8,7 +7,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-import zipfile
 from pathlib import Path
 from types import ModuleType
 
@@ -56,42 +54,6 @@ def test_simulator_imports_no_heavy_library() -> None:
     )
     result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"
-
-
-def test_kernels_import_only_numpy_numba_its_compiler_and_a_lock_for_their_cache() -> None:
-    allowed = {"numpy", "numba", "llvmlite", "impact_env.kernels"}
-    foreign = []
-    for file in (ROOT / "impact_env" / "kernels").rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                names = ["impact_env.kernels" if node.level else node.module or ""]
-            else:
-                continue
-            for name in names:
-                inside = any(name == package or name.startswith(package + ".") for package in allowed)
-                locks = (file.name, name) == ("cache.py", "filelock")
-                if not inside and not locks and name.split(".")[0] not in sys.stdlib_module_names:
-                    foreign.append((file.name, name))
-    assert foreign == []
-
-
-def test_wheel_holds_both_packages(tmp_path: Path) -> None:
-    pytest.importorskip("hatchling")
-    subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)], cwd=ROOT, check=True, capture_output=True)
-    (wheel,) = tmp_path.glob("*.whl")
-    names = set(zipfile.ZipFile(wheel).namelist())
-    assert {
-        "impact_env/py.typed",
-        "optimisation/py.typed",
-        "impact_env/parameters.py",
-        "impact_env/kernels/jit.py",
-        "optimisation/rl/hyperparameters.yaml",
-        "optimisation/rl/tuned/sweep_baselines.json",
-        "optimisation/cli/sweep.py",
-    } <= names
-    assert {name.split("/")[0] for name in names if ".dist-info" not in name} == {"impact_env", "optimisation"}
 
 
 def test_every_dependency_is_pinned_once() -> None:

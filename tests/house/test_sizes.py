@@ -6,7 +6,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from places import ROOT
 
 KERNELS = Path("impact_env", "kernels")  # compiled: their arguments decide what is compiled, their files what is compiled together
@@ -58,13 +57,3 @@ def test_kernels_take_few_arguments() -> None:
         if isinstance(node, ast.FunctionDef) and len(node.args.args) > PLACES and node.args.args[0].arg != "code"
     ]
     assert found == []
-
-
-@pytest.mark.parametrize(("code", "places"), [("def f(a, b, /, c, *, d, **e): ...", 3), ("class A:\n  async def f(self, *a): ...", 1)])
-def test_places_are_counted_and_names_are_not(code: str, places: int) -> None:
-    assert list(functions(code)) == [("f", places)]
-
-
-def test_a_line_too_much_is_seen() -> None:
-    plain, kernel = Path("optimisation", "a.py"), KERNELS / "a.py"
-    assert [too_long("\n" * lines, file) for file, lines in ((plain, 350), (plain, 351), (kernel, 450), (kernel, 451))] == [False, True, False, True]

@@ -7,13 +7,12 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from places import ROOT
 
-from impact_env import Beam, Drive, Record, __version__, beam_scene, constant_frequency, friction_damper, impact_absorber, impact_absorbers, simulate
+from impact_env import Beam, Drive, Record, beam_scene, constant_frequency, friction_damper, impact_absorber, impact_absorbers, simulate
 
 RUN = """
 from impact_env import Beam, Drive, beam_scene, constant_frequency, first_use, simulate
@@ -181,18 +180,3 @@ def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
     two = repr(beam_scene(Beam(), impact_absorbers([1e-3, 2e-3], [0.5, 1.0])))
     assert "at 0.5 of the length impact absorber, mass ratio 0.01, gap 1 mm" in two
     assert "at 1 of the length impact absorber, mass ratio 0.01, gap 2 mm" in two
-
-
-def test_the_version_is_known() -> None:
-    assert __version__[0].isdigit()
-
-
-def test_telling_costs_nothing_in_a_warm_run() -> None:
-    """Far below a microsecond's worth of a run's tens."""
-    from impact_env.first_use import CompilingFor
-
-    began = time.perf_counter()
-    for _ in range(10_000):
-        with CompilingFor(None, None):
-            pass
-    assert (time.perf_counter() - began) / 10_000 < 2e-5
