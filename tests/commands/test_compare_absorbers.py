@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import contextlib
-import csv
 import json
 from collections.abc import Iterator
 from functools import partial
@@ -10,7 +9,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from commands import call
+from commands import call, read
 
 from impact_env import Beam
 from optimisation.cli import compare_absorbers
@@ -40,11 +39,6 @@ def study() -> Comparison:
 def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.setattr("optimisation.cli.compare_absorbers.compare", small)
     return compare_absorbers
-
-
-def read(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_forces_cover_the_range_and_gather_at_the_design_force() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import subprocess
 import sys
@@ -11,7 +10,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from commands import call, load
+from commands import call, load, read
 from places import ROOT
 
 from impact_env.modes import modal_model
@@ -31,11 +30,6 @@ def tune(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 @pytest.fixture
 def gap(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return load("design_gap", monkeypatch)
-
-
-def read(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_tunings_are_proved_and_written(tune: ModuleType, tmp_path: Path) -> None:

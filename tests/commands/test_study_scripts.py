@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import csv
 import json
 import math
 from pathlib import Path
@@ -8,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from commands import FAST, call, load
+from commands import FAST, call, load, read
 
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
@@ -32,11 +31,6 @@ def optimise(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 @pytest.fixture
 def pareto(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return load("pareto", monkeypatch)
-
-
-def read(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path) -> None:

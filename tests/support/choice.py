@@ -79,6 +79,7 @@ LONGEST_FIRST = (
     "kernels/test_regimes.py",
     "design/test_study.py",
     "commands/test_command.py",
+    "commands/test_interrupted.py",
     "commands/test_structure_commands.py",
     "kernels/test_verification.py",
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -32,3 +34,9 @@ def call(script: ModuleType | Command, *arguments: object) -> Result:
 def sweep(*arguments: object) -> Result:
     """Call the command sweep."""
     return call(imported("sweep"), *arguments)
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a CSV file."""
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
