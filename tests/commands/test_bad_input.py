@@ -349,6 +349,7 @@ def test_what_cannot_be_done_is_one_message(name: str, line: str, words: str, mo
     assert file is not None
     if missing_extras(file) or (CLUSTER in line and find_spec("distributed") is None):
         pytest.skip("a package that it needs is not installed")
+    command = imported(name)  # before anything is in the place of what its modules import
     for own, text in GIVEN.items():
         (tmp_path / own).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / own).write_text(text)
@@ -358,7 +359,7 @@ def test_what_cannot_be_done_is_one_message(name: str, line: str, words: str, mo
     for computing in ("optimisation.evaluation.Threads.run", "impact_env.ensemble.each_lane"):
         monkeypatch.setattr(computing, lambda *_, **__: pytest.fail("computed"))
     places = {"steel": EXAMPLES / "steel_beam_tip.toml", "frame": EXAMPLES / "frame.toml", "root": ROOT}
-    result = call(imported(name), *shlex.split(line.format(**places)))
+    result = call(command, *shlex.split(line.format(**places)))
     assert result.exit_code == 2, result.output
     assert result.stdout == ""
     assert result.stderr.count("Error: ") == 1
