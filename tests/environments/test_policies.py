@@ -16,6 +16,7 @@ from optimisation.cli import (
     evaluate_policies,
     tune_baselines,
 )
+from optimisation.files import read_json
 from optimisation.rl.agents import Agent, save_agent
 from optimisation.rl.baselines import families, load, policy, store, tune
 from optimisation.rl.families import FrequencyWindow, OpenLoop, Rates, policy_of
@@ -247,7 +248,7 @@ def test_tradeoff_study_and_tuning_write_what_they_measure(tmp_path: Path, monke
     monkeypatch.setattr(tradeoff, "SLOW", (2.0,))
     result = call(sweep_tradeoff.main, "--quick", "--out", tmp_path)
     assert result.exit_code == 0, result.output
-    told = json.loads((tmp_path / "sweep_tradeoff.json").read_text())
+    told = read_json(tmp_path / "sweep_tradeoff.json.gz")
     down = told["cases"][0]["directions"]["down"]
     np.testing.assert_allclose(down["time"], [250.0, 125.0])
     again = call(sweep_tradeoff.main, "--redraw", "--quick", "--out", tmp_path)
