@@ -148,8 +148,8 @@ def test_results_come_back_from_their_file_and_are_summarised(tmp_path: Path) ->
         (BEST_SCHEDULE, (-1,), (1, 6)),
         ("PPO", (4, 5), (2, 6)),
     ]
-    write_results(tmp_path / "r.csv", results)
-    for before, after in zip(results, read_results(tmp_path / "r.csv"), strict=True):
+    write_results(tmp_path / "r.npz", results)
+    for before, after in zip(results, read_results(tmp_path / "r.npz"), strict=True):
         assert (before.name, before.kind, before.runs, before.seeds) == (after.name, after.kind, after.runs, after.seeds)
         np.testing.assert_array_equal([before.scores, before.levels, before.times], [after.scores, after.levels, after.times])
     lines = {line.name: line for line in summarise("sweep", results, resamples=50)}
@@ -172,7 +172,7 @@ def test_the_command_judges_tells_and_draws(tmp_path: Path, monkeypatch: pytest.
     options = ("--baselines", tmp_path, "--agents", tmp_path, "--out", tmp_path / "out", "--quick", "--seeds", 3)
     result = call(evaluate_policies.main, *options)
     assert result.exit_code == 0, result.output
-    files = {f"{task}_{kind}" for task in ("sweep", "gap") for kind in ("results.csv", "table.json", "table.md", "curves.json", "profile.png")}
+    files = {f"{task}_{kind}" for task in ("sweep", "gap") for kind in ("results.npz", "table.json", "table.md", "curves.json.gz", "profile.png")}
     assert {file.name for file in (tmp_path / "out").iterdir()} == files | {"sweep_schedules.png", "gap_episode.png"}
     told = json.loads((tmp_path / "out" / "sweep_table.json").read_text())
     assert {row["name"] for row in told["policies"]} >= {"random", BEST_CONSTANT, BEST_SCHEDULE, "PPO"}
@@ -201,7 +201,7 @@ def test_the_command_judges_tells_and_draws(tmp_path: Path, monkeypatch: pytest.
                 "sweep",
                 "--redraw",
             ),
-            "sweep_results.csv",
+            "sweep_results.npz",
         ),
     ],
 )
