@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import click
 
 from optimisation.page import has_markers, published
+from optimisation.report.written_figure import write_figure
 from studies.accuracy import bands, cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
 from studies.accuracy.settings import Cases, Row, Settings
 from studies.study import Json, Measured, Part, Place, Study, left, rows_by_case
@@ -63,7 +64,7 @@ def _part(
         sections=lambda measured: {module.NAME: f"{table(measured.values['rows'])}\n\n{tables.made_with(measured)}"},
         steps=lambda settings, known: len(left(module.cases(settings), module.key, known)),
         whole=whole,
-        figures=lambda measured: {file: partial(figure.savefig, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()},
+        figures=lambda measured: {file: partial(write_figure, figure, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()},
     )
 
 
