@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import json
 import os
 import sys
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from impact_env.parameters import ParameterError, require
 from impact_env.plain_files import replacing as replacing
@@ -60,6 +63,19 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write JSON; a number that is not finite raises ValueError, as JSON has none."""
+    """Write JSON, compressed if the name ends in .gz; a number that is not finite raises ValueError, as JSON has none."""
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        if path.suffix == ".gz":
+            text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+            temporary.write_bytes(gzip.compress(text.encode(), mtime=0))  # without the time the same content is the same file
+        else:
+            temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path) -> Any:
+    """Return what `write_json` wrote; raises OSError or ValueError if it cannot be read."""
+    content = path.read_bytes()
+    try:
+        return json.loads(gzip.decompress(content) if path.suffix == ".gz" else content)
+    except (EOFError, zlib.error) as error:
+        raise ValueError(f"{path.name} is not whole: {error}") from error

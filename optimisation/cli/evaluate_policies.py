@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -16,7 +15,7 @@ import click
 
 from impact_env.parameters import ParameterError, require
 from optimisation.cli.common import INTERRUPTED, BadInput, command
-from optimisation.files import replacing, require_writable, write_json
+from optimisation.files import read_json, replacing, require_writable, write_json
 from optimisation.page import ROOT, fill, published
 from optimisation.progress import Bar
 from optimisation.report.policy_tables import short_table, table
@@ -33,7 +32,8 @@ from optimisation.rl.tasks.task import FEW_SEEDS, MANY_SEEDS
 POLICIES, PAGE = ROOT / "docs" / "policies", ROOT / "docs" / "agents.md"
 QUICK_OUT = Path("results/evaluate_policies")
 OUT = published(POLICIES, QUICK_OUT)
-AGENTS = (ROOT / "docs" / "agents", Path("results/train_sweep_agent"))
+KEPT = ROOT / "docs" / "agents"  # one agent of each algorithm
+AGENTS = (Path("results/train_sweep_agent"), KEPT)
 QUICK_SEEDS, QUICK_RESAMPLES, SHOWN = 16, 100, 16  # SHOWN: passages a run in the figure of what policies do
 CEILING = "best schedule by luck"
 
@@ -109,7 +109,7 @@ def play(task: str, given: dict[str, Any], held_out: range) -> tuple[list[Judged
 
 def evaluate(task: str, given: dict[str, Any], folder: Path) -> list[Line]:
     """Play a task, or read what was played, write its files and return the lines of its table. Raises ParameterError."""
-    stored = (folder / f"{task}_results.csv", folder / f"{task}_curves.json")
+    stored = (folder / f"{task}_results.npz", folder / f"{task}_curves.json.gz")
     if given["redraw"]:
         results, curves = read_results(stored[0]), read_curves(stored[1])
     else:
@@ -130,13 +130,12 @@ def publish(group: str, tables: Mapping[str, Sequence[Line]], folder: Path) -> N
 def read_curves(path: Path) -> dict[str, Any]:
     """Return stored curves."""
     require(path.is_file(), "curves", str(path), "a file that evaluate_policies has written")
-    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return content
+    return dict(read_json(path))
 
 
 @command()
 @click.option("--task", type=click.Choice([*TASKS, *GROUPS]), default="both", show_default=True, help=GROUPS_HELP)
-@click.option("--agents", type=click.Path(path_type=Path), help="Folder with agents, or one agent's file.  [default: docs/agents, else results]")
+@click.option("--agents", type=click.Path(path_type=Path), help="Folder with agents, or one file.  [default: those in results, else docs/agents]")
 @click.option("--without-agents", is_flag=True, help="Judge only what does not learn.")
 @click.option(
     "--baselines",
@@ -157,11 +156,14 @@ def read_curves(path: Path) -> dict[str, Any]:
 def main(task: str, out: Path | None, **given: Any) -> None:
     """Play every policy on the same held-out seeds, and say which is better and how sure that is.
 
-    Writes TASK_results.csv (each episode), TASK_table.json and .md, TASK_curves.json, and figures.
+    Writes TASK_results.npz (each episode), TASK_table.json and .md, TASK_curves.json.gz, and figures.
     """
     folder, tables = out or (QUICK_OUT if given["quick"] else OUT), {}
     try:
         require_writable("--out", folder)
+        if folder.resolve() == POLICIES.resolve() and not (given["redraw"] or given["without_agents"]):
+            agents = agents_folder(given["agents"])
+            require(agents.resolve() != KEPT.resolve(), "--agents", str(agents), "a folder with all agents that the page tells of; or choose --out")
         for name in GROUPS.get(task, (task,)):
             tables[name] = evaluate(name, given, folder)
             click.echo(f"{name}:\n{table(name, tables[name])}\n")

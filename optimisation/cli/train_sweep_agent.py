@@ -16,13 +16,13 @@ import numpy as np
 from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import INTERRUPTED, BadInput, command
-from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.files import read_json, replacing, require_writable, write_csv, write_json
 from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.rl.baselines import TUNED, families, load, policy
 from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for
 from optimisation.rl.policies import Constant, Random
-from optimisation.rl.runs import Evaluation, collect, find_runs, run_folder
+from optimisation.rl.runs import Evaluation, Run, collect, find_runs, read_learning, run_folder
 from optimisation.rl.tasks.baseline import RANDOM
 from optimisation.rl.tasks.table import GROUPS, GROUPS_HELP, TASKS, task_named
 
@@ -84,11 +84,11 @@ def told(baselines: dict[str, float]) -> Any:
     return line
 
 
-def write(out: Path, task: str, baselines: dict[str, float]) -> None:
-    """Write figure and tables of a task from its runs' files, and print the table."""
+def write(out: Path, task: str, baselines: dict[str, float], runs: list[Run]) -> None:
+    """Write figure and tables of a task's runs, and print the table."""
     from optimisation.report.learning_report import COLUMNS, HEADER, learning_rows, save_learning_curve, table_rows  # matplotlib is slow to import
 
-    runs, env_id = find_runs(out / task), task_named(task).env_id
+    env_id = task_named(task).env_id
     write_csv(out / f"learning_{task}.csv", COLUMNS, learning_rows(runs))
     write_json(out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})})
     with replacing(out / f"learning_{task}.png") as temporary:
@@ -96,7 +96,7 @@ def write(out: Path, task: str, baselines: dict[str, float]) -> None:
     unfinished = sum(not run.finished for run in runs)
     click.echo(markdown(HEADER, table_rows(runs, baselines)))
     click.echo(f"\n{env_id}; mean scores on the evaluation seeds" + (f"; {unfinished} of {len(runs)} runs are not finished" if unfinished else ""))
-    click.echo(f"written: {out / f'learning_{task}.png'}, .csv, .json, and the runs in {out / task}\n")
+    click.echo(f"written: {out / f'learning_{task}.png'}, .csv, .json\n")
 
 
 def environment_arguments(pairs: tuple[tuple[str, str], ...]) -> dict[str, Any]:
@@ -123,9 +123,19 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
         failures = train_all(runs, given["workers"], told(baselines) if given["quick"] else None)
     except KeyboardInterrupt:
         finished = False
-    write(given["out"], task, baselines)
+    write(given["out"], task, baselines, find_runs(given["out"] / task))
     report_failures(failures)
     return finished
+
+
+def redraw(task: str, out: Path) -> None:
+    """Write figure and tables of a task again from the learning curves in a folder. Raises ParameterError if they are not there."""
+    file = out / f"learning_{task}.json"
+    try:
+        baselines = dict(read_json(file)["baselines"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ParameterError(f"--redraw: {file} is not allowed: a file that an earlier run of this command wrote ({error})") from error
+    write(out, task, baselines, read_learning(file.with_suffix(".csv")))
 
 
 @command()
@@ -151,12 +161,13 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
     default=TUNED,
     help="Folder of TASK_baselines.json to compare with.  [default: this package's]",
 )
-@click.option("--collect", "target", type=click.Path(path_type=Path), metavar="FOLDER", help="Copy agents and evaluations there in the end.")
+@click.option("--collect", "target", type=click.Path(path_type=Path), metavar="FOLDER", help="Copy curves and typical agents there at the end.")
+@click.option("--redraw", is_flag=True, help="Figures and tables again from the learning curves in --out; nothing is trained.")
 def main(**given: Any) -> None:
     """Train agents, seed by seed, and draw their learning curves.
 
-    Each agent has a folder TASK/ALGORITHM/seed-N with settings.json, evaluations.csv, final.npz, best.npz (best on the evaluation seeds), its
-    last two checkpoints and TensorBoard's files. Ctrl-C, or kill -9, ends training early, and the same command goes on from the last
+    Each agent has a folder TASK/ALGORITHM/seed-N with settings.json, evaluations.csv, final.npz, its last two checkpoints and
+    TensorBoard's files. Ctrl-C, or kill -9, ends training early, and the same command goes on from the last
     checkpoint; agents that are finished are not trained again.
     """
     quick = given["quick"]
@@ -170,9 +181,12 @@ def main(**given: Any) -> None:
         if given["target"] is not None:
             require_writable("--collect", given["target"])
         for task in GROUPS.get(given["task"], (given["task"],)):
-            finished = finished and train_task(task, given)
+            if given["redraw"]:
+                redraw(task, given["out"])
+            else:
+                finished = finished and train_task(task, given)
         if finished and given["target"] is not None:
-            click.echo(f"{collect(find_runs(given['out']), given['out'], given['target'])} agents copied to {given['target']}")
+            click.echo(f"{len(collect(given['out'], given['target']))} files copied to {given['target']}")
     except ParameterError as error:
         raise BadInput(str(error)) from error
     except KeyboardInterrupt:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from impact_env.periodic.balance_error import BalanceRow, Exact
+from optimisation.report.written_figure import write_figure
 
 DPI = 160
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
@@ -50,7 +51,7 @@ def save_figure(path: Path, exact: Exact, rows: Sequence[BalanceRow], growing: b
         axes.grid(True, color="0.9", lw=0.6)
     error.legend(fontsize=8)
     figure.suptitle(f"{exact.case.scene}, {exact.case.force:g} N; weights in m_a omega_1^2; the paper took {PAPERS} harmonics", fontsize=10)
-    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+    write_figure(figure, path, DPI)
 
 
 def _line(axes: Axes, rows: Sequence[BalanceRow], name: str, scale: float, **style: Any) -> None:

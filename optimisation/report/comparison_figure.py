@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, NONE, Comparison, ResonanceComparison
+from optimisation.report.written_figure import write_figure
 
 DPI = 160
 MM = 1e3
@@ -57,7 +58,7 @@ def save_figure(path: Path, comparison: Comparison) -> None:
     what, whose = ("the structure", "its") if comparison.own_structure else ("the beam's tip", "the beam's")
     title = f"Response of {what} at resonance, with absorbers of {100 * comparison.mass_ratio:g} % of {whose} mass"
     figure.suptitle(title, fontsize=13)
-    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+    write_figure(figure, path, DPI)
 
 
 def _caption(comparison: Comparison) -> str:

@@ -19,8 +19,9 @@ from optimisation.designs import GAP, MASS_RATIO, POSITION
 from optimisation.insight import Levels, over_force
 from optimisation.mounting import mounted
 from optimisation.objectives import Condition
-from optimisation.report.comparison_figure import DPI, MM, ORDINALS
+from optimisation.report.comparison_figure import MM, ORDINALS
 from optimisation.report.design_tables import limit
+from optimisation.report.written_figure import write_figure
 from optimisation.search.result import Findings
 
 Array = NDArray[np.float64]
@@ -44,11 +45,6 @@ def figure_with(count: int, height: float = 4.6) -> tuple[Figure, list[Axes]]:
     """Return a figure with this many panels side by side."""
     figure = Figure(figsize=(max(5.4 * count, 6.4), height), layout="constrained")
     return figure, list(figure.subplots(1, count, squeeze=False)[0])
-
-
-def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure; the ending of ``path`` chooses the format."""
-    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
 
 
 def draw_grid(panel: Axes) -> None:

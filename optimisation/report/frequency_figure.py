@@ -13,6 +13,7 @@ from impact_env.parameters import CompliantWalls, RigidWalls, SlidingAbsorber
 from impact_env.periodic.envelope import QUANTILES
 from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, ResponseCurve
+from optimisation.report.written_figure import write_figure
 
 MM = 1e3
 DPI = 160
@@ -47,7 +48,7 @@ def save_figure(path: Path, overview: Overview) -> None:
     axes.set_title(f"{overview.scene}, {overview.force:g} N", fontsize=10)
     axes.grid(True, color="0.9", lw=0.6)
     axes.set_axisbelow(True)
-    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+    write_figure(figure, path, DPI)
 
 
 def _gap(overview: Overview) -> float:

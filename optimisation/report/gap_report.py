@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from optimisation.gap_check import GapCheck
+from optimisation.report.written_figure import write_figure
 
 Json = dict[str, object]
 COLUMNS = (
@@ -102,4 +103,4 @@ def save_figure(path: Path, check: GapCheck) -> None:
     axes.legend(loc="upper center", ncols=1, fontsize=9.5, framealpha=0.95)
     absorber = f"absorber of {100 * check.absorber.mass_ratio:g} % of the beam's mass; without absorber: {without:.3g} mm"
     axes.set_title(f"Gap for {check.force:g} N near resonance {check.resonance}{stopped}\n{absorber}", fontsize=11)
-    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+    write_figure(figure, path, DPI)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from impact_env.periodic.fold_map import BIRTH
 from impact_env.periodic.isola_map import IsolaMap
+from optimisation.report.written_figure import write_figure
 
 DPI = 160
 SAME = 0.012  # how far an isola's birth may move from one restitution to the next
@@ -28,7 +29,7 @@ def save_figure(path: Path, found: IsolaMap) -> None:
     for place, name in zip(axes[1:], maps, strict=True):
         _map(place, found, name)
     figure.suptitle(str(found.case.scene), fontsize=10)
-    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+    write_figure(figure, path, DPI)
 
 
 def _force(axes: Axes, found: IsolaMap) -> None:

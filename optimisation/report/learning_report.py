@@ -12,6 +12,7 @@ from scipy.stats import trim_mean
 
 from optimisation.report.comparison_figure import DPI
 from optimisation.report.design_figures import BLACK, BLUE, GREEN, GREY, ORANGE
+from optimisation.report.written_figure import write_figure
 from optimisation.rl.runs import Run
 from optimisation.rl.tasks.baseline import RANDOM
 
@@ -63,7 +64,7 @@ def save_learning_curve(path: Path, title: str, runs: Sequence[Run], baselines: 
     panel.grid(True, color="0.9", lw=0.7)
     panel.set_axisbelow(True)
     figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+    write_figure(figure, path, DPI)
 
 
 def _seeds(count: int) -> str:

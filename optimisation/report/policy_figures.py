@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
 from optimisation.report.comparison_figure import DPI, MM
+from optimisation.report.written_figure import write_figure
 from optimisation.rl.judging import Judged
 from optimisation.rl.statistics import interval, profile
 from optimisation.rl.tasks.baseline import (
@@ -69,7 +70,7 @@ def _finish(figure: Figure, panels: Sequence[Axes], path: Path, columns: int = 3
         panel.set_axisbelow(True)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
-    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+    write_figure(figure, path, DPI)
 
 
 def save_profiles(path: Path, results: Sequence[Judged], title: str, resamples: int, lines: Mapping[str, float] | None = None) -> None:

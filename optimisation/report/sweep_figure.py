@@ -14,6 +14,7 @@ from impact_env.energy import EnergyAccount, mechanical_energy
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.parameters import SlidingAbsorber, TunedAbsorber
 from impact_env.response import History, Response
+from optimisation.report.written_figure import write_figure
 
 Array = NDArray[np.float64]
 TIP, ABSORBER, LEVEL, WALL, OTHER = "#1f4e79", "#d1641a", "#a0182d", "#555555", "#7a9a3a"
@@ -66,7 +67,7 @@ def save_figure(path: Path, title: str, response: Response, resonance: int) -> N
     for ax in axes[:, 0]:
         ax.set_xlim(*sorted((float(axis.of(np.array(0.0))), float(axis.of(response.drive.schedule.times[-1])))))
         ax.set_xlabel(axis.label)
-    figure.savefig(path, dpi=130)
+    write_figure(figure, path, 130)
 
 
 def _bins(history: History, response: Response) -> list[Array]:

@@ -11,6 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from impact_env.drive import PAPER_LIMITS
 from impact_env.frequency import tip_response
+from optimisation.report.written_figure import write_figure
 from optimisation.tuned.table import MINIMAX, MINIMUM_H2, NONE, PAPER_VALUES, RULE, Tuning, TuningTable
 
 Json = dict[str, object]
@@ -102,4 +103,4 @@ def save_figure(path: Path, table: TuningTable) -> None:
     axes.set_axisbelow(True)
     axes.legend(loc="upper right", fontsize=9.5, framealpha=0.95)
     axes.set_title(f"Tuned absorber of {100 * table.mass_ratio:g} % of the beam's mass (circles: highest peak)", fontsize=12)
-    figure.savefig(path, dpi=DPI, format=path.suffix[1:])
+    write_figure(figure, path, DPI)

@@ -17,7 +17,7 @@ from impact_env.parameters import ParameterError, require
 from optimisation.files import replacing
 
 AGENT_FORMAT = 1
-FINAL, BEST = "final.npz", "best.npz"
+FINAL = "final.npz"
 Map = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 ACTIVATIONS: dict[str, Map] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0))}
 SQUASHES: dict[str, Map] = {"clip": lambda x: np.clip(x, np.float32(-1), np.float32(1)), "tanh": np.tanh}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from impact_env.parameters import ParameterError, require
-from optimisation.files import write_csv
+from optimisation.files import replacing
 from optimisation.rl.agents import FINAL, Agent, find_agents, load_agent
 from optimisation.rl.play import play
 from optimisation.rl.policies import Policy
@@ -20,7 +20,7 @@ from optimisation.rl.tasks.table import task_named
 
 FIRST_HELD_OUT_SEED = 2_000_000
 NO_LEARNING = "without learning"
-COLUMNS = ("policy", "kind", "training_seed", "evaluation_seed", "score", "relative_level", "pseudo_periods")
+MEASURES = ("scores", "levels", "times")
 DIGITS = 6
 
 
@@ -87,38 +87,32 @@ def judge(task: str, contender: Contender, seeds: Sequence[int], arguments: Mapp
 
 
 def write_results(path: Path, results: Sequence[Judged]) -> None:
-    """Write one row for each episode."""
-    write_csv(
-        path,
-        COLUMNS,
-        (
-            (r.name, r.kind, "" if run < 0 else run, seed, float(r.scores[i, j]), float(r.levels[i, j]), float(r.times[i, j]))
-            for r in results
-            for i, run in enumerate(r.runs)
-            for j, seed in enumerate(r.seeds)
-        ),
-    )
+    """Write all episodes as a compressed npz.
+
+    A row (N) is a policy, or an agent of it: ``policies``, ``kinds``, ``runs``; a column (E) one of the evaluation ``seeds``. ``scores``, ``levels``
+    and ``times`` (N, E) are whole numbers of millionths: exact, as `judge` rounds to six digits, and a fifth of the size of floats.
+    """
+    require(len({r.seeds for r in results}) == 1, "results", [r.name for r in results], "policies that were judged on the same seeds")
+    rows = [(r.name, r.kind, run) for r in results for run in r.runs]
+    policies, kinds, runs = (np.array(column) for column in zip(*rows, strict=True))
+    measured = {name: np.rint(np.concatenate([getattr(r, name) for r in results]) * 10**DIGITS).astype(np.int64) for name in MEASURES}
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, policies=policies, kinds=kinds, runs=runs, seeds=np.array(results[0].seeds), **measured)
 
 
 def read_results(path: Path) -> list[Judged]:
     """Return what `write_results` wrote. Raises ParameterError for another or an incomplete file."""
     require(path.is_file(), "results", str(path), "a file that evaluate_policies has written")
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    groups: dict[tuple[str, str], dict[int, dict[int, tuple[float, ...]]]] = {}
     try:
-        for row in rows:
-            run = int(row["training_seed"] or -1)
-            numbers = tuple(float(row[name]) for name in COLUMNS[4:])
-            groups.setdefault((row["policy"], row["kind"]), {}).setdefault(run, {})[int(row["evaluation_seed"])] = numbers
-        results = []
-        for (name, kind), runs in groups.items():
-            seeds = tuple(next(iter(runs.values())))
-            values = np.array([[run[seed] for seed in seeds] for run in runs.values()])
-            results.append(Judged(name, kind, tuple(runs), seeds, *np.moveaxis(values, 2, 0)))
-    except (KeyError, ValueError, TypeError) as error:
+        with np.load(path, allow_pickle=False) as file:
+            policies, kinds, runs, seeds = (file[name].tolist() for name in ("policies", "kinds", "runs", "seeds"))
+            measured = [file[name] / 10**DIGITS for name in MEASURES]
+    except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
         raise ParameterError(f"results = {path} is not allowed: a whole file that evaluate_policies has written ({error})") from error
-    return results
+    rows: dict[tuple[str, str], list[int]] = {}
+    for row, entry in enumerate(zip(policies, kinds, strict=True)):
+        rows.setdefault(entry, []).append(row)
+    return [Judged(*entry, tuple(runs[row] for row in own), tuple(seeds), *(values[own] for values in measured)) for entry, own in rows.items()]
 
 
 @dataclass(frozen=True)

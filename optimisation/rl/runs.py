@@ -12,7 +12,7 @@ from typing import Any
 
 from impact_env.parameters import ParameterError
 from optimisation.files import replacing, write_csv
-from optimisation.rl.agents import BEST, FINAL
+from optimisation.rl.agents import FINAL
 
 SETTINGS, EVALUATIONS = "settings.json", "evaluations.csv"
 
@@ -66,6 +66,10 @@ def write_evaluations(folder: Path, evaluations: Sequence[Evaluation]) -> None:
     write_csv(folder / EVALUATIONS, COLUMNS, [list(asdict(evaluation).values()) for evaluation in evaluations])
 
 
+def _evaluation(row: dict[str, str]) -> Evaluation:
+    return Evaluation(int(row["leg"]), int(row["steps"]), *(float(row[name]) for name in COLUMNS[2:]))
+
+
 def read_evaluations(folder: Path) -> tuple[Evaluation, ...]:
     """Return a run's evaluations, none if it has not come to one. Raises ParameterError for a file that is damaged."""
     file = folder / EVALUATIONS
@@ -74,7 +78,7 @@ def read_evaluations(folder: Path) -> tuple[Evaluation, ...]:
     try:
         with file.open(newline="", encoding="utf-8") as lines:
             rows = list(csv.DictReader(lines))
-        return tuple(Evaluation(int(row["leg"]), int(row["steps"]), *(float(row[name]) for name in COLUMNS[2:])) for row in rows)
+        return tuple(map(_evaluation, rows))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ParameterError(f"evaluations = {str(file)!r} is not allowed: a table that a training wrote ({error})") from error
 
@@ -92,13 +96,39 @@ def find_runs(folder: Path) -> list[Run]:
     return [run for _, _, run in sorted(runs, key=lambda entry: entry[:2])]
 
 
-def collect(runs: Sequence[Run], source: Path, target: Path) -> int:
-    """Copy what is worth keeping of finished runs under ``source`` to the same places under ``target``; return the number of runs."""
-    done = [run for run in runs if run.finished]
-    for run in done:
-        folder = target / run.folder.relative_to(source)
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in (SETTINGS, EVALUATIONS, FINAL, BEST):
-            with replacing(folder / name) as temporary:
-                shutil.copyfile(run.folder / name, temporary)
-    return len(done)
+def typical(runs: Sequence[Run]) -> Run:
+    """Return the run in the middle by the score of its last evaluation, the better one of two: held-out seeds have no say in what is kept."""
+    return sorted(runs, key=lambda run: (run.evaluations[-1].score, run.seed))[len(runs) // 2]
+
+
+def collect(source: Path, target: Path) -> list[Path]:
+    """Copy what is worth keeping of the runs under ``source``, and return the files that were written.
+
+    These are learning curves of all runs, as they lie in ``source``, and of each task and algorithm the `typical` one of the finished runs, its
+    settings and its agent at the end, in TASK/ALGORITHM.
+    """
+    groups: dict[Path, list[Run]] = {}
+    for run in find_runs(source):
+        if run.finished:
+            groups.setdefault(run.folder.parent, []).append(run)
+    files = {file: target / file.name for file in source.glob("learning_*")}
+    for folder, runs in groups.items():
+        files |= {typical(runs).folder / name: target / folder.relative_to(source) / name for name in (SETTINGS, FINAL)}
+    for file, copy in files.items():
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(copy) as temporary:
+            shutil.copyfile(file, temporary)
+    return list(files.values())
+
+
+def read_learning(file: Path) -> list[Run]:
+    """Return the runs whose evaluations are in a table of learning curves. Raises ParameterError for a file that is damaged."""
+    try:
+        with file.open(newline="", encoding="utf-8") as lines:
+            rows = list(csv.DictReader(lines))
+        groups: dict[tuple[str, int], list[Evaluation]] = {}
+        for row in rows:
+            groups.setdefault((row["algorithm"], int(row["seed"])), []).append(_evaluation(row))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ParameterError(f"evaluations = {str(file)!r} is not allowed: a table that a training wrote ({error})") from error
+    return [Run(file.parent, {"algorithm": name, "seed": seed}, tuple(found), True) for (name, seed), found in groups.items()]

@@ -26,7 +26,7 @@ from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
 from optimisation.differences import difference
 from optimisation.files import held, require_writable, write_json
-from optimisation.rl.agents import BEST, FINAL, actor_of, save_agent
+from optimisation.rl.agents import FINAL, actor_of, save_agent
 from optimisation.rl.checkpoints import forget_replay, last_checkpoint, save_checkpoint
 from optimisation.rl.cloning import imitate
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations
@@ -111,7 +111,7 @@ def evaluate(policy: Policy, job: Job, leg: int, steps: int) -> Evaluation:
 def train(job: Job, folder: Path, show: Show | None = None, threads: int | None = None) -> list[Evaluation]:
     """Train an agent in a folder, or go on where that stopped, and return its evaluations; one that is finished is not trained again.
 
-    The folder gets settings.json, evaluations.csv, final.npz and best.npz (`load_agent`), checkpoints/ and tensorboard/. ``show`` is called
+    The folder gets settings.json, evaluations.csv, final.npz (`load_agent`), checkpoints/ and tensorboard/. ``show`` is called
     with the number of steps done and the evaluations so far. A KeyboardInterrupt costs the leg that was under way.
 
     Raises ParameterError if the folder holds a run of other settings, or is in use.
@@ -148,11 +148,8 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evalu
         todo = chosen.end_of(leg) - model.num_timesteps
         if todo > 0:
             model.learn(todo, callback=_Watch(show, evaluations), log_interval=chosen.log_interval, reset_num_timesteps=False)
-        agent = actor_of(model, job.env_id, job.seed, job.arguments)
-        evaluations = [*evaluations, evaluate(agent, job, leg, model.num_timesteps)]
+        evaluations = [*evaluations, evaluate(actor_of(model, job.env_id, job.seed, job.arguments), job, leg, model.num_timesteps)]
         _log(model, evaluations[-1])
-        if evaluations[-1].score == max(evaluation.score for evaluation in evaluations):
-            save_agent(folder / BEST, agent)
         save_checkpoint(kept, leg, model, env, evaluations)
         write_evaluations(folder, evaluations)
         show(model.num_timesteps, evaluations)

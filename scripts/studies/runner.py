@@ -5,7 +5,6 @@ That is the bar, Ctrl-C, going on from an earlier run, drawing anew from the fil
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -19,7 +18,7 @@ import click
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
 from optimisation.cli.common import end_early, name_files, plain_errors
-from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.files import read_json, replacing, require_writable, write_csv, write_json
 from optimisation.machine import conditions
 from optimisation.page import fill, require_markers
 from optimisation.progress import BAR, Bar
@@ -80,7 +79,7 @@ def load(study: Study[S], part: Part[S], place: Place, option: str = "--redraw")
     path = place.numbers(part.name)
     assert path is not None
     try:
-        return study.unpack(part.name, dict(json.loads(path.read_text(encoding="utf-8"))))
+        return study.unpack(part.name, dict(read_json(path)))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ParameterError(f"{option}: {path} is not allowed: a file that an earlier run of this command wrote ({error})") from error
 

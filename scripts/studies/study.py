@@ -1,4 +1,4 @@
-"""What a study is: cases measured as plain values, kept as JSON and CSV, and told on a page with figures. `runner.run` carries it out.
+"""What a study is: cases measured as plain values, kept as JSON, and told on a page with figures. `runner.run` carries it out.
 
 A new one is its cases with a function that measures their rows, the text of its tables and figures, and a command with its options in scripts.
 `levels` is the smallest, with one table; `accuracy` has parts with rows by case, files and figures of their own.
@@ -101,7 +101,7 @@ class Study(Generic[S]):
 
 @dataclass(frozen=True)
 class Place:
-    """Where files go: PART.json and all else into ``folder``, or the JSON alone to ``json``; sections into ``page``, which starts as ``template``."""
+    """Where files go: PART.json.gz and all else into ``folder``, or JSON alone to ``json``; sections into ``page``, which starts as ``template``."""
 
     folder: Path | None = None
     page: Path | None = None
@@ -110,7 +110,7 @@ class Place:
 
     def numbers(self, name: str) -> Path | None:
         """Return the JSON file of a part."""
-        return self.json or (self.folder and self.folder / f"{name}.json")
+        return self.json or (self.folder and self.folder / f"{name}.json.gz")
 
 
 def beside(out: Path, name: str, data: Path | None = None) -> Place:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import shlex
 import subprocess
@@ -21,9 +22,9 @@ GIVEN = {  # files that lie in the folder of the call
     "kept.json": '{"form": "another"}',
     "good.toml": "[beam]\nmodes = 2\n",
     "bad.toml": "[beam]\nlength = 2\n",
-    "other/jumps.json": '{"part": "cost", "rows": []}',
-    "paper/paper/jump.json": '{"rows": []}',
-    "numbers/design_rule.json": "{}",
+    "other/jumps.json.gz": '{"part": "cost", "rows": []}',
+    "paper/paper/jump.json.gz": '{"rows": []}',
+    "numbers/design_rule.json.gz": "{}",
 }
 NOWHERE = "--json = nowhere/a.json is not allowed: a file in a folder that exists"
 BOTH = "--threads = 2 is not allowed: with --cluster"
@@ -292,7 +293,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
         {
             "--only everything": "'everything' is not one of",
             "--redraw --out no": "--redraw",
-            "--redraw --only jumps --out other": "jumps.json",
+            "--redraw --only jumps --out other": "jumps.json.gz",
             "--out file/below --only jumps": "--out = 'file/below' is not allowed",
             "--scene nothing": "'nothing'",
         },
@@ -312,7 +313,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--figure three": "'three' is not one of",
             "--seed -1": "-1 is not in the range",
             f"{CLUSTER} --threads 2": BOTH,
-            "--figure jump --out paper": "jump.json is not allowed: a file that an earlier run of this command wrote",
+            "--figure jump --out paper": "jump.json.gz is not allowed: a file that an earlier run of this command wrote",
         },
     ),
     "regimes": (
@@ -352,7 +353,7 @@ def test_what_cannot_be_done_is_one_message(name: str, line: str, words: str, mo
     command = imported(name)  # before anything is in the place of what its modules import
     for own, text in GIVEN.items():
         (tmp_path / own).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / own).write_text(text)
+        (tmp_path / own).write_bytes(gzip.compress(text.encode()) if own.endswith(".gz") else text.encode())
     monkeypatch.chdir(tmp_path)
     if CLUSTER in line:
         monkeypatch.setattr("optimisation.search.cluster.Workers.__init__.__defaults__", (1.0,))

@@ -45,7 +45,7 @@ def test_random_film_follows_from_the_seed(tmp_path: Path) -> None:
 
 
 def test_an_agent_acts_in_its_own_environment(tmp_path: Path) -> None:
-    file = ROOT / "docs" / "agents" / "passage" / "ppo" / "seed-3" / "final.npz"
+    file = ROOT / "docs" / "agents" / "passage" / "ppo" / "final.npz"
     target = tmp_path / "agent.gif"
     result = call(render_episode.main, "--agent", file, "--seed", 2000403, "--gif", target, "--frames", 3)
     assert result.exit_code == 0, result.output

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import json
 import os
 import shlex
 import signal
@@ -20,6 +19,7 @@ from commands import call, load
 from places import ROOT
 
 from optimisation.cli.group import file_of, missing_extras
+from optimisation.files import read_json
 from optimisation.tuned import den_hartog
 
 CONSOLE = "from optimisation.cli.start import main; main()"
@@ -62,7 +62,7 @@ STOPS = (
     Stop("orbits", f"{ORBITS} --symmetric --json a.json", "optimisation.cli.orbits.orbits_over", 2, "a.json", "a.json"),
     Stop("frequency_response", f"{RESPONSE} --resume kept.json --json a.json", f"{PERIODIC}.overview.sweep_envelope", 2, "a.json", "a.json", 3),
     Stop("isola", f"{ISOLA} --resume kept.json --json a.json", f"{PERIODIC}.isola_map.cell_of", 3, "a.json", "a.json", 5),
-    Stop("regimes", f"{REGIMES} --out .", "studies.regimes.measured.stays", 2, "jump.json", "jump_stay.csv", 4, "--resume"),
+    Stop("regimes", f"{REGIMES} --out .", "studies.regimes.measured.stays", 2, "jump.json.gz", "jump_stay.csv", 4, "--resume"),
 )
 
 
@@ -117,7 +117,7 @@ def test_what_is_finished_is_kept_and_the_command_goes_on(stop: Stop, monkeypatc
     if stop.kept is None:
         assert list(parted.iterdir()) == []
     else:
-        kept, wanted = (json.loads((folder / stop.kept).read_text()) for folder in (parted, whole))
+        kept, wanted = (read_json(folder / stop.kept) for folder in (parted, whole))
         assert kept == wanted[: len(kept)] != [] if isinstance(kept, list) else not kept.get("complete", kept.get("finished"))
     result = call(command, *shlex.split(stop.line), *shlex.split(stop.again))
     assert result.exit_code == 0, result.output

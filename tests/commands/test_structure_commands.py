@@ -17,6 +17,7 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.survey import closed_form_orbits
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.group import file_of
+from optimisation.files import read_json
 from optimisation.friction_rule import best_friction
 from optimisation.tuned import den_hartog, undamped_h2
 from studies.cli.your_structure import BLOCK, PAGE
@@ -112,7 +113,7 @@ def test_regimes_are_of_the_structure_and_at_the_force_of_the_rule(monkeypatch: 
     (case,) = settings[0].cases
     assert np.array_equal(case.scene.model.omega, model.omega)
     assert case.force == pytest.approx(design_force(model, 0.01 * model.beam_mass, 1e-3, 1))
-    rows = json.loads((tmp_path / "kinds.json").read_text())["rows"]
+    rows = read_json(tmp_path / "kinds.json.gz")["rows"]
     assert [row["at"] for row in rows] == [0.98, 1.0]
     assert all(row["runs"] == 2 and 1e-4 < row["peak_50"] < 1e-2 for row in rows)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from design_studies import Model, problem
 
 from impact_env import ParameterError
 from optimisation.designs import design_space
+from optimisation.files import read_json
 from optimisation.objectives import Condition
 from optimisation.search.find import Plan, find
 from optimisation.search.noisy import NOISY, best_width, fitted, kernel_quantile, noisy_search
@@ -145,7 +145,7 @@ def test_comparison_runs_goes_on_and_writes_its_page(tmp_path: Path, monkeypatch
     arguments = ["--quick", "--question", "steel, second", "--out", str(tmp_path)]
     result = CliRunner().invoke(search_methods_command.main, arguments)
     assert result.exit_code == 0, result.output
-    content = json.loads((tmp_path / "search_methods.json").read_text())
+    content = read_json(tmp_path / "search_methods.json.gz")
     assert [t["method"] for t in content["trials"]] == list(search_methods.METHODS)
     assert all(0 < t["level"] < 1.1 and len(t["members"]) == 2 for t in content["trials"])
     assert "Least mean rank" in (tmp_path / "search_methods.md").read_text()

@@ -99,7 +99,7 @@ def test_bad_input_is_named(call: Any, words: str) -> None:
 
 def test_how_many_are_played_together_moves_no_mean() -> None:
     """Products of matrices round by the batch, and impacts make much of it: an agent's episodes differ, by chance and no more."""
-    agent, seeds = load_agent(ROOT / "docs" / "agents" / "friction" / "ppo" / "seed-0" / "final.npz"), range(2_000_000, 2_000_140)
+    agent, seeds = load_agent(ROOT / "docs" / "agents" / "friction" / "ppo" / "final.npz"), range(2_000_000, 2_000_140)
     together = play(agent, agent.env_id, seeds).scores
     by_sevens = np.concatenate([play(agent, agent.env_id, seeds[k : k + 7]).scores for k in range(0, len(seeds), 7)])
     differences = by_sevens - together

@@ -16,6 +16,7 @@ from optimisation.cli import (
     evaluate_policies,
     tune_baselines,
 )
+from optimisation.files import read_json
 from optimisation.rl.agents import Agent, save_agent
 from optimisation.rl.baselines import families, load, policy, store, tune
 from optimisation.rl.families import FrequencyWindow, OpenLoop, Rates, policy_of
@@ -147,8 +148,8 @@ def test_results_come_back_from_their_file_and_are_summarised(tmp_path: Path) ->
         (BEST_SCHEDULE, (-1,), (1, 6)),
         ("PPO", (4, 5), (2, 6)),
     ]
-    write_results(tmp_path / "r.csv", results)
-    for before, after in zip(results, read_results(tmp_path / "r.csv"), strict=True):
+    write_results(tmp_path / "r.npz", results)
+    for before, after in zip(results, read_results(tmp_path / "r.npz"), strict=True):
         assert (before.name, before.kind, before.runs, before.seeds) == (after.name, after.kind, after.runs, after.seeds)
         np.testing.assert_array_equal([before.scores, before.levels, before.times], [after.scores, after.levels, after.times])
     lines = {line.name: line for line in summarise("sweep", results, resamples=50)}
@@ -171,7 +172,7 @@ def test_the_command_judges_tells_and_draws(tmp_path: Path, monkeypatch: pytest.
     options = ("--baselines", tmp_path, "--agents", tmp_path, "--out", tmp_path / "out", "--quick", "--seeds", 3)
     result = call(evaluate_policies.main, *options)
     assert result.exit_code == 0, result.output
-    files = {f"{task}_{kind}" for task in ("sweep", "gap") for kind in ("results.csv", "table.json", "table.md", "curves.json", "profile.png")}
+    files = {f"{task}_{kind}" for task in ("sweep", "gap") for kind in ("results.npz", "table.json", "table.md", "curves.json.gz", "profile.png")}
     assert {file.name for file in (tmp_path / "out").iterdir()} == files | {"sweep_schedules.png", "gap_episode.png"}
     told = json.loads((tmp_path / "out" / "sweep_table.json").read_text())
     assert {row["name"] for row in told["policies"]} >= {"random", BEST_CONSTANT, BEST_SCHEDULE, "PPO"}
@@ -200,7 +201,7 @@ def test_the_command_judges_tells_and_draws(tmp_path: Path, monkeypatch: pytest.
                 "sweep",
                 "--redraw",
             ),
-            "sweep_results.csv",
+            "sweep_results.npz",
         ),
     ],
 )
@@ -247,7 +248,7 @@ def test_tradeoff_study_and_tuning_write_what_they_measure(tmp_path: Path, monke
     monkeypatch.setattr(tradeoff, "SLOW", (2.0,))
     result = call(sweep_tradeoff.main, "--quick", "--out", tmp_path)
     assert result.exit_code == 0, result.output
-    told = json.loads((tmp_path / "sweep_tradeoff.json").read_text())
+    told = read_json(tmp_path / "sweep_tradeoff.json.gz")
     down = told["cases"][0]["directions"]["down"]
     np.testing.assert_allclose(down["time"], [250.0, 125.0])
     again = call(sweep_tradeoff.main, "--redraw", "--quick", "--out", tmp_path)

@@ -89,7 +89,7 @@ def test_interrupted_training_equals_one_that_never_stopped(tmp_path: Path, algo
             train(job, tmp_path / "broken", Interrupt(after))
         assert 0 < len(read_evaluations(tmp_path / "broken")) < 3
     assert train(job, tmp_path / "broken") == whole
-    for name in ("evaluations.csv", "final.npz", "best.npz"):
+    for name in ("evaluations.csv", "final.npz"):
         assert (tmp_path / "broken" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     assert [folder.name for folder in checkpoints(tmp_path / "whole" / "checkpoints")] == ["leg-001", "leg-002"]
     assert not list(tmp_path.rglob("replay.npz"))
@@ -311,6 +311,6 @@ def test_command_goes_on_after_kill_and_reports(tmp_path: Path) -> None:
     assert (out / "learning_gap.png").stat().st_size > 10_000
     other = tmp_path / "undisturbed" / "gap" / "ppo" / "seed-0"
     assert read_evaluations(folder) == read_evaluations(other)
-    kept = tmp_path / "kept" / "gap" / "ppo" / "seed-0"
-    assert sorted(file.name for file in kept.iterdir()) == ["best.npz", "evaluations.csv", "final.npz", "settings.json"]
+    kept = tmp_path / "kept" / "gap" / "ppo"
+    assert sorted(file.name for file in kept.iterdir()) == ["final.npz", "settings.json"]
     assert (kept / "final.npz").read_bytes() == (other / "final.npz").read_bytes()

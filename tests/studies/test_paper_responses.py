@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 from collections.abc import Callable, Generator, Hashable, Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.periodic.approach import Approach, hold
 from impact_env.periodic.jump import jumps
 from impact_env.periodic.residence import stays
+from optimisation.files import read_json
 from studies.paper import conv, high_low, jump, smr
 from studies.paper.claim import Claim, Verdict, from_plain
 from studies.paper.settings import Settings
@@ -110,9 +110,9 @@ def test_stays_and_jumps_are_the_same_elsewhere() -> None:
         assert found[0] == found[1]
 
 
-@pytest.mark.skipif(not (DOCS / "paper" / "claims.json").exists(), reason="the page has not been measured yet")
+@pytest.mark.skipif(not (DOCS / "paper" / "claims.json.gz").exists(), reason="the page has not been measured yet")
 def test_published_claims_are_on_the_page() -> None:
-    content = json.loads((DOCS / "paper" / "claims.json").read_text())
+    content = read_json(DOCS / "paper" / "claims.json.gz")
     claims, page = [from_plain(plain) for plain in content["claims"]], (DOCS / "paper.md").read_text()
     assert not content["missing"]
     assert len(claims) >= 30

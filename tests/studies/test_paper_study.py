@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -15,6 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from impact_env.parameters import ParameterError
+from optimisation.files import read_json
 from studies.cli import reproduce_paper
 from studies.paper import study
 from studies.paper.claim import Claim, Verdict, from_plain, judged
@@ -72,7 +72,7 @@ def figures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Figures:
 
 
 def claims_in(folder: Path) -> list[dict[str, str]]:
-    return json.loads((folder / "paper" / "claims.json").read_text())["claims"]
+    return read_json(folder / "paper" / "claims.json.gz")["claims"]
 
 
 def test_finished_figures_are_kept_until_their_parameters_change(figures: Figures, tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_finished_figures_are_kept_until_their_parameters_change(figures: Figure
     result = call(module, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     assert figures.measured == ["one first", "one second", "two first", "two second"]
-    assert {"one.json", "two.json", "one.png", "two.png", "claims.json", "claims.csv"} <= {file.name for file in (tmp_path / "paper").iterdir()}
+    assert {"one.json.gz", "two.json.gz", "one.png", "two.png", "claims.json.gz"} <= {file.name for file in (tmp_path / "paper").iterdir()}
     assert call(module, "--out", tmp_path).exit_code == 0
     assert len(figures.measured) == 4
     figures.points = 4
@@ -100,7 +100,7 @@ def test_one_figure_alone_and_the_claims_that_it_decides(figures: Figures, tmp_p
     assert set(claim) == {"name", "statement", "section", "computed", "verdict", "figure", "why"}
     assert (claim["verdict"], claim["figure"], claim["why"]) == ("holds", "two", "")
     assert "1 statements; 1 holds." in (tmp_path / "paper.md").read_text()
-    assert not (tmp_path / "paper" / "one.json").exists()
+    assert not (tmp_path / "paper" / "one.json.gz").exists()
 
 
 def test_stopped_run_keeps_its_groups_and_goes_on(figures: Figures, tmp_path: Path) -> None:

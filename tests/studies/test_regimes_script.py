@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import pytest
 from commands import call
 from places import ROOT
 
+from optimisation.files import read_json
 from studies.cli import regimes
 from studies.regimes import measured
 from studies.regimes.cases import PAPER, cases
@@ -20,7 +20,7 @@ OWN = ["--modes", "2", "--friction-limit", "0.025", "--force", "1.5", "--quick",
 
 
 def rows(folder: Path, part: str) -> list[dict[str, Any]]:
-    return json.loads((folder / f"{part}.json").read_text())["rows"]
+    return read_json(folder / f"{part}.json.gz")["rows"]
 
 
 def test_own_scene(tmp_path: Path) -> None:

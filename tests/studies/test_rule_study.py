@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from click.testing import CliRunner
 
 from impact_env.modes import modal_model
 from optimisation.bounds import design_gap, expected_factor, expected_gap, reach
+from optimisation.files import read_json, write_json
 from studies import rule
 from studies.cli import design_rule
 from studies.rule import STRUCTURES, Row, price_at, row_of, run_case, verdicts
@@ -88,21 +88,21 @@ def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest
         patch.setattr(rule, "run_case", counted)
         broken = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)])
     assert broken.exit_code == 130
-    assert len(json.loads((tmp_path / "design_rule.json").read_text())["rows"]) == 2
+    assert len(read_json(tmp_path / "design_rule.json.gz")["rows"]) == 2
     assert (tmp_path / "design_rule.md").read_text().count("| steel |") == 2
     assert (tmp_path / "design_rule.md").read_text().count("Not measured yet.") == 2
-    before = (tmp_path / "design_rule.json").read_text()
+    before = read_json(tmp_path / "design_rule.json.gz")
     ran.clear()
     monkeypatch.setattr(rule, "run_case", lambda case, *arguments, **fine: ran.append(case.key) or run_case(case, *arguments, **fine))
     whole = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)])
     assert whole.exit_code == 0, whole.output
     assert ran == [case.key for case in some[2:]]
-    rows = json.loads((tmp_path / "design_rule.json").read_text())["rows"]
-    assert rows[:2] == json.loads(before)["rows"]
+    rows = read_json(tmp_path / "design_rule.json.gz")["rows"]
+    assert rows[:2] == before["rows"]
     page = (tmp_path / "design_rule.md").read_text()
     assert page.count("| steel |") == 3
     assert "| steel, resonance 1, damping 0.02, mass 0.05, place 0.8 |" in page
     assert "fresh cases, any" in page
     assert "Measured on" in page
-    (tmp_path / "design_rule.json").write_text("{}")
+    write_json(tmp_path / "design_rule.json.gz", {})
     assert "an earlier run of this command wrote" in CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)]).stderr

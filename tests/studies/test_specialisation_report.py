@@ -47,7 +47,7 @@ def measured(ratio: float = 1.8, **others: Any) -> results.Results:
 )
 def test_claims_hold_or_are_broken_and_the_page_says_so(name: str, found: dict[str, Any], broken: str, tmp_path: Path) -> None:
     def redrawn(values: results.Results) -> Any:
-        write_json(tmp_path / "specialisation.json", study.STUDY.pack("specialisation", Measured(vars(values), conditions() | {"quick": True})))
+        write_json(tmp_path / "specialisation.json.gz", study.STUDY.pack("specialisation", Measured(vars(values), conditions() | {"quick": True})))
         return call(specialisation, "--redraw", "--out", tmp_path)
 
     assert redrawn(measured()).exit_code == 0

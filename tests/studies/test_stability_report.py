@@ -186,7 +186,7 @@ def results() -> pattern.Measured:
 
 
 def save(folder: Path, measured: pattern.Measured) -> None:
-    write_json(folder / "stability.json", study.STUDY.pack("stability", measured))
+    write_json(folder / "stability.json.gz", study.STUDY.pack("stability", measured))
 
 
 def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:

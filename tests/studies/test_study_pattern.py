@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from impact_env import Beam, IntegrationError, modal_model
+from optimisation.files import read_json
 from optimisation.machine import sources
 from optimisation.page import has_markers
 from studies import runner
@@ -87,7 +89,7 @@ def carry_out(settings: Settings, place: Place, study: Study[Settings] = STUDY, 
 
 def content(place: Place, name: str) -> dict[str, Any]:
     assert place.folder is not None
-    return dict(json.loads((place.folder / f"{name}.json").read_text()))
+    return dict(read_json(place.folder / f"{name}.json.gz"))
 
 
 def stop() -> None:
@@ -108,7 +110,7 @@ def test_a_run_writes_numbers_tables_figures_and_page(place: Place) -> None:
     assert place.folder is not None
     assert place.page is not None
     assert {file.name for file in place.folder.iterdir()} == {
-        f"{name}.{kind}" for name in ("omega", "shape") for kind in ("json", "csv", "png", "html")
+        f"{name}.{kind}" for name in ("omega", "shape") for kind in ("json.gz", "csv", "png", "html")
     }
     values = content(place, "omega")
     assert values["complete"] is True
@@ -124,14 +126,14 @@ def test_a_run_writes_numbers_tables_figures_and_page(place: Place) -> None:
     assert text.startswith("by hand\n<!-- omega -->\n6 rows.")
     assert "old" not in text
     assert f"kernels {values['conditions']['versions']['kernels']}." in text
-    assert f"written: {place.folder / 'omega.json'}" in result.output
+    assert f"written: {place.folder / 'omega.json.gz'}" in result.output
 
 
 def test_one_part_alone_leaves_the_other(place: Place) -> None:
     assert carry_out(Settings(), place, only=("shape",)).exit_code == 0
     assert place.folder is not None
     assert place.page is not None
-    assert not (place.folder / "omega.json").exists()
+    assert not (place.folder / "omega.json.gz").exists()
     assert place.page.read_text().count("old") == 1
 
 
@@ -141,22 +143,23 @@ def test_drawing_anew_measures_nothing(place: Place) -> None:
     assert place.page is not None
     before = {file: file.read_bytes() for file in place.folder.iterdir()} | {place.page: place.page.read_bytes()}
     for file in before:
-        if file.suffix != ".json":
+        if file.suffix != ".gz":
             file.unlink()
     never = Settings(events=tuple((n, forbidden) for n in (2, 3, 5)))
     assert carry_out(never, place, redraw=True).exit_code == 0
     assert {file: file.read_bytes() for file in before} == before
-    (place.folder / "omega.json").unlink()
+    (place.folder / "omega.json.gz").unlink()
     assert carry_out(never, place, redraw=True).exit_code == 0  # what there is
     named = carry_out(never, place, redraw=True, only=("omega",))
     assert named.exit_code == 2
-    assert "omega.json" in named.output
-    for wrong in ("{", "[]", "{}", '{"conditions": 3, "complete": true}'):
-        (place.folder / "shape.json").write_text(wrong)
+    assert "omega.json.gz" in named.output
+    whole = before[place.folder / "shape.json.gz"]
+    for wrong in (*map(gzip.compress, (b"{", b"[]", b"{}", b'{"conditions": 3, "complete": true}')), b"{}", whole[:-20], whole[:30] + whole[40:]):
+        (place.folder / "shape.json.gz").write_bytes(wrong)
         refused = carry_out(never, place, redraw=True)
         assert refused.exit_code == 2, wrong
         assert "--redraw" in refused.output
-    (place.folder / "shape.json").unlink()
+    (place.folder / "shape.json.gz").unlink()
     assert "omega, shape" in carry_out(never, place, redraw=True).output
 
 

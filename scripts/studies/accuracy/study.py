@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 import click
 
 from optimisation.page import has_markers, published
+from optimisation.report.written_figure import write_figure
 from studies.accuracy import bands, cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
 from studies.accuracy.settings import Cases, Row, Settings
-from studies.study import Json, Measured, Part, Place, Study, Table, left, rows_by_case
+from studies.study import Json, Measured, Part, Place, Study, left, rows_by_case
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,12 +56,6 @@ def _part(
     whole: Callable[[Settings, Json], bool] = lambda *_: True,
 ) -> Part[Settings]:
     """Return a part of the study: a module that measures, a table and figures by file name, of its rows."""
-
-    def tabulated(measured: Measured) -> list[Table]:
-        rows = measured.values["rows"]
-        columns = list(dict.fromkeys(column for row in rows for column in row))
-        return [Table(module.NAME, columns, ([_cell(row.get(column)) for column in columns] for row in rows))]
-
     return Part(
         module.NAME,
         title,
@@ -69,17 +64,12 @@ def _part(
         sections=lambda measured: {module.NAME: f"{table(measured.values['rows'])}\n\n{tables.made_with(measured)}"},
         steps=lambda settings, known: len(left(module.cases(settings), module.key, known)),
         whole=whole,
-        tables=tabulated,
-        figures=lambda measured: {file: partial(figure.savefig, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()},
+        figures=lambda measured: {file: partial(write_figure, figure, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()},
     )
 
 
-def _cell(value: object) -> object:
-    return " ".join(map(str, value)) if isinstance(value, list) else "" if value is None else value
-
-
 def pack(name: str, measured: Measured) -> Json:
-    """Return what PART.json holds."""
+    """Return what PART.json.gz holds."""
     made = dict(measured.conditions)
     versions = dict(made.pop("versions"))
     renamed = {

@@ -27,7 +27,7 @@ from studies.study import beside
 def main(quick: bool, members: int | None, threads: int | None, cluster: str | None, out: Path | None, redraw: bool) -> None:
     """Simulate the rule's gap and its neighbours on two beams, over damping, mass ratio and place of the absorber, and in ten cases kept apart.
 
-    Writes design_rule.json and the page design_rule.md. Ctrl-C keeps what is finished: the same command goes on from there.
+    Writes design_rule.json.gz and the page design_rule.md. Ctrl-C keeps what is finished: the same command goes on from there.
     """
     with plain_errors(), workers(threads, None if redraw else cluster) as found:
         given = settings(quick, members, threads if found is None else None, found)

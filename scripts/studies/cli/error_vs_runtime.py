@@ -37,7 +37,7 @@ def main(
 ) -> None:
     """Measure error against run time, on one core and without compilation.
 
-    Each part writes PART.json and PART.csv and its figures into --out, and its table into the page FOLDER.md beside that folder if there is one. Run
+    Each part writes PART.json.gz and its figures into --out, and its table into the page FOLDER.md beside that folder if there is one. Run
     it on an otherwise idle machine: the times are medians, but nothing can make up for a core that is shared. Ctrl-C ends a part early and leaves
     what is finished.
     """

@@ -90,7 +90,7 @@ def main(**given: Any) -> None:
     """Measure how long the regime of impacts lasts, predict the jump of sweeps from that, and classify stationary responses.
 
     Without options of a scene the cases of docs/regimes.md are computed and the page's tables and figures are written. With a scene of your own,
-    jump.json and kinds.json, CSV files and figures go to --out. Ctrl-C keeps what is finished.
+    jump.json.gz and kinds.json.gz, CSV files and figures go to --out. Ctrl-C keeps what is finished.
     """
     small = is_own(given) or given["quick"]
     with plain_errors(), workers(given["threads"], None if given["redraw"] else given["cluster"]) as executor:

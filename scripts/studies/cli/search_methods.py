@@ -26,7 +26,7 @@ from studies.study import beside
 def main(quick: bool, question: tuple[str, ...], threads: int | None, cluster: str | None, out: Path | None, redraw: bool) -> None:
     """Search with each method from scratch over several seeds, and judge the winners on fresh members.
 
-    Writes search_methods.json and the page search_methods.md. Ctrl-C keeps what is finished: the same command goes on from there.
+    Writes search_methods.json.gz and the page search_methods.md. Ctrl-C keeps what is finished: the same command goes on from there.
     """
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
         given = settings(quick, question, where)

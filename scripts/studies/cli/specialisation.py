@@ -14,9 +14,9 @@ from studies.study import beside
 
 @command()
 @click.option("--quick", is_flag=True, help=f"Three scenes and short runs, into {QUICK_OUT} unless told otherwise.")
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for specialisation.json, .csv, .png and .md.  [default: {OUT}]")
-@click.option("--redraw", is_flag=True, help="Draw figure and page again from the specialisation.json in the folder; nothing is measured.")
-@click.option("--resume", is_flag=True, help="Go on from the specialisation.json in the folder, if that run was stopped early.")
+@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for specialisation.json.gz, .csv, .png and .md.  [default: {OUT}]")
+@click.option("--redraw", is_flag=True, help="Draw figure and page again from the specialisation.json.gz in the folder; nothing is measured.")
+@click.option("--resume", is_flag=True, help="Go on from the specialisation.json.gz in the folder, if that run was stopped early.")
 def main(quick: bool, out: Path | None, redraw: bool, resume: bool) -> None:
     """Compile each scene into a cache of its own, look into its compiled code, time it, and compare it with scenes that have a part switched off.
 

@@ -16,9 +16,9 @@ from studies.study import beside
 @command()
 @click.option("--quick", is_flag=True, help=f"Some of the cases and shorter runs, into {QUICK_OUT} unless told otherwise.")
 @click.option("--workers", type=click.IntRange(min=1), help="Number of processes.  [default: all cores]")
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for stability.json, .csv, .png and .md.  [default: {OUT}]")
-@click.option("--redraw", is_flag=True, help="Draw figure and page again from the stability.json in the folder; nothing is computed.")
-@click.option("--resume", is_flag=True, help="Go on from the stability.json in the folder, if that run was stopped early.")
+@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for stability.json.gz, .csv, .png and .md.  [default: {OUT}]")
+@click.option("--redraw", is_flag=True, help="Draw figure and page again from the stability.json.gz in the folder; nothing is computed.")
+@click.option("--resume", is_flag=True, help="Go on from the stability.json.gz in the folder, if that run was stopped early.")
 def main(quick: bool, workers: int | None, out: Path | None, redraw: bool, resume: bool) -> None:
     """Run the matrix of stiff and extreme cases with every method, and look for step limits, eigenproblem errors and drift in very long runs.
 

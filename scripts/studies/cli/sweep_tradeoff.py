@@ -20,7 +20,7 @@ from studies.tradeoff import OUT, QUICK_OUT, STUDY
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
-    help=f"Folder for sweep_tradeoff.json and .png.  [default: docs, without a checkout {QUICK_OUT}]",
+    help=f"Folder for sweep_tradeoff.json.gz and .png.  [default: docs, without a checkout {QUICK_OUT}]",
 )
 def main(quick: bool, redraw: bool, out: Path | None) -> None:
     """Measure levels and scores of passages over the rate and over the place of a slow window, and draw them."""

@@ -20,8 +20,8 @@ from optimisation.report.design_figures import (
     figure_with,
     force_axis,
     save_front,
-    write_figure,
 )
+from optimisation.report.written_figure import write_figure
 
 Json = dict[str, Any]
 COLOURS = {"impact": BLUE, "friction": ORANGE, "tuned": GREEN}

@@ -1,4 +1,4 @@
-"""The numbers of docs/findings.md as tables: Markdown for the page, rows for CSV files."""
+"""The numbers of docs/findings.md as Markdown tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from optimisation.report.markdown import markdown
 from optimisation.statistics import ratio_of_quantiles
 
 Json = dict[str, Any]
-Data = tuple[str, Sequence[str], Sequence[Sequence[object]]]
 PARTS = {
     "concepts": "the best design of each concept for two resonances",
     "optima": "the best friction limit, gap and force at each resonance alone",
@@ -37,39 +36,6 @@ def sections(part: str, result: Json) -> str:
         "full": _full,
     }
     return makers[part](result)
-
-
-def data_rows(part: str, result: Json) -> Iterator[Data]:
-    """Yield (name, columns, rows) of the part's CSV files."""
-    if part == "concepts":
-        columns = ("concept", "design", "resonance", "force_n", "level_median_m", "level_5_percent_m", "level_95_percent_m", "without_m")
-        rows = [
-            [concept, name, curve["resonance"], curve["force_n"][k], *(curve[x][d][k] for x in ("median", "low", "high")), curve["without"][k]]
-            for concept, found in result.items()
-            for curve in found["curves"]
-            for d, name in enumerate(("winner", "paper"))
-            for k in range(len(curve["force_n"]))
-        ]
-        yield "concepts", columns, rows
-    if part == "optima":
-        rows = [[x["resonance"], x["force_n"], *pair] for x in result["friction"] for pair in zip(*x["curve"].values(), strict=True)]
-        yield "optima_friction", ("resonance", "force_n", "friction_limit_n", "relative_level"), rows
-        rows = [[x["resonance"], *point] for x in result["impact"] for point in zip(*x["curve"].values(), strict=True)]
-        yield "optima_force", ("resonance", "force_n", "relative_5_percent", "relative_median", "relative_95_percent"), rows
-    if part == "place":
-        levels = np.array(result["relative"])
-        rows = [[x, gap, *levels[i, k].tolist()] for i, x in enumerate(result["positions"]) for k, gap in enumerate(result["gaps_m"])]
-        yield "place", ("position", "gap_m", "relative_first", "relative_second"), rows
-    if part == "robustness":
-        shifted = ("concept", "design", "detuning", "level_median_m", "level_5_percent_m", "level_95_percent_m", "without_m")
-        keys = ("detuning", "median", "low", "high", "without")
-        yield (
-            "robustness",
-            shifted,
-            [[x["concept"], x["name"], *point] for x in result["designs"] for point in zip(*(x[k] for k in keys), strict=True)],
-        )
-    if part == "front":
-        yield "front", ("relative_first", "relative_second"), result["searched"]
 
 
 def _percent(value: float | None, digits: int = 1) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from optimisation.bounds import design_force, design_gap
 from optimisation.conditions import make_conditions
 from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, SEVERAL, TUNED, VARIABLES, Design, design_space
 from optimisation.evaluation import Executor
+from optimisation.files import read_json
 from optimisation.friction_rule import best_friction
 from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
 from optimisation.objectives import Condition
@@ -190,14 +190,14 @@ def place(study: Settings) -> Json:
 def found_concepts(path: Path) -> Json:
     """Return the numbers of the part concepts; raises ParameterError if they are not there."""
     try:
-        return dict(json.loads(path.read_text(encoding="utf-8"))["result"])
+        return dict(read_json(path)["result"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ParameterError(f"{path} is not allowed: a file that an earlier run of this command wrote ({error})") from error
 
 
 def robustness(study: Settings) -> Json:
     """Levels near the first resonance where the beam's frequencies are not what they were thought to be, for winners and paper's designs."""
-    known, rows = found_concepts(study.data / "concepts.json"), list[Json]()
+    known, rows = found_concepts(study.data / "concepts.json.gz"), list[Json]()
     for concept in VARIABLES:
         problem = study.problem(concept, AT[:1], members=study.few)
         named = {"winner": Design(concept, known[concept]["winner"]["values"]), "paper": problem.space.paper}

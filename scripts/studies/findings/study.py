@@ -14,9 +14,9 @@ from optimisation.machine import sources
 from optimisation.memory import peak_memory
 from optimisation.page import published
 from studies.findings import parts
-from studies.findings.page import PARTS, data_rows, sections
+from studies.findings.page import PARTS, sections
 from studies.findings.parts import Settings
-from studies.study import Json, Measured, Part, Place, Saver, Steps, Study, Table, beside
+from studies.study import Json, Measured, Part, Place, Saver, Steps, Study, beside
 
 NAME = "findings"
 QUICK_OUT = Path("results/findings")
@@ -73,13 +73,12 @@ def _part(name: str, title: str) -> Part[Settings]:
         measure=partial(_measure, name=name),
         markers=(marker,),
         sections=lambda measured: {marker: f"{sections(name, measured.values)}\n\n{sources(measured.conditions)}"},
-        tables=lambda measured: [Table(*data) for data in data_rows(name, measured.values)],
         figures=partial(_figures, name=name),
     )
 
 
 def pack(_name: str, measured: Measured) -> Json:
-    """Return what PART.json holds."""
+    """Return what PART.json.gz holds."""
     return {"conditions": measured.conditions, "result": measured.values}
 
 

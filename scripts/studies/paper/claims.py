@@ -10,10 +10,9 @@ from studies.paper.claim import Claim, Verdict, from_plain
 from studies.paper.frame import PaperFigure, marker
 from studies.paper.settings import Settings
 from studies.runner import load
-from studies.study import Json, Measured, Part, Place, Steps, Study, Table
+from studies.study import Json, Measured, Part, Place, Steps, Study
 
 CLAIMS = "claims"
-COLUMNS = ("name", "statement", "section", "computed", "verdict", "figure", "why")
 HEADER = ("the paper says", "section", "computed", "verdict", "figure")
 
 
@@ -25,7 +24,6 @@ def claims_part(modules: Sequence[PaperFigure]) -> Part[Settings]:
         measure=partial(_collected, modules=modules),
         markers=(marker(CLAIMS),),
         sections=lambda measured: {marker(CLAIMS): table(of(measured)) + reasons(of(measured))},
-        tables=lambda measured: [Table(CLAIMS, COLUMNS, [[claim.to_plain()[name] for name in COLUMNS] for claim in of(measured)])],
     )
 
 

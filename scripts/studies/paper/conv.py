@@ -17,7 +17,7 @@ from studies.paper.conv_claims import claims as claims
 from studies.paper.frame import figure_part, has, in_turn
 from studies.paper.settings import Settings
 from studies.paper.words import spread
-from studies.study import Json, Measured, Saver, Steps, Table
+from studies.study import Json, Measured, Saver, Steps
 
 LABEL = "conv"
 BEAM = Beam(modes=3)
@@ -117,21 +117,6 @@ def _ratio(level: Sequence[float], rigid: Sequence[float]) -> str:
     return f"{np.median(level) / np.median(rigid):.3f}"
 
 
-def _tables(measured: Measured) -> list[Table]:
-    tables = []
-    for kind in (WALLS, FRICTION):
-        if has(measured.values, kind, f"{kind}, curves"):
-            part, curves = measured.values[kind], measured.values[f"{kind}, curves"]
-            rows = [(k, m, x) for k, row in zip(part["stiffness"], part["level_m"], strict=True) for m, x in enumerate(row)]
-            tables.append(Table(f"{LABEL}_{kind}", ("stiffness_over_static", "member", "level_m"), rows))
-            lines = [
-                (name, force, m, x) for name, own in curves.items() for force, row in zip(own["force_n"], own["level_m"], strict=True)
-                for m, x in enumerate(row)
-            ]  # fmt: skip
-            tables.append(Table(f"{LABEL}_{kind}_curves", ("contact", "force_n", "member", "level_m"), lines))
-    return tables
-
-
 def _figures(measured: Measured) -> dict[str, Saver]:
     if not has(measured.values, *(f"{kind}{part}" for kind in (WALLS, FRICTION) for part in ("", ", paper's method", ", curves"))):
         return {}
@@ -140,4 +125,4 @@ def _figures(measured: Measured) -> dict[str, Saver]:
     return {LABEL: lambda path: conv.save(path, measured.values, (LOW, HIGH))}
 
 
-PART = figure_part(LABEL, "compliant contact", _measure, _words, _figures, _tables)
+PART = figure_part(LABEL, "compliant contact", _measure, _words, _figures)

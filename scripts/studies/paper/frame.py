@@ -5,13 +5,13 @@ A module measures in groups of plain values and says them in words; lines, bands
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from optimisation.machine import sources
 from studies.paper.claim import Claim
 from studies.paper.settings import Settings
-from studies.study import Json, Measured, Part, Saver, Steps, Table
+from studies.study import Json, Measured, Part, Saver, Steps
 
 NAME = "paper"
 POINTS = 2  # two numbers are a pair, not points
@@ -44,7 +44,6 @@ def figure_part(
     measure: Callable[[Settings, Json], Steps],
     words: Callable[[Json], str],
     figures: Callable[[Measured], Mapping[str, Saver]],
-    tables: Callable[[Measured], Iterable[Table]] = lambda _: (),
 ) -> Part[Settings]:
     """Return the part of a figure with the paper's ``label``.
 
@@ -62,7 +61,7 @@ def figure_part(
 
         return {name: styled(save) for name, save in figures(measured).items()}
 
-    return Part(label, title, measure=measure, markers=(marker(label),), sections=sections, figures=drawn, tables=tables)
+    return Part(label, title, measure=measure, markers=(marker(label),), sections=sections, figures=drawn)
 
 
 def amounts(conditions: Json) -> str:

@@ -27,7 +27,7 @@ from studies.paper.high_low_claims import claims as claims
 from studies.paper.responses import HARMONICS, balance, responses
 from studies.paper.settings import Settings
 from studies.paper.words import between
-from studies.study import Json, Measured, Saver, Steps, Table
+from studies.study import Json, Measured, Saver, Steps
 
 LABEL = "high_low"
 MODES, FRICTION, FORCES = 3, 0.01, {"medium": 1.5, "high": 3.0}  # N: limit of friction, and the paper's two forces
@@ -135,16 +135,6 @@ def _measure(settings: Settings, known: Json) -> Steps:
     return in_turn(groups, known)
 
 
-def _rows(values: Json) -> list[tuple[object, ...]]:
-    rows: list[tuple[object, ...]] = []
-    for name in FORCES:
-        for method in ("exact", "balance"):
-            for number, curve in enumerate(values[name][method], 1) if name in values else ():
-                kinds = curve.get("kind", [""] * len(curve["omega_ratio"]))
-                rows += [(values[name]["force_n"], method, number, *row) for row in zip(curve["omega_ratio"], curve["tip_max"], kinds, strict=True)]
-    return [row for row in rows if row[4] is not None]
-
-
 def _words(values: Json) -> str:
     lines = []
     for name in FORCES:
@@ -182,5 +172,4 @@ PART = figure_part(
     _measure,
     _words,
     _figures,
-    lambda measured: [Table(LABEL, ("force_n", "method", "curve", "omega_ratio", "tip_max_m", "kind"), _rows(measured.values))],
 )

@@ -27,7 +27,7 @@ from studies.paper.jump_claims import claims as claims
 from studies.paper.responses import responses
 from studies.paper.settings import Settings
 from studies.paper.words import spread
-from studies.study import Json, Measured, Saver, Steps, Table
+from studies.study import Json, Measured, Saver, Steps
 
 LABEL = "jump"
 MODES, FRICTION, FORCES = 2, 0.025, {"medium": 1.5, "high": 3.0}  # N
@@ -275,16 +275,6 @@ def _share(row: Json) -> str:
     return f"{row['reached']} of {row['runs']}: {row['share']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
 
 
-def _tables(measured: Measured) -> list[Table]:
-    values, tables = measured.values, []
-    counted = [(name, row) for name in METHODS for row in values.get(f"jumps, {name}", ())]
-    if counted:
-        tables.append(Table(f"{LABEL}_shares", ("method", *counted[0][1]), [(name, *row.values()) for name, row in counted]))
-    if values.get("rates"):
-        tables.append(Table(f"{LABEL}_rates", tuple(values["rates"][0]), [tuple(row.values()) for row in values["rates"]]))
-    return tables
-
-
 def _figures(measured: Measured) -> dict[str, Saver]:
     if not has(measured.values, *FORCES, "sweeps", "rates", "levels"):
         return {}
@@ -293,4 +283,4 @@ def _figures(measured: Measured) -> dict[str, Saver]:
     return {LABEL: lambda path: jump.save(path, measured.values, hazard_of(measured.values["rates"]), EDGES, tuple(METHODS))}
 
 
-PART = figure_part(LABEL, "sweeps through resonance, and the jump", _measure, _words, _figures, _tables)
+PART = figure_part(LABEL, "sweeps through resonance, and the jump", _measure, _words, _figures)

@@ -27,7 +27,7 @@ from studies.paper.frame import figure_part, has, in_turn
 from studies.paper.settings import Settings
 from studies.paper.smr_claims import claims as claims
 from studies.paper.words import spread
-from studies.study import Json, Measured, Saver, Steps, Table
+from studies.study import Json, Measured, Saver, Steps
 
 LABEL = "SMR"
 FORCE = 1.7  # N
@@ -162,13 +162,6 @@ def _words(values: Json) -> str:
     return markdown(("method", *columns, "modulation depth"), lines)
 
 
-def _tables(measured: Measured) -> list[Table]:
-    if "exact" not in measured.values:
-        return []
-    record = measured.values["exact"]["record"]
-    return [Table(LABEL, ("period", *record), [(k / DEFAULT_SAMPLES, *row) for k, row in enumerate(zip(*record.values(), strict=True))])]
-
-
 def _figures(measured: Measured) -> dict[str, Saver]:
     if not has(measured.values, *METHODS):
         return {}
@@ -177,4 +170,4 @@ def _figures(measured: Measured) -> dict[str, Saver]:
     return {LABEL: lambda path: smr.save(path, measured.values, COUNTS)}
 
 
-PART = figure_part(LABEL, "the strongly modulated response", _measure, _words, _figures, _tables)
+PART = figure_part(LABEL, "the strongly modulated response", _measure, _words, _figures)

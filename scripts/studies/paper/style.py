@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from optimisation.report.written_figure import write_figure
 from studies.study import Saver
 
 WIDTH, DPI = 7.2, 180  # in inches the width of a page's text
@@ -101,7 +102,7 @@ def finish(axes: Sequence[Axes] | NDArray[Any], path: Path, figure: Figure) -> N
     for own in np.asarray(axes, dtype=object).flat:
         if own.get_legend() is None and own.get_legend_handles_labels()[1]:
             own.legend()
-    figure.savefig(path, dpi=DPI, format=path.suffix[1:] or "png")
+    write_figure(figure, path, DPI)
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes] | NDArray[Any], columns: int) -> None:

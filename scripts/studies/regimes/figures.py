@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from impact_env.periodic.classify import Kind
+from optimisation.report.written_figure import write_figure
 from studies.regimes.measured import RESPONSE, STAY, Row
 from studies.regimes.tables import NAMES, hazard_of, names, of_case, slownesses
 
@@ -25,7 +26,7 @@ def save_jump(path: Path, rows: list[Row]) -> None:
         left.set(xlabel="frequency / resonance", ylabel="rate of leaving per pseudo period", title=f"{case}: constant frequencies")
         _jumps(right, slownesses(rows, case), of_case(rows, STAY, case))
         right.set(xlabel="pseudo periods per 1 %", ylabel="share that jumps", title=f"{case}: sweeps", ylim=(-0.02, 1.02))
-    figure.savefig(path, dpi=DPI)
+    write_figure(figure, path, DPI)
 
 
 def _bars(panel: Axes, x: list[float], rows: list[Row], value: str, label: str) -> None:
@@ -72,4 +73,4 @@ def save_kinds(path: Path, rows: list[Row]) -> None:
         bottom.set(xlabel="frequency / resonance", ylabel="largest |q_tip| of a period, mm")
         bottom.legend(frameon=False)
         bottom.grid(True, color="0.9", lw=0.6)
-    figure.savefig(path, dpi=DPI)
+    write_figure(figure, path, DPI)

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from optimisation.report.written_figure import write_figure
 from studies.specialisation.page import PARTS, counts, name_of
 from studies.specialisation.results import Results
 
@@ -24,7 +25,7 @@ def save_figure(path: Path, results: Results) -> None:
     _draw_code(axes[1], entries)
     _draw_pairs(axes[2], results.pairs)
     figure.suptitle("What each scene compiles, and what a part costs that is only switched off", fontsize=13)
-    figure.savefig(path, dpi=120, format=path.suffix[1:])
+    write_figure(figure, path, 120)
 
 
 def _draw_compile(ax: Axes, entries: list[dict[str, Any]]) -> None:

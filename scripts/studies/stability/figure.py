@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from optimisation.report.written_figure import write_figure
 from studies.stability.cells import FAILED, REFUSED
 from studies.stability.tasks import Results
 
@@ -28,7 +29,7 @@ def save_figure(path: Path, results: Results) -> None:
     _eigen(figure.add_subplot(grid[1, 2:4]), results)
     _soak(figure.add_subplot(grid[1, 4:]), results)
     figure.suptitle("Stiff and extreme cases, step limits, eigenproblem and very long runs", fontsize=14)
-    figure.savefig(path, dpi=130, format=path.suffix[1:])
+    write_figure(figure, path, 130)
 
 
 def _matrix(ax: Axes, results: Results) -> None:
