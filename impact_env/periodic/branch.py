@@ -1,19 +1,22 @@
-"""A branch of solutions as data: points, parameters, tangents, what was located on it, and why it ended."""
+"""A branch of solutions as data, and Newton's method that finds its points: in scaled unknowns, across a plane; tangents and kernels.
+
+X = (z/scale, parameter/parameter scale) has n + 1 entries; arclength is measured in it. See Allgower and Georg, Numerical Continuation Methods
+(1990), chapters 2 and 6.
+"""
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError, require
-from impact_env.plain_files import replacing
+from impact_env.parameters import require
 
 Real = NDArray[np.float64]
+Residual = Callable[[Real, float], tuple[Real, Real]]  # (z (n,), parameter) -> residual (n,), Jacobian (n, n + 1) by z and parameter
 
 # why a branch ended
 CLOSED = "closed"  # it came back to its first point, or to a later one where the unknowns changed: an isola
@@ -21,7 +24,6 @@ LIMIT = "limit"  # the parameter's limit
 COUNT = "number of points"
 MINIMUM_STEP = "minimum step"  # no convergence, or a lost branch, whatever the step
 STOPPED = "stopped"  # by Ctrl-C or the caller
-SUFFIXES = (".json", ".npz")
 
 
 def _frozen(values: Any) -> Real:
@@ -34,8 +36,8 @@ def _frozen(values: Any) -> Real:
 class Located:
     """A point of the branch where something happens: ``kind`` is "fold", "branch point", "kink", or that of a monitor.
 
-    It lies behind point number ``after``; ``tangent`` (n + 1,) is in the units of the branch's scaled arclength. ``exact`` is False where the
-    root search broke down: then the point is the last one before it.
+    It lies behind point number ``after``, or is that point where the root search broke down; ``tangent`` (n + 1,) is in the units of the branch's
+    scaled arclength.
     """
 
     kind: str
@@ -43,7 +45,6 @@ class Located:
     point: Real
     parameter: float
     tangent: Real
-    exact: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", _frozen(self.point))
@@ -54,24 +55,21 @@ class Located:
 class Branch:
     """Solutions z of residual(z, parameter) = 0 in the order of arclength, m of them.
 
-    ``points`` m rows (n,), whose length changes where the caller changes its unknowns; ``parameters`` (m,); ``tangents`` m rows (n + 1,) in scaled
-    units, the parameter's share last; ``ended`` one of the reasons above or the kind of a monitor, and ``message`` the same in words.
+    ``points`` m rows (n,), whose length changes where the caller changes its unknowns; ``parameters`` (m,); ``ended`` one of the reasons above or
+    the kind of a monitor, and ``message`` the same in words.
     """
 
     parameter: str
     points: tuple[Real, ...]
     parameters: Real
-    tangents: tuple[Real, ...]
     located: tuple[Located, ...]
     ended: str
     message: str
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", tuple(_frozen(z) for z in self.points))
-        object.__setattr__(self, "tangents", tuple(_frozen(t) for t in self.tangents))
         object.__setattr__(self, "parameters", _frozen(self.parameters) if len(self.points) else np.empty(0))
-        lengths = {len(self.points), len(self.parameters), len(self.tangents)}
-        require(len(lengths) == 1, "branch", sorted(lengths), "as many parameters and tangents as points")
+        require(len(self.points) == len(self.parameters), "branch", len(self.parameters), f"as many parameters as points, {len(self.points)}")
 
     def __len__(self) -> int:
         return len(self.points)
@@ -85,81 +83,103 @@ class Branch:
         """Return what was located of a kind, such as "fold"."""
         return tuple(event for event in self.located if event.kind == kind)
 
-    def reversed(self) -> Branch:
-        """Return the same points in the opposite order."""
-        m = len(self)
-        turned = [Located(e.kind, m - 2 - e.after, e.point, e.parameter, -e.tangent, e.exact) for e in reversed(self.located)]
-        return Branch(
-            self.parameter, self.points[::-1], self.parameters[::-1], tuple(-t for t in self.tangents[::-1]), tuple(turned), self.ended, self.message
-        )
-
     def joined(self, backward: Branch) -> Branch:
         """Return one branch from a second one that left the same first point the other way: that one turned round, then this one."""
-        before, shift = backward.reversed(), len(backward) - 1
-        moved = tuple(Located(e.kind, e.after + shift, e.point, e.parameter, e.tangent, e.exact) for e in self.located)
-        ended = self.ended if self.ended == backward.ended else f"{backward.ended}; {self.ended}"
+        m = len(backward)
+        before = [Located(e.kind, m - 2 - e.after, e.point, e.parameter, -e.tangent) for e in reversed(backward.located)]
         return Branch(
             self.parameter,
-            before.points[:-1] + self.points,
-            np.concatenate([before.parameters[:-1], self.parameters]),
-            before.tangents[:-1] + self.tangents,
-            before.located + moved,
-            ended,
+            backward.points[:0:-1] + self.points,
+            np.concatenate([backward.parameters[:0:-1], self.parameters]),
+            (*before, *(replace(e, after=e.after + m - 1) for e in self.located)),
+            self.ended if self.ended == backward.ended else f"{backward.ended}; {self.ended}",
             f"at its begin: {backward.message}; at its end: {self.message}",
         )
 
-    def save(self, path: Path | str) -> None:
-        """Write the branch as plain data, JSON or compressed arrays by the name's ending; raises ParameterError for another ending."""
-        path = Path(path)
-        require(path.suffix.lower() in SUFFIXES, "branch file", str(path), f"a name that ends in {' or '.join(SUFFIXES)}")
-        with replacing(path) as temporary:
-            if path.suffix.lower() == ".json":
-                temporary.write_text(json.dumps(self.to_plain(), allow_nan=False) + "\n", encoding="utf-8")
-            else:
-                _save_arrays(temporary, self)
 
-    def to_plain(self) -> dict[str, Any]:
-        """Return lists, numbers and strings."""
-        events = [{**vars(e), "point": e.point.tolist(), "tangent": e.tangent.tolist()} for e in self.located]
-        lists = {"points": [z.tolist() for z in self.points], "tangents": [t.tolist() for t in self.tangents]}
-        words = {"parameter": self.parameter, "ended": self.ended, "message": self.message}
-        return {**words, "parameters": self.parameters.tolist(), **lists, "located": events}
-
-    @staticmethod
-    def from_plain(plain: dict[str, Any]) -> Branch:
-        """Return the branch of `to_plain`; raises ParameterError where a key is missing or has another form."""
-        try:
-            located = tuple(Located(**event) for event in plain["located"])
-            words = (plain["ended"], plain["message"])
-            return Branch(plain["parameter"], tuple(plain["points"]), plain["parameters"], tuple(plain["tangents"]), located, *words)
-        except (KeyError, TypeError, ValueError) as error:
-            raise ParameterError(f"branch = {type(plain).__name__} is not allowed: what Branch.to_plain returns ({error})") from error
-
-    @staticmethod
-    def load(path: Path | str) -> Branch:
-        """Read what `save` wrote; raises ParameterError for a file that cannot be read or is something else."""
-        path = Path(path)
-        require(path.suffix.lower() in SUFFIXES, "branch file", str(path), f"a name that ends in {' or '.join(SUFFIXES)}")
-        try:
-            plain = json.loads(path.read_text(encoding="utf-8")) if path.suffix.lower() == ".json" else _load_arrays(path)
-        except (OSError, ValueError, KeyError) as error:
-            raise ParameterError(f"branch file = {str(path)!r} is not allowed: a branch that can be read ({error})") from error
-        return Branch.from_plain(plain)
+class NoConvergenceError(RuntimeError):
+    """Newton's method found no point, or one elsewhere; the message says which."""
 
 
-def _save_arrays(path: Path, branch: Branch) -> None:
-    words = json.dumps({key: value for key, value in branch.to_plain().items() if key not in ("points", "parameters", "tangents")}, allow_nan=False)
-    points, tangents = (np.concatenate(rows) if rows else np.empty(0) for rows in (branch.points, branch.tangents))
-    lengths = np.array([len(z) for z in branch.points], dtype=np.int64)
-    with path.open("wb") as file:
-        np.savez_compressed(file, words=np.array(words), parameters=branch.parameters, lengths=lengths, points=points, tangents=tangents)
+@dataclass(frozen=True, eq=False)
+class System:
+    """A residual in scaled unknowns: ``scale`` (n + 1,), the parameter's last; points are found to ``tolerance`` of 1 + |X|."""
+
+    residual: Residual
+    scale: Real
+    tolerance: float
+    iterations: int
+
+    def scaled(self, z: Real, parameter: float) -> Real:
+        """Return X."""
+        return np.append(z, parameter) / self.scale
+
+    def plain(self, x: Real) -> tuple[Real, float]:
+        """Return z and the parameter."""
+        values = x * self.scale
+        return values[:-1], float(values[-1])
+
+    def __call__(self, x: Real) -> tuple[Real, Real]:
+        """Return residual (n,) and its Jacobian (n, n + 1) by X; raises NoConvergenceError where they are not finite."""
+        n = len(x) - 1
+        values, jacobian = self.residual(*self.plain(x))
+        require(np.shape(values) == (n,) and np.shape(jacobian) == (n, n + 1), "residual", np.shape(jacobian), f"({n},) and ({n}, {n + 1})")
+        if not (np.all(np.isfinite(values)) and np.all(np.isfinite(jacobian))):
+            raise NoConvergenceError("the residual is not finite")
+        return values, jacobian * self.scale
 
 
-def _load_arrays(path: Path) -> dict[str, Any]:
-    with np.load(path, allow_pickle=False) as data:
-        plain: dict[str, Any] = json.loads(str(data["words"]))
-        ends = np.cumsum(data["lengths"])[:-1]
-        plain["parameters"] = data["parameters"]
-        plain["points"] = np.split(data["points"], ends) if len(data["lengths"]) else []
-        plain["tangents"] = np.split(data["tangents"], ends + np.arange(1, len(ends) + 1)) if len(data["lengths"]) else []
-    return plain
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """A point X of the branch, the Jacobian there (by X), and how many steps it took."""
+
+    x: Real
+    jacobian: Real
+    iterations: int
+
+
+def _solved(matrix: Real, right: Real) -> Real:
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:  # exactly at a branch point, where the branch itself still is well defined
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
+
+
+def corrected(system: System, guess: Real, normal: Real, offset: float | None = None) -> Corrected:
+    """Return the point of the branch in the plane normal . X = ``offset`` (None: through the guess); raises NoConvergenceError.
+
+    The step's size decides, and the residual need not have a scale: once a step is below the root of the tolerance the next one,
+    quadratically smaller, is the last.
+    """
+    x = guess.copy()
+    offset = float(normal @ guess) if offset is None else offset
+    last, close = np.inf, False
+    for iteration in range(1, system.iterations + 1):
+        values, jacobian = system(x)
+        step = -_solved(np.vstack([jacobian, normal]), np.append(values, normal @ x - offset))
+        size = float(np.linalg.norm(step))
+        if not np.isfinite(size):
+            raise NoConvergenceError("a Newton step is not finite")
+        if size > 4 * last + 1e3 * system.tolerance:
+            raise NoConvergenceError(f"Newton's steps grow: {last:.1e}, then {size:.1e}")
+        x = x + step
+        unit = 1 + float(np.linalg.norm(x))
+        if size <= system.tolerance * unit or (close and size <= 10 * system.tolerance * unit):
+            return Corrected(x, jacobian, iteration)  # of the last but one point, which is this one to all digits that a tangent needs
+        last, close = size, size <= np.sqrt(system.tolerance) * unit
+    raise NoConvergenceError(f"no convergence in {system.iterations} Newton steps, the last of {last:.1e}")
+
+
+def tangent(jacobian: Real, along: Real) -> Real:
+    """Return the unit tangent of the branch, in the direction of ``along``."""
+    n = len(jacobian)
+    found = _solved(np.vstack([jacobian, along]), np.append(np.zeros(n), 1.0))
+    size = float(np.linalg.norm(found))
+    if not (np.isfinite(size) and size > 0):
+        raise NoConvergenceError("the branch has no tangent here")
+    return np.asarray(found / size)
+
+
+def kernel(jacobian: Real, size: int = 1) -> Real:
+    """Return orthonormal rows (size, n + 1) that the Jacobian maps to what is next to zero: the tangents at a branch point."""
+    return np.asarray(np.linalg.svd(jacobian)[2][-size:])

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.kernels.periodic.structure import Point, Scale, Structure
@@ -23,8 +24,9 @@ from impact_env.parameters import (
     positive,
     require,
 )
-from impact_env.scene import Scene
+from impact_env.scene import InitialState, Scene
 
+Array = NDArray[np.float64]
 CRITICAL = 1e-11  # a damping ratio this close to 1 is moved so far away: the two exponentials must differ
 
 
@@ -134,3 +136,11 @@ def structure_of(model: ModalModel, mass_ratio: float) -> Structure:
     static = float(np.sum((tip / omega) ** 2))
     rates, push = 2 * damping * omega, np.array(model.force_shape)
     return Structure(values, weights, powers, modes, omega, rates, push, tip, mass, 1 / mass + float(np.sum(tip**2)), static)
+
+
+def start_from(scene: Scene, state: Array) -> InitialState:
+    """Return a state (2 N_m + 2,) as a start; one that rounding put beyond a wall is put on it."""
+    n, cavity = scene.model.modes, scene.cavity(0)
+    tip = float(scene.model.tip_shape @ state[:n])
+    gap = np.inf if cavity is None else cavity.gap
+    return InitialState(state[:n], state[n + 1 : -1], tip + float(np.clip(state[n] - tip, -gap, gap)), float(state[-1]))

@@ -13,8 +13,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impact_env.parameters import count, finite, positive, require
-from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, Branch, Located
-from impact_env.periodic.corrector import Corrected, NoConvergenceError, Real, Residual, System, corrected, kernel, tangent
+from impact_env.periodic.branch import (
+    CLOSED,
+    COUNT,
+    LIMIT,
+    MINIMUM_STEP,
+    STOPPED,
+    Branch,
+    Corrected,
+    Located,
+    NoConvergenceError,
+    Real,
+    Residual,
+    System,
+    corrected,
+    kernel,
+    tangent,
+)
 from impact_env.periodic.locating import KINK, Gate, Monitor, Place, determinant, located
 
 Progress = Callable[[int, float], None]  # number of points, parameter
@@ -245,7 +260,6 @@ def continuation(
     """
     points: list[Real] = []
     parameters: list[float] = []
-    tangents: list[Real] = []
     events: list[Located] = []
     ended, message = STOPPED, "stopped"
     try:
@@ -255,14 +269,13 @@ def continuation(
                 at, p = step.system.plain(step.place.x)
                 points.append(at)
                 parameters.append(p)
-                tangents.append(step.place.tangent)
             if step.ended is not None:
                 ended, message = step.ended, step.message
             if progress is not None:
                 progress(len(points), parameters[-1])
     except KeyboardInterrupt:
         message = f"stopped after {len(points)} points"
-    return Branch(problem.parameter, tuple(points), np.array(parameters), tuple(tangents), tuple(events), ended, message)
+    return Branch(problem.parameter, tuple(points), np.array(parameters), tuple(events), ended, message)
 
 
 def both_ways(problem: Problem, z: Real, parameter: float, steps: Steps | None = None, progress: Progress | None = None) -> Branch:

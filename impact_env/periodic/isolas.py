@@ -1,33 +1,55 @@
-"""Folds, births and mergers of the symmetric two-impact orbits: found on the fold force's map over frequency, then with all reversals of friction."""
+"""Folds, births and mergers of isolas of symmetric two-impact orbits, and what becomes of them over restitution, friction and number of modes.
+
+They are found on the fold force's map over frequency, then with all reversals of friction. With many modes the order of events changes so close to a
+fold that Newton's method on its conditions runs from one order to the other. The branch over the force takes each change where it comes; the smallest
+force on it is what the closed form's fold force stands for (`lowest_fold`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from itertools import chain
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
 from impact_env.kernels.periodic.closed_form import line_of, phase_of
-from impact_env.parameters import require
-from impact_env.periodic.branch import STOPPED
+from impact_env.modes import ModalModel
+from impact_env.parameters import count, require
+from impact_env.periodic.branch import STOPPED, NoConvergenceError
 from impact_env.periodic.case import Case
-from impact_env.periodic.fold_map import closed_folds, level_places
+from impact_env.periodic.continuation import Steps
 from impact_env.periodic.folds import Fold, fold_near, level_fold, mended_fold
-from impact_env.periodic.green import NoOrbit, solution_of
-from impact_env.periodic.lowest_fold import lowest_level
-from impact_env.periodic.orbit import Orbit, confirmed, consistent
-from impact_env.periodic.orbit_branches import orbit_branches
-from impact_env.periodic.survey import branches_from, closed_form_orbits
-from impact_env.periodic.symmetric import fold_impulse, symmetric_schedule
-from impact_env.periodic.tracing import OrbitBranch
+from impact_env.periodic.green import NoOrbit, Solution, solution_of
+from impact_env.periodic.keeping import Keep, anew
+from impact_env.periodic.orbit import Orbit, confirmed, consistent, mended
+from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
+from impact_env.periodic.symmetric import (
+    BIRTH,
+    MERGER,
+    closed_folds,
+    closed_form,
+    fold_force,
+    fold_impulse,
+    level_places,
+    map_frequencies,
+    symmetric_schedule,
+)
 
 Array = NDArray[np.float64]
-MAPPED = ("gap", "restitution", "friction_limit", "mass_ratio")
 NEAR = 0.01  # relative: how far reversals may move a level place
-SEEDS = 40  # frequencies at which branches are begun
 SAME = 1e-8  # of the first resonance: two folds of one response closer than this are one
+Real = NDArray[np.float64]
+COLUMNS = ("modes", "restitution", "friction_limit_N", "kind", "force_N", "omega_ratio", "orbit")
+ABOVE = (1.05, 1.02, 1.1)  # of the closed form's fold force: where an orbit of the branch is sought
+REACH = (0.85, 1.15)  # of it: forces between which the branch is followed
+STEPS = Steps(first=0.01, least=1e-7, most=0.1, points=250)
+COARSE = 1e-5  # of the frequency: how sharply a level place is found before Newton's method finishes it
+EDGE = 0.02  # of the range: a level place this close to its end lies elsewhere
+CLOSE = 1e-3  # of the force
+BESIDE, JUMP = 1e-4, 5e-4  # of frequency and force: where the smallest force changes faster than so it has gone over to another fold
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +89,12 @@ def folds(case: Case, low: float, high: float, branches: Iterable[OrbitBranch] |
     for omega in closed_folds(case, low, high):
         at = case.changed(omega=omega)
         found += [_located(at, fold) for fold in _both_folds(at, "omega")]
-    if case.friction_limit > 0:
-        seeds = [closed_form_orbits(case.changed(omega=float(omega))) for omega in np.linspace(*reach, SEEDS)]
-        fine = orbit_branches(case, *reach) if branches is None else branches
-        for branch in chain(fine, branches_from(seeds, *reach)):
-            if branch.branch.ended == STOPPED:
+    for branch in () if case.friction_limit == 0 else orbit_branches(case, *reach) if branches is None else branches:
+        coarse = orbit_branch(branch.solution(len(branch.schedules) // 2), "omega", reach)
+        for again in (branch, coarse):
+            if again.branch.ended == STOPPED:
                 raise KeyboardInterrupt
-            found += [_located(case, fold) for fold in branch.folds() if not isinstance(fold, NoOrbit)]
+            found += [_located(case, fold) for fold in again.folds() if not isinstance(fold, NoOrbit)]
     return tuple(sorted(_apart(found), key=lambda fold: fold.omega_ratio))
 
 
@@ -128,15 +149,188 @@ def thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...]:
     return tuple(found)
 
 
-def threshold_map(case: Case, parameter: str, values: Iterable[float], low: float, high: float) -> Iterator[tuple[float, tuple[Threshold, ...]]]:
-    """Yield each value of a parameter of the case (gap, restitution, friction_limit or mass_ratio, in SI units) with its births and mergers.
-
-    For a map over structures call `thresholds` with the cases of each model.
-    """
-    require(parameter in MAPPED, "parameter", parameter, f"one of {', '.join(MAPPED)}")
-    for value in values:
-        yield float(value), thresholds(case.changed(**{parameter: float(value)}), low, high)
-
-
 def _orbit_of(fold: Fold | NoOrbit) -> Orbit | NoOrbit:
     return fold if isinstance(fold, NoOrbit) else confirmed(fold.motion)
+
+
+@dataclass(frozen=True)
+class Level:
+    """A birth or a merger (``kind``) at a force in N and a frequency ratio; ``refused``: why it is no orbit, else empty."""
+
+    kind: str
+    force: float
+    omega_ratio: float
+    refused: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class IsolaCell:
+    """Births and mergers at a number of modes, a restitution and a friction limit in N, in the order of frequency."""
+
+    modes: int
+    restitution: float
+    friction_limit: float
+    found: tuple[Level, ...]
+
+    @property
+    def pair(self) -> tuple[Level | None, Level | None]:
+        """Birth and merger of the isola next to the resonance: the last merger, and the last birth at a lower frequency; None where there is none."""
+        mergers = [t for t in self.found if t.kind == MERGER]
+        if not mergers:
+            return None, None
+        births = [t for t in self.found if t.kind == BIRTH and t.omega_ratio < mergers[-1].omega_ratio]
+        return (births[-1] if births else None), mergers[-1]
+
+    def rows(self) -> list[tuple[object, ...]]:
+        """Return a row of `COLUMNS` for each: "orbit" is "yes", or why the exact method refuses it."""
+        own = (self.modes, self.restitution, self.friction_limit)
+        return [(*own, level.kind, level.force, level.omega_ratio, level.refused or "yes") for level in self.found]
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return names and plain values."""
+        return asdict(self)
+
+    @staticmethod
+    def from_plain(plain: dict[str, Any]) -> IsolaCell:
+        """Return the cell of `to_plain`."""
+        levels = tuple(Level(**level) for level in plain["found"])
+        return IsolaCell(int(plain["modes"]), float(plain["restitution"]), float(plain["friction_limit"]), levels)
+
+
+def cell_of(case: Case, low: float, high: float) -> IsolaCell:
+    """Return the births and mergers of a case between two ratios of its first resonance."""
+    levels = [Level(t.kind, t.force, t.omega_ratio, t.orbit.reason if isinstance(t.orbit, NoOrbit) else "") for t in thresholds(case, low, high)]
+    return IsolaCell(case.model.modes, case.restitution, case.friction_limit, tuple(levels))
+
+
+@dataclass(frozen=True, eq=False)
+class IsolaMap:
+    """Fold force (m,) in N over ``omega_ratio`` (m,) of one case, and the cells of the map; ``complete`` is False after Ctrl-C."""
+
+    case: Case
+    omega_ratio: Real
+    fold_force: Real
+    own: IsolaCell
+    cells: tuple[IsolaCell, ...]
+    complete: bool
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return lists, numbers and strings."""
+        return {
+            "scene": str(self.case.scene),
+            "complete": self.complete,
+            "thresholds": [dict(zip(COLUMNS, row, strict=True)) for row in self.own.rows()],
+            "fold_force": {"omega_ratio": self.omega_ratio.tolist(), "force_N": [float(f) if np.isfinite(f) else None for f in self.fold_force]},
+            "map": [dict(zip(COLUMNS, row, strict=True)) for cell in self.cells for row in cell.rows()],
+        }
+
+
+def truncated(model: ModalModel, modes: int) -> ModalModel:
+    """Return the model with its first ``modes`` modes; raises ParameterError if it has fewer."""
+    count("modes", modes, 1, model.modes)
+    return ModalModel(model.omega[:modes], model.damping_ratio[:modes], model.force_shape[:modes], model.tip_shape[:modes], model.beam_mass)
+
+
+def isola_map(
+    case: Case,
+    low: float,
+    high: float,
+    modes: Sequence[int],
+    restitutions: Sequence[float],
+    progress: Callable[[int, int], None] | None = None,
+    limits: Sequence[float] = (),
+    keep: Keep = anew,
+) -> IsolaMap:
+    """Return the fold force of a case between two ratios of its first resonance, its thresholds, and those of a map.
+
+    The map is over numbers of modes, restitutions and friction ``limits`` in N (none: the case's own). The case's own model has the largest number of
+    modes that is asked for. ``keep`` takes finished cells and gives them back. Ctrl-C ends it with what is known so far. Raises ParameterError.
+    """
+    require(0 < low < high, "frequency range", (low, high), "two ratios of the resonance frequency above 0, the lower one first")
+    omegas = map_frequencies(case, low, high)
+    models = [truncated(case.model, n) for n in modes]
+    mass = case.mass_ratio * case.model.beam_mass
+    friction = limits or (case.friction_limit,)
+    points = [
+        Case(model, case.omega, case.force, case.gap, e, limit, mass / model.beam_mass)
+        for model in models
+        for limit in friction
+        for e in restitutions
+    ]
+
+    def cell(at: Case) -> Iterator[IsolaCell]:
+        name = {"modes": at.model.modes, "restitution": at.restitution, "friction_limit": at.friction_limit, "range": [low, high]}
+        return keep(name, lambda: iter([cell_of(at, low, high)]), IsolaCell.from_plain)
+
+    (own,) = cell(case)
+    cells: list[IsolaCell] = []
+    complete = True
+    try:
+        for at in points:
+            cells += cell(at)
+            if progress is not None:
+                progress(len(cells), len(points))
+    except KeyboardInterrupt:
+        complete = False
+    return IsolaMap(case, omegas / float(case.model.omega[0]), fold_force(case, omegas), own, tuple(cells), complete)
+
+
+def lowest_fold(case: Case) -> Fold | NoOrbit:
+    """Return the orbit with the smallest force at the case's frequency, whose force is not asked for, or why none is found. Ctrl-C breaks it off."""
+    schedule, reason = symmetric_schedule(case.friction_limit > 0), "no orbit above the fold"
+    lowest = float(fold_force(case, [case.omega])[0])
+    for share in ABOVE:
+        at, found = case.changed(force=share * lowest), list[Fold]()
+        for start in closed_form(at):
+            motion = mended(at, schedule, [start.phase])
+            if isinstance(motion, NoOrbit):
+                reason = motion.reason
+                continue
+            try:
+                found += _folds_over_force(motion.solution, REACH[0] * lowest, REACH[1] * lowest)
+                reason = "no fold of the branch over the force is an orbit"
+            except NoConvergenceError as error:
+                reason = str(error)
+        if found:
+            return min(found, key=lambda fold: fold.case.force)
+    return NoOrbit(case, schedule, reason, np.zeros(1))
+
+
+def _folds_over_force(solution: Solution, low: float, high: float) -> list[Fold]:
+    """Return the folds that are orbits on the branch over the force (N) through a solution; raises NoConvergenceError where it has no branch."""
+    branch = orbit_branch(solution, "force", (low, high), STEPS)
+    if branch.branch.ended == STOPPED:
+        raise KeyboardInterrupt
+    return [fold for fold in branch.folds() if isinstance(fold, Fold) and not isinstance(confirmed(fold.motion), NoOrbit)]
+
+
+def lowest_level(case: Case, kind: str, reach: float) -> Fold | NoOrbit:
+    """Return the fold within ``reach`` (rad/s) of the case's frequency at which the smallest force is least, or greatest where ``kind`` is a merger.
+
+    The level place itself, or the corner where two orders of events meet. Ctrl-C breaks it off.
+    """
+    sign, known, lost = (1.0 if kind == BIRTH else -1.0), dict[float, Fold](), list[NoOrbit]()
+
+    def height(omega: float) -> float:
+        fold = lowest_fold(case.changed(omega=omega))
+        if isinstance(fold, NoOrbit):
+            lost.append(fold)
+            return 2 * abs(case.force)  # higher than any force near a birth, lower than any near a merger
+        known[omega] = fold
+        return sign * fold.case.force
+
+    low, high = case.omega - reach, case.omega + reach
+    scipy.optimize.minimize_scalar(height, bounds=(low, high), method="bounded", options={"xatol": COARSE * case.omega, "maxiter": 40})
+    if not known:
+        return lost[0]
+    best = min(known.values(), key=lambda fold: sign * fold.case.force)
+    if min(best.case.omega - low, high - best.case.omega) < EDGE * (high - low):
+        return NoOrbit(best.case, best.motion.solution.schedule, "its level fold lies elsewhere", best.motion.solution.phases)
+    for omega in (best.case.omega * (1 - BESIDE), best.case.omega * (1 + BESIDE)):
+        next_to = lowest_fold(best.case.changed(omega=omega))
+        if isinstance(next_to, NoOrbit) or abs(next_to.case.force / best.case.force - 1) > JUMP:
+            return NoOrbit(best.case, best.motion.solution.schedule, "the smallest force jumps there", best.motion.solution.phases)
+    finished = level_fold(best, reach)
+    if isinstance(finished, Fold) and abs(finished.case.force / best.case.force - 1) < CLOSE:
+        return finished
+    return best

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from impact_env.ensemble import Executor, Lane, Progress, each_lane
 from impact_env.methods import Exact, Method
 from impact_env.parameters import count, positive, require
-from impact_env.periodic.approach import Approach, passage
-from impact_env.periodic.residence import LEVEL, SILENCE, ExitRate, finished, first_silence
+from impact_env.periodic.residence import LEVEL, SILENCE, Approach, ExitRate, finished, first_silence, passage
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate

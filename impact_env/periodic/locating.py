@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
 
-from impact_env.periodic.branch import Located
-from impact_env.periodic.corrector import NoConvergenceError, Real, System, corrected, tangent
+from impact_env.periodic.branch import Located, NoConvergenceError, Real, System, corrected, tangent
 
 FOLD, BRANCH_POINT, KINK = "fold", "branch point", "kink"
 
@@ -97,10 +96,10 @@ def _zero(between: _Between, value: Callable[[Place], float], kind: str, after: 
         s = float(scipy.optimize.brentq(at, 0.0, 1.0, xtol=1e-13, rtol=4 * np.finfo(float).eps, maxiter=100))
         if s not in known:
             known[s] = between(s)
-        place, exact = known[s], True
+        place = known[s]
     except (NoConvergenceError, RuntimeError):
-        s, place, exact = 0.0, between.here, False
-    return s, Located(kind, after, *between.system.plain(place.x), place.tangent, exact)
+        s, place = 0.0, between.here
+    return s, Located(kind, after, *between.system.plain(place.x), place.tangent)
 
 
 def _crossing(between: _Between, after: int) -> tuple[float, Located]:
@@ -117,7 +116,7 @@ def _crossing(between: _Between, after: int) -> tuple[float, Located]:
     except NoConvergenceError:
         jump = 0.0
     if smaller > 0 and jump > 0.05 * smaller:
-        event = Located(KINK, after, event.point, event.parameter, event.tangent, event.exact)
+        event = replace(event, kind=KINK)
     return s, event
 
 

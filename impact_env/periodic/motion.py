@@ -1,32 +1,79 @@
-"""The motion between the events of a solution: states at any time, the tip's extremes, and what happens that the schedule does not say."""
+"""The motion of a solution: states at any time, the tip's extremes, what happens that the schedule does not say, and the return map's derivative."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.kernels.periodic.monodromy import monodromy
 from impact_env.kernels.periodic.motion import Flights, flights_of, scan, states_at
 from impact_env.kernels.periodic.structure import receptance
 from impact_env.parameters import require
 from impact_env.periodic.green import Solution
+from impact_env.periodic.passage import Passage
+from impact_env.periodic.pieces import Piece
 
 Array = NDArray[np.float64]
 PENETRATION = 1e-9  # of the gap: above the rounding of a distance
 MOST_TURNS = 4096
+PANEL, NODES = 1.0, 6  # rad of the fastest exponential in a panel, and nodes of Gauss and Legendre in it
+POINTS, WEIGHTS = (0.5 * (part + shift) for part, shift in zip(np.polynomial.legendre.leggauss(NODES), (1.0, 0.0), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """A solution's motion. ``tip_max``, ``tip_rms`` and ``distance_max`` (largest relative displacement) in m.
+class Periodic:
+    """A motion that comes again: what orbits whose absorber only flies (`Motion`) and those that shooting found (`ShotMotion`) have in common."""
+
+    solution: Solution
+
+    @property
+    @abstractmethod
+    def derivative(self) -> Array:
+        """Derivative (2 N_m + 2,)^2 of the map over the schedule's span, mirrored back where that is half a period."""
+
+    @property
+    @abstractmethod
+    def begin(self) -> float:
+        """Phase (rad) from which `within` counts."""
+
+    @abstractmethod
+    def within(self, times: Array) -> Array:
+        """Return the states (S, 2 N_m + 2) at times (S,) in s after `begin`, within one span."""
+
+    @abstractmethod
+    def middle(self) -> float:
+        """Return the time (s) after `begin` of the middle of the longest flight."""
+
+    def states(self, phases: ArrayLike) -> Array:
+        """Return states (S, 2 N_m + 2), as `InitialState.vector`, at phases (S,) of the force in rad, any number of periods ahead or back."""
+        given, schedule = np.asarray(phases, dtype=float), self.solution.schedule
+        require(given.ndim == 1 and bool(np.all(np.isfinite(given))), "phases", phases, "a row of finite numbers in rad")
+        rounds = np.floor((given - self.begin) / schedule.turn)
+        states = self.within((given - self.begin - rounds * schedule.turn) / self.solution.case.omega)
+        return np.where(rounds % 2 == 1, -1.0, 1.0)[:, None] * states if schedule.symmetric else states
+
+    def state_at(self, phase: float) -> Array:
+        """Return the state (2 N_m + 2,) at one phase of the force in rad."""
+        return np.asarray(self.states([phase])[0])
+
+    def mid_flight(self) -> tuple[float, Array]:
+        """Return the phase (rad) of the force in the middle of the longest flight, where nothing is near, and the state (2 N_m + 2,) there."""
+        phase = self.begin + self.solution.case.omega * self.middle()
+        return phase, self.state_at(phase)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion(Periodic):
+    """The motion of a solution whose absorber is free or slides. ``tip_max``, ``tip_rms`` and ``distance_max`` (relative displacement) in m.
 
     ``turns`` (K,): phases in rad of the force at which the relative velocity changes its sign between impacts, whatever the schedule says.
     ``fits``: whether the signs so found lead from impact to impact.
     """
 
-    solution: Solution
     flights: Flights
     tip_max: float
     tip_rms: float
@@ -49,37 +96,47 @@ class Motion:
         states = self.states(self.turns)
         return gap - float(np.max(np.abs(states[:, n] - states[:, :n] @ self.solution.case.model.tip_shape)))
 
-    @cached_property
-    def longest_flight(self) -> int:
-        """Index of the event that the longest flight follows."""
-        return int(np.argmax(np.diff(self.flights.time)))
+    @property
+    def begin(self) -> float:
+        """The first event's phase."""
+        return float(self.solution.phases[0])
 
-    def states(self, phases: ArrayLike) -> Array:
-        """Return states (S, 2 N_m + 2), as `InitialState.vector`, at phases (S,) of the force in rad, any number of periods ahead or back."""
-        solution, turn = self.solution, self.solution.schedule.turn
-        given = np.asarray(phases, dtype=float)
-        require(given.ndim == 1 and bool(np.all(np.isfinite(given))), "phases", phases, "a row of finite numbers in rad")
-        rounds = np.floor((given - solution.phases[0]) / turn)
-        within = given - rounds * turn
-        order = np.argsort(within, kind="stable")
-        case = solution.case
-        out = np.empty((len(given), 2 * case.model.modes + 2))
-        states_at(case.structure, case.point, self.flights, within[order] / case.omega, out)
+    def within(self, times: Array) -> Array:
+        """See `Periodic`."""
+        case, order = self.solution.case, np.argsort(times, kind="stable")
+        out = np.empty((len(times), 2 * case.model.modes + 2))
+        states_at(case.structure, case.point, self.flights, times[order] + self.flights.time[0], out)
         states = np.empty_like(out)
         states[order] = out
-        if not solution.schedule.symmetric:
-            return states
-        return np.where(rounds % 2 == 1, -1.0, 1.0)[:, None] * states
+        return states
 
-    def state_at(self, phase: float) -> Array:
-        """Return the state (2 N_m + 2,) at one phase of the force in rad."""
-        return np.asarray(self.states([phase])[0])
+    def middle(self) -> float:
+        """See `Periodic`."""
+        k, time = int(np.argmax(np.diff(self.flights.time))), self.flights.time
+        return 0.5 * float(time[k] + time[k + 1]) - float(time[0])
 
-    def mid_flight(self) -> tuple[float, Array]:
-        """Return the phase (rad) of the force in the middle of the longest flight, where nothing is near, and the state (2 N_m + 2,) there."""
-        i = self.longest_flight
-        phase = 0.5 * self.solution.case.omega * float(self.flights.time[i] + self.flights.time[i + 1])
-        return phase, self.state_at(phase)
+    @property
+    def derivative(self) -> Array:
+        """From just after the first event on."""
+        return self._monodromy[0]
+
+    @property
+    def turning(self) -> Array:
+        """How each event turns the absorber, (n,): the relative acceleration before a reversal over the change that friction brings.
+
+        -1 or below where the absorber slides on the other way, in between friction would hold it, above 0 it never got there; -inf at impacts.
+        """
+        return self._monodromy[1]
+
+    @cached_property
+    def _monodromy(self) -> tuple[Array, Array]:
+        solution = self.solution
+        case, order = solution.case, solution.schedule.order
+        size = 2 * case.model.modes + 2
+        jumps = case.friction_limit * (np.append(order.mirror * order.sign[-1], order.sign[:-1]) - order.sign)
+        matrix, turning = np.empty((size, size)), np.empty(len(jumps))
+        monodromy(case.structure, case.point, order, self.flights, solution.impulses, jumps, matrix, turning)
+        return matrix, turning
 
 
 def motion_of(solution: Solution) -> Motion:
@@ -92,3 +149,83 @@ def motion_of(solution: Solution) -> Motion:
     extremes, found, fits = scan(structure, point, h, flights, order, turns)
     phases = turns[: min(found, MOST_TURNS)] * case.omega
     return Motion(solution, flights, extremes.tip, float(np.sqrt(extremes.square)), extremes.distance, phases, bool(fits))
+
+
+@dataclass(frozen=True, eq=False)
+class ShotMotion(Periodic):
+    """A solution and the passage over its span, whose first state is at the section: in the middle of a flight."""
+
+    passage: Passage
+
+    @property
+    def begin(self) -> float:
+        """The section's phase."""
+        return self.passage.phase
+
+    def within(self, times: Array) -> Array:
+        """See `Periodic`."""
+        return self.passage.states(times)
+
+    def middle(self) -> float:
+        """See `Periodic`; the section lies in a flight of which both ends are in the passage."""
+        times, lengths = self.passage.flights
+        k = int(np.argmax(lengths))
+        around = lengths[k] <= lengths[0] + lengths[-1]
+        return float(0.5 * (lengths[0] - lengths[-1]) if around else 0.5 * (times[k] + times[k + 1]))
+
+    @property
+    def derivative(self) -> Array:
+        """From the section on."""
+        return (-1.0 if self.solution.schedule.symmetric else 1.0) * self.passage.derivative
+
+    @property
+    def tip_max(self) -> float:
+        """Largest displacement of the tip in m."""
+        return self._tip[0]
+
+    @property
+    def tip_rms(self) -> float:
+        """Root of the mean square of the tip's displacement in m."""
+        return self._tip[1]
+
+    @cached_property
+    def _tip(self) -> tuple[float, float]:
+        lengths = np.diff(self.passage.flights[0])
+        each = [tip_of(piece, float(length)) for piece, length in zip(self.passage.pieces, lengths, strict=True)]
+        return max(peak for peak, _ in each), float(np.sqrt(sum(area for _, area in each) / self.passage.span))
+
+
+AnyMotion = Motion | ShotMotion
+
+
+def tip_of(piece: Piece, length: float) -> tuple[float, float]:
+    """Return the largest |tip displacement| (m) in a piece of a ``length`` in s, and the integral of its square (m^2 s)."""
+    if length <= 0:
+        return 0.0, 0.0
+    shape, n = piece.flow.case.model.tip_shape, len(piece.flow.case.model.tip_shape)
+    fastest = max(float(np.max(np.abs(piece.flow.modes.values))), piece.flow.case.omega)
+    panels = max(1, int(np.ceil(length * fastest / PANEL)))
+    step = length / panels
+    dts = (step * (np.arange(panels)[:, None] + POINTS)).ravel()
+    dts = np.concatenate([[0.0], dts, [length]])
+    states = piece.states(dts)
+    tip, rate = states[:, :n] @ shape, states[:, n + 1 : -1] @ shape
+    area = step * float(np.sum(np.tile(WEIGHTS, panels) * tip[1:-1] ** 2))
+    k = int(np.argmax(np.abs(tip)))
+    peak = float(abs(tip[k]))
+    for j in (k - 1, k):  # by Hermite's cubic over the gap between two nodes
+        if 0 <= j < len(dts) - 1 and rate[j] * rate[j + 1] < 0:
+            peak = max(peak, _peak(piece, float(dts[j]), float(dts[j + 1]), shape))
+    return peak, area
+
+
+def _peak(piece: Piece, low: float, high: float, shape: Array) -> float:
+    """Return |tip displacement| (m) where the tip's velocity turns between two times (s), by the secant method."""
+    n, ends = len(shape), [low, high]
+    rates = [float(piece.state(dt)[n + 1 : -1] @ shape) for dt in ends]
+    for _ in range(8):
+        if rates[0] == rates[1]:
+            break
+        dt = min(max(ends[1] - rates[1] * (ends[1] - ends[0]) / (rates[1] - rates[0]), low), high)
+        ends, rates = [ends[1], dt], [rates[1], float(piece.state(dt)[n + 1 : -1] @ shape)]
+    return abs(float(piece.state(ends[1])[:n] @ shape))

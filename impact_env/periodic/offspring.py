@@ -1,7 +1,9 @@
 """Orbits beyond the symmetric ones over a range of frequencies: pairs without symmetry, doubled periods, and what runs settle to.
 
-Each comes from a branch known before: a pair leaves a symmetric branch where its symmetry breaks, a doubled period leaves the pair, and so on; what
-no such way leads to, as a period of three, comes from runs of the exact method.
+Each comes from a branch known before, at a place where a multiplier is -1. Over half a period of a symmetric orbit it breaks the symmetry, and leads
+to the pair without it; over the period of an orbit without symmetry it doubles the period. A symmetric orbit does not double its period in one
+parameter: that would take a pair of half-period multipliers at +i and -i, and their modulus and angle are two conditions (Swift and Wiesenfeld,
+Phys. Rev. Lett. 52, 1984). What no such way leads to, as a period of three, comes from runs of the exact method.
 """
 
 from __future__ import annotations
@@ -12,24 +14,107 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.periodic.branch import STOPPED
+from impact_env.parameters import require
+from impact_env.periodic.branch import STOPPED, Located, NoConvergenceError
 from impact_env.periodic.case import Case
-from impact_env.periodic.continuation import Steps
-from impact_env.periodic.corrector import NoConvergenceError
-from impact_env.periodic.green import NoOrbit, Solution
+from impact_env.periodic.continuation import Problem, Steps, switched
+from impact_env.periodic.green import Conditions, NoOrbit, Solution, solve, unknowns_of
+from impact_env.periodic.locating import BRANCH_POINT
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.orbit_branches import mirrors, places_of
-from impact_env.periodic.starts import MOST_MULTIPLE
-from impact_env.periodic.survey import Found, attractors, branches_from, closed_form_over, different, joined_by
-from impact_env.periodic.switching import leaving
-from impact_env.periodic.tracing import PERIOD_DOUBLING, SYMMETRY_BREAKING, OrbitBranch, orbit_branch
+from impact_env.periodic.orbit_branches import (
+    PARAMETER_SHARE,
+    PERIOD_DOUBLING,
+    SYMMETRY_BREAKING,
+    OrbitBranch,
+    mirrors,
+    orbit_branch,
+    orbit_branches,
+    places_of,
+)
+from impact_env.periodic.schedule import EventSchedule
+from impact_env.periodic.survey import MOST_MULTIPLE, Found, attractors, closed_form_over, different, joined_by
 
+LEAST = 1e-4  # of what tells the two halves apart: below it is the orbit that was left
+SIZES = (0.02, 0.05, 0.01, 0.1)  # of arclength: how far from the branch point the other branch is sought, in turn
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]  # what is done, how many frequencies or branches of how many (0: not known)
 MOST_EVENTS = 100  # on a branch: Newton's method takes the third power of them
 MOST_BRANCHES = 30  # in a range: without losses they leave one another without end
 STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=400)
 MARGIN = 0.02  # of the first resonance: how far beyond the range branches are followed, since a pair may leave there
+
+
+def _listed_twice(solution: Solution, side: float) -> Solution:
+    """Return the solution with its events and, behind them, what they are a span later: the mirrored ones if ``side`` is -1."""
+    old = solution.schedule
+    events = (*old.events, *((event.mirrored for event in old.events) if side < 0 else old.events))
+    phases = np.concatenate([solution.phases, solution.phases + old.turn])
+    impulses = np.concatenate([solution.impulses, side * solution.impulses])
+    schedule = EventSchedule(events, False, old.period_multiple * (1 if side < 0 else 2))
+    return Solution(solution.case, schedule, phases, impulses, solution.offset, solution.error, solution.steps)
+
+
+def leaving(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
+    """Yield a solution beside each place of a branch at which the symmetry breaks or the period doubles (``kind``), on the branch that leaves there.
+
+    A place from which no such solution is found is left out.
+    """
+    require(kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING), "kind", kind, f"{SYMMETRY_BREAKING} or {PERIOD_DOUBLING}")
+    side = -1.0 if kind == SYMMETRY_BREAKING else 1.0
+    for motion in orbits.of(kind):
+        found = _beside(_listed_twice(motion.solution, side), side, orbits.branch.parameter)
+        if found is not None:
+            yield found
+
+
+def _beside(solution: Solution, side: float, parameter: str) -> Solution | None:
+    """Return an orbit of the branch that leaves at a solution whose second half is its first one, times ``side``; None if no point of it is found."""
+    conditions = Conditions(solution.case, solution.schedule, parameter)
+    value = getattr(solution.case, parameter)
+    problem = Problem(conditions, parameter, 1.0, PARAMETER_SHARE * (abs(value) if value != 0 else 1.0))
+    z = unknowns_of(solution)
+    system = problem.system(len(z), Steps())
+    along = _tangent_alike(system(system.scaled(z, value))[1], solution, side)
+    for size in SIZES:
+        try:
+            point, there, _ = switched(problem, Located(BRANCH_POINT, 0, z, value, along), size)[0]
+        except NoConvergenceError:
+            continue
+        found = solve(solution.case.changed(**{parameter: there}), solution.schedule, _in_units(point, solution, parameter, there))
+        if not isinstance(found, NoOrbit) and _unlike(found, side) > LEAST:
+            return found
+    return None
+
+
+def _in_units(point: NDArray[np.float64], solution: Solution, parameter: str, value: float) -> NDArray[np.float64]:
+    """Return unknowns (m,) in the units of the case at another value of the parameter."""
+    own, new = solution.case.scale, solution.case.changed(**{parameter: value}).scale
+    n, m = len(solution.schedule.events), solution.schedule.impacts
+    units = np.concatenate([np.ones(n), np.full(m, own.impulse / new.impulse), np.full(len(point) - n - m, own.length / new.length)])
+    return np.asarray(units * point)
+
+
+def _unlike(solution: Solution, side: float) -> float:
+    """Return by how much the second half is not the first one times ``side``: phases in rad, and shares of the largest impulse."""
+    half = len(solution.phases) // 2
+    late = solution.phases[half:] - solution.phases[:half] - solution.schedule.turn / 2
+    stronger = (solution.impulses[half:] - side * solution.impulses[:half]) / np.max(np.abs(solution.impulses))
+    return float(max(np.max(np.abs(late)), np.max(np.abs(stronger))))
+
+
+def _tangent_alike(jacobian: NDArray[np.float64], solution: Solution, side: float) -> NDArray[np.float64]:
+    """Return the unit tangent of the branch that is left (m + 1,): the direction of the Jacobian's kernel in which both halves move alike."""
+    n, m = len(solution.schedule.events), solution.schedule.impacts
+    shift = np.zeros((jacobian.shape[1], jacobian.shape[1]))
+    for begin, size, sign in ((0, n, 1.0), (n, m, side)):
+        index = np.arange(begin, begin + size)
+        shift[index, np.roll(index, size // 2)] = sign
+    shift[-2, -2], shift[-1, -1] = side, 1.0
+    plane = np.linalg.svd(jacobian)[2][-2:]
+    alike = plane @ (shift + np.eye(len(shift))) @ plane.T
+    weights = np.linalg.eigh(0.5 * (alike + alike.T))[1][:, -1]
+    found = weights @ plane
+    return np.asarray(found / np.linalg.norm(found))
 
 
 def descendants(
@@ -70,6 +155,8 @@ def followed(solution: Solution, limits: tuple[float, float]) -> OrbitBranch | N
     events = len(solution.schedule.events)
     if events > MOST_EVENTS:
         return NoOrbit(solution.case, solution.schedule, f"a branch of more than {MOST_EVENTS} events is not followed", solution.phases)
+    if not limits[0] <= solution.case.omega <= limits[1]:
+        return NoOrbit(solution.case, solution.schedule, "a branch that begins beyond the range is not followed", solution.phases)
     try:
         return orbit_branch(solution, "omega", limits, STEPS)
     except NoConvergenceError as error:
@@ -120,7 +207,7 @@ class _Search:
     def symmetric(self) -> None:
         """Find the symmetric orbits and their branches."""
         self.groups += closed_form_over(self.case, self.ratios, lambda done, total: self._tell("closed form", done, total))
-        self._join(branches_from(self.groups, *self.limits))
+        self._join(orbit_branches(self.case, *self.limits, self.ratios * float(self.case.model.omega[0])))
 
     def leave(self, branches: Iterable[OrbitBranch]) -> None:
         """Follow what leaves some branches, and what leaves that."""

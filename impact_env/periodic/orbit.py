@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.parameters import require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
-from impact_env.periodic.motion import Motion, motion_of
+from impact_env.periodic.motion import AnyMotion, Motion, ShotMotion, motion_of
 from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
-from impact_env.periodic.shooting import section_of, shoot, units_of
-from impact_env.periodic.shot_motion import ShotMotion
-from impact_env.periodic.stability import Stability, derivative_of, shot_stability, stability_of
+from impact_env.periodic.shooting import shoot, units_of
+from impact_env.periodic.stability import Stability, stability_of
 from impact_env.periodic.validation import JOINS, Trial, chatters, trial_of
 
 Array = NDArray[np.float64]
@@ -41,7 +39,7 @@ class Orbit:
     ``recorded``: the impacts of that propagation where a chatter comes to its end, so that there are as many as rounding lets there be; else None.
     """
 
-    motion: Motion | ShotMotion
+    motion: AnyMotion
     stability: Stability
     residual: float
     recorded: tuple[Impact, ...] | None = None
@@ -81,29 +79,18 @@ class Orbit:
         return tuple(sorted(found, key=lambda impact: impact.phase))
 
 
-def confirmed(motion: Motion | ShotMotion) -> Orbit | NoOrbit:
+def confirmed(motion: AnyMotion) -> Orbit | NoOrbit:
     """Return the orbit of a motion if the exact method confirms it, or why it is none."""
-    if isinstance(motion, ShotMotion):
-        return _confirmed_shot(motion)
-    matrix, turning = derivative_of(motion)
-    reason = objection(motion, turning)
+    solution, reason = motion.solution, objection(motion) if isinstance(motion, Motion) else None
     if reason is None:
         trial = trial_of(motion)
         if trial.reason is None:
-            return Orbit(motion, stability_of(motion, matrix), trial.residual)
+            return Orbit(motion, stability_of(motion), trial.residual, _chatter(motion, trial))
         reason = trial.reason
-    solution = motion.solution
     return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
 
 
-def _confirmed_shot(motion: ShotMotion) -> Orbit | NoOrbit:
-    trial, solution = trial_of(motion), motion.solution
-    if trial.reason is not None:
-        return NoOrbit(solution.case, solution.schedule, trial.reason, solution.phases)
-    return Orbit(motion, shot_stability(motion), trial.residual, _chatter(motion, trial))
-
-
-def _chatter(motion: ShotMotion, trial: Trial) -> tuple[Impact, ...] | None:
+def _chatter(motion: AnyMotion, trial: Trial) -> tuple[Impact, ...] | None:
     """Return the impacts of a trial's run if a wall holds the absorber on it, else None."""
     assert trial.response is not None
     impacts = trial.response.impacts
@@ -148,11 +135,8 @@ def mirrored(orbit: Orbit) -> Orbit | NoOrbit:
     return orbit_at(solution.case, schedule, z)
 
 
-def objection(motion: Motion, turning: Array) -> str | None:
-    """Return what speaks against a motion without propagating it, or None: an impulse that pulls, a wall passed, friction in the wrong sense.
-
-    ``turning`` as `stability.derivative_of` returns it.
-    """
+def objection(motion: Motion) -> str | None:
+    """Return what speaks against a motion without propagating it, or None: an impulse that pulls, a wall passed, friction in the wrong sense."""
     solution, schedule = motion.solution, motion.solution.schedule
     if np.any(solution.impulses * schedule.order.wall > 0):
         return "a wall would have to pull"
@@ -160,33 +144,19 @@ def objection(motion: Motion, turning: Array) -> str | None:
         return f"the absorber passes a wall by {motion.penetration:.3g} m"
     if solution.case.friction_limit > 0 and not consistent(motion):
         return f"{TURNS} {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
-    return WOULD_HOLD if np.max(turning) > -1 else None
+    return WOULD_HOLD if is_held(motion) else None
 
 
 def orbit_at(case: Case, schedule: EventSchedule, start: ArrayLike, mend: bool = True) -> Orbit | NoOrbit:
     """Return the confirmed orbit near ``start`` (unknowns, or phases in rad), or why there is none.
 
     ``mend``: with friction the reversals of the schedule may be wrong at the start; they are then those that the motion shows, until both agree, and
-    where friction would hold the absorber shooting goes on from there. A schedule with joined segments takes phases; it is shooting's from the start.
+    where friction would hold the absorber shooting goes on from there. Raises ParameterError for a schedule with joined segments.
     """
-    if not schedule.flies:
-        shot = settled_by_shooting(case, schedule, start)
-        return shot if isinstance(shot, NoOrbit) else confirmed(shot)
     found = mended(case, schedule, start) if mend else settled(case, schedule, start)
     if isinstance(found, NoOrbit):
         return found
     return held_orbit(found) if mend else confirmed(found)
-
-
-def settled_by_shooting(case: Case, schedule: EventSchedule, start: ArrayLike) -> ShotMotion | NoOrbit:
-    """Return the motion with joined phases near the phases ``start`` (n,) in rad of a schedule's events; its events come out anew."""
-    phases, n = np.asarray(start, dtype=float), len(schedule.events)
-    require(
-        phases.shape == (n,) and bool(np.all(np.diff(phases) >= 0)), "start", start, f"{n} rising phases in rad for a schedule with joined segments"
-    )
-    phase, state = section_of(case, schedule, phases)
-    found = shoot(case, phase, state, schedule.symmetric, schedule.period_multiple)
-    return NoOrbit(case, schedule, found.reason, phases) if isinstance(found, NoOrbit) else found
 
 
 def settled(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
@@ -227,7 +197,7 @@ def mended(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | No
 
 def is_held(motion: Motion) -> bool:
     """Return whether friction would hold the absorber at one of its reversals."""
-    return bool(np.max(derivative_of(motion)[1]) > -1)
+    return bool(np.max(motion.turning) > -1)
 
 
 def consistent(motion: Motion) -> bool:
@@ -262,7 +232,7 @@ def without_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedu
 def without_held(motion: Motion) -> tuple[EventSchedule, Array]:
     """Return the schedule and phases (n,) of a motion without the reversals at which friction would hold, and their partners."""
     solution, old = motion.solution, motion.solution.schedule
-    turning, wall = derivative_of(motion)[1], old.order.wall
+    turning, wall = motion.turning, old.order.wall
     leave: set[int] = set()
     for k in np.flatnonzero(turning > -1):
         partners = [j for j in (k - 1, k + 1) if 0 <= j < len(wall) and wall[j] == 0 and j not in leave]

@@ -1,73 +1,238 @@
-"""All branches of symmetric two-impact orbits over a range of frequencies, from the closed form at frequencies between."""
+"""Branches of orbits by continuation, and all of symmetric two-impact orbits over a range of frequencies.
+
+The events' conditions are the residual, in another order of events where the motion shows one.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import STOPPED
+from impact_env.periodic.branch import CLOSED, STOPPED, Branch, Located
 from impact_env.periodic.case import Case
-from impact_env.periodic.continuation import Steps
-from impact_env.periodic.fold_map import closed_folds
-from impact_env.periodic.green import NoOrbit, Solution, unknowns_of
-from impact_env.periodic.orbit import mended
-from impact_env.periodic.symmetric import closed_form, symmetric_schedule
-from impact_env.periodic.tracing import PARAMETER_SHARE, OrbitBranch, orbit_branch
+from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, continuation
+from impact_env.periodic.folds import Fold, fold_near
+from impact_env.periodic.green import Conditions, NoOrbit, Solution, solution_of, unknowns_of
+from impact_env.periodic.locating import FOLD, Monitor
+from impact_env.periodic.motion import Motion, motion_of
+from impact_env.periodic.orbit import Orbit, consistent, held_orbit, is_held, mended
+from impact_env.periodic.schedule import EventSchedule
+from impact_env.periodic.symmetric import closed_folds, closed_form, symmetric_schedule
 
-Progress = Callable[[str, int, float], None]  # what is followed, number of points, frequency in rad/s
-SEEDS = 24
-BESIDE = 1e-3  # relative: how far from a fold a branch that no other frequency shows is begun
+Array = NDArray[np.float64]
+GRAZING, PULLING = "grazing", "pulling"
+SYMMETRY_BREAKING, PERIOD_DOUBLING = "symmetry breaking", "period doubling"  # a multiplier of -1, of half a period and of a whole one
+PARAMETER_SHARE = 0.02  # of the parameter: a change that counts as much as a radian of an event's phase
 STEPS = Steps(first=0.005, least=1e-8, most=0.03)  # fine enough to be drawn
+COARSE = Steps(first=0.01, least=1e-8, most=0.1, points=1000)
+SEEDS = 24  # frequencies at which branches are begun
+BESIDE = 1e-3  # relative: how far from a fold a branch that no other frequency shows is begun
 NEAR = 0.01  # of phases in rad, scaled impulses, and the frequency in its share: a start this close to a known branch lies on it
 
 
-def orbit_branches(case: Case, low: float, high: float, seeds: int = SEEDS, progress: Progress | None = None) -> tuple[OrbitBranch, ...]:
-    """Return the branches between two frequencies in rad/s, none if the closed form has no orbit at any of ``seeds`` frequencies or beside its folds.
+@dataclass(frozen=True, eq=False)
+class OrbitBranch:
+    """A branch with the schedule of each of its points: ``schedules`` has one for each, ``located_schedules`` one for each place located.
 
-    What lies on a known branch is not followed again; Ctrl-C ends with what is known so far. Raises ParameterError for a bad range.
+    Points are solutions of the events' conditions; where friction would hold the absorber for a moment they only bridge the way, and `orbits` has the
+    orbits with a joined phase that shooting finds next to them.
+    """
+
+    case: Case
+    branch: Branch
+    schedules: tuple[EventSchedule, ...]
+    located_schedules: tuple[EventSchedule, ...]
+
+    def solution(self, k: int) -> Solution:
+        """Return the solution at point ``k``."""
+        return _solution(self.case, self.branch.parameter, self.schedules[k], self.branch.points[k], float(self.branch.parameters[k]))
+
+    def orbits(self) -> Iterator[Orbit | NoOrbit]:
+        """Yield each point's orbit, confirmed by the exact method, or why it is none."""
+        for k in range(len(self.schedules)):
+            yield held_orbit(motion_of(self.solution(k)))
+
+    def folds(self) -> tuple[Fold | NoOrbit, ...]:
+        """Return the folds located on the branch, finished by Newton's method."""
+        return tuple(fold_near(solution, self.branch.parameter) for solution in self._located(FOLD))
+
+    def of(self, kind: str) -> tuple[Motion, ...]:
+        """Return the motions at the places located of a kind, such as `GRAZING`."""
+        return tuple(motion_of(solution) for solution in self._located(kind))
+
+    def _located(self, kind: str) -> Iterator[Solution]:
+        for event, schedule in zip(self.branch.located, self.located_schedules, strict=True):
+            if event.kind == kind:
+                yield _solution(self.case, self.branch.parameter, schedule, event.point, event.parameter)
+
+
+def _solution(units: Case, parameter: str, schedule: EventSchedule, z: Array, value: float) -> Solution:
+    """Return the solution with unknowns (m,) in the units of a branch's own case, at a value of its parameter."""
+    case = units.changed(**{parameter: value})
+    n, scaled = len(schedule.events), np.array(z)
+    scaled[n : n + schedule.impacts] *= units.scale.impulse / case.scale.impulse
+    scaled[n + schedule.impacts :] *= units.scale.length / case.scale.length
+    return solution_of(case, schedule, scaled, 0.0)
+
+
+@dataclass(eq=False)
+class _Walk:
+    """What a continuation needs to know on its way: the schedule in use, and those of the points passed."""
+
+    case: Case
+    parameter: str
+    schedule: EventSchedule
+    passed: list[EventSchedule] = field(default_factory=list)
+    last: tuple[tuple[EventSchedule, float, bytes], Motion] | None = None
+    heading: Array | None = None  # of phases and impulses at impacts, and of the rest but the reversals, at the last orbit passed
+
+    def motion(self, z: Array, value: float) -> Motion:
+        """Return the motion at a point; monitors and `recentre` ask for the same one."""
+        key = (self.schedule, value, z.tobytes())
+        if self.last is None or self.last[0] != key:
+            self.last = (key, motion_of(_solution(self.case, self.parameter, self.schedule, z, value)))
+        return self.last[1]
+
+    def monitors(self) -> tuple[Monitor, ...]:
+        return (
+            Monitor(GRAZING, lambda z, value: self.motion(z, value).clearance / self.case.gap, ends=True),
+            Monitor(PULLING, lambda z, _value: self._weakest(z), ends=True),
+            Monitor(SYMMETRY_BREAKING if self.schedule.symmetric else PERIOD_DOUBLING, self._turning_back),
+        )
+
+    def _turning_back(self, z: Array, value: float) -> float:
+        """Return what is zero where a multiplier is -1: the product of all of them, each plus 1."""
+        matrix = self.motion(z, value).derivative
+        return float(np.linalg.det(matrix + np.eye(len(matrix))))
+
+    def _weakest(self, z: Array) -> float:
+        order, n = self.schedule.order, len(self.schedule.events)
+        return float(np.min(-order.wall[order.wall != 0] * z[n : n + self.schedule.impacts]))
+
+    def recentre(self, z: Array, value: float, along: Array) -> Chart | None:
+        """Return the unknowns of the order of events that the motion shows, if it is another one."""
+        self.passed.append(self.schedule)
+        if self.case.changed(**{self.parameter: value}).friction_limit == 0:
+            return None
+        motion, hits = self.motion(z, value), self.schedule.order.wall != 0
+        if self.heading is None or (consistent(motion) and not is_held(motion)):
+            self.heading = np.concatenate([along[: len(hits)][hits], along[len(hits) :]])
+        if consistent(motion) and not is_held(motion):
+            return None
+        found = mended(motion.solution.case, self.schedule, unknowns_of(motion.solution))
+        if isinstance(found, NoOrbit) or found.solution.schedule == self.schedule or found.solution.schedule.impacts != self.schedule.impacts:
+            return None
+        return self._chart(found.solution, float(z[0]))
+
+    def _chart(self, solution: Solution, first: float) -> Chart:
+        """Return the unknowns of a solution, the first event's phase counted on from ``first`` (rad); the way on is that at the last orbit passed.
+
+        Where two reversals meet the unknowns have a fold of their own, behind which the old tangent leads back.
+        """
+        new, direction = solution.schedule.order.wall != 0, np.zeros(solution.schedule.unknowns + 1)
+        assert self.heading is not None
+        direction[: len(new)][new] = self.heading[: int(np.sum(new))]
+        direction[len(new) :] = self.heading[int(np.sum(new)) :]
+        self.schedule = solution.schedule
+        conditions = Conditions(self.case, self.schedule, self.parameter)
+        z, m = unknowns_of(solution), self.schedule.impacts
+        whole = 2 * np.pi * self.schedule.period_multiple
+        z[: len(new)] += whole * round((first - float(z[0])) / whole)  # so that a closed branch is known again
+        z[len(new) : len(new) + m] *= solution.case.scale.impulse / self.case.scale.impulse
+        z[len(new) + m :] *= solution.case.scale.length / self.case.scale.length
+        return Chart(conditions, z, direction, 1.0, self.monitors())
+
+
+def _one_way(
+    solution: Solution, parameter: str, limits: tuple[float, float], direction: float, steps: Steps, progress: Progress | None
+) -> tuple[Branch, list[EventSchedule]]:
+    walk = _Walk(solution.case, parameter, solution.schedule)
+    value = getattr(solution.case, parameter)
+    problem = Problem(
+        Conditions(solution.case, solution.schedule, parameter),
+        parameter,
+        1.0,
+        PARAMETER_SHARE * (abs(value) if value != 0 else 1.0),
+        limits,
+        walk.monitors(),
+        walk.recentre,
+    )
+    branch = continuation(problem, unknowns_of(solution), value, direction, steps, progress)
+    # point k > 0 was found with the schedule that was in use before it was asked whether to change
+    passed = [solution.schedule, *walk.passed]
+    return branch, [*passed, *[walk.schedule] * (len(branch) - len(passed))][: len(branch)]
+
+
+def orbit_branch(
+    solution: Solution, parameter: str, limits: tuple[float, float], steps: Steps = COARSE, progress: Progress | None = None
+) -> OrbitBranch:
+    """Return the branch through a solution, to both sides, in a parameter of `PARAMETERS` (SI units) within ``limits``.
+
+    It ends at its limits, where the absorber grazes a wall or a wall would have to pull, or where it is back at its start; Ctrl-C ends it with what
+    is known so far. Folds are located on the way.
+    """
+    forward, schedules = _one_way(solution, parameter, limits, 1.0, steps, progress)
+    if forward.ended in (CLOSED, STOPPED):
+        return OrbitBranch(solution.case, forward, tuple(schedules), _located(forward.located, schedules))
+    backward, others = _one_way(solution, parameter, limits, -1.0, steps, progress)
+    located = (*reversed(_located(backward.located, others)), *_located(forward.located, schedules))
+    return OrbitBranch(solution.case, forward.joined(backward), (*others[:0:-1], *schedules), located)
+
+
+def _located(located: tuple[Located, ...], schedules: list[EventSchedule]) -> tuple[EventSchedule, ...]:
+    return tuple(schedules[min(event.after + 1, len(schedules) - 1)] for event in located)
+
+
+def orbit_branches(
+    case: Case, low: float, high: float, also: Iterable[float] = (), progress: Callable[[str, int, float], None] | None = None
+) -> Iterator[OrbitBranch]:
+    """Yield the branches of symmetric two-impact orbits between two frequencies in rad/s, from the closed form's orbits at frequencies between.
+
+    They are begun at `SEEDS` frequencies, beside the closed form's folds, and at frequencies given ``also``; what lies on a known branch is not
+    followed again. ``progress`` is told what is followed, points, and frequency. The last one has ended as `STOPPED` after Ctrl-C. Raises
+    ParameterError for a bad range.
     """
     require(0 < low < high, "frequency range", (low, high), "two frequencies in rad/s above 0, the lower one first")
-    found: list[OrbitBranch] = []
-    places: list[NDArray[np.float64]] = []
-    schedule = symmetric_schedule(case.friction_limit > 0)
-    first = float(case.model.omega[0])
+    known: list[Array] = []
+    schedule, first = symmetric_schedule(case.friction_limit > 0), float(case.model.omega[0])
     beside = [fold * (1 + side) for fold in closed_folds(case, low / first, high / first) for side in (-BESIDE, BESIDE)]
-    for omega in (*np.linspace(low, high, seeds + 2)[1:-1], *(omega for omega in beside if low < omega < high)):
+    for omega in (*np.linspace(low, high, SEEDS + 2)[1:-1], *(omega for omega in (*beside, *also) if low < omega < high)):
         at = case.changed(omega=float(omega))
         for start in closed_form(at):
             motion = mended(at, schedule, [start.phase]) if start.pushes else None
-            if motion is None or isinstance(motion, NoOrbit) or any(lies_on(known, motion.solution) for known in places):
+            if motion is None or isinstance(motion, NoOrbit) or any(lies_on(places, motion.solution) for places in known):
                 continue
-            number = len(found) + 1
-            show = None if progress is None else (lambda n, w, number=number: progress(f"orbits {number}", n, w))
-            found.append(orbit_branch(motion.solution, "omega", (low, high), STEPS, show))
-            places.append(places_of(found[-1]))
-            if found[-1].branch.ended == STOPPED:
-                return tuple(found)
-    return tuple(found)
+            show = None if progress is None else partial(progress, f"orbits {len(known) + 1}")
+            branch = orbit_branch(motion.solution, "omega", (low, high), STEPS, show)
+            known.append(places_of(branch))
+            yield branch
+            if branch.branch.ended == STOPPED:
+                return
 
 
-def place(solution: Solution) -> NDArray[np.float64]:
+def place(solution: Solution) -> Array:
     """Return phase, impulse and frequency of the first impact, (3,), in the units of the continuation."""
     z = unknowns_of(solution)
     return np.array([z[0], z[len(solution.schedule.events)], math.log(solution.case.omega) / PARAMETER_SHARE])
 
 
-def places_of(branch: OrbitBranch) -> NDArray[np.float64]:
+def places_of(branch: OrbitBranch) -> Array:
     """Return the place of each point of a branch, (m, 3)."""
     return np.array([place(branch.solution(k)) for k in range(len(branch.schedules))])
 
 
-def lies_on(places: NDArray[np.float64], solution: Solution) -> bool:
+def lies_on(places: Array, solution: Solution) -> bool:
     """Return whether a solution lies next to the polyline through the places (m, 3) of a branch's points."""
     return near(places, place(solution))
 
 
-def mirrors(places: NDArray[np.float64], solution: Solution) -> bool:
+def mirrors(places: Array, solution: Solution) -> bool:
     """Return whether a solution or its mirror image lies next to the polyline through places (m, 3), whichever impact it is counted from."""
     ratio = math.log(solution.case.omega) / PARAMETER_SHARE
     hits = solution.schedule.order.wall != 0
@@ -75,12 +240,12 @@ def mirrors(places: NDArray[np.float64], solution: Solution) -> bool:
     return any(near(places, np.array([p + k * np.pi, (-1.0) ** k * i, ratio])) for p, i in pairs for k in (0, 1))
 
 
-def near(places: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
+def near(places: Array, point: Array) -> bool:
     """Return whether a place (3,) lies next to the polyline through others (m, 3)."""
     return distance(places, point) <= NEAR
 
 
-def distance(places: NDArray[np.float64], point: NDArray[np.float64]) -> float:
+def distance(places: Array, point: Array) -> float:
     """Return how far a place (3,) lies from the polyline through others (m, 3); phases count to within whole turns. Infinite without a line."""
     points = places - point
     points[:, 0] = (points[:, 0] + np.pi) % (2 * np.pi) - np.pi

@@ -23,10 +23,9 @@ from impact_env.periodic.keeping import Keep, anew
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.offspring import descendants
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.orbit_branches import distance, orbit_branches, place, places_of
+from impact_env.periodic.orbit_branches import OrbitBranch, distance, orbit_branches, place, places_of
 from impact_env.periodic.response_curve import ResponseCurve, balance_curve, orbit_curve
-from impact_env.periodic.stationary import Stationary, StationaryRuns
-from impact_env.periodic.tracing import OrbitBranch
+from impact_env.periodic.stationary import StationaryPoint, StationaryRuns
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -72,7 +71,7 @@ class Overview:
     curves: tuple[ResponseCurve, ...]
     linear: LinearCurves
     sweeps: tuple[SweepEnvelope, ...]
-    stationary: tuple[Stationary, ...]
+    stationary: tuple[StationaryPoint, ...]
     complete: bool
 
     def to_plain(self) -> dict[str, Any]:
@@ -146,7 +145,7 @@ def exact_curves(
     if not isinstance(sliding(scene).walls, RigidWalls):
         return
     case, limits = case_of(scene, force, low * reference), (low * reference, high * reference)
-    branches = orbit_branches(case, *limits, progress=progress)
+    branches = tuple(orbit_branches(case, *limits, progress=progress))
     first = float(case.model.omega[0])
     stopped = any(branch.branch.ended == STOPPED for branch in branches)
     located = [] if stopped else _by_branch(branches, folds(case, limits[0] / first, limits[1] / first, branches))
@@ -195,59 +194,6 @@ class Asked:
     runs: StationaryRuns | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class _Work:
-    """The pieces that are asked for, one after the other; arguments as in `overview`."""
-
-    scene: Scene
-    force: float
-    reference: float
-    low: float
-    high: float
-    asked: Asked
-    progress: Progress | None
-    keep: Keep
-
-    def curves(self) -> Iterator[ResponseCurve]:
-        """Yield the curves of exact orbits, then those of harmonic balance."""
-        asked, at = self.asked, (self.reference, self.low, self.high)
-        if asked.exact:
-            name: dict[str, Any] = {"piece": "exact", "range": [self.low, self.high], "pairs": asked.pairs}
-            exact = partial(exact_curves, self.scene, self.force, *at, asked.pairs, self.progress)
-            yield from self.keep(name, exact, ResponseCurve.from_plain)
-        if asked.balance is not None:
-            linear, law = asked.balance.linear, repr(asked.balance.law)
-            name = {"piece": "balance", "range": [self.low, self.high], "harmonics": linear.harmonics, "law": law}
-            name["damper"] = getattr(linear, "grounded_damper", None)
-            yield from self.keep(name, partial(balance_curves, asked.balance, *at, self.progress), ResponseCurve.from_plain)
-
-    def sweeps(self) -> Iterator[SweepEnvelope]:
-        """Yield the envelope of each sweep."""
-        given = self.asked.percent_per_100_periods
-        rate = _rate(self.scene, self.reference) if given is None else given
-        for start, stop in self.asked.sweeps:
-            name = {"piece": "sweep", "from": start, "to": stop, "rate": rate}
-            yield from self.keep(name, partial(self._swept, start, stop, rate), SweepEnvelope.from_plain)
-
-    def stationary(self) -> Iterator[Stationary]:
-        """Yield the stationary responses at each ratio."""
-        runs = self.asked.runs
-        for ratio in () if runs is None else runs.ratios(self.low, self.high):
-            assert runs is not None
-            name = {"piece": "stationary", "at": ratio, **runs.settings}
-            yield from self.keep(name, partial(self._settled, runs, ratio), Stationary.from_plain)
-
-    def _swept(self, start: float, stop: float, rate: float) -> Iterator[SweepEnvelope]:
-        if self.progress is not None:
-            self.progress(f"sweep {start:g} to {stop:g}", 0, start * self.reference)
-        yield sweep_envelope(self.scene, self.force, self.reference, start, stop, rate)
-
-    def _settled(self, runs: StationaryRuns, ratio: float) -> Iterator[Stationary]:
-        if self.progress is not None:
-            self.progress(f"{runs.members} runs", 0, ratio * self.reference)
-        yield runs.at(self.scene, self.force, self.reference, ratio)
-
-
 def overview(
     scene: Scene,
     force: float,
@@ -265,14 +211,42 @@ def overview(
     finite("force", force)
     require(0 < low < high, "frequency range", (low, high), "two ratios of the resonance frequency above 0, the lower one first")
     curves: list[ResponseCurve] = []
-    envelopes: list[SweepEnvelope] = []
-    stationary: list[Stationary] = []
-    linear, complete = linear_curves(scene, force, reference, low, high), True
-    work = _Work(scene, force, reference, low, high, asked, progress, keep)
+    sweeps: list[SweepEnvelope] = []
+    stationary: list[StationaryPoint] = []
+    linear, complete, ends = linear_curves(scene, force, reference, low, high), True, {"range": [low, high]}
+
+    def swept(start: float, stop: float, rate: float) -> Iterator[SweepEnvelope]:
+        if progress is not None:
+            progress(f"sweep {start:g} to {stop:g}", 0, start * reference)
+        yield sweep_envelope(scene, force, reference, start, stop, rate)
+
+    def settled(runs: StationaryRuns, ratio: float) -> Iterator[StationaryPoint]:
+        if progress is not None:
+            progress(f"{runs.members} runs", 0, ratio * reference)
+        yield runs.at(scene, force, reference, ratio)
+
     try:
-        curves.extend(work.curves())
-        envelopes.extend(work.sweeps())
-        stationary.extend(work.stationary())
+        if asked.exact:
+            exact = partial(exact_curves, scene, force, reference, low, high, asked.pairs, progress)
+            curves.extend(keep({"piece": "exact", **ends, "pairs": asked.pairs}, exact, ResponseCurve.from_plain))
+        if asked.balance is not None:
+            linear_part, law = asked.balance.linear, repr(asked.balance.law)
+            name = {
+                "piece": "balance",
+                **ends,
+                "harmonics": linear_part.harmonics,
+                "law": law,
+                "damper": getattr(linear_part, "grounded_damper", None),
+            }
+            curves.extend(keep(name, partial(balance_curves, asked.balance, reference, low, high, progress), ResponseCurve.from_plain))
+        rate = _rate(scene, reference) if asked.percent_per_100_periods is None else asked.percent_per_100_periods
+        for start, stop in asked.sweeps:
+            name = {"piece": "sweep", "from": start, "to": stop, "rate": rate}
+            sweeps.extend(keep(name, partial(swept, start, stop, rate), SweepEnvelope.from_plain))
+        if asked.runs is not None:
+            for ratio in asked.runs.ratios(low, high):
+                name = {"piece": "stationary", "at": ratio, **asked.runs.settings}
+                stationary.extend(keep(name, partial(settled, asked.runs, ratio), StationaryPoint.from_plain))
     except KeyboardInterrupt:
         complete = False
-    return Overview(scene, force, reference, tuple(curves), linear, tuple(envelopes), tuple(stationary), complete)
+    return Overview(scene, force, reference, tuple(curves), linear, tuple(sweeps), tuple(stationary), complete)

@@ -1,9 +1,11 @@
-"""Pieces of motion between two events, in closed form: the free or sliding regime and the joined one, by their eigenvalues."""
+"""Pieces of motion between two events in closed form, the free or sliding regime and the joined one; and where friction turns within a flight."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 GRID = 0.15  # rad of the fastest exponential from sample to sample
 CHUNK = 256  # samples looked at together
+ITERATIONS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,42 +161,53 @@ class Piece:
         values[0] += self._level
         return np.asarray(values)
 
-    def moved(self, dt: float) -> float:
-        """Return by how much the relative displacement of a free piece has changed after a short ``dt`` (s), with all its digits."""
-        omega = self.flow.case.omega
-        wave = self.flow.watched * np.exp(1j * self.phase) * np.expm1(1j * omega * dt)
-        return float(np.real(self._loaded[0] @ np.expm1(self.flow.modes.values * dt)) + wave.real) + dt * (
-            self.velocity + 0.5 * dt * self.acceleration
-        )
-
-    def joint_force(self, dt: float) -> tuple[float, float]:
-        """Return force (N) on a joined absorber and its rate (N/s) at ``dt`` (s)."""
-        mass, turn = self.flow.case.structure.mass, 1j * self.flow.case.omega
-        wave = self.flow.watched * np.exp(1j * (self.phase + self.flow.case.omega * dt)) * turn**2
-        e = np.exp(self.flow.modes.values * dt)
-        return mass * float(np.real(self._loaded[2] @ e) + wave.real), mass * float(np.real(self._loaded[3] @ e) + (wave * turn).real)
+    @property
+    def joint_force(self) -> float:
+        """Force (N) on a joined absorber at the piece's start."""
+        wave = self.flow.watched * np.exp(1j * self.phase) * (1j * self.flow.case.omega) ** 2
+        return self.flow.case.structure.mass * float(np.real(np.sum(self._loaded[2])) + wave.real)
 
     def samples(self, start: float) -> tuple[Array, Array]:
-        """Return times (CHUNK + 1,) in s from ``start`` on, and there (3, CHUNK + 1) relative displacement, velocity and acceleration.
-
-        Of a joined piece the joint force takes the place of all three.
-        """
+        """Return times (CHUNK + 1,) in s from ``start`` on, and relative velocity and acceleration (2, CHUNK + 1) of a free piece there."""
         flow, turn = self.flow, 1j * self.flow.case.omega
         dts: Array = np.asarray(start + flow.step * np.arange(CHUNK + 1), dtype=np.float64)
         wave = flow.watched * np.exp(1j * (self.phase + flow.case.omega * dts))
-        loaded = self._loaded[:3] * np.exp(flow.modes.values * start)
-        if flow.joined:
-            return dts, (flow.case.structure.mass * np.real(flow.grid @ loaded[2] + wave * turn**2))[None]
-        values = np.real(flow.grid @ loaded.T + wave[:, None] * turn ** np.arange(3)).T
-        values[0] += self._level + self.place + dts * (self.velocity + 0.5 * dts * self.acceleration)
-        values[1] += self.velocity + dts * self.acceleration
-        values[2] += self.acceleration
+        loaded = self._loaded[1:3] * np.exp(flow.modes.values * start)
+        values = np.real(flow.grid @ loaded.T + wave[:, None] * turn ** np.arange(1, 3)).T
+        values[0] += self.velocity + dts * self.acceleration
+        values[1] += self.acceleration
         return dts, np.asarray(values)
 
-    @cached_property
-    def size(self) -> float:
-        """Sum of the sizes of what the relative displacement is made of, in m: its rounding is in proportion."""
-        return float(np.sum(np.abs(self._loaded[0])) + abs(self.flow.watched) + abs(self._level) + abs(self.place))
+    def turn(self, length: float) -> float | None:
+        """Return when (s) the relative velocity of a free piece first leaves the piece's sign within a ``length`` (s), None if it does not.
+
+        It is sampled; between two samples it may also dip below zero and come back, where its derivative turns.
+        """
+        start = 0.0
+        while start < length:
+            dts, values = self.samples(start)
+            dts = np.append(dts[dts < length], length) if dts[-1] >= length else dts
+            speed, rise = self.sign * values[:, : len(dts)]
+            speed[-1], rise[-1] = self.sign * self.relative(float(dts[-1]))[1:3]
+            near = (rise[:-1] < 0) & (rise[1:] > 0) & (np.minimum(speed[:-1], speed[1:]) < 0.5 * self.flow.step * np.maximum(-rise[:-1], rise[1:]))
+            for k in np.flatnonzero((speed[1:] < 0) | near):
+                found = self._turn_between(float(dts[k]), float(dts[k + 1]), (rise[k], rise[k + 1]))
+                if found is not None:
+                    return found
+            start = float(dts[-1])
+        return None
+
+    def _turn_between(self, low: float, high: float, rise: tuple[float, float]) -> float | None:
+        """Return the first turn between two times (s), where the relative acceleration along the sign is ``rise``; it has one zero at most there."""
+        places = [low, high]
+        if rise[0] * rise[1] < 0:
+            places.insert(1, root(lambda dt: (self.relative(dt)[2], self.relative(dt)[3]), low, high))
+        for one, other in pairwise(places):  # the relative velocity is monotonous between
+            if self.sign * self.relative(other)[1] < 0:
+                if one > 0 or self.sign * self.relative(one)[1] > 0:
+                    return root(lambda dt: (self.relative(dt)[1], self.relative(dt)[2]), one, other)
+                return one
+        return None
 
 
 def piece_of(flow: Flow, time: float, phase: float, state: Array, sign: int, wall: int = 0, rested: bool = False) -> Piece:
@@ -204,3 +218,23 @@ def piece_of(flow: Flow, time: float, phase: float, state: Array, sign: int, wal
     free = modes.into @ state - flow.forced(phase) + modes.relative * force / modes.values
     place = float(state[n] - case.model.tip_shape @ state[:n]) if flow.joined else float(state[n])
     return Piece(flow, time, phase, force, free, place, 0.0 if flow.joined else float(state[-1]), sign, wall, rested)
+
+
+def root(f: Callable[[float], tuple[float, float]], low: float, high: float) -> float:
+    """Return where a function, given with its derivative, is zero between two places at which its signs differ: Newton's method, else halving."""
+    at_low, x = f(low)[0], 0.5 * (low + high)
+    for _ in range(ITERATIONS):
+        value, slope = f(x)
+        if value == 0.0:
+            return x
+        if (value > 0) == (at_low > 0):
+            low = x
+        else:
+            high = x
+        new = x - value / slope if slope != 0.0 else low
+        if not low < new < high:
+            new = 0.5 * (low + high)
+        if abs(new - x) <= 1e-16 * abs(new) or new in (low, high):
+            return new
+        x = new
+    return x

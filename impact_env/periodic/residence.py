@@ -1,4 +1,4 @@
-"""How long a regime of impacts lasts at a constant frequency: stays, their survival, and the rate at which runs leave it."""
+"""How long a regime of impacts lasts at a constant frequency: runs that come to it, their stays, and the rate at which they leave."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
+from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, Progress, each_lane
 from impact_env.parameters import non_negative, positive, require
-from impact_env.periodic.approach import Approach, hold
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -21,6 +21,55 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 LEVEL = 0.95
 SILENCE = 100.0  # pseudo periods without impact that end a stay: docs/regimes.md compares it with the longest pauses after which impacts came back
+
+
+@dataclass(frozen=True)
+class Approach:
+    """From rest ``periods`` at ``ratio``, where runs come into impact by themselves, then ``ramp`` to the frequency wanted.
+
+    The ratio is of the ``reference`` (rad/s), times are in pseudo periods of it. A ``ratio`` of None: from rest at the frequency wanted, at once.
+    """
+
+    reference: float
+    ratio: float | None = None
+    periods: float = 200.0
+    ramp: float = 50.0
+
+    def __post_init__(self) -> None:
+        positive("reference frequency", self.reference)
+        if self.ratio is not None:
+            non_negative("approach ratio", self.ratio)
+        positive("approach periods", self.periods)
+        positive("approach ramp", self.ramp)
+
+    @property
+    def lead(self) -> float:
+        """Pseudo periods before the frequency wanted is reached."""
+        return 0.0 if self.ratio is None else self.periods + self.ramp
+
+    def to(self, *points: tuple[float, float]) -> FrequencySchedule:
+        """Return the schedule through ``points``, pairs of a time in pseudo periods and the ratio at its end; the first begins after the lead.
+
+        The first point's ratio is also where the approach ends.
+        """
+        first = points[0][1]
+        before = [] if self.ratio is None else [(self.periods, self.ratio), (self.ramp, first)]
+        start = first if self.ratio is None else self.ratio
+        spans, ratios = zip(*before, *points, strict=True)
+        times = np.concatenate([[0.0], np.cumsum(spans)]) * 2 * np.pi / self.reference
+        return FrequencySchedule(times, np.array([start, *ratios]) * self.reference, self.reference)
+
+
+def hold(approach: Approach, force: float, ratio: float, periods: float, phase: float = 0.0) -> Drive:
+    """Return the drive that stays at ``ratio`` for a number of pseudo ``periods`` once it is there; force in N, initial phase in rad."""
+    return Drive(force, approach.to((positive("periods", periods), ratio)), phase)
+
+
+def passage(approach: Approach, force: float, start: float, stop: float, periods_per_percent: float, phase: float = 0.0) -> Drive:
+    """Return the drive that sweeps from one ratio to another at a constant rate, in pseudo periods for each percent of the reference frequency."""
+    span = abs(stop - start) * 100 * positive("periods_per_percent", periods_per_percent)
+    settle = approach.ramp  # at the start, so that the sweep begins as stays do
+    return Drive(force, approach.to((settle, start), (positive("sweep", span), stop)), phase)
 
 
 @dataclass(frozen=True)
@@ -170,10 +219,3 @@ def exit_rate(observed: Stays, burn_in: float = 0.0, level: float = LEVEL) -> Ex
     tail = (1 - level) / 2
     low = 0.0 if exits == 0 else float(scipy.stats.gamma.ppf(tail, exits)) / exposure
     return ExitRate(exits, exposure, exits / exposure, low, float(scipy.stats.gamma.ppf(1 - tail, exits + 1)) / exposure)
-
-
-def survival(observed: Stays) -> tuple[Array, Array]:
-    """Return the product-limit estimate: times (pseudo periods), and the share of stays that last longer (E. L. Kaplan, P. Meier, 1958)."""
-    data = scipy.stats.CensoredData.right_censored(observed.durations, ~observed.ended)
-    found = scipy.stats.ecdf(data).sf
-    return np.asarray(found.quantiles), np.asarray(found.probabilities)

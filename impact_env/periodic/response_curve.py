@@ -16,7 +16,7 @@ from impact_env.periodic.harmonic_balance import OMEGA, Balance
 from impact_env.periodic.locating import FOLD
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.orbit import confirmed
-from impact_env.periodic.tracing import OrbitBranch
+from impact_env.periodic.orbit_branches import OrbitBranch
 
 Real = NDArray[np.float64]
 EXACT, HARMONIC_BALANCE = "exact orbits", "harmonic balance"

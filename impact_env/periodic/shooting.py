@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 from impact_env.parameters import ParameterError, count, finite, require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit, Solution
+from impact_env.periodic.motion import ShotMotion
 from impact_env.periodic.passage import Passage, PassageError, passage
-from impact_env.periodic.pieces import flows_of, piece_of
-from impact_env.periodic.saltation import Mechanics
-from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
-from impact_env.periodic.shot_motion import ShotMotion, rotated
+from impact_env.periodic.schedule import Event, EventSchedule, flying_schedule
 
 Array = NDArray[np.float64]
 STEPS = 30
@@ -111,44 +109,10 @@ def shot(case: Case, found: Passage, symmetric: bool, period_multiple: int, erro
     return ShotMotion(solution, found)
 
 
-def section_of(case: Case, schedule: EventSchedule, phases: Array) -> tuple[float, Array]:
-    """Return phase (rad) and state (2 N_m + 2,) in the middle of the longest flight of a schedule whose events are at ``phases`` (n,).
-
-    With the events' times given all jumps and flights are affine, so the state that comes back follows in the least squares, together with the
-    walls' places at the impacts. Raises ParameterError if the absorber never flies.
-    """
-    n, turn = len(schedule.events), schedule.turn
-    ends = np.append(phases[1:], phases[0] + turn)
-    lengths = np.where([event.regime is Regime.JOINED for event in schedule.events], 0.0, ends - phases)
-    require(bool(np.max(lengths) > 0), "schedule", str(schedule), "one with a flight in it")
-    k, mechanics = int(np.argmax(lengths)), Mechanics(case)
-    start = float(0.5 * (phases[k] + ends[k]))
-    sign = -1.0 if schedule.symmetric else 1.0
-    size = 2 * case.model.modes + 2
-    matrix, rest, here, unit = np.eye(size), np.zeros(size), start, units_of(case)
-    rows, levels = [], []
-    following = [(j, 1.0) for j in range(k + 1, n)] + [(j, sign) for j in range(k + 1)]
-    event, side = schedule.events[k], 1.0
-    for j, mirror in [*following, (-1, 1.0)]:
-        there = start + turn if j < 0 else float(phases[j]) + (turn if j <= k else 0.0)
-        matrix, rest = _flown(case, event.regime is Regime.JOINED, int(side * event.sign), here, there, matrix, rest)
-        if j < 0:
-            break
-        event, side, here = schedule.events[j], mirror, there
-        joins = event.regime is Regime.JOINED
-        if event.is_impact:
-            rows.append(mechanics.distance @ matrix)
-            levels.append(mirror * event.wall * case.gap - mechanics.distance @ rest)
-        if event.is_impact or joins:
-            jump = np.eye(size) - (1 + (0.0 if joins else case.restitution)) / case.structure.compliance * np.outer(mechanics.push, mechanics.speed)
-            matrix, rest = jump @ matrix, jump @ rest
-    back = (sign * matrix - np.eye(size)) / unit[:, None]
-    left = np.vstack([back, *(np.array([row]) / case.gap for row in rows)]) * unit
-    right = np.concatenate([-sign * rest / unit, np.array(levels) / case.gap])
-    return start, unit * np.linalg.lstsq(left, right, rcond=NEUTRAL)[0]
-
-
-def _flown(case: Case, joined: bool, sign: int, here: float, there: float, matrix: Array, rest: Array) -> tuple[Array, Array]:
-    """Return the affine map (matrix, rest) after a flight from one phase (rad) to another."""
-    flow, dt = flows_of(case)[joined], (there - here) / case.omega
-    return flow.derivative(dt) @ matrix, piece_of(flow, 0.0, here, rest, sign).state(dt)
+def rotated(events: list[Event], phases: Array, impulses: Array, turn: float, symmetric: bool) -> tuple[tuple[Event, ...], Array, Array]:
+    """Return events, phases (n,) in rad and impulses (n,) in N s counted from the first impact on, as they are where there is none."""
+    first = next((k for k, event in enumerate(events) if event.is_impact), 0)
+    side = -1.0 if symmetric else 1.0
+    turned = [event.mirrored if symmetric else event for event in events[:first]]
+    impulses = np.concatenate([impulses[first:], side * impulses[:first]])
+    return (*events[first:], *turned), np.concatenate([phases[first:], phases[:first] + turn]), impulses

@@ -8,11 +8,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.periodic.monodromy import monodromy
-from impact_env.periodic.motion import Motion
-from impact_env.periodic.shot_motion import ShotMotion
+from impact_env.periodic.motion import AnyMotion
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 TINY = np.finfo(float).tiny
 
@@ -22,14 +19,12 @@ class Stability:
     """``multipliers`` (2 N_m + 2,) over the schedule's span, the largest first; ``half``: that is half a period, with the mirror image taken.
 
     Half-period multipliers of a symmetric orbit: +1 is a fold, -1 breaks the symmetry. ``slow``: the places (2,) of the pair whose disturbances
-    lie most in the resonant mode and die out as slowly as that mode's own vibration; all others are fast. ``matrix``: the map's
-    derivative, from just after the first event on, or from the section of an orbit found by shooting.
+    lie most in the resonant mode and die out as slowly as that mode's own vibration; all others are fast.
     """
 
     multipliers: Complex
     half: bool
     slow: NDArray[np.int64]
-    matrix: Array
 
     @property
     def stable(self) -> bool:
@@ -57,37 +52,15 @@ class Stability:
         return np.asarray(self.multipliers**2 if self.half else self.multipliers)
 
 
-def derivative_of(motion: Motion) -> tuple[Array, Array]:
-    """Return the derivative (2 N_m + 2,)^2 of the map over the schedule's span, and (n,) how each event turns the absorber.
-
-    The second is the relative acceleration before a reversal over the change that friction brings: -1 or below where the absorber slides on the other
-    way, in between friction would hold it, above 0 it never got there. It is -inf at impacts.
-    """
-    solution = motion.solution
-    case, order = solution.case, solution.schedule.order
-    size = 2 * case.model.modes + 2
-    before = np.append(order.mirror * order.sign[-1], order.sign[:-1])
-    jumps = case.friction_limit * (before - order.sign)
-    matrix, turning = np.empty((size, size)), np.empty(len(jumps))
-    monodromy(case.structure, case.point, order, motion.flights, solution.impulses, jumps, matrix, turning)
-    return matrix, turning
-
-
-def shot_stability(motion: ShotMotion) -> Stability:
-    """Return the stability of a motion found by shooting: its passage has carried the derivative along."""
-    mirror = -1.0 if motion.solution.schedule.symmetric else 1.0
-    return stability_of(motion, mirror * motion.passage.derivative)
-
-
-def stability_of(motion: Motion | ShotMotion, matrix: Array) -> Stability:
-    """Return the stability of a motion from its map's derivative."""
-    values, vectors = np.linalg.eig(matrix)
+def stability_of(motion: AnyMotion) -> Stability:
+    """Return the stability of a motion, from its map's derivative."""
+    values, vectors = np.linalg.eig(motion.derivative)
     rank = np.argsort(-np.abs(values), kind="stable")
     values, vectors = values[rank].astype(complex), vectors[:, rank]
-    return Stability(values, motion.solution.schedule.symmetric, _slow_pair(motion, values, vectors), matrix)
+    return Stability(values, motion.solution.schedule.symmetric, _slow_pair(motion, values, vectors))
 
 
-def _slow_pair(motion: Motion | ShotMotion, values: Complex, vectors: Complex) -> NDArray[np.int64]:
+def _slow_pair(motion: AnyMotion, values: Complex, vectors: Complex) -> NDArray[np.int64]:
     """Return the places of the pair that lives like the beam's vibration in the mode nearest to the force's frequency.
 
     Its disturbances lie in that mode (share of energy), and decay as the mode alone would over the span. A pair is a complex multiplier and its

@@ -1,24 +1,273 @@
-"""Stationary responses over the frequency: quantiles of the largest displacement in a period, over many runs at each frequency."""
+"""Stationary responses at constant frequencies, many runs each: their kinds, energies, and the envelope of the frequency response.
+
+The kinds are no impacts, periodic, sustained impacts, strongly modulated (paper, sections 3.1 and 3.2).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.ensemble import Executor, draw_members
-from impact_env.parameters import count, non_negative, positive
-from impact_env.periodic.approach import Approach
-from impact_env.periodic.envelope import QUANTILES, envelope, stationary_members
+from impact_env.drive import Drive, constant_frequency
+from impact_env.energy import EnergyAccount, mechanical_energy
+from impact_env.ensemble import Executor, Lane, Progress, draw_members, each_lane
+from impact_env.parameters import count, fraction, non_negative, positive, require
+from impact_env.periodic.case import start_from
+from impact_env.periodic.residence import Approach, finished, hold
+from impact_env.response import History, Record, Response
 from impact_env.scene import Scene
+from impact_env.sweep import simulate
 
+Array = NDArray[np.float64]
+QUANTILES = (0.05, 0.5, 0.95)
+SAMPLES = 32  # per period of the force
 Real = NDArray[np.float64]
+
+
+class Kind(StrEnum):
+    """Kinds of stationary response."""
+
+    LINEAR = "linear"  # no impacts; friction may still slide
+    PERIODIC = "periodic"
+    SUSTAINED = "sustained"  # impacts go on without pause, almost periodic or chaotic
+    MODULATED = "strongly modulated"  # impacts and pauses take turns
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """What tells the kinds apart.
+
+    ``tolerance``: a motion is periodic if its states at one phase of the force come again, after up to ``most_multiple`` periods, to within this
+    share of the largest tip displacement, throughout the window. ``pause``: periods of the force without impact that make a pause, and ``depth``: the
+    least modulation depth of a strongly modulated response, which has both.
+    """
+
+    tolerance: float = 1e-4
+    most_multiple: int = 12
+    pause: float = 1.0
+    depth: float = 0.5
+
+    def __post_init__(self) -> None:
+        positive("tolerance", self.tolerance)
+        count("most_multiple", self.most_multiple, 1)
+        positive("pause", self.pause)
+        fraction("depth", self.depth)
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """A stretch of M whole periods of the force: all that a response is judged by.
+
+    ``states`` (M + 1, d): states at one phase of the force, each as a displacement of the tip or of the absorber against it in m (velocities
+    over the force's circular frequency). ``impacts`` (K,): times of impacts in periods of the force from the window's start. ``peaks`` (M,): largest
+    |q_tip| of each period in m.
+    """
+
+    states: Array
+    impacts: Array
+    peaks: Array
+
+    def __post_init__(self) -> None:
+        periods = len(self.peaks)
+        require(periods >= 2 and self.peaks.ndim == 1, "peaks", np.shape(self.peaks), "a row of two periods or more")
+        ok = self.states.ndim == 2 and len(self.states) == periods + 1
+        require(ok, "states", np.shape(self.states), f"{periods + 1} rows, one more than periods")
+        ok = self.impacts.ndim == 1 and bool(np.all(np.diff(self.impacts) >= 0))
+        require(ok, "impacts", self.impacts, "times in periods of the force that do not fall")
+
+    @property
+    def periods(self) -> int:
+        """Number of periods of the force."""
+        return len(self.peaks)
+
+    @property
+    def unit(self) -> float:
+        """Largest |q_tip| in m."""
+        return float(np.max(self.peaks))
+
+
+@dataclass(frozen=True)
+class Classified:
+    """A window's kind, and what it was judged by.
+
+    ``multiple``: periods of the force after which the motion comes again, None unless it does; ``miss``: how close it comes to itself at the
+    best of all multiples, of the largest tip displacement; ``impacts_per_period`` of the force; ``depth``: modulation depth; ``longest_pause``
+    in periods of the force.
+    """
+
+    kind: Kind
+    multiple: int | None
+    miss: float
+    impacts_per_period: float
+    depth: float
+    longest_pause: float
+
+
+def modulation_depth(peaks: Array) -> float:
+    """Return (largest - least) / (largest + least) of the peaks (M,) of a response's periods; 0 where nothing moves."""
+    high, low = float(np.max(peaks)), float(np.min(peaks))
+    return (high - low) / (high + low) if high > 0 else 0.0
+
+
+def longest_pause(impacts: Array, periods: float) -> float:
+    """Return the longest time without impact in a window, its ends included; times in periods of the force."""
+    return float(np.max(np.diff(np.concatenate([[0.0], impacts, [float(periods)]]))))
+
+
+def misses(window: Window, most_multiple: int) -> Array:
+    """Return for each multiple 1, 2, ... the largest distance of two states that many periods apart, of the largest tip displacement.
+
+    At most half of the window's periods are compared so.
+    """
+    most, unit = min(most_multiple, window.periods // 2), window.unit
+    states = window.states
+    return np.array([float(np.max(np.abs(states[k:] - states[:-k]))) / unit if unit > 0 else 0.0 for k in range(1, most + 1)])
+
+
+def classify(window: Window, criteria: Criteria | None = None) -> Classified:
+    """Return a window's kind.
+
+    Without impact it is linear. It is periodic if it comes again; else strongly modulated if it has pauses and is deeply modulated, or sustained.
+    """
+    criteria = Criteria() if criteria is None else criteria
+    distances = misses(window, criteria.most_multiple)
+    close = np.flatnonzero(distances <= criteria.tolerance)
+    multiple = int(close[0]) + 1 if len(close) else None
+    depth, pause = modulation_depth(window.peaks), longest_pause(window.impacts, window.periods)
+    if len(window.impacts) == 0:
+        kind = Kind.LINEAR
+    elif multiple is not None:
+        kind = Kind.PERIODIC
+    else:
+        kind = Kind.MODULATED if pause >= criteria.pause and depth >= criteria.depth else Kind.SUSTAINED
+    return Classified(kind, multiple, float(np.min(distances)), len(window.impacts) / window.periods, depth, pause)
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Where a stationary response has its energy, and where its work goes.
+
+    ``absorber_mean`` and ``absorber_most``: the absorber's share of the mechanical energy. ``modal``, ``impact``, ``friction``, ``damper``: shares of
+    all losses in the window (0 where nothing is lost).
+    """
+
+    absorber_mean: float
+    absorber_most: float
+    modal: float
+    impact: float
+    friction: float
+    damper: float
 
 
 @dataclass(frozen=True, eq=False)
 class Stationary:
+    """One member's response: what it is classified as, its energies, and the largest |q_tip| in m of each period of the force, (M,)."""
+
+    found: Classified
+    energies: Energies
+    peaks: Array
+
+
+def window_of(scene: Scene, response: Response, omega: float) -> Window:
+    """Return the window of a run of whole periods of the force at ``omega`` (rad/s), recorded with events and series.
+
+    Its samples lie a whole fraction of the force's period apart.
+    """
+    history, impacts = response.history, response.impacts
+    assert history is not None
+    assert impacts is not None
+    period = 2 * np.pi / omega
+    periods = round(float(response.drive.schedule.times[-1]) / period)
+    each = (len(history.time) - 1) // periods
+    peaks = np.max(np.abs(history.tip_displacement[: periods * each]).reshape(periods, each), axis=1)
+    return Window(_states(scene, history, omega)[::each][: periods + 1], impacts.time / period, peaks)
+
+
+def _states(scene: Scene, history: History, omega: float) -> Array:
+    """Return the samples as displacements in m, (S, 2 N_m + 2): each mode's share of the tip's, and the absorber's against the tip."""
+    shape = np.where(scene.model.tip_shape == 0, 1.0, scene.model.tip_shape)
+    relative = history.absorber_displacement - history.tip_displacement
+    return np.column_stack(
+        [
+            history.modal_displacement * shape,
+            relative,
+            history.modal_velocity * shape / omega,
+            (history.absorber_velocity - history.tip_velocity) / omega,
+        ]
+    )
+
+
+def _energies(scene: Scene, history: History, account: EnergyAccount) -> Energies:
+    share = mechanical_energy(scene, history).absorber_share
+    losses = np.array([float(np.sum(account.modal_loss)), account.impact_loss, account.friction_loss, account.absorber_damping])
+    total = float(np.sum(losses))
+    modal, impact, friction, damper = (losses / total if total > 0 else np.zeros(4)).tolist()
+    return Energies(float(np.mean(share)), float(np.max(share)), modal, impact, friction, damper)
+
+
+def stationary(scene: Scene, settled: Drive, periods: int, criteria: Criteria | None = None) -> Stationary:
+    """Return the response over ``periods`` of the force after the run ``settled``, at the frequency that it ended with.
+
+    An elastic slider begins the window without force. Raises as `simulate` does, and ParameterError for fewer than two periods.
+    """
+    count("window periods", periods, 2)
+    omega = positive("settled frequency", float(settled.schedule.omegas[-1]))
+    end = simulate(scene, settled, record=Record(events=True)).end_state
+    phase = settled.phase + float(settled.schedule.phase_at(float(settled.schedule.times[-1])))
+    drive = Drive(settled.amplitude, constant_frequency(omega, 1.0, periods), phase)
+    record = Record(level=False, events=True, series=True, energy=True, samples_per_period=SAMPLES)
+    response = simulate(scene, drive, initial=start_from(scene, end), record=record)
+    assert response.history is not None
+    assert response.energy is not None
+    window = window_of(scene, response, omega)
+    return Stationary(classify(window, criteria), _energies(scene, response.history, response.energy), window.peaks)
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """What is measured of a lane: its stationary response. Plain data, so that other processes can do it."""
+
+    periods: int
+    criteria: Criteria | None
+
+    def __call__(self, lane: Lane) -> Stationary:
+        return stationary(lane.scene, lane.drive, self.periods, self.criteria)
+
+
+def stationary_members(
+    scene: Scene,
+    force: float,
+    approach: Approach,
+    ratio: float,
+    settle: float,
+    periods: int,
+    phases: Sequence[float],
+    criteria: Criteria | None = None,
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+) -> list[Stationary]:
+    """Return the stationary responses at one frequency ratio, one for each initial phase (rad) of the force (N).
+
+    ``settle`` pseudo periods at the ratio come before the window of ``periods`` of the force. Interruption and errors as in `residence.stays`.
+    """
+    lanes = [Lane(scene, hold(approach, force, ratio, settle, phase)) for phase in phases]
+    return finished(each_lane(lanes, _Settled(periods, criteria), threads=threads, progress=progress, executor=executor))
+
+
+def envelope(members: Sequence[Stationary], quantiles: Sequence[float] = QUANTILES) -> Array:
+    """Return quantiles over all members and periods of the largest |q_tip| in a period, (Q,) in m."""
+    return np.quantile(np.concatenate([member.peaks for member in members]), quantiles)
+
+
+@dataclass(frozen=True, eq=False)
+class StationaryPoint:
     """The response at one frequency ratio: ``tip_max`` (Q,) in m, the quantiles `QUANTILES` over all members and periods of the force.
 
     They are of the tip's largest displacement in a period; ``impacts``: mean number in a period.
@@ -33,9 +282,9 @@ class Stationary:
         return {"omega_ratio": self.omega_ratio, "quantiles": list(QUANTILES), "tip_max_m": self.tip_max.tolist(), "impacts_per_period": self.impacts}
 
     @staticmethod
-    def from_plain(plain: dict[str, Any]) -> Stationary:
+    def from_plain(plain: dict[str, Any]) -> StationaryPoint:
         """Return the response of `to_plain`."""
-        return Stationary(float(plain["omega_ratio"]), np.array(plain["tip_max_m"], dtype=np.float64), float(plain["impacts_per_period"]))
+        return StationaryPoint(float(plain["omega_ratio"]), np.array(plain["tip_max_m"], dtype=np.float64), float(plain["impacts_per_period"]))
 
 
 @dataclass(frozen=True)
@@ -74,10 +323,10 @@ class StationaryRuns:
         """Return the frequency ratios between two."""
         return [float(x) for x in np.linspace(low, high, self.points)]
 
-    def at(self, scene: Scene, force: float, reference: float, ratio: float) -> Stationary:
+    def at(self, scene: Scene, force: float, reference: float, ratio: float) -> StationaryPoint:
         """Return the response at a ratio of ``reference`` (rad/s) under a force in N; Ctrl-C and errors as `stationary_members`."""
         phases = draw_members(self.members, self.seed, "phase").phases.tolist()
         way = Approach(reference, self.approach)
         found = stationary_members(scene, force, way, ratio, self.settle, self.window, phases, threads=self.threads, executor=self.executor)
         impacts = float(np.mean([member.found.impacts_per_period for member in found]))
-        return Stationary(ratio, envelope(found), impacts)
+        return StationaryPoint(ratio, envelope(found), impacts)

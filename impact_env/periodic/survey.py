@@ -1,4 +1,4 @@
-"""All symmetric two-impact orbits of a case at a frequency or over a range: from the closed form, and along the branches that it leads to."""
+"""Orbits of a case at a frequency or over a range: from the closed form, along its branches, and from runs that come to one."""
 
 from __future__ import annotations
 
@@ -8,21 +8,112 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import require
-from impact_env.periodic.case import Case
-from impact_env.periodic.corrector import NoConvergenceError
+from impact_env.parameters import count, positive, require
+from impact_env.periodic.case import Case, start_from
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.orbit import Orbit, mirrored, orbit_at
-from impact_env.periodic.starts import MOST_MULTIPLE, SETTLE, initial_of, least_multiple, orbit_of_simulation
+from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, shot_orbit
+from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branches
+from impact_env.periodic.passage import PassageError, passage
+from impact_env.periodic.schedule import flying_schedule
+from impact_env.periodic.shooting import shot, turn_of
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
-from impact_env.periodic.tracing import OrbitBranch, orbit_branch
+from impact_env.response import Record
 from impact_env.scene import InitialState
+from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
+ALIKE = 1e-8  # of the largest entry of a state: two states that are one
+CLOSE = 1e-3  # of gap and gap times omega: a return as close as this is taken for one
+SETTLE = 400.0  # periods of the force before anything is read off
+MOST_MULTIPLE = 8
+SHORTEST = 1e-2  # rad: of the longest flight, from the middle of which shooting begins
 SAME = 1e-7  # rad and units of impulse: two orbits closer than this are one
 FAINTEST = 1e-5  # units of impulse: bounces below are not compared
 NUDGE = 1e-3  # of gap times omega: a disturbance that a run starts with beside an orbit
 Progress = Callable[[int, int], None]
+
+
+def state_after(case: Case, periods: float, initial: InitialState | None = None, phase: float = 0.0) -> tuple[Array, float]:
+    """Return the state (2 N_m + 2,) after some of the force's periods from ``initial`` (default: rest), and the phase there (rad, below 2 pi)."""
+    duration = positive("periods", periods) * case.period
+    response = simulate(case.scene, case.drive(duration, phase), initial=initial, record=Record(level=False, events=True))
+    return response.end_state, (phase + case.omega * duration) % (2 * np.pi)
+
+
+def initial_of(case: Case, state: Array) -> InitialState:
+    """Return a state (2 N_m + 2,) as a start of a case's scene, as `start_from`."""
+    return start_from(case.scene, state)
+
+
+def orbit_of_simulation(
+    case: Case, settle: float = SETTLE, most_multiple: int = MOST_MULTIPLE, initial: InitialState | None = None, phase: float = 0.0
+) -> Orbit | NoOrbit:
+    """Return the orbit that a run from ``initial`` (default: rest) comes to within ``settle`` periods of the force, or why there is none.
+
+    The run is then taken to have the smallest period, of up to ``most_multiple`` of the force's, after which it comes as close to itself as `CLOSE`;
+    Newton's method does the rest. Only an attracting orbit is found so.
+    """
+    count("most_multiple", most_multiple, 1)
+    state, here = state_after(case, settle, initial, phase)
+    symmetric, multiple, miss = _return_of(case, state, here, most_multiple)
+    if multiple == 0:
+        return _none(case, f"the run does not come again within {most_multiple} periods (miss {miss:.1e})")
+    found = _orbit_from(case, here, state, symmetric, multiple)
+    shorter = multiple if isinstance(found, NoOrbit) else least_multiple(found)
+    return found if shorter == multiple else _orbit_from(case, here, state, symmetric, shorter)
+
+
+def _orbit_from(case: Case, phase: float, state: Array, symmetric: bool, multiple: int) -> Orbit | NoOrbit:
+    """Return the orbit next to a ``state`` (2 N_m + 2,) at a ``phase`` (rad), by its events or else by shooting from its longest flight."""
+    try:
+        run = passage(case, phase, state, turn_of(symmetric, multiple) / case.omega)
+    except PassageError as error:
+        return _none(case, str(error))
+    times, lengths = run.flights
+    if not any(happening.event.is_impact for happening in run.happenings) and case.friction_limit == 0:
+        return _none(case, "the run has no impacts")
+    if np.max(lengths) <= SHORTEST / case.omega:
+        return _none(case, "friction holds the absorber all the time")
+    motion, found = shot(case, run, symmetric, multiple, 0.0, 0), None
+    if not isinstance(motion, NoOrbit) and motion.solution.schedule.flies and motion.solution.schedule.impacts > 0:
+        found = orbit_at(case, motion.solution.schedule, motion.solution.phases)
+        if isinstance(found, Orbit):
+            return found
+    k = int(np.argmax(lengths))
+    middle = float(times[k] + 0.5 * lengths[k])
+    held = shot_orbit(case, phase + case.omega * middle, run.states(np.array([middle]))[0], symmetric, multiple)
+    return held if isinstance(held, Orbit) or found is None else found
+
+
+def _none(case: Case, reason: str) -> NoOrbit:
+    return NoOrbit(case, flying_schedule([-1], case.friction_limit > 0, symmetric=True), reason, np.zeros(1))
+
+
+def least_multiple(orbit: Orbit) -> int:
+    """Return the multiple of the force's period after which an orbit really comes again: a slow approach may look like a long period."""
+    whole, start = orbit.schedule.period_multiple, orbit.motion.mid_flight()[0]
+    first = orbit.motion.state_at(start)
+    for multiple in range(1, whole):
+        miss = np.abs(orbit.motion.state_at(start + 2 * np.pi * multiple) - first)
+        if whole % multiple == 0 and np.max(miss) < ALIKE * np.max(np.abs(first)):
+            return multiple
+    return whole
+
+
+def _return_of(case: Case, first: Array, phase: float, most: int) -> tuple[bool, int, float]:
+    """Return whether the motion mirrors itself after half of its period, the multiple of the force's period (0: none), and the least miss.
+
+    The state ``first`` (2 N_m + 2,) at a ``phase`` (rad) is compared with those after each half period of the force.
+    """
+    n, state, least = case.model.modes + 1, first, np.inf
+    for half in range(1, 2 * most + 1):
+        state, phase = state_after(case, 0.5, initial_of(case, state), phase)
+        symmetric = half % 2 == 1
+        miss = np.abs((-1.0 if symmetric else 1.0) * state - first) / case.gap
+        least = min(least, float(max(np.max(miss[:n]), np.max(miss[n:]) / case.omega)))
+        if least < CLOSE and (half <= most or not symmetric):
+            return symmetric, half if symmetric else half // 2, least
+    return False, 0, least
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,20 +169,6 @@ def same(one: Orbit, other: Orbit) -> bool:
     return False
 
 
-def branches_from(found: Iterable[Found], low: float, high: float) -> Iterator[OrbitBranch]:
-    """Yield the branches in frequency (rad/s) through the orbits found that lie on no branch before."""
-    known: list[OrbitBranch] = []
-    for group in found:
-        for orbit in group.orbits:
-            if not orbit.schedule.flies or any(lies_on(orbit, branch) for branch in known):
-                continue  # one with a joined phase lies between two numbers of reversals, on a branch through its neighbours
-            try:
-                known.append(orbit_branch(orbit.solution, "omega", (low, high)))
-            except NoConvergenceError:
-                continue
-            yield known[-1]
-
-
 def crossings(branch: OrbitBranch, omega: float) -> Iterator[Orbit | NoOrbit]:
     """Yield the orbits of a branch in frequency at ``omega`` (rad/s), or why a solution there is none."""
     values = branch.branch.parameters
@@ -104,11 +181,6 @@ def crossings(branch: OrbitBranch, omega: float) -> Iterator[Orbit | NoOrbit]:
             share = (omega - values[k]) / (values[k + 1] - values[k])
             z = branch.branch.points[k] + share * (branch.branch.points[k + 1] - branch.branch.points[k])
         yield orbit_at(branch.case.changed(omega=omega), branch.schedules[near], z)
-
-
-def lies_on(orbit: Orbit, branch: OrbitBranch) -> bool:
-    """Return whether an orbit is one of a branch in frequency."""
-    return any(isinstance(other, Orbit) and same(orbit, other) for other in crossings(branch, orbit.case.omega))
 
 
 def closed_form_over(case: Case, ratios: Array, progress: Progress | None = None) -> list[Found]:
@@ -134,15 +206,15 @@ def joined_by(group: Found, branches: Iterable[OrbitBranch]) -> Found:
 def orbits_over(case: Case, ratios: Array, progress: Progress | None = None) -> Iterator[Found]:
     """Yield the symmetric two-impact orbits of a case at each of rising frequency ``ratios`` (M,).
 
-    Without friction the closed form has them all. With friction its starts miss some, so branches are followed between the first and the last ratio,
-    through every orbit found; ``progress`` is told how many frequencies are done.
+    Without friction the closed form has them all. With friction its starts miss some, so branches are followed between the first and the last ratio;
+    ``progress`` is told how many frequencies are done.
     """
     found = closed_form_over(case, ratios, progress)
     if case.friction_limit == 0 or len(ratios) < 2:
         yield from found
         return
-    first = float(case.model.omega[0])
-    branches = list(branches_from(found, float(ratios[0]) * first, float(ratios[-1]) * first))
+    omegas = np.asarray(ratios) * float(case.model.omega[0])
+    branches = list(orbit_branches(case, float(omegas[0]), float(omegas[-1]), omegas))
     yield from (joined_by(group, branches) for group in found)
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from impact_env.alongside import alongside
 from impact_env.kernels.exact import exact_lane
 from impact_env.periodic.case import Case
-from impact_env.periodic.motion import Motion
+from impact_env.periodic.motion import AnyMotion
+from impact_env.periodic.passage import RECORD
 from impact_env.periodic.schedule import Regime
-from impact_env.periodic.shot_motion import ShotMotion
 from impact_env.response import Record, Response
 from impact_env.scene import InitialState
 from impact_env.sweep import IntegrationError, simulate
@@ -25,7 +25,6 @@ CHATTER_BAR = 3e-10  # the same, of an orbit on which a chatter comes to its end
 EVENT_BAR = 1e-6  # rad: how far an event may lie from where the orbit has it; the residual says the rest
 PHASE_BAR = 1e-5  # rad: the same for a joined phase, whose ends lie as sharply as the root of a distance
 FAINT = 1e-5  # of the largest impulse: bounces below it are not compared one by one, a chatter has as many as rounding lets it have
-RECORD = Record(level=False, events=True)  # of a trial
 JOINS = "friction or a wall holds the absorber for a while"
 
 
@@ -54,25 +53,25 @@ def trials_alongside(case: Case) -> AbstractContextManager[None]:
     return alongside(exact_lane, partial(shortest_trial, case))
 
 
-def propagated(motion: Motion | ShotMotion, record: Record) -> tuple[Response, float]:
+def propagated(motion: AnyMotion, record: Record) -> tuple[Response, float]:
     """Return the exact method's run over the span of the schedule and the phase (rad) it began at: in the middle of the longest flight."""
     start, state = motion.mid_flight()
     return _run(motion, start, state, record), start
 
 
-def map_over(motion: Motion | ShotMotion, start: float, state: Array) -> Array:
+def map_over(motion: AnyMotion, start: float, state: Array) -> Array:
     """Return where the exact method takes a state (2 N_m + 2,) from a phase (rad) over the schedule's span, mirrored if that is half a period."""
     end = _run(motion, start, state, RECORD).end_state
     return np.asarray(-end if motion.solution.schedule.symmetric else end)
 
 
-def _run(motion: Motion | ShotMotion, start: float, state: Array, record: Record) -> Response:
+def _run(motion: AnyMotion, start: float, state: Array, record: Record) -> Response:
     case, n = motion.solution.case, motion.solution.case.model.modes
     initial = InitialState(state[:n], state[n + 1 : -1], float(state[n]), float(state[-1]))
     return simulate(case.scene, case.drive(motion.solution.schedule.turn / case.omega, start), initial=initial, record=record)
 
 
-def residual_of(motion: Motion | ShotMotion, response: Response, start: float) -> float:
+def residual_of(motion: AnyMotion, response: Response, start: float) -> float:
     """Return the residual of a run that began at a phase ``start`` in rad."""
     case, n = motion.solution.case, motion.solution.case.model.modes
     mirror = -1.0 if motion.solution.schedule.symmetric else 1.0
@@ -80,38 +79,19 @@ def residual_of(motion: Motion | ShotMotion, response: Response, start: float) -
     return float(max(np.max(miss[: n + 1]), np.max(miss[n + 1 :]) / case.omega) / case.gap)
 
 
-def _unlike(motion: Motion, response: Response, start: float) -> str | None:
-    """Return how the events found differ from the schedule's, or None."""
-    solution, case = motion.solution, motion.solution.case
-    schedule, turn = solution.schedule, solution.schedule.turn
-    assert response.impacts is not None
-    assert response.phases is not None
-    if len(response.phases.start) > 0:
-        return JOINS
-    found = start + case.omega * response.impacts.time
-    hits = schedule.order.wall != 0
-    if len(found) != schedule.impacts:
-        return f"{len(found)} impacts instead of {schedule.impacts}"
-    rounds = np.where(solution.phases[hits] < start, 1, 0)
-    mirror = -1.0 if schedule.symmetric else 1.0
-    order = np.argsort(solution.phases[hits] + rounds * turn)
-    phases = (solution.phases[hits] + rounds * turn)[order]
-    impulses = (solution.impulses[hits] * mirror**rounds)[order]
-    if np.max(np.abs(found - phases)) > EVENT_BAR:
-        return "impacts at other times"
-    if np.any(np.sign(response.impacts.impulse) != np.sign(impulses)):
-        return "impacts on other walls"
-    return None
-
-
-def _unlike_shot(motion: ShotMotion, response: Response, start: float) -> str | None:
-    """Return how the events found differ from those of a motion found by shooting, or None."""
+def _unlike(motion: AnyMotion, response: Response, start: float) -> str | None:
+    """Return how the events found differ from the motion's, or None; the faintest bounces of a chatter are not compared."""
     assert response.impacts is not None
     assert response.phases is not None
     case, schedule = motion.solution.case, motion.solution.schedule
     hits = np.array([event.is_impact for event in schedule.events])
     impacts = _mirrored(motion, start, motion.solution.phases[hits], motion.solution.impulses[hits])
     found = np.array([case.omega * response.impacts.time, response.impacts.impulse])
+    if schedule.flies:
+        if len(response.phases.start) > 0:
+            return JOINS
+        if found.shape != impacts.shape:
+            return f"{found.shape[1]} impacts instead of {impacts.shape[1]}"
     faint = FAINT * max((float(np.max(np.abs(rows[1]))) for rows in (impacts, found) if rows.size), default=0.0)
     for rows, others in ((impacts, found), (found, impacts)):
         for phase, impulse in rows[:, np.abs(rows[1]) > faint].T:
@@ -126,7 +106,7 @@ def _unlike_shot(motion: ShotMotion, response: Response, start: float) -> str | 
     return "joined phases at other times" if seen.size and np.max(np.abs(held - seen)) > PHASE_BAR else None
 
 
-def _held(motion: ShotMotion, start: float) -> Array:
+def _held(motion: AnyMotion, start: float) -> Array:
     """Return when the joined phases of a motion begin and end in the span from a phase ``start`` (rad) on, (2, K) in rad after it."""
     schedule, phases = motion.solution.schedule, motion.solution.phases
     joined = np.array([event.regime is Regime.JOINED for event in schedule.events])
@@ -149,7 +129,7 @@ def merged(begins: Array, ends: Array) -> Array:
     return np.array([row for row in rows if row[1] - row[0] > PHASE_BAR]).reshape(-1, 2).T
 
 
-def _mirrored(motion: ShotMotion, start: float, phases: Array, signed: Array) -> Array:
+def _mirrored(motion: AnyMotion, start: float, phases: Array, signed: Array) -> Array:
     """Return phases (n,) in rad after ``start`` within one span, rising, and with them what turns its sign in a mirrored span: (2, n)."""
     rounds = -np.floor((phases - start) / motion.solution.schedule.turn)
     mirror = np.where(rounds % 2 == 1, -1.0, 1.0) if motion.solution.schedule.symmetric else 1.0
@@ -162,14 +142,14 @@ def chatters(case: Case, response: Response) -> bool:
     return response.phases is not None and case.restitution > 0 and bool(np.any(response.phases.kind != 0))
 
 
-def trial_of(motion: Motion | ShotMotion) -> Trial:
+def trial_of(motion: AnyMotion) -> Trial:
     """Return the trial of a motion by the exact method; a run that breaks down is a reason too."""
     try:
         response, start = propagated(motion, RECORD)
     except IntegrationError as error:
         return Trial(float("inf"), str(error))
     residual = residual_of(motion, response, start)
-    reason = _unlike_shot(motion, response, start) if isinstance(motion, ShotMotion) else _unlike(motion, response, start)
+    reason = _unlike(motion, response, start)
     bar = CHATTER_BAR if chatters(motion.solution.case, response) else BAR
     if reason is None and not residual <= bar:
         reason = f"the exact method comes back with a residual of {residual:.1e}, more than {bar:g}"

@@ -9,13 +9,33 @@ import click
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError, RigidWalls, count, positive, require
-from impact_env.periodic.balance_error import COLUMNS, BalanceRow, Exact, balance_rows, exact_orbit, settings_of
+from impact_env.periodic.balance_branches import COLUMNS, BalanceRow, Exact, balance_rows, exact_orbit, settings_of
 from impact_env.periodic.case import Case
-from optimisation.cli.common import check_target, command, end_early, json_option, name_files, plain_errors
-from optimisation.cli.frequency_curves import FIGURES
+from optimisation.cli.common import FIGURES, check_target, command, end_early, json_option, name_files, plain_errors
 from optimisation.files import replacing, write_csv, write_json
 from optimisation.progress import BAR, Bar
-from optimisation.report.balance_table import text
+from optimisation.report.markdown import markdown
+
+
+def shown(value: Any, scale: float, digits: int) -> str:
+    """Return a value times ``scale`` with so many digits, and nothing for None."""
+    return "" if value is None else f"{scale * value:.{digits}f}"
+
+
+def text(exact: Exact, rows: list[BalanceRow]) -> str:
+    """Return the exact orbit in words, and a table with a line for each setting of harmonic balance."""
+    header = ("harmonics", "weight", "error, %", "first fold", "last fold", "peak error, %", "CPU s, 250 points", "ended")
+    lines = []
+    for row in rows:
+        located = [shown(row.first_fold_ratio, 1, 6), shown(row.last_fold_ratio, 1, 6)]
+        last = [shown(row.peak_error, 100, 2), shown(row.cpu_seconds_per_250_points, 1, 2), "closed" if row.closed else row.reason]
+        lines.append([str(row.harmonics), f"{row.weight:g}", shown(row.tip_max_error, 100, 2), *located, *last])
+    case, peak = exact.case, exact.curve.peak
+    folds = sorted(fold.omega_ratio for fold in exact.curve.folds)
+    notes = [f"{case.scene}, {case.force:g} N. The exact orbit at {case.omega_ratio:g}: {1e3 * exact.motion.tip_max:.4f} mm."]
+    if peak is not None and folds:
+        notes.append(f"Its branch: folds at {folds[0]:.6f} and {folds[-1]:.6f}, peak {1e3 * peak.tip_max:.4f} mm at {peak.omega_ratio:.4f}.")
+    return "\n".join([*notes, "", markdown(header, lines)])
 
 
 def numbers(option: str, text: str) -> list[float]:

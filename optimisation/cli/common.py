@@ -19,6 +19,7 @@ from impact_env.sweep import IntegrationError
 
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C
 RESUME = "Keep each finished piece in this .json file, and take from it what is there: goes on where a run was stopped."
+FIGURES = (".png", ".pdf", ".svg")
 STANDARD_OUTPUT = "standard output.json"  # the file that stands for it while a command runs
 Command = Callable[..., Any]
 

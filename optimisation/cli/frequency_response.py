@@ -2,19 +2,120 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 
-from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
-from impact_env.periodic.stationary import StationaryRuns
-from optimisation.cli.common import RESUME, check_target, command, end_early, json_option, name_files, plain_errors
-from optimisation.cli.frequency_curves import BALANCE, BOTH, EXACT, FIGURES, FORCE, computed, written
+from impact_env.drive import default_rate
+from impact_env.ensemble import Executor
+from impact_env.parameters import RigidWalls, positive, require
+from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
+from impact_env.periodic.overview import Asked, Overview, overview, sliding
+from impact_env.periodic.response_curve import COLUMNS
+from impact_env.periodic.stationary import QUANTILES, StationaryRuns
+from impact_env.plain import from_scene
+from optimisation.cli.common import FIGURES, RESUME, BadInput, check_target, command, end_early, json_option, name_files, plain_errors
 from optimisation.cli.scene_options import scene_options
-from optimisation.cli.sweep_scene import refuse_parts
+from optimisation.cli.structure_option import is_given
+from optimisation.cli.sweep_scene import make_scene, refuse_parts
 from optimisation.executors import cluster_option, workers
-from optimisation.report.response_table import text
+from optimisation.files import replacing, write_csv, write_json
+from optimisation.pieces import Pieces
+from optimisation.progress import Bar
+from optimisation.report.markdown import markdown
+
+FORCE = 1.5  # N, the paper's moderate level of excitation
+EXACT, BALANCE, BOTH = "exact", "balance", "both"
+
+
+@contextmanager
+def following(reference: float) -> Iterator[Callable[[str, int, float], None]]:
+    """Give a function that shows how far a curve has been followed, over a ``reference`` frequency in rad/s."""
+    with Bar(total=None, bar_format="{desc} [{elapsed}]", leave=False) as bar:
+
+        def show(label: str, points: int, omega: float) -> None:
+            bar.set_description_str(f"{label}: {points} points, at {omega / reference:.4f}")
+            bar.update()
+
+        yield show
+
+
+def computed(given: dict[str, Any], executor: Executor | None = None) -> Overview:
+    """Do what the options ask for, the envelope's runs by an executor as in `run_lanes`.
+
+    Raises BadInput or ParameterError before anything long is done.
+    """
+    scene, _ = make_scene(given)
+    reference, walls = scene.model.resonance_omega(given["resonance"]), sliding(scene).walls
+    low, high = positive("--from", given["start"]), positive("--to", given["stop"])
+    require(high > low, "--to", high, f"above --from = {low}")
+    inelastic = isinstance(walls, RigidWalls) and walls.restitution < 1
+    require(not (inelastic and given["method"] == BALANCE), "--method", BALANCE, "exact below a restitution of 1: harmonic balance has no impact law")
+    balance = None
+    if given["method"] != EXACT and not inelastic:
+        damper = PAPER_DAMPER if given["grounded_damper"] else 0.0
+        balance = harmonic_balance(scene, low * reference, given["force"], given["harmonics"], given["weight"], grounded_damper=damper)
+    sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
+    rate = given["rate"]
+    rate = default_rate(scene.model, (given["resonance"],)) if rate is None else rate
+    asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given, executor))
+    keep = Pieces(given["resume"], {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference})
+    with following(reference) as show:
+        return overview(scene, given["force"], reference, low, high, asked, show, keep)
+
+
+def stationary_runs(given: dict[str, Any], executor: Executor | None = None) -> StationaryRuns | None:
+    """Return what the options say of the stationary responses, None if there are none; BadInput for options of theirs without --envelope."""
+    if given["envelope"] is None:
+        for name in ("members", "settle", "window", "approach", "threads", "cluster"):
+            if is_given(name):
+                raise BadInput(f"--{name} does not go without --envelope: it is about the runs of the envelope")
+        return None
+    lengths = given["members"], given["settle"], given["window"]
+    return StationaryRuns(given["envelope"], *lengths, given["approach"], threads=given["threads"], executor=executor)
+
+
+def written(result: Overview, given: dict[str, Any]) -> list[Path]:
+    """Write the files that the options ask for, and return them."""
+    files = []
+    if given["json"] is not None:
+        write_json(given["json"], result.to_plain())
+        files.append(given["json"])
+    if given["csv"] is not None:
+        write_csv(given["csv"], COLUMNS, (row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)))
+        files.append(given["csv"])
+    if given["plot"] is not None:
+        from optimisation.report.frequency_figure import save_figure  # matplotlib is slow to import
+
+        with replacing(given["plot"]) as temporary:
+            save_figure(temporary, result)
+        files.append(given["plot"])
+    return files
+
+
+def text(result: Overview) -> str:
+    """Return a table of the curves, and what was refused."""
+    rows, notes = [], []
+    for number, curve in enumerate(result.curves, 1):
+        peak = curve.peak
+        folds = ", ".join(f"{fold.omega_ratio:.9g}" for fold in sorted(curve.folds, key=lambda point: point.omega_ratio))
+        stable = "" if curve.stable is None else f"{100 * curve.stable.mean():.0f}"
+        where = ["", ""] if peak is None else [f"{1e3 * peak.tip_max:.4f}", f"{peak.omega_ratio:.4f}"]
+        rows.append([str(number), curve.method, "closed" if curve.closed else "open", str(len(curve.tip_max)), *where, folds, stable])
+        notes += [f"Curve {number}: {curve.message}." if not curve.closed else ""]
+        notes += [f"Curve {number}: {points} points are no orbit: {reason}." for reason, points in curve.refused]
+    header = ("curve", "method", "", "points", "peak, mm", "at", "folds", "stable, %")
+    blocks = [str(result.scene) + f", {result.force:g} N", "", markdown(header, rows), "", *[note for note in notes if note]]
+    return "\n".join([*blocks, *(["", runs_table(result)] if result.stationary else [])])
+
+
+def runs_table(result: Overview) -> str:
+    """Return a line for each frequency of the stationary responses."""
+    rows = [[f"{at.omega_ratio:.5f}", *(f"{1e3 * tip:.4f}" for tip in at.tip_max), f"{at.impacts:.2f}"] for at in result.stationary]
+    return markdown(("runs at", *(f"{100 * q:g} %, mm" for q in QUANTILES), "impacts a period"), rows)
 
 
 @command()

@@ -9,16 +9,26 @@ import click
 
 from impact_env.parameters import ParameterError
 from impact_env.periodic.case import Case, case_of
-from impact_env.periodic.isola_map import COLUMNS, IsolaMap, isola_map
+from impact_env.periodic.isolas import COLUMNS, IsolaCell, IsolaMap, isola_map
 from impact_env.periodic.validation import trials_alongside
 from impact_env.plain import from_scene
-from optimisation.cli.common import RESUME, check_target, command, end_early, json_option, name_files, plain_errors
+from optimisation.cli.common import FIGURES, RESUME, check_target, command, end_early, json_option, name_files, plain_errors
 from optimisation.cli.scene_options import scene_options
 from optimisation.cli.sweep_scene import make_scene, option_name, refuse_parts
 from optimisation.files import replacing, write_csv, write_json
 from optimisation.pieces import Pieces
 from optimisation.progress import counting_bar
-from optimisation.report.isola_table import table
+from optimisation.report.markdown import markdown
+
+
+def table(cells: tuple[IsolaCell, ...]) -> str:
+    """Return a line for each birth and merger."""
+    rows = [
+        [str(n), f"{e:g}", f"{limit:g}", str(kind), f"{force:.6f}", f"{ratio:.6f}", str(orbit)]
+        for cell in cells
+        for n, e, limit, kind, force, ratio, orbit in cell.rows()
+    ]
+    return markdown(("modes", "restitution", "friction limit, N", "kind", "force, N", "omega/omega_1", "confirmed orbit"), rows)
 
 
 def numbers(option: str, text: str, kind: type) -> tuple[Any, ...]:
@@ -83,7 +93,7 @@ def main(**given: Any) -> None:
     friction reversals and confirmed by the exact method. Ctrl-C writes what is known so far; --resume keeps each finished cell of the map.
     """
     with plain_errors():
-        for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("plot", (".png", ".pdf", ".svg"))):
+        for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("plot", FIGURES)):
             check_target(f"--{option}", given[option], suffixes)
         check_target("--resume", given["resume"], (".json",))
         given |= dict.fromkeys(("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping", "force"))

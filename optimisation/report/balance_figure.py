@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impact_env.periodic.balance_error import BalanceRow, Exact
+from impact_env.periodic.balance_branches import BalanceRow, Exact
 from optimisation.report.written_figure import write_figure
 
 DPI = 160

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env.parameters import CompliantWalls, RigidWalls, SlidingAbsorber
-from impact_env.periodic.envelope import QUANTILES
 from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, ResponseCurve
+from impact_env.periodic.stationary import QUANTILES
 from optimisation.report.written_figure import write_figure
 
 MM = 1e3

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from impact_env.periodic.fold_map import BIRTH
-from impact_env.periodic.isola_map import IsolaMap
+from impact_env.periodic.isolas import IsolaMap
+from impact_env.periodic.symmetric import BIRTH
 from optimisation.report.written_figure import write_figure
 
 DPI = 160

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from impact_env.parameters import ParameterError
-from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, Branch
+from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, NoConvergenceError
 from impact_env.periodic.continuation import Chart, Problem, Steps, both_ways, continuation, switched, walk
-from impact_env.periodic.corrector import NoConvergenceError
 from impact_env.periodic.locating import Monitor
 
 Array = np.ndarray
@@ -186,22 +184,6 @@ def test_a_branch_is_closed_in_other_unknowns_than_it_began_with() -> None:
     again = [k for k, p in enumerate(branch.parameters) if p == branch.parameters[-1]]
     assert len(again) == 2
     assert branch.points[again[0]][0] == pytest.approx(branch.points[-1][0])
-
-
-def test_saved_and_loaded_branches_are_the_same(tmp_path: Path) -> None:
-    branch = both_ways(Problem(cubic, "force", limits=(-1.0, 1.0)), np.array([0.1]), 0.1)
-    for name in ("branch.json", "branch.npz"):
-        branch.save(tmp_path / name)
-        other = Branch.load(tmp_path / name)
-        assert other.to_plain() == branch.to_plain()
-    with pytest.raises(ParameterError, match="branch file"):
-        branch.save(tmp_path / "branch.txt")
-    (tmp_path / "broken.npz").write_bytes(b"PK")
-    (tmp_path / "other.json").write_text('{"parameter": "force"}')
-    for name in ("broken.npz", "missing.json", "other.json"):
-        with pytest.raises(ParameterError, match="branch"):
-            Branch.load(tmp_path / name)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["branch.json", "branch.npz", "broken.npz", "other.json"]
 
 
 def test_a_walk_can_be_stopped_and_keeps_what_it_has() -> None:

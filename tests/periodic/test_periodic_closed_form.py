@@ -9,12 +9,22 @@ from periodic_truth import Truth, matched
 from impact_env import Beam, ModalModel, ParameterError, StuckAbsorber, beam_scene, modal_model
 from impact_env.parameters import impact_absorber
 from impact_env.periodic.case import Case, case_of
-from impact_env.periodic.fold_map import BIRTH, MERGER, closed_folds, level_places, map_frequencies
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, linear_states, residual_and_jacobian, solve, unknowns_of
 from impact_env.periodic.motion import motion_of
 from impact_env.periodic.schedule import Event, EventSchedule, Regime, flying_schedule
-from impact_env.periodic.stability import derivative_of, stability_of
-from impact_env.periodic.symmetric import closed_form, closed_form_branches, fold_force, fold_impulse, symmetric_schedule
+from impact_env.periodic.stability import stability_of
+from impact_env.periodic.symmetric import (
+    BIRTH,
+    MERGER,
+    closed_folds,
+    closed_form,
+    closed_form_branches,
+    fold_force,
+    fold_impulse,
+    level_places,
+    map_frequencies,
+    symmetric_schedule,
+)
 
 
 def other_model() -> ModalModel:
@@ -57,8 +67,7 @@ def test_the_multipliers_are_those_of_dense_saltation_matrices(case: Case) -> No
     for branch, (phase, _, state) in zip(closed_form(case), Truth(case).orbits(), strict=True):
         solution = solve(case, schedule, [branch.phase, branch.impulse / case.scale.impulse])
         assert isinstance(solution, Solution)
-        motion = motion_of(solution)
-        stability = stability_of(motion, derivative_of(motion)[0])
+        stability = stability_of(motion_of(solution))
         truth = Truth(case).half_multipliers(phase, state)
         assert stability.half
         assert matched(stability.multipliers, truth) < 1e-8 * max(1.0, float(np.max(np.abs(truth))))

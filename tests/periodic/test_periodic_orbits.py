@@ -12,14 +12,15 @@ from periodic_truth import matched
 
 from impact_env import ParameterError, Record
 from impact_env.periodic.green import NoOrbit, unknowns_of
-from impact_env.periodic.isolas import folds, threshold_map
-from impact_env.periodic.motion import Motion
+from impact_env.periodic.isolas import folds
+from impact_env.periodic.motion import Motion, ShotMotion
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, settled
+from impact_env.periodic.orbit_branches import GRAZING, orbit_branch
+from impact_env.periodic.passage import passage
 from impact_env.periodic.schedule import Regime, flying_schedule
-from impact_env.periodic.starts import initial_of, orbit_of_simulation, read_schedule, recorded, state_after
-from impact_env.periodic.survey import closed_form_orbits, orbits_over, same
+from impact_env.periodic.shooting import shot
+from impact_env.periodic.survey import closed_form_orbits, initial_of, orbit_of_simulation, orbits_over, same, state_after
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
-from impact_env.periodic.tracing import GRAZING, orbit_branch
 from impact_env.periodic.validation import BAR, map_over, propagated, residual_of, trial_of
 
 # --- the exact method as the judge --------------------------------------------------------------------------------------------------
@@ -119,14 +120,15 @@ def test_scaling_gap_friction_and_force_scales_an_orbit_with_reversals() -> None
 # --- schedules from runs --------------------------------------------------------------------------------------------------------
 
 
-def test_a_schedule_is_read_off_a_recorded_run() -> None:
+def test_the_events_of_a_run_are_those_of_the_orbit() -> None:
     for orbit in (many_reversals(), one_sided()):
         case, start = orbit.case, float(orbit.solution.phases[0]) - 0.3
-        run = recorded(case, orbit.motion.state_at(start), start, orbit.schedule.period_multiple)
-        schedule, phases = read_schedule(case, run, start, orbit.schedule.period_multiple, orbit.schedule.symmetric)
-        assert schedule == orbit.schedule
-        assert np.allclose(phases, orbit.solution.phases, rtol=0, atol=2e-3)
-        again = orbit_at(case, schedule, phases)
+        run = passage(case, start, orbit.motion.state_at(start), orbit.schedule.turn / case.omega)
+        read = shot(case, run, orbit.schedule.symmetric, orbit.schedule.period_multiple, 0.0, 0)
+        assert isinstance(read, ShotMotion)
+        assert read.solution.schedule == orbit.schedule
+        assert np.allclose(read.solution.phases, orbit.solution.phases, rtol=0, atol=1e-8)
+        again = orbit_at(case, read.solution.schedule, read.solution.phases)
         assert isinstance(again, Orbit)
         assert same(orbit, again)
 
@@ -136,9 +138,10 @@ def test_joined_phases_of_a_run_are_joined_segments_of_its_schedule() -> None:
     """A run that comes near to itself after five periods, with a stuck phase; rounding decides whether that is near enough for an orbit."""
     case = paper_case(10, 0.975, 3.5, 0.7, 0.1)
     state, phase = state_after(case, 400.0)
-    schedule, phases = read_schedule(case, recorded(case, state, phase, 5), phase, 5)
-    assert {event.wall for event in schedule.events if event.regime is Regime.JOINED} == {0}  # one stuck phase, in some runs two
-    assert len(phases) == len(schedule.events)
+    read = passage(case, phase, state, 5 * case.period)
+    assert {happening.event.wall for happening in read.happenings if happening.event.regime is Regime.JOINED} == {
+        0
+    }  # one stuck phase, in some runs two
     found = orbit_of_simulation(case)
     assert found.residual < BAR if isinstance(found, Orbit) else "did not converge" in found.reason or "does not come again" in found.reason
 
@@ -213,8 +216,6 @@ def test_bad_input_is_named() -> None:
         folds(case, 1.0, 0.9)
     with pytest.raises(ParameterError, match=r"^ratios = "):
         list(orbits_over(case, np.array([1.0, 0.9])))
-    with pytest.raises(ParameterError, match=r"^parameter = "):
-        list(threshold_map(case, "omega", [1.0], 0.9, 1.0))
     with pytest.raises(ParameterError, match=r"^most_multiple = "):
         orbit_of_simulation(case, most_multiple=0)
     with pytest.raises(ParameterError, match=r"^periods = "):

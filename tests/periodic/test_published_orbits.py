@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from orbit_cases import Array, high_orbit, isola, many_reversals, one_sided, paper_case
 
-from impact_env.periodic.fold_map import BIRTH, MERGER
 from impact_env.periodic.folds import beside
 from impact_env.periodic.green import NoOrbit, unknowns_of
-from impact_env.periodic.isolas import Threshold, folds, threshold_map, thresholds
-from impact_env.periodic.lowest_fold import lowest_fold
+from impact_env.periodic.isolas import Threshold, folds, lowest_fold, thresholds
 from impact_env.periodic.orbit import Orbit, orbit_at
+from impact_env.periodic.orbit_branches import PULLING, orbit_branch
 from impact_env.periodic.survey import closed_form_orbits, crossings, orbits_over, same
-from impact_env.periodic.tracing import PULLING, orbit_branch
+from impact_env.periodic.symmetric import BIRTH, MERGER
 from impact_env.periodic.validation import BAR
 
 
@@ -124,14 +123,6 @@ def test_branches_find_orbits_that_the_closed_form_does_not_lead_to() -> None:
     assert closed_form_orbits(case).orbits == ()
     found = {round(group.case.omega_ratio, 6): group.orbits for group in orbits_over(case, np.array([0.964, 0.965, 0.966]))}
     assert [orbit.schedule.reversals for orbit in found[0.966]] == [26]
-
-
-def test_a_map_over_restitution_repeats_single_thresholds() -> None:
-    case = paper_case(1, 1.0, 1.5, 0.75)
-    for value, found in threshold_map(case, "restitution", [0.75, 1.0], 0.88, 1.0):
-        single = thresholds(case.changed(restitution=value), 0.88, 1.0)
-        assert [(t.kind, t.force, t.omega_ratio) for t in found] == [(t.kind, t.force, t.omega_ratio) for t in single]
-        assert np.all((named(found, MERGER)[:, 0] > 2.34) & (named(found, MERGER)[:, 0] < 2.53))
 
 
 def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() -> None:

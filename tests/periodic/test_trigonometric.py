@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from impact_env.periodic.hysteresis import elastic_coulomb
+from impact_env.periodic.contact import elastic_coulomb
 from impact_env.periodic.trigonometric import basis, derivative, largest, negative, roots, share, values, window
 
 Array = np.ndarray

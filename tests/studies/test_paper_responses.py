@@ -13,9 +13,8 @@ import pytest
 from impact_env import Beam, Exact, Moreau, beam_scene
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import Lane, draw_members
-from impact_env.periodic.approach import Approach, hold
 from impact_env.periodic.jump import jumps
-from impact_env.periodic.residence import stays
+from impact_env.periodic.residence import Approach, hold, stays
 from optimisation.files import read_json
 from studies.paper import conv, high_low, jump, smr
 from studies.paper.claim import Claim, Verdict, from_plain

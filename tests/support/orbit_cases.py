@@ -9,9 +9,8 @@ import numpy as np
 from impact_env import Beam, ModalModel, modal_model
 from impact_env.periodic.case import Case
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.starts import orbit_of_simulation
-from impact_env.periodic.survey import attractors, closed_form_orbits
-from impact_env.periodic.tracing import OrbitBranch, orbit_branch
+from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch
+from impact_env.periodic.survey import attractors, closed_form_orbits, orbit_of_simulation
 
 Array = np.ndarray
 

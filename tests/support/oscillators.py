@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.integrate
 
-from impact_env.periodic.condensed import Dynamics
 from impact_env.periodic.contact import Contact
+from impact_env.periodic.harmonic_balance import Dynamics
 
 Array = np.ndarray
 Rate = Callable[[float, Array], list[float]]

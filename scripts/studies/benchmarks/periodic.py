@@ -12,23 +12,20 @@ import numpy as np
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam
-from impact_env.periodic.balance_branches import frequency_problem, start_of_orbit
-from impact_env.periodic.balance_error import BALANCE_STEPS
+from impact_env.periodic.balance_branches import BALANCE_STEPS, frequency_problem, start_of_orbit
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps, both_ways
-from impact_env.periodic.fold_map import FEWEST, closed_folds, level_places, map_frequencies
 from impact_env.periodic.folds import fold_near
 from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.motion import motion_of
 from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.orbit_branches import orbit_branch
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
 from impact_env.periodic.shooting import shoot
-from impact_env.periodic.stability import derivative_of, stability_of
-from impact_env.periodic.starts import orbit_of_simulation
-from impact_env.periodic.survey import attractors, closed_form_orbits
-from impact_env.periodic.symmetric import closed_form, closed_form_branches, symmetric_schedule
-from impact_env.periodic.tracing import orbit_branch
+from impact_env.periodic.stability import stability_of
+from impact_env.periodic.survey import attractors, closed_form_orbits, orbit_of_simulation
+from impact_env.periodic.symmetric import FEWEST, closed_folds, closed_form, closed_form_branches, level_places, map_frequencies, symmetric_schedule
 from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
 from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
@@ -121,8 +118,7 @@ def frictionless_branch(repeats: int) -> Line:
             if isinstance(solution, NoOrbit):
                 raise click.ClickException(solution.reason)
             z = unknowns_of(solution)
-            motion = motion_of(solution)
-            stability_of(motion, derivative_of(motion)[0])
+            stability_of(motion_of(solution))
 
     return timed(f"frictionless, {BRANCH_POINTS} branch points with multipliers", 0.5, "s", repeats, work)
 

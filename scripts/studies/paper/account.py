@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.periodic.approach import start_from
+from impact_env.periodic.case import start_from
 from impact_env.response import Response
 from impact_env.sweep import simulate
 from studies.paper.watched import WATCHED, part_of

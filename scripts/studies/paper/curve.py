@@ -13,7 +13,7 @@ from impact_env.curve import BAND, DOWN, CurveCase, PerformanceCurve, quantiles
 from impact_env.ensemble import Lane, draw_members
 from impact_env.methods import Exact, Method
 from impact_env.parameters import require
-from impact_env.periodic.classify import Criteria
+from impact_env.periodic.stationary import Criteria
 from impact_env.scene import Scene
 from studies.paper.settings import Settings
 from studies.paper.watched import Contacts, Seen

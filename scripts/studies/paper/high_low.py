@@ -12,12 +12,12 @@ from impact_env.curve import CurveCase
 from impact_env.ensemble import Lane, draw_members
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
-from impact_env.periodic.approach import Approach, hold
 from impact_env.periodic.case import case_of
-from impact_env.periodic.envelope import Stationary, stationary
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
 from impact_env.periodic.isolas import thresholds
+from impact_env.periodic.residence import Approach, hold
+from impact_env.periodic.stationary import Stationary, stationary
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate

@@ -9,7 +9,7 @@ import numpy as np
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam
-from impact_env.periodic.classify import Kind
+from impact_env.periodic.stationary import Kind
 from studies.paper.claim import Claim, Verdict, judged
 from studies.paper.words import between, middle, spread
 from studies.study import Json, Measured

@@ -24,8 +24,8 @@ from impact_env.drive import Drive, constant_frequency
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.parameters import Beam, impact_absorber
-from impact_env.periodic.approach import start_from
-from impact_env.periodic.envelope import window_of
+from impact_env.periodic.case import start_from
+from impact_env.periodic.stationary import window_of
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate

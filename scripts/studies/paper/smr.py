@@ -17,7 +17,7 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
-from impact_env.periodic.classify import modulation_depth
+from impact_env.periodic.stationary import modulation_depth
 from impact_env.phase_lag import phase_lag
 from impact_env.response import DEFAULT_SAMPLES, History, Record
 from impact_env.scene import Scene, beam_scene

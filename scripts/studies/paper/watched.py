@@ -15,7 +15,7 @@ from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Lane
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel, level_of, read_level
 from impact_env.methods import Method
-from impact_env.periodic.classify import longest_pause
+from impact_env.periodic.stationary import longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from impact_env.sweep import simulate
 

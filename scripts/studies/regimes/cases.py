@@ -10,8 +10,8 @@ import numpy as np
 from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam, count, finite, impact_absorber, positive, require
-from impact_env.periodic.approach import Approach
 from impact_env.periodic.jump import Range
+from impact_env.periodic.residence import Approach
 from impact_env.scene import Scene, beam_scene
 
 PAPER, STRIP, RECOMMENDED = "paper", "strip", "recommended"

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from impact_env.periodic.classify import Kind
+from impact_env.periodic.stationary import Kind
 from optimisation.report.written_figure import write_figure
 from studies.regimes.measured import RESPONSE, STAY, Row
 from studies.regimes.tables import NAMES, hazard_of, names, of_case, slownesses

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from impact_env.ensemble import draw_members
-from impact_env.periodic.classify import Kind
-from impact_env.periodic.envelope import QUANTILES, envelope, stationary_members
 from impact_env.periodic.jump import jumps
 from impact_env.periodic.residence import exit_rate, stays
+from impact_env.periodic.stationary import QUANTILES, Kind, envelope, stationary_members
 from studies.regimes.cases import Case, Settings
 
 Row = dict[str, Any]

@@ -6,9 +6,9 @@ from itertools import groupby
 
 import numpy as np
 
-from impact_env.periodic.classify import Kind
 from impact_env.periodic.jump import Hazard, hazard
 from impact_env.periodic.residence import ExitRate
+from impact_env.periodic.stationary import Kind
 from optimisation.report.markdown import markdown
 from studies.regimes.measured import SWEEP, Row
 
