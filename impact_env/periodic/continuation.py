@@ -16,21 +16,26 @@ from impact_env.parameters import count, finite, positive, require
 from impact_env.periodic.branch import (
     CLOSED,
     COUNT,
+    KINK,
     LIMIT,
     MINIMUM_STEP,
     STOPPED,
     Branch,
     Corrected,
+    Gate,
     Located,
+    Monitor,
     NoConvergenceError,
+    Place,
     Real,
     Residual,
     System,
     corrected,
+    determinant,
     kernel,
+    located,
     tangent,
 )
-from impact_env.periodic.locating import KINK, Gate, Monitor, Place, determinant, located
 
 Progress = Callable[[int, float], None]  # number of points, parameter
 

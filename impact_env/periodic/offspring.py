@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import STOPPED, Located, NoConvergenceError
+from impact_env.periodic.branch import BRANCH_POINT, STOPPED, Located, NoConvergenceError
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Problem, Steps, switched
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, solve, unknowns_of
-from impact_env.periodic.locating import BRANCH_POINT
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import (
     PARAMETER_SHARE,

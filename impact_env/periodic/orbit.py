@@ -9,10 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
-from impact_env.periodic.motion import AnyMotion, Motion, ShotMotion, motion_of
+from impact_env.periodic.motion import AnyMotion, Motion, ShotMotion, Stability, motion_of, stability_of
 from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
 from impact_env.periodic.shooting import shoot, units_of
-from impact_env.periodic.stability import Stability, stability_of
 from impact_env.periodic.validation import JOINS, Trial, chatters, trial_of
 
 Array = NDArray[np.float64]

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import CLOSED, STOPPED, Branch, Located
+from impact_env.periodic.branch import CLOSED, FOLD, STOPPED, Branch, Located, Monitor
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, continuation
 from impact_env.periodic.folds import Fold, fold_near
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, solution_of, unknowns_of
-from impact_env.periodic.locating import FOLD, Monitor
 from impact_env.periodic.motion import Motion, motion_of
 from impact_env.periodic.orbit import Orbit, consistent, held_orbit, is_held, mended
 from impact_env.periodic.schedule import EventSchedule

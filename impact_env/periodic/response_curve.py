@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import Branch
+from impact_env.periodic.branch import FOLD, Branch
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import OMEGA, Balance
-from impact_env.periodic.locating import FOLD
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.orbit import confirmed
 from impact_env.periodic.orbit_branches import OrbitBranch

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from impact_env.parameters import ParameterError
-from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, NoConvergenceError
+from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, Monitor, NoConvergenceError
 from impact_env.periodic.continuation import Chart, Problem, Steps, both_ways, continuation, switched, walk
-from impact_env.periodic.locating import Monitor
 
 Array = np.ndarray
 

@@ -10,9 +10,8 @@ from impact_env import Beam, ModalModel, ParameterError, StuckAbsorber, beam_sce
 from impact_env.parameters import impact_absorber
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, linear_states, residual_and_jacobian, solve, unknowns_of
-from impact_env.periodic.motion import motion_of
+from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.schedule import Event, EventSchedule, Regime, flying_schedule
-from impact_env.periodic.stability import stability_of
 from impact_env.periodic.symmetric import (
     BIRTH,
     MERGER,

@@ -18,12 +18,11 @@ from impact_env.periodic.continuation import Steps, both_ways
 from impact_env.periodic.folds import fold_near
 from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
-from impact_env.periodic.motion import motion_of
+from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import orbit_branch
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
 from impact_env.periodic.shooting import shoot
-from impact_env.periodic.stability import stability_of
 from impact_env.periodic.survey import attractors, closed_form_orbits, orbit_of_simulation
 from impact_env.periodic.symmetric import FEWEST, closed_folds, closed_form, closed_form_branches, level_places, map_frequencies, symmetric_schedule
 from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
