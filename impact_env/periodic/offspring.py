@@ -21,6 +21,7 @@ from impact_env.periodic.continuation import Problem, Steps, switched
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, solve, unknowns_of
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import (
+    COARSE,
     PARAMETER_SHARE,
     PERIOD_DOUBLING,
     SYMMETRY_BREAKING,
@@ -206,7 +207,7 @@ class _Search:
     def symmetric(self) -> None:
         """Find the symmetric orbits and their branches."""
         self.groups += closed_form_over(self.case, self.ratios, lambda done, total: self._tell("closed form", done, total))
-        self._join(orbit_branches(self.case, *self.limits, self.ratios * float(self.case.model.omega[0])))
+        self._join(orbit_branches(self.case, *self.limits, self.ratios * float(self.case.model.omega[0]), COARSE))
 
     def leave(self, branches: Iterable[OrbitBranch]) -> None:
         """Follow what leaves some branches, and what leaves that."""

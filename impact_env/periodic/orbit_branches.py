@@ -189,13 +189,18 @@ def _located(located: tuple[Located, ...], schedules: list[EventSchedule]) -> tu
 
 
 def orbit_branches(
-    case: Case, low: float, high: float, also: Iterable[float] = (), progress: Callable[[str, int, float], None] | None = None
+    case: Case,
+    low: float,
+    high: float,
+    also: Iterable[float] = (),
+    steps: Steps = STEPS,
+    progress: Callable[[str, int, float], None] | None = None,
 ) -> Iterator[OrbitBranch]:
     """Yield the branches of symmetric two-impact orbits between two frequencies in rad/s, from the closed form's orbits at frequencies between.
 
     They are begun at `SEEDS` frequencies, beside the closed form's folds, and at frequencies given ``also``; what lies on a known branch is not
-    followed again. ``progress`` is told what is followed, points, and frequency. The last one has ended as `STOPPED` after Ctrl-C. Raises
-    ParameterError for a bad range.
+    followed again. ``steps``: `COARSE` where only the orbits at some frequencies are wanted. ``progress`` is told what is followed, points, and
+    frequency. The last one has ended as `STOPPED` after Ctrl-C. Raises ParameterError for a bad range.
     """
     require(0 < low < high, "frequency range", (low, high), "two frequencies in rad/s above 0, the lower one first")
     known: list[Array] = []
@@ -208,7 +213,7 @@ def orbit_branches(
             if motion is None or isinstance(motion, NoOrbit) or any(lies_on(places, motion.solution) for places in known):
                 continue
             show = None if progress is None else partial(progress, f"orbits {len(known) + 1}")
-            branch = orbit_branch(motion.solution, "omega", (low, high), STEPS, show)
+            branch = orbit_branch(motion.solution, "omega", (low, high), steps, show)
             known.append(places_of(branch))
             yield branch
             if branch.branch.ended == STOPPED:

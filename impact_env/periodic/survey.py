@@ -12,7 +12,7 @@ from impact_env.parameters import count, positive, require
 from impact_env.periodic.case import Case, start_from
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, shot_orbit
-from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branches
+from impact_env.periodic.orbit_branches import COARSE, OrbitBranch, orbit_branches
 from impact_env.periodic.passage import PassageError, passage
 from impact_env.periodic.schedule import flying_schedule
 from impact_env.periodic.shooting import shot, turn_of
@@ -214,7 +214,7 @@ def orbits_over(case: Case, ratios: Array, progress: Progress | None = None) -> 
         yield from found
         return
     omegas = np.asarray(ratios) * float(case.model.omega[0])
-    branches = list(orbit_branches(case, float(omegas[0]), float(omegas[-1]), omegas))
+    branches = list(orbit_branches(case, float(omegas[0]), float(omegas[-1]), omegas, COARSE))
     yield from (joined_by(group, branches) for group in found)
 
 
