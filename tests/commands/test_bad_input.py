@@ -26,6 +26,7 @@ GIVEN = {  # files that lie in the folder of the call
     "paper/paper/jump.json.gz": '{"rows": []}',
     "numbers/design_rule.json.gz": "{}",
 }
+GIVEN_BYTES = {name: gzip.compress(text.encode(), mtime=0) if name.endswith(".gz") else text.encode() for name, text in GIVEN.items()}
 NOWHERE = "--json = nowhere/a.json is not allowed: a file in a folder that exists"
 BOTH = "--threads = 2 is not allowed: with --cluster"
 CLUSTER = "--cluster 127.0.0.1:1"
@@ -351,9 +352,9 @@ def test_what_cannot_be_done_is_one_message(name: str, line: str, words: str, mo
     if missing_extras(file) or (CLUSTER in line and find_spec("distributed") is None):
         pytest.skip("a package that it needs is not installed")
     command = imported(name)  # before anything is in the place of what its modules import
-    for own, text in GIVEN.items():
+    for own, content in GIVEN_BYTES.items():
         (tmp_path / own).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / own).write_bytes(gzip.compress(text.encode()) if own.endswith(".gz") else text.encode())
+        (tmp_path / own).write_bytes(content)
     monkeypatch.chdir(tmp_path)
     if CLUSTER in line:
         monkeypatch.setattr("optimisation.search.cluster.Workers.__init__.__defaults__", (1.0,))
@@ -366,7 +367,7 @@ def test_what_cannot_be_done_is_one_message(name: str, line: str, words: str, mo
     assert result.stderr.count("Error: ") == 1
     assert "Traceback" not in result.stderr
     assert words in " ".join(result.stderr.split()), result.stderr
-    assert {str(path.relative_to(tmp_path)): path.read_text() for path in tmp_path.rglob("*") if path.is_file()} == GIVEN
+    assert {str(path.relative_to(tmp_path)): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == GIVEN_BYTES
 
 
 @pytest.mark.slow

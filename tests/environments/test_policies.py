@@ -14,6 +14,7 @@ pytest.importorskip("cmaes")
 from impact_env.parameters import ParameterError
 from optimisation.cli import (
     evaluate_policies,
+    train_sweep_agent,
     tune_baselines,
 )
 from optimisation.files import read_json
@@ -23,6 +24,7 @@ from optimisation.rl.families import FrequencyWindow, OpenLoop, Rates, policy_of
 from optimisation.rl.gap_rules import GapScale
 from optimisation.rl.judging import Judged, agents_for, contenders, judge, read_results, summarise, write_results
 from optimisation.rl.play import GAP, SWEEP, play
+from optimisation.rl.runs import Evaluation, Run, read_learning, typical
 from optimisation.rl.tasks import sweep
 from optimisation.rl.tasks.baseline import BEST_CONSTANT, BEST_SCHEDULE, Baseline
 from optimisation.rl.tasks.effort import QUICK, Effort
@@ -188,6 +190,7 @@ def test_the_command_judges_tells_and_draws(tmp_path: Path, monkeypatch: pytest.
         (("--task", "sweep", "--agents", "{here}/none"), "a folder with agents for ImpactAbsorber/SweepRate-v0"),
         (("--task", "sweep", "--agents", "{here}/gap.npz"), "an agent for ImpactAbsorber/SweepRate-v0, not for ImpactAbsorber/GapChoice-v0"),
         (("--task", "sweep", "--agents", "{here}/other.npz"), "arguments of PPO, seed 0"),
+        (("--agents", str(evaluate_policies.KEPT), "--out", str(evaluate_policies.POLICIES)), "a folder with all agents that the page tells of"),
         (
             (
                 "--task",
@@ -279,3 +282,23 @@ def test_judged_arrays_are_runs_by_seeds() -> None:
     assert result.scores.shape == result.levels.shape == (2, 2)
     np.testing.assert_array_equal(result.levels, -result.scores)
     assert np.all(result.times == 100.0)
+
+
+def test_learning_curves_are_drawn_again_from_their_table(tmp_path: Path) -> None:
+    written = {name: (evaluate_policies.KEPT / name).read_bytes() for name in ("learning_gap.csv", "learning_gap.json")}
+    for name, content in written.items():
+        (tmp_path / name).write_bytes(content)
+    result = call(train_sweep_agent.main, "--task", "gap", "--redraw", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert {name: (tmp_path / name).read_bytes() for name in written} == written
+    assert (tmp_path / "learning_gap.png").read_bytes().startswith(b"\x89PNG")
+    runs = read_learning(tmp_path / "learning_gap.csv")
+    assert [(run.algorithm, run.seed) for run in runs] == [(name, seed) for name in ("ppo", "sac") for seed in range(10)]
+    (tmp_path / "learning_gap.csv").write_text("algorithm,seed\nppo,0\n")
+    assert call(train_sweep_agent.main, "--task", "gap", "--redraw", "--out", tmp_path).exit_code == 2
+
+
+@pytest.mark.parametrize(("last", "seed"), [((0.1,), 0), ((0.1, 0.2), 1), ((0.3, 0.1, 0.2), 2), ((0.4, 0.3, 0.2, 0.1), 1)])
+def test_the_agent_that_is_kept_is_in_the_middle_at_its_end(last: tuple[float, ...], seed: int) -> None:
+    runs = [Run(Path(), {"seed": k}, tuple(Evaluation(0, 0, score, 0, 0, 0, 0) for score in (1.0, end)), True) for k, end in enumerate(last)]
+    assert typical(runs).seed == seed
