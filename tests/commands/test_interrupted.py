@@ -61,7 +61,7 @@ STOPS = (
     Stop("orbits", f"{ORBITS} --json a.json", "optimisation.cli.orbits.all_orbits_over", 2, "a.json", "a.json"),
     Stop("orbits", f"{ORBITS} --symmetric --json a.json", "optimisation.cli.orbits.orbits_over", 2, "a.json", "a.json"),
     Stop("frequency_response", f"{RESPONSE} --resume kept.json --json a.json", f"{PERIODIC}.overview.sweep_envelope", 2, "a.json", "a.json", 3),
-    Stop("isola", f"{ISOLA} --resume kept.json --json a.json", f"{PERIODIC}.isola_map.cell_of", 3, "a.json", "a.json", 5),
+    Stop("isola", f"{ISOLA} --resume kept.json --json a.json", f"{PERIODIC}.isolas.cell_of", 3, "a.json", "a.json", 5),
     Stop("regimes", f"{REGIMES} --out .", "studies.regimes.measured.stays", 2, "jump.json.gz", "jump_stay.csv", 4, "--resume"),
 )
 

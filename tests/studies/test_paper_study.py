@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -25,8 +25,13 @@ from studies.study import Json, Measured, Steps
 
 
 def script() -> ModuleType:
-    """Return the command as it is with the figures that there are now."""
-    return importlib.reload(reproduce_paper)
+    """Return a copy of the command as it is with the figures that there are now."""
+    spec = importlib.util.spec_from_file_location("reproduce_paper", reproduce_paper.__file__)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def call(module: ModuleType, *options: Any) -> Result:
