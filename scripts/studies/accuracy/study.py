@@ -37,7 +37,7 @@ class Measures(Protocol):
 
 def place(out: Path, names: tuple[str, ...]) -> Place:
     """Return where files go: all into a folder, tables into the page FOLDER.md beside it, if there is one that has a place for them."""
-    page = out.with_suffix(".md")
+    page = (out if out.name else out.resolve()).with_suffix(".md")  # "." has no name
     if not page.is_file():
         return Place(out)
     text = page.read_text(encoding="utf-8")
