@@ -91,7 +91,7 @@ def orbits() -> Bits:
     named: list[tuple[str, ArrayLike | None]] = []
     for k, orbit in enumerate(found):
         named += [(f"{name} {k}", value) for name, value in fields(orbit.solution, "phases", "impulses")]
-        named += [(f"largest {k}", orbit.motion.tip_max), (f"derivative {k}", orbit.stability.matrix)]
+        named += [(f"largest {k}", orbit.motion.tip_max), (f"derivative {k}", orbit.motion.derivative)]
     return bits(named)
 
 
