@@ -38,6 +38,9 @@ class Happening(NamedTuple):
     impulse: float
 
 
+MOST_TURNS = 100  # reversals in a flight between two events of the exact method
+
+
 @dataclass(eq=False)
 class Passage:
     """A motion over ``span`` (s): its pieces, events, the ``end`` state (2 N_m + 2,) and the ``derivative`` of it by the state at the start.
@@ -137,7 +140,7 @@ class _Walk:
 
     def _advance(self, time: float) -> tuple[Piece, Array, float]:
         """Fly, reversals included, or be held until a time (s); return the piece then, the state, and the relative acceleration of a flight."""
-        while True:
+        for _ in range(MOST_TURNS):
             piece = self.found.pieces[-1]
             dt, turn = time - piece.time, None
             if self.case.friction_limit > 0 and not piece.flow.joined:
@@ -153,6 +156,7 @@ class _Walk:
             self._leap(0, 0.0, 0.0, 2 * piece.sign * self.case.friction_limit, 0.0, bend)
             self._note(piece.time + dt, Event(self.sliding, 0, -piece.sign))
             self._go_on(self.free, piece.time + dt, state, -piece.sign)
+        raise PassageError("reversals without end")
 
     def _at_rest(self, state: Array) -> Array:
         """Return a state without what rounding left of the relative velocity."""
