@@ -57,7 +57,7 @@ class CurveCase:
 
     def amplitudes(self) -> Array:
         """Return the forces to run in N: one newton for a linear scene, whose level is proportional to the force."""
-        return np.ones(1) if (self.scene.kind is SceneKind.LINEAR) else self.forces
+        return np.ones(1) if self.scene.kind is SceneKind.LINEAR else self.forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +194,7 @@ def _of_case(case: CurveCase, levels: LaneLevels, members: int, start: int, stop
     arrays = {}
     for name in (field.name for field in fields(LaneLevels) if field.name != "complete"):
         share = getattr(levels, name).reshape(members, -1)[:, start:stop].reshape(members, 2, -1).transpose(2, 0, 1)
-        scale = case.forces[:, None, None] if (case.scene.kind is SceneKind.LINEAR) and name in ("level", "max_tip") else 1.0
+        scale = case.forces[:, None, None] if case.scene.kind is SceneKind.LINEAR and name in ("level", "max_tip") else 1.0
         arrays[name] = np.array(np.broadcast_to(share * scale, shape))
     return LaneLevels(**arrays, complete=not np.isnan(arrays["level"]).any())
 

@@ -284,7 +284,8 @@ def _law(model: ModalModel, absorber: SlidingAbsorber, mass: float, weight: floa
     if isinstance(walls, CompliantWalls) or isinstance(friction, ElasticCoulombFriction):
         stiffness = walls.stiffness if isinstance(walls, CompliantWalls) else None
         return CompliantContact(gap, stiffness, limit, friction.stiffness if isinstance(friction, ElasticCoulombFriction) else None)
-    if isinstance(walls, RigidWalls):
+    if walls is not None:
+        require(isinstance(walls, RigidWalls), "walls", walls, "RigidWalls or CompliantWalls: the dynamic Lagrangian method knows no impact law")
         allowed = "1, for the dynamic Lagrangian method knows no impact law, only conservative contact (exact orbits take any restitution)"
         require(walls.restitution == 1, "restitution", walls.restitution, allowed)
     assert friction is None or isinstance(friction, CoulombFriction)

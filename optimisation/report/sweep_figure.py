@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impact_env.energy import EnergyAccount, mechanical_energy
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.parameters import SlidingAbsorber, TunedAbsorber
+from impact_env.parameters import NonlinearSink, SlidingAbsorber, TunedAbsorber
 from impact_env.response import History, Response
 from optimisation.report.written_figure import write_figure
 
@@ -49,7 +49,9 @@ def save_figure(path: Path, title: str, response: Response, resonance: int) -> N
     assert history is not None
     assert level is not None
     axis = _Axis(response, resonance)
-    moving = isinstance(response.scene.absorber, SlidingAbsorber | TunedAbsorber)  # several move at places of their own, away from the tip
+    moving = isinstance(
+        response.scene.absorber, SlidingAbsorber | TunedAbsorber | NonlinearSink
+    )  # several move at places of their own, away from the tip
     rows = 3 if moving else 2
     figure = Figure(figsize=(12, 3.1 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, width_ratios=[2, 1], squeeze=False)

@@ -19,6 +19,7 @@ from impact_env import (
     Response,
     RigidWalls,
     RungeKutta,
+    SeveralAbsorbers,
     SlidingAbsorber,
     YieldingWalls,
     beam_scene,
@@ -29,6 +30,8 @@ from impact_env import (
 from impact_env.envs.settings import Settings
 from impact_env.families.common import compiled
 from impact_env.laws import CONCEPTS, FRICTION, WALLS, argument, entry, make, values
+from impact_env.periodic.case import case_of
+from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.plain import from_scene, to_scene
 from optimisation.cli.sweep_scene import OPTIONS, SCENE_OPTIONS, make_absorber
 from optimisation.variables import VARIABLES
@@ -158,6 +161,18 @@ def test_the_moreau_scheme_comes_closer_with_its_step() -> None:
         assert found is not None
         distances.append(abs(found.time[1] - exact.time[1]))
     assert distances[2] < distances[1] < distances[0]
+
+
+def test_what_knows_the_constant_law_alone_refuses_it() -> None:
+    scene = yielding(0.1).scene
+    omega = 0.95 * scene.model.resonance_omega(1)
+    for known in (lambda: harmonic_balance(scene, omega, 1.5), lambda: case_of(scene, 1.5, omega), lambda: simulate_several(scene.absorber)):
+        with pytest.raises(ParameterError, match="is not allowed"):
+            known()
+
+
+def simulate_several(absorber: Any) -> SeveralAbsorbers:
+    return SeveralAbsorbers((absorber, absorber), (0.5, 1.0))
 
 
 def sink_scene() -> Any:

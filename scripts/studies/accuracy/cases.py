@@ -88,7 +88,7 @@ class Case:
         result: list[Method] = [Exact()]
         if not compliant:
             result += [Moreau(count) for count in steps]
-        if compliant or (self.scene.kind is SceneKind.LINEAR):
+        if compliant or self.scene.kind is SceneKind.LINEAR:
             result += [RungeKutta(count, count) for count in steps]
         return result
 
@@ -96,7 +96,7 @@ class Case:
 def method_name(method: Method, scene: Scene) -> str:
     """Return a method's name in tables and figures."""
     if isinstance(method, Exact):
-        return "closed form" if (scene.kind is SceneKind.LINEAR) else "Exact"
+        return "closed form" if scene.kind is SceneKind.LINEAR else "Exact"
     return type(method).__name__ if isinstance(method, Moreau) else "Runge-Kutta"
 
 
