@@ -62,7 +62,7 @@ def save_figure(path: Path, comparison: Comparison) -> None:
 
 
 def _caption(comparison: Comparison) -> str:
-    runs = "one run" if comparison.members == 1 else f"{comparison.members} runs that differ in when the force begins and by rounding"
+    runs = "one run" if comparison.members == 1 else f"{comparison.members} runs that differ in when the force begins and by a millionth of it"
     band = f"lines: median, bands: 5 to 95 % of {runs}{'' if comparison.complete else ' (stopped early)'}"
     return f"level: RMS around the largest displacement, the larger of a sweep up and a sweep down\n{band}"
 
