@@ -67,8 +67,8 @@ def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Pa
 @click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: by --force, or {RigidWalls.gap}]")
 @click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given.")
-@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point, with other phases and roundings.  [default: {DEFAULT_MEMBERS}]")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
+@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point, other in phase and 1e-6 of force.  [default: {DEFAULT_MEMBERS}]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
 @click.option("--forces", type=click.IntRange(min=2), help=f"Number of forces for each resonance.  [default: {DEFAULT_FORCES}]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @cluster_option

@@ -114,8 +114,8 @@ def write(out: Path, check: GapCheck) -> list[Path]:
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Damping ratio of all modes.")
 @click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_GAPS} gaps, {QUICK_MEMBERS} members, unless given.")
 @click.option("--gaps", type=click.IntRange(min=3), help=f"Number of gaps, odd, the rule's in the middle.  [default: {DEFAULT_GAPS}]")
-@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each gap, with other phases and roundings.  [default: {DEFAULT_MEMBERS}]")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
+@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each gap, other in phase and 1e-6 of force.  [default: {DEFAULT_MEMBERS}]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @cluster_option
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/design_gap"), show_default=True, help="Folder for figure and tables.")

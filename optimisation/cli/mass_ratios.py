@@ -81,7 +81,9 @@ MEMBERS = 4
 @structure_option
 @click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
 @click.option("--mass-ratio", "ratios", type=float, multiple=True, help=f"Absorber mass over the structure's; may be repeated.  [default: {RATIOS}]")
-@click.option("--members", type=click.IntRange(min=1), default=MEMBERS, show_default=True, help="Runs for each gap, with other phases and roundings.")
+@click.option(
+    "--members", type=click.IntRange(min=1), default=MEMBERS, show_default=True, help="Runs for each gap, other in phase and 1e-6 of force."
+)
 @click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @cluster_option

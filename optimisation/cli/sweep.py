@@ -208,8 +208,8 @@ def default(text: str, value: object) -> str:
 @click.option("--method", type=click.Choice(["exact", "moreau", "runge-kutta"]), default="exact", show_default=True, help="Method of integration.")
 @click.option("--steps-per-period", type=int, help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS))
 @click.option("--most-events", type=int, help=default("Events after which a run is given up (exact).", "a million, and 5000 each pseudo period"))
-@click.option("--members", type=int, default=1, show_default=True, help="Runs that differ in phase and by rounding; the first has --phase.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases and roundings.")
+@click.option("--members", type=int, default=1, show_default=True, help="Runs other in phase and 1e-6 of force; the first has --phase.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the other members' phases and forces.")
 @cluster_option
 @click.option("--energy", is_flag=True, help="Account for the energies of the first member, which takes a kernel of its own.")
 @click.option("--time", is_flag=True, help="Time an integration alone, with nothing observed, which takes a kernel of its own.")

@@ -21,7 +21,7 @@ MM = 1e3
 
 
 class Settings(NamedTuple):
-    """Runs for each point, and the seed of their phases and roundings."""
+    """Runs for each point, and the seed of their phases and forces."""
 
     members: int
     seed: int

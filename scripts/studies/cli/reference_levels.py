@@ -19,9 +19,9 @@ from studies.runner import run
     type=click.IntRange(min=1),
     default=DEFAULT_MEMBERS,
     show_default=True,
-    help="Runs for each point, with other phases and roundings.",
+    help="Runs for each point, other in phase and 1e-6 of force.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and roundings.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
 @table_options(NAME, "docs/reference_levels.md")
 def main(members: int, seed: int, target: Path | None, page: Path | None) -> None:
     """Compute response levels of the paper's scenes and print them beside numbers computed earlier with the Moreau scheme."""
