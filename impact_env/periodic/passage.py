@@ -155,7 +155,7 @@ class _Walk:
             state = self._at_rest(state)
             self._leap(0, 0.0, 0.0, 2 * piece.sign * self.case.friction_limit, 0.0, bend)
             self._note(piece.time + dt, Event(self.sliding, 0, -piece.sign))
-            self._go_on(self.free, piece.time + dt, state, -piece.sign)
+            self._go_on(self.free, piece.time + dt, state, -piece.sign, rested=True)
         raise PassageError("reversals without end")
 
     def _at_rest(self, state: Array) -> Array:

@@ -19,6 +19,7 @@ Complex = NDArray[np.complex128]
 GRID = 0.15  # rad of the fastest exponential from sample to sample
 CHUNK = 256  # samples looked at together
 ITERATIONS = 60
+FROM_REST = 1e-6  # rad of the force
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,9 +182,10 @@ class Piece:
     def turn(self, length: float) -> float | None:
         """Return when (s) the relative velocity of a free piece first leaves the piece's sign within a ``length`` (s), None if it does not.
 
-        It is sampled; between two samples it may also dip below zero and come back, where its derivative turns.
+        It is sampled; between two samples it may also dip below zero and come back, where its derivative turns. A flight from rest is looked at
+        from `FROM_REST` on: before, its velocity is below rounding.
         """
-        start = 0.0
+        start = FROM_REST / self.flow.case.omega if self.rested else 0.0
         while start < length:
             dts, values = self.samples(start)
             dts = np.append(dts[dts < length], length) if dts[-1] >= length else dts
@@ -204,7 +206,7 @@ class Piece:
             places.insert(1, root(lambda dt: (self.relative(dt)[2], self.relative(dt)[3]), low, high))
         for one, other in pairwise(places):  # the relative velocity is monotonous between
             if self.sign * self.relative(other)[1] < 0:
-                if one > 0 or self.sign * self.relative(one)[1] > 0:
+                if self.sign * self.relative(one)[1] > 0:
                     return root(lambda dt: (self.relative(dt)[1], self.relative(dt)[2]), one, other)
                 return one
         return None
