@@ -192,8 +192,10 @@ def test_base_motion_needs_a_participation_and_walls_a_place_to_rest(tmp_path: P
     result = sweep(*written(tmp_path, "restitution = 0.7", base))
     assert result.exit_code == 2
     assert "participation of the modes" in result.output
-    options = written(tmp_path, "contact_stiffness = 1e6", TONES_LOAD)
-    assert "they are for Exact, and for scenes without absorber" in sweep(*options).output
+    options = written(tmp_path, "contact_stiffness = 1e6", base, base=True)
+    assert "for that Exact, and a scene without absorber" in sweep(*options).output
+    options = written(tmp_path, "contact_stiffness = 1e6\ngravity_m_s2 = 9.81", TONES_LOAD)
+    assert "gravity = 9.81 is not allowed: 0 with Exact() and compliant contact" in sweep(*options).output
     result = call(imported("sweep"), "--absorber", "none", "--load", tmp_path / "load.toml", "--force", 3)
     assert "--force does not go with --load" in result.output
     assert not (tmp_path / "out.json").exists()
