@@ -22,7 +22,7 @@ from impact_env.kernels.jit import COMPILED
 from impact_env.kernels.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.methods import Exact, Method
-from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, positive, require
+from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, positive, require, weightless
 from impact_env.scene import Scene
 from impact_env.sweep import REASONS, IntegrationError
 
@@ -65,6 +65,7 @@ class ControlledRuns:
     ) -> None:
         method = Exact() if method is None else method
         kernels = family(scene, method)
+        weightless(scene.absorber, "a run that is controlled in intervals")
         require(kernels.control is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
