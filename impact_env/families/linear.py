@@ -9,8 +9,8 @@ from functools import lru_cache, partial
 from impact_env.drive import Drive
 from impact_env.families.common import WINDOW_PERIODS, Array, compiled, losses_of, schedule_of, window_of
 from impact_env.families.family import Family, Observers
-from impact_env.kernels.crew import Board, linear_crew
 from impact_env.kernels.interval import Batch
+from impact_env.kernels.lanes import linear_lanes
 from impact_env.kernels.linear import Linear, linear_lane
 from impact_env.kernels.segments import Regime
 from impact_env.methods import Exact
@@ -43,9 +43,9 @@ def _run(scene: Scene, drive: Drive, method: Exact, state: Array, sample_dt: flo
     return int(linear_lane(Linear(regime, losses_of(scene)), schedule_of(drive, reach), state, observers.every(sample_dt)))
 
 
-def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
     regime, reach = linear_regime(scene, WINDOW_PERIODS * pseudo_period)
-    return partial(linear_crew, Linear(regime, losses_of(scene)), reach, batch)
+    return partial(linear_lanes, Linear(regime, losses_of(scene)), reach, batch)
 
 
 def _slots(scene: Scene, pseudo_period: float) -> int:
