@@ -270,6 +270,8 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
         },
     ),
     "balance_error": ("", {"--harmonics ten": "--harmonics", "--at 0.9 --force 0.5": "frequency = "}),
+    "doctor": ("", {"--json nowhere/a.json": NOWHERE, "--json a.txt": "--json = a.txt", "extra": "unexpected extra argument"}),
+    "cache": ("", {"empty": "'empty' is not one of 'info', 'clear'", "info --older": "--older goes with clear alone"}),
     "record_demonstrations": ("", {"--task nothing": "'nothing' is not one of"}),
     "train_sweep_agent": ("", {"--algorithm nothing": "'nothing' is not one of"}),
     "tune_baselines": ("", {"--task nothing": "'nothing' is not one of"}),
