@@ -138,6 +138,7 @@ class Task(ABC):
         """Return the scaled features (L, features)."""
         values = np.empty((self.lanes, len(self.features)))
         fill_features(self.runs.reports, self._units, self.ratio, self.elapsed, self.level(), values)
+        np.minimum(values[:, 4], self.settings.impacts_limit, out=values[:, 4])
         return values
 
     def info(self) -> dict[str, NDArray[Any]]:

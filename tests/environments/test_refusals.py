@@ -13,7 +13,7 @@ from gymnasium.error import ResetNeeded
 
 from impact_env import ParameterError
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
+pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
 
 
 def test_order_of_calls_is_enforced() -> None:
