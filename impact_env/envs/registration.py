@@ -38,6 +38,8 @@ ENVIRONMENTS = {
     "ImpactAbsorber/GapChoice-v1": Entry(GAP),
     "ImpactAbsorber/SweepAndGap-v1": Entry(ADAPTIVE, numbers=2),
     "ImpactAbsorber/FrictionChoice-v1": Entry(FRICTION),
+    "ImpactAbsorber/ActiveFriction-v0": Entry("impact_env.envs.active:ActiveFriction"),
+    "ImpactAbsorber/ActiveGap-v0": Entry("impact_env.envs.active:ActiveGap"),
 }
 
 

@@ -94,7 +94,7 @@ class SweepTask(Task):
         down = bool(generator.integers(2)) if direction == "random" else direction == "down"
         self.ratio[lane], self.far[lane] = self._ends[int(down)]
         self.sign[lane] = -1.0 if down else 1.0
-        self.force[lane] = force = self.draw_force(generator)
+        self.force[lane] = force = self.draw_force(lane, generator)
         level, damage = self._references[int(down)]
         self.level_scale[lane] = level * force
         self.damage_scale[lane] = damage * force**self.passage.fatigue_exponent if self.fatigue else 1.0

@@ -9,7 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.envs.kind import Kind
-from impact_env.envs.shells import METADATA, Info, Observation, check_options, check_render_mode, checked_actions, checked_seed, observation_space
+from impact_env.envs.shells import (
+    METADATA,
+    Info,
+    Observation,
+    check_options,
+    check_render_mode,
+    checked_actions,
+    checked_seed,
+    costs_as_rewards,
+    observation_space,
+    reward_space,
+)
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
 
@@ -48,6 +59,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         *,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         max_episode_steps: int | None = None,
+        vector_reward: bool = False,
         **arguments: Any,
     ) -> None:
         check_render_mode(render_mode)
@@ -56,6 +68,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         task, action_space = self.kind.make(count("num_envs", num_envs, 1), arguments), self.kind.actions()
         task.limit = None if max_episode_steps in (None, -1) else count("max_episode_steps", max_episode_steps, 1)
         self.task, self.render_mode, self.num_envs = task, render_mode, task.lanes
+        self.reward_space = reward_space(task, vector_reward)
         self.single_action_space, self.single_observation_space = action_space, observation_space(task)
         self.action_space = batch_space(action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -90,12 +103,15 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Start episodes at rest, in all lanes or in those of ``options["reset_mask"]`` (num_envs,), bool.
 
+        Other ``options`` choose what would be drawn, by the names in the task's ``options``: a number for all lanes, or one for each.
+
         ``seed``: a number from which lane i gets seed + i, or one seed (or None) for each lane.
         """
-        mask = check_options(options, ("reset_mask",)).get("reset_mask")
+        chosen = check_options(options, ("reset_mask", *self.task.options))
+        mask = chosen.pop("reset_mask", None)
         which = np.ones(self.num_envs, dtype=np.bool_) if mask is None else self._checked_mask(mask)
         self._seed(self._lane_seeds(seed), which)
-        observations = self.task.reset(which, self._generators)
+        observations = self.task.reset(which, self._generators, chosen)
         if self._observations is not None:
             observations[~which] = self._observations[~which]
         self._observations = observations
@@ -133,6 +149,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             lanes = np.flatnonzero(self._over).tolist()
             raise ResetNeeded(f'lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()')
         rewards, terminated, truncated = self.task.step(actions, resting)
+        if self.reward_space is not None:
+            rewards = costs_as_rewards(self.task, resting)
         observations = self.task.observe(self._generators, resting)
         info = self.task.info()
         over = terminated | truncated

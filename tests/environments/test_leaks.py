@@ -19,9 +19,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
 def seen(env: Any, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the force (L,) and the observations (L, steps, features) of random actions."""
     _, info = env.reset(seed=0)
-    generator, rows = np.random.default_rng(1), []
-    for _ in range(steps):
-        rows.append(env.step(generator.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0])
+    generator = np.random.default_rng(1)
+    rows = [env.step(generator.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0] for _ in range(steps)]
     return info["force"], np.stack(rows, axis=1).astype(np.float64)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from impact_env.envs import ENVIRONMENTS
 
-SWEEP, GAP, PASSIVE, V1, NOISY, DELAYED, OPEN_ADAPTIVE, OPEN_FRICTION, HARD, GAP1, ADAPTIVE, FRICTION = ENVIRONMENTS
+SWEEP, GAP, PASSIVE, V1, NOISY, DELAYED, OPEN_ADAPTIVE, OPEN_FRICTION, HARD, GAP1, ADAPTIVE, FRICTION, ACTIVE_FRICTION, ACTIVE_GAP = ENVIRONMENTS
 PAIRS = (OPEN_ADAPTIVE, ADAPTIVE)  # which take two numbers
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}  # one kind of scene for most tests: one kernel to compile
 SHORT = {
@@ -19,8 +19,9 @@ SHORT = {
 }
 BRIEF = {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0}
 SHORT |= dict.fromkeys((V1, NOISY, DELAYED), BRIEF) | {ADAPTIVE: BRIEF | RUBBING}
-SHORT |= dict.fromkeys((OPEN_FRICTION, FRICTION), {"limits": (0.96, 0.98), "direction": "random", "friction_range": (0.01, 5.0)})
-SHORT |= {OPEN_ADAPTIVE: SHORT[ADAPTIVE], HARD: SHORT[SWEEP], GAP1: SHORT[GAP]}
+SHORT |= {FRICTION: {"limits": (0.96, 0.98), "direction": "random", "friction_range": (0.01, 5.0)}}
+SHORT |= {ACTIVE_FRICTION: {"time_budget": 5.0}, ACTIVE_GAP: {"time_budget": 5.0}}
+SHORT |= {OPEN_FRICTION: SHORT[FRICTION], OPEN_ADAPTIVE: SHORT[ADAPTIVE], HARD: SHORT[SWEEP], GAP1: SHORT[GAP]}
 
 
 def make(name: str, **arguments: Any) -> Any:
