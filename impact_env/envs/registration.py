@@ -11,13 +11,14 @@ from impact_env.extras import optional
 
 @dataclass(frozen=True)
 class Entry:
-    """Where an environment's classes are, without their endings Env and VectorEnv, the arguments that its name stands for, and how many numbers an
-    action has.
+    """Where an environment's classes are, without their endings Env and VectorEnv, the arguments that its name stands for, how many numbers an
+    action has, and whether it takes a ``split``.
     """  # noqa: D205
 
     place: str
     arguments: Mapping[str, Any] = field(default_factory=dict)
     numbers: int = 1
+    has_split: bool = False
 
 
 HARD, V1 = "impact_env.envs.sweep_rate:SweepRate", "impact_env.envs.sweep_rate_v1:SweepRateV1"

@@ -75,7 +75,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self._observations: Observation | None = None
-        self._over = np.zeros(self.num_envs, dtype=np.bool_)
+        self._over, self._rest = np.zeros(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.bool_)
         self._screen: Any = None
 
     @property  # type: ignore[misc]
@@ -115,7 +115,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if self._observations is not None:
             observations[~which] = self._observations[~which]
         self._observations = observations
-        self._over[which] = False
+        self._over[which] = self._rest[which] = False
         return observations.copy(), self._masked(self.task.info(), which)
 
     def _lane_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
@@ -134,6 +134,15 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             raise ResetNeeded("the first reset() must be one of all lanes: leave reset_mask out")
         return np.asarray(mask)
 
+    def rest(self, mask: NDArray[np.bool_]) -> None:
+        """Let the lanes of a mask (num_envs,), bool, stay where they are until they are reset, and all others go on.
+
+        A lane that rests costs next to nothing, ignores its action, has a reward of 0, does not end, and shows its last observation again.
+        """
+        ok = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)
+        require(ok, "mask", mask, f"a bool array of shape ({self.num_envs},)")
+        self._rest = mask.copy()
+
     def step(self, actions: Any) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
         """Advance all lanes by one control interval.
 
@@ -144,14 +153,18 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if self._observations is None:
             raise ResetNeeded("call reset() before step()")
         actions = checked_actions(self.action_space, actions)
-        resting = self._over if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any() else None
-        if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
-            lanes = np.flatnonzero(self._over).tolist()
+        resting = self._over & ~self._rest if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any() else None
+        still = self._rest if self._rest.any() else None
+        if self.autoreset_mode is AutoresetMode.DISABLED and (self._over & ~self._rest).any():
+            lanes = np.flatnonzero(self._over & ~self._rest).tolist()
             raise ResetNeeded(f'lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()')
-        rewards, terminated, truncated = self.task.step(actions, resting)
+        stays = still if resting is None else resting if still is None else still | resting
+        rewards, terminated, truncated = self.task.step(actions, stays)
         if self.reward_space is not None:
-            rewards = costs_as_rewards(self.task, resting)
-        observations = self.task.observe(self._generators, resting)
+            rewards = costs_as_rewards(self.task, stays)
+        observations = self.task.observe(self._generators, stays)
+        if still is not None:
+            observations = np.where(still[:, None], self._observations, observations)
         info = self.task.info()
         over = terminated | truncated
         final: Info = {}
@@ -161,6 +174,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if again is not None:
             observations = np.where(again[:, None], self.task.reset(again, self._generators), observations)
             info = self.task.info()
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            over = over if still is None else over | (self._over & still)
         self._observations, self._over = observations, over if self.autoreset_mode is not AutoresetMode.SAME_STEP else self._over
         return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info, np.ones(self.num_envs, dtype=np.bool_))}
 
@@ -185,7 +200,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             raise ResetNeeded("call reset() before snapshot()")
         generators = [generator.bit_generator.state for generator in self._generators]
         parts = {"task": self.task.snapshot(), "generators": generators}
-        return parts | {"seeds": list(self._seeds), "observations": self._observations.copy(), "over": self._over.copy()}
+        return parts | {"seeds": list(self._seeds), "observations": self._observations.copy(), "over": self._over.copy(), "rest": self._rest.copy()}
 
     def restore(self, snapshot: dict[str, Any]) -> Observation:
         """Go on from the snapshot of an environment with the same arguments, bit for bit; return the observations (num_envs, features)."""
@@ -195,6 +210,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             generator.bit_generator.state = state
         self.task.restore(snapshot["task"])
         self._observations, self._over = snapshot["observations"].copy(), snapshot["over"].copy()
+        self._rest = snapshot.get("rest", np.zeros_like(self._over)).copy()
         return self._observations.copy()
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from impact_env.envs import ENVIRONMENTS
+from impact_env.envs.evaluation import interval
 from optimisation.rl.active_rules import ACTIVE, PAIRS, Blind, BlindPair
 from optimisation.rl.families import Array, ConstantAction, policy_of
 from optimisation.rl.oracle import Planner, plan
 from optimisation.rl.play import play
-from optimisation.rl.statistics import interval
 from optimisation.rl.sweep_gap_rules import ConstantPair
 from optimisation.rl.tuning import Progress, Search, best_of, evolve
 
