@@ -4,6 +4,7 @@ The names below are the public interface; everything is in SI units.
 """
 
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.envs import register_environments
@@ -63,6 +64,7 @@ __all__ = [
     "__version__",
     "beam_scene",
     "constant_frequency",
+    "evaluate",
     "friction_damper",
     "impact_absorber",
     "impact_absorbers",
@@ -72,6 +74,16 @@ __all__ = [
     "on_compile",
     "simulate",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Return what is imported when it is first asked for."""
+    if name == "evaluate":
+        from impact_env.envs.evaluation import evaluate
+
+        return evaluate
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 try:
     __version__ = version("impact-absorber-workbench")

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -202,3 +203,44 @@ class ControlledRuns:
 def _stretches(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the stretches (n, 2) between cuts (n + 1,)."""
     return np.column_stack([cuts[:-1], cuts[1:]])
+
+
+class PooledRuns(ControlledRuns):
+    """Lanes that share orders, reports and memory, each in a scene of its own out of a pool: ``which`` (L,) says which.
+
+    All scenes have as many modes, the same kind of absorber, and one ``reference`` frequency; the runs of one are made when a lane first needs them.
+    """
+
+    def __init__(self, scenes: Sequence[Scene], lanes: int, reference: float, interval: float, method: Method | None = None, **options: Any) -> None:
+        self._make: Callable[..., ControlledRuns] = partial(ControlledRuns, reference=reference, interval=interval, method=method, **options)
+        self.scenes, self.which = tuple(scenes), np.zeros(lanes, dtype=np.int64)
+        self._members: dict[int, ControlledRuns] = {}
+        super().__init__(scenes[0], lanes, reference, interval, method, **options)
+
+    def _member(self, number: int) -> ControlledRuns:
+        if number not in self._members:
+            made = self._make(self.scenes[number], self.lanes)
+            require(made._memory.z.shape == self._memory.z.shape, "scenes", made.scene, "scenes with as many modes and the same kind of absorber")
+            made._orders, made._reports, made.status, made._memory = self._orders, self._reports, self.status, self._memory
+            made._take = made._kernel()
+            self._members[number] = made
+        return self._members[number]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self._members = {}
+
+    def advance(self) -> None:
+        """Advance all lanes but idle ones, scene by scene."""
+        for number in np.unique(self.which[~self.idle]).tolist():
+            member = self._member(number)
+            member.idle = self.idle | (self.which != number)
+            member.advance()
+
+    def _variables(self) -> list[NDArray[Any]]:
+        return [*super()._variables(), self.which]
+
+    def close(self) -> None:
+        """End the threads."""
+        for member in self._members.values():
+            member.close()

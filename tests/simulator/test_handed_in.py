@@ -18,7 +18,15 @@ from impact_env.ensemble import Lane, Members, draw_members, run_lanes
 from impact_env.envs.settings import Settings
 from impact_env.level import response_level
 
-MADE_BY_RUNS = ("Compilation", "Response", "IntegrationError", "ParameterError", "StructureWarning", "__version__")
+MADE_BY_RUNS = (
+    "Compilation",
+    "Response",
+    "IntegrationError",
+    "ParameterError",
+    "StructureWarning",
+    "__version__",
+    "evaluate",
+)  # the last has a test of its own
 MORE = {
     make.__name__: make for make in (CurveCase, Lane, Members, default_rate, draw_members, performance_curve, response_level, run_lanes, Settings)
 }
