@@ -91,6 +91,7 @@ def _on_another_beam(lane: Lane, damping: float, frequency: float) -> Lane:
     if damping == 1 and frequency == 1:
         return lane
     model, drive, schedule = lane.scene.model, lane.drive, lane.drive.schedule
+    assert isinstance(drive, Drive)
     other = replace(model, omega=model.omega * frequency, damping_ratio=model.damping_ratio * damping)
     moved = FrequencySchedule(schedule.times / frequency, schedule.omegas * frequency, schedule.reference * frequency)
     return Lane(Scene(other, lane.scene.absorber), Drive(drive.amplitude, moved, drive.phase))

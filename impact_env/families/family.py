@@ -9,10 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
 from impact_env.kernels.interval import Batch
 from impact_env.kernels.level import Level
 from impact_env.kernels.observers import Counters, Energy, Events, Observe, Series, new_clock
+from impact_env.loads import AnyDrive
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ class Observers:
 class Run(Protocol):
     """A family's single run."""
 
-    def __call__(self, scene: Scene, drive: Drive, method: Any, state: Array, sample_dt: float, observers: Observers, /) -> int:
+    def __call__(self, scene: Scene, drive: AnyDrive, method: Any, state: Array, sample_dt: float, observers: Observers, /) -> int:
         """Integrate over the whole schedule and return a status code of `impact_env.kernels.observers`.
 
         ``state`` (2 N_m + 2 n,) is the start and becomes the end. Samples lie ``sample_dt`` (s) apart from time 0. A slider of elastic friction
@@ -78,5 +78,5 @@ class Family:
     searched: bool = False
 
     def key(self, scene: Scene) -> tuple[object, ...]:
-        """Return what is the same for two scenes that the same compiled kernels simulate."""
+        """Return what is the same for two scenes that the same compiled kernels simulate, under the same kind of drive."""
         return self.name, *(absent(law) for law in self.laws(scene))
