@@ -23,6 +23,8 @@ from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.memory import peak_memory
 from optimisation.progress import sweeps_bar
+from optimisation.report.card import write_card
+from optimisation.report.cards import comparison_card
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
 
 QUICK_FORCES, QUICK_MEMBERS = 10, 2
@@ -56,7 +58,7 @@ def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Pa
     write_json(files[2], made | summary(comparison))
     with replacing(files[3]) as temporary:
         save_figure(temporary, comparison)
-    return files
+    return files + write_card(out, comparison_card(comparison))
 
 
 @command()
@@ -80,7 +82,8 @@ def main(structure: Path | None, quick: bool, out: Path, cluster: str | None, **
 
     On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
     scaling law and the energy of a cycle, the linear absorber tuned to the first of the resonances. Writes comparison.png, curves.csv
-    (medians and bands), runs.csv (every run) and summary.json, and prints a table. Ctrl-C ends the run early and leaves what is finished.
+    (medians and bands), runs.csv (every run), summary.json and a card with curves (card.html, card.json), and prints a table.
+    Ctrl-C ends the run early and leaves what is finished.
     """
     started = time.perf_counter()
     given["members"] = given["members"] or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
