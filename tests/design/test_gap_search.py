@@ -26,7 +26,7 @@ MODEL = modal_model(Beam(modes=3))
 
 
 def cliff(best: float, drop: float = 1.6) -> object:
-    """Return a landscape over ln gap: in proportion to the gap above ``best``, ``drop`` times as high just below, and rising further down."""
+    """Return a landscape over ln gap: in proportion to the gap above ``best``, ``drop`` times as high just below, rising slowly further down."""
 
     def level(x: float) -> float:
         return math.exp(x) if x >= best else drop * math.exp(best) * math.exp(0.7 * (best - x))
