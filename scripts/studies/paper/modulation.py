@@ -33,6 +33,7 @@ from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim, Verdict
 from studies.paper.frame import figure_part, has, in_turn
 from studies.paper.settings import Settings
+from studies.paper.watched import Chaos
 from studies.study import Json, Measured, Saver, Steps
 
 LABEL = "modulation"
@@ -47,6 +48,7 @@ PERIODS = (1000, 300)  # of the window, in full and quick
 MEMBERS = (8, 3)
 ENDS = (0.05, 0.95)  # quantiles of the periods' peaks that the depth is taken between: a largest peak would grow with the window
 
+MOST_FOLLOWED = 14  # modes up to which a tangent vector is followed
 FAST = 4  # modes from which on most of what an impact scatters is gone before the next
 RECORD = Record(level=False, events=True, series=True, energy=True)
 
@@ -115,8 +117,16 @@ def measure(settings: Settings, known: Json) -> Steps:
         "modes": partial(_rows, settings, many, equivalents),
         "equivalent": partial(_rows, settings, [_one_mode(e) for e in equivalents], equivalents),
         "one mode": partial(_rows, settings, [_one_mode(e) for e in one], list(one)),
+        "exponents": partial(_exponents, settings, [scene for scene in many if scene.model.modes <= MOST_FOLLOWED]),
     }
     return in_turn(groups, known)
+
+
+def _exponents(settings: Settings, scenes: list[Scene]) -> list[Json]:
+    """Return the largest Lyapunov exponent of each scene's response, from the paper's own phase."""
+    lanes = [Lane(scene, Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE))) for scene in scenes]
+    found = settings.each(f"{LABEL}: exponents", lanes, Chaos(settings.size(*PERIODS)))
+    return [{"modes": scene.model.modes, "exponent": list(exponent)} for scene, exponent in zip(scenes, found, strict=True)]
 
 
 def _one_mode(restitution: float) -> Scene:
@@ -149,11 +159,22 @@ def _words(values: Json) -> str:
         "one mode with $e_1$",
         "absorber's energy, %",
         "impacts a period",
+        "largest exponent a period (95 %)",
     )
     body = []
+    exponents = {row["modes"]: "{:.2f} ({:.2f} to {:.2f})".format(*row["exponent"]) for row in values.get("exponents", ())}
     for row, other in zip(values.get("modes", ()), values.get("equivalent", ()), strict=False):
         cells = (_interval(row["depth"]), _interval(other["depth"]), _interval(row["taken"], 100, 0), _interval(other["taken"], 100, 0))
-        body.append((f"{row['modes']}", f"{row['restitution']:.2f}", *cells, _interval(row["absorber"], 100, 0), _interval(row["impacts"])))
+        body.append(
+            (
+                f"{row['modes']}",
+                f"{row['restitution']:.2f}",
+                *cells,
+                _interval(row["absorber"], 100, 0),
+                _interval(row["impacts"]),
+                exponents.get(row["modes"], ""),
+            )
+        )
     text = markdown(header, body)
     return text + ("\n\n" + _answer(values) if has(values, "modes", "equivalent") else "")
 
