@@ -24,9 +24,9 @@ from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for
 from optimisation.rl.policies import Constant, Random
 from optimisation.rl.runs import Evaluation, Run, collect, find_runs, read_learning, run_folder
 from optimisation.rl.tasks.baseline import RANDOM
-from optimisation.rl.tasks.table import GROUPS, GROUPS_HELP, TASKS, task_named
+from optimisation.rl.tasks.table import TASKS, TRAINED, TRAINED_GROUPS, TRAINED_HELP, task_named
 
-BOTH = "both"
+BOTH, DEFAULT = "both", "active_friction"  # a task that is learnt in minutes
 SEEDS, CONSTANTS = 10, 17
 QUICK_SHARE, QUICK_LEGS, QUICK_CONSTANTS = 0.25, 10, 5
 OUT = Path("results/train_sweep_agent")
@@ -37,7 +37,7 @@ def plan(task: str, given: dict[str, Any]) -> list[Any]:
     from optimisation.rl.training import Job, check_folder  # torch is slow to import
     from optimisation.rl.training_runs import Planned
 
-    env_id = task_named(task).env_id
+    env_id = TRAINED[task]
     algorithms = recipes(env_id) if given["algorithm"] == BOTH else [given["algorithm"]]
     runs = []
     for seed in range(given["seeds"]):
@@ -58,7 +58,7 @@ def beside(task: str, job: Any, count: int, folder: Path) -> dict[str, float]:
     from optimisation.rl.training import evaluate
 
     file = folder / f"{task}_baselines.json"
-    if file.exists():
+    if task in TASKS and file.exists():
         stored, arguments = load(file, task)
         if arguments == job.arguments:
             kinds = families(task, arguments)
@@ -88,7 +88,7 @@ def write(out: Path, task: str, baselines: dict[str, float], runs: list[Run]) ->
     """Write figure and tables of a task's runs, and print the table."""
     from optimisation.report.learning_report import COLUMNS, HEADER, learning_rows, save_learning_curve, table_rows  # matplotlib is slow to import
 
-    env_id = task_named(task).env_id
+    env_id = TRAINED[task]
     write_csv(out / f"learning_{task}.csv", COLUMNS, learning_rows(runs))
     write_json(out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})})
     with replacing(out / f"learning_{task}.png") as temporary:
@@ -139,7 +139,7 @@ def redraw(task: str, out: Path) -> None:
 
 
 @command()
-@click.option("--task", type=click.Choice([*TASKS, *GROUPS]), default="sweep", show_default=True, help=GROUPS_HELP)
+@click.option("--task", type=click.Choice([*TRAINED, *TRAINED_GROUPS]), default=DEFAULT, show_default=True, help=TRAINED_HELP)
 @click.option(
     "--algorithm",
     type=click.Choice([*ALGORITHMS, BOTH]),
@@ -180,7 +180,7 @@ def main(**given: Any) -> None:
         require_writable("--out", given["out"])
         if given["target"] is not None:
             require_writable("--collect", given["target"])
-        for task in GROUPS.get(given["task"], (given["task"],)):
+        for task in TRAINED_GROUPS.get(given["task"], (given["task"],)):
             if given["redraw"]:
                 redraw(task, given["out"])
             else:
