@@ -22,7 +22,7 @@ from optimisation.report.markdown import markdown
 from optimisation.rl.baselines import TUNED, families, load, policy
 from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for
 from optimisation.rl.policies import Constant, Random
-from optimisation.rl.runs import Evaluation, Run, collect, find_runs, read_learning, run_folder
+from optimisation.rl.runs import Evaluation, Run, collect, find_runs, read_learning, run_folder, ship
 from optimisation.rl.tasks.baseline import RANDOM
 from optimisation.rl.tasks.table import TASKS, TRAINED, TRAINED_GROUPS, TRAINED_HELP, task_named
 
@@ -162,6 +162,7 @@ def redraw(task: str, out: Path) -> None:
     help="Folder of TASK_baselines.json to compare with.  [default: this package's]",
 )
 @click.option("--collect", "target", type=click.Path(path_type=Path), metavar="FOLDER", help="Copy curves and typical agents there at the end.")
+@click.option("--ship", type=click.Path(path_type=Path), metavar="FOLDER", help="Write typical agents there, each as the one file that ships.")
 @click.option("--redraw", is_flag=True, help="Figures and tables again from the learning curves in --out; nothing is trained.")
 def main(**given: Any) -> None:
     """Train agents, seed by seed, and draw their learning curves.
@@ -180,11 +181,15 @@ def main(**given: Any) -> None:
         require_writable("--out", given["out"])
         if given["target"] is not None:
             require_writable("--collect", given["target"])
+        if given["ship"] is not None:
+            require_writable("--ship", given["ship"])
         for task in TRAINED_GROUPS.get(given["task"], (given["task"],)):
             if given["redraw"]:
                 redraw(task, given["out"])
             else:
                 finished = finished and train_task(task, given)
+        if finished and given["ship"] is not None:
+            click.echo(f"{len(ship(given['out'], given['ship']))} agents written to {given['ship']}")
         if finished and given["target"] is not None:
             click.echo(f"{len(collect(given['out'], given['target']))} files copied to {given['target']}")
     except ParameterError as error:
