@@ -206,22 +206,27 @@ def _stretches(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 class PooledRuns(ControlledRuns):
-    """Lanes that share orders, reports and memory, each in a scene of its own out of a pool: ``which`` (L,) says which.
+    """Lanes of several scenes out of a pool: ``which`` (L,), to be filled in place, says which scene a lane is in.
 
     All scenes have as many modes, the same kind of absorber, and one ``reference`` frequency; the runs of one are made when a lane first needs them.
+    What lanes keep lies scene by scene, so that a call of compiled code has all lanes of a scene in a row; orders and reports are those of lanes.
     """
 
     def __init__(self, scenes: Sequence[Scene], lanes: int, reference: float, interval: float, method: Method | None = None, **options: Any) -> None:
         self._make: Callable[..., ControlledRuns] = partial(ControlledRuns, reference=reference, interval=interval, method=method, **options)
         self.scenes, self.which = tuple(scenes), np.zeros(lanes, dtype=np.int64)
+        self._rows = np.arange(lanes)  # of a lane in what is kept
         self._members: dict[int, ControlledRuns] = {}
         super().__init__(scenes[0], lanes, reference, interval, method, **options)
+        self._ordered, self._reported, self._ended = self._orders.copy(), self._reports.copy(), self.status.copy()
+        self._laid = self.which.copy()
 
     def _member(self, number: int) -> ControlledRuns:
         if number not in self._members:
             made = self._make(self.scenes[number], self.lanes)
+            made.threads = 1  # a scene has few lanes of all: to hand some to a helper takes longer than to do them
             require(made._memory.z.shape == self._memory.z.shape, "scenes", made.scene, "scenes with as many modes and the same kind of absorber")
-            made._orders, made._reports, made.status, made._memory = self._orders, self._reports, self.status, self._memory
+            made._orders, made._reports, made.status, made._memory = self._ordered, self._reported, self._ended, self._memory
             made._take = made._kernel()
             self._members[number] = made
         return self._members[number]
@@ -230,14 +235,44 @@ class PooledRuns(ControlledRuns):
         super().__setstate__(state)
         self._members = {}
 
+    def _lay(self, order: NDArray[np.int64]) -> None:
+        """Put what the lanes (L,) in ``order`` keep one after the other."""
+        rows = self._rows[order]
+        for values in self._memory:
+            values[...] = values[rows]
+        self._rows[order] = np.arange(self.lanes)
+
+    @property
+    def state(self) -> Array:
+        """State of each lane, a copy (L, 2 N_m + 2)."""
+        return np.asarray(self._memory.state[self._rows])
+
+    def restart(self, which: NDArray[Any]) -> None:
+        """Put lanes (indices or mask) at rest, as `ControlledRuns.restart` does."""
+        rows = self._rows[which]
+        self._memory.state[rows] = 0.0
+        self._memory.kept["gap"][rows] = self.orders["gap"][which]
+        self.reports[which] = np.zeros(1, REPORT)
+        self.orders["fresh"][which] = True
+
     def advance(self) -> None:
         """Advance all lanes but idle ones, scene by scene."""
+        if not np.array_equal(self._laid, self.which):
+            self._lay(np.argsort(self.which, kind="stable"))
+            self._laid[...] = self.which
+        rows = self._rows
+        self._ordered[rows], self._reported[rows], self._ended[rows] = self._orders, self._reports, self.status
+        scenes, idle = np.empty_like(self.which), np.empty_like(self.idle)
+        scenes[rows], idle[rows] = self.which, self.idle
         for number in np.unique(self.which[~self.idle]).tolist():
             member = self._member(number)
-            member.idle = self.idle | (self.which != number)
+            member.idle = idle | (scenes != number)
             member.advance()
+        self._orders[...], self._reports[...], self.status[...] = self._ordered[rows], self._reported[rows], self._ended[rows]
 
     def _variables(self) -> list[NDArray[Any]]:
+        self._lay(np.arange(self.lanes))  # what is kept is then that of lane after lane
+        self._laid[...] = -1
         return [*super()._variables(), self.which]
 
     def close(self) -> None:

@@ -19,7 +19,6 @@ from impact_env.envs.sweep_gap_task import Cavity, require_cavity
 from impact_env.envs.task import IMPACTS_SCALE, Array, Mask, Task
 from impact_env.kernels.interval import spread
 from impact_env.level import require_samples
-from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, positive, require
 
 COSTS = ("level", "time", "fatigue", "actuator", "contact force")
@@ -74,10 +73,6 @@ class ActiveTask(Task):
         self.costs, self._scale = np.zeros((lanes, len(COSTS))), np.ones(lanes)
         self.squares = np.zeros((lanes, max(1, round(1 / settings.interval))))
         self._speed, self._moved = np.zeros(lanes), np.zeros(lanes)
-
-    def model(self, lane: int) -> ModalModel:  # noqa: ARG002 - all lanes have one
-        """Return a lane's structure."""
-        return self.settings.scene.model
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw frequency, force and phase."""

@@ -17,6 +17,7 @@ from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
 from impact_env.envs.settings import FORCES, Range, Settings
 from impact_env.kernels.episodes import Units, fill_features, order_intervals
+from impact_env.modes import ModalModel
 from impact_env.parameters import require
 
 Array = NDArray[np.float64]
@@ -62,6 +63,10 @@ class Task(ABC):
         impacts, unit = self.interval * IMPACTS_SCALE, float(self.frequency_unit)
         self._units = Units(self.length, 1 / (self.omega * self.length), impacts, float(self.frequency_origin), unit, steps)
         self._period = 2 * np.pi / self.omega
+
+    def model(self, lane: int) -> ModalModel:  # noqa: ARG002 - all lanes have one, unless a task says otherwise
+        """Return a lane's structure."""
+        return self.settings.scene.model
 
     def make_runs(self, **arguments: Any) -> ControlledRuns:
         """Return the lanes' runs."""
