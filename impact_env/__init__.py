@@ -4,6 +4,7 @@ The names below are the public interface; everything is in SI units.
 """
 
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 from impact_env.budget import Stop
 from impact_env.curve import CurveCase, Pass, PerformanceCurve, curve_passes, performance_curve
@@ -74,6 +75,7 @@ __all__ = [
     "beam_scene",
     "constant_frequency",
     "curve_passes",
+    "evaluate",
     "friction_damper",
     "impact_absorber",
     "impact_absorbers",
@@ -87,6 +89,16 @@ __all__ = [
     "prepare",
     "simulate",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Return what is imported when it is first asked for."""
+    if name == "evaluate":
+        from impact_env.envs.evaluation import evaluate
+
+        return evaluate
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 try:
     __version__ = version("impact-absorber-workbench")

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-from impact_env.drive import Drive
 from impact_env.kernels.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
 from impact_env.kernels.observers import Check, Counters, new_counters
+from impact_env.loads import AnyDrive
 from impact_env.parameters import count
 
 T = TypeVar("T")
@@ -57,7 +57,7 @@ def checked_budget(most_events: int | None) -> int | None:
     return None if most_events is None else count("most_events", most_events, 1)
 
 
-def counters_for(drive: Drive, most_events: int | None, check: Check | None = None) -> Counters:
+def counters_for(drive: AnyDrive, most_events: int | None, check: Check | None = None) -> Counters:
     """Return a run's counters with its budget; None is the default, which grows with the time reached.
 
     Evaluations are EVALUATIONS_PER_EVENT for each event; where events are given, as many for each pseudo period that has passed, too.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from impact_env.budget import Stop, checked_budget
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import kernel_key
+from impact_env.loads import AnyDrive, amplitude_in_words, members_of
 from impact_env.methods import Exact, Method
 from impact_env.parameters import ParameterError, count, instance, listed, one_of, require, row
 from impact_env.response import DEFAULT_SAMPLES, Record
@@ -47,16 +48,16 @@ class Executor(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """One run of an ensemble, from rest."""
+    """One run of an ensemble, from rest, or from its loads' start."""
 
     scene: Scene
-    drive: Drive
+    drive: Any  # Drive, or Loads
 
     def __post_init__(self) -> None:
-        instance("scene", self.scene, Scene), instance("drive", self.drive, Drive)
+        instance("scene", self.scene, Scene), instance("drive", self.drive, AnyDrive)
 
     def __str__(self) -> str:
-        return f"{self.drive.amplitude:g} N, phase {self.drive.phase:g} rad, absorber {self.scene.absorber}"
+        return f"{amplitude_in_words(self.drive)}, absorber {self.scene.absorber}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +103,11 @@ class Members:
     def drives(self, force: float, schedule: FrequencySchedule, phase: float = 0.0) -> list[Drive]:
         """Return each member's drive at a force in N whose own initial phase is ``phase`` in rad."""
         return [Drive(force * float(factor), schedule, phase + float(own)) for own, factor in zip(self.phases, self.factors, strict=True)]
+
+
+def drives_of(members: Members, drive: AnyDrive) -> list[AnyDrive]:
+    """Return each member's drive: phases and factors of its own, and of random loads another record."""
+    return members_of(drive, members.phases.tolist(), members.factors.tolist())
 
 
 def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount
 from impact_env.level import MOST_SAMPLES, ResponseLevel
+from impact_env.loads import amplitude_in_words
 from impact_env.methods import Method
 from impact_env.parameters import count, finite, flag, require
 from impact_env.scene import Scene
@@ -148,7 +149,7 @@ class Response:
     """
 
     scene: Scene
-    drive: Drive
+    drive: Any  # Drive, or Loads
     method: Method
     end_state: Array
     impact_count: int
@@ -166,7 +167,7 @@ class Response:
 
     def __repr__(self) -> str:
         level = self.level
-        words = [f"{self.drive.amplitude:g} N from 0 to {self.drive.schedule.times[-1]:.4g} s"]
+        words = [f"{amplitude_in_words(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s"]
         if level is not None:
             words.append(f"level {1e3 * level.value:.4g} mm at {level.frequency_ratio:.4f} of the resonance")
         words.append(f"{self.impact_count} impact{'s' * (self.impact_count != 1)}")

@@ -20,7 +20,8 @@ from impact_env.kernels import observers
 from impact_env.kernels.level import new_level
 from impact_env.kernels.observers import Check, Counters, Energy, Series, new_check, new_energy, new_events
 from impact_env.level import HALF_WINDOW_PERIODS, level_of, read_level, require_samples
-from impact_env.methods import Exact, Method, check_mass, check_step
+from impact_env.loads import AnyDrive, Loads
+from impact_env.methods import Exact, Method, check_load, check_mass, check_step
 from impact_env.parameters import SeveralAbsorbers, StuckAbsorber, count, instance
 from impact_env.response import ContactPhases, Envelope, History, Impacts, Record, Response, SearchCheck, Window
 from impact_env.scene import InitialState, Scene
@@ -62,17 +63,17 @@ ADVICE = {
 }
 
 
-def integrate(scene: Scene, drive: Drive, method: Method, state: Array, interval: float, room: Observers) -> int:
+def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, interval: float, room: Observers) -> int:
     """Run the method's kernel on ``state`` (2 N_m + 2 n,) in place, samples ``interval`` (s) apart, and return its status code."""
     with CompilingFor(scene, method):
         return family(scene, method).run(scene, drive, method, state, interval, room)
 
 
-def _sample_count(drive: Drive, interval: float) -> int:
+def _sample_count(drive: AnyDrive, interval: float) -> int:
     return int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
 
 
-def _room(scene: Scene, drive: Drive, record: Record, interval: float, capacity: int, counters: Counters) -> Observers:
+def _room(scene: Scene, drive: AnyDrive, record: Record, interval: float, capacity: int, counters: Counters) -> Observers:
     n = scene.model.modes
     return Observers(
         counters,
@@ -85,7 +86,7 @@ def _room(scene: Scene, drive: Drive, record: Record, interval: float, capacity:
 
 def simulate(
     scene: Scene,
-    drive: Drive,
+    drive: AnyDrive,
     method: Method | None = None,
     *,
     initial: InitialState | None = None,
@@ -94,7 +95,9 @@ def simulate(
     progress: Watcher | None = None,
     stop: Stop | None = None,
 ) -> Response:
-    """Integrate a scene under a drive from an initial state (default: rest) and return what ``record`` asks for (default: the level).
+    """Integrate a scene under a drive from an initial state and return what ``record`` asks for (default: the level).
+
+    Without a state it starts at rest, or as its loads say.
 
     The exact method may use ``most_events`` events (default: a million, and 5,000 for each pseudo period that has passed), and 40 evaluations for
     each of them and for each pseudo period, so that no run goes on for ever. ``progress`` is told the time reached and the end time in s, ten times
@@ -106,14 +109,16 @@ def simulate(
     """
     method = Exact() if method is None else method
     record = Record() if record is None else instance("record", record, Record)
-    initial = InitialState() if initial is None else instance("initial", initial, InitialState)
-    instance("scene", scene, Scene), instance("drive", drive, Drive), instance("progress", progress, Callable | None)
+    instance("scene", scene, Scene), instance("drive", drive, AnyDrive), instance("progress", progress, Callable | None)
     instance("stop", stop, Stop | None)
+    usual = drive.initial(scene) if isinstance(drive, Loads) else InitialState()
+    initial = usual if initial is None else instance("initial", initial, InitialState)
+    check_load(scene, drive, method)
     if record.envelope is not None or isinstance(record.series, Window):
         sampled = replace(record, envelope=None, series=True)
         found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress, stop=stop)
         return _reduced(found, record)
-    if record.level and drive.amplitude != 0:
+    if record.level and isinstance(drive, Drive) and drive.amplitude != 0:
         require_samples(record.samples_per_period, float(drive.schedule.omegas.max()) / drive.schedule.reference)
     if record.level and scene.model.response_shape is not None and not isinstance(scene.absorber, SeveralAbsorbers):
         sampled = replace(record, level=False, series=True)
@@ -190,7 +195,7 @@ def _failure(response: Response, counters: Counters, status: int) -> Integration
 
 def _response(
     scene: Scene,
-    drive: Drive,
+    drive: AnyDrive,
     method: Method,
     start: Array,
     state: Array,

@@ -19,7 +19,7 @@ from impact_env.envs.settings import Settings
 from impact_env.level import response_level
 
 MADE_BY_RUNS = ("Compilation", "PerformanceCurve", "Preparation", "Response", "IntegrationError", "ParameterError", "Stopped", "StructureWarning")
-ELSEWHERE = ("Stop", "curve_passes", "is_ready", "prepare", "__version__")  # test_stop_and_passes.py
+ELSEWHERE = ("Stop", "curve_passes", "is_ready", "prepare", "evaluate", "__version__")  # test_stop_and_passes.py, test_evaluation.py
 MORE = {
     make.__name__: make for make in (CurveCase, Lane, Members, default_rate, draw_members, performance_curve, response_level, run_lanes, Settings)
 }
