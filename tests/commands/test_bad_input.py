@@ -342,6 +342,15 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--structure {steel} --modes 3": "--modes does not go with --structure",
         },
     ),
+    "explore": (
+        "--no-browser",
+        {
+            "--port 65536": "65536 is not in the range",
+            "--structure nowhere.toml": "nowhere.toml",
+            "--structure bad.toml": "length",
+            "--host nowhere.invalid": "--port = 8651 is not allowed: one that is free at nowhere.invalid",
+        },
+    ),
     "specialisation": ("", {"--redraw --out .": "--redraw", "--out file/below": "--out = 'file/below' is not allowed"}),
     "stability": (
         "",
