@@ -44,7 +44,7 @@ def save_figure(path: Path, overview: Overview) -> None:
     tops += [float(np.max(at.tip_max)) for at in overview.stationary]
     axes.set(xlim=(low, high), ylim=(0, 1.15 * MM * max([*tops, _gap(overview)], default=float(np.max(overview.linear.alone)))))
     axes.set_xlabel(f"frequency of the force over {overview.reference / (2 * np.pi):.2f} Hz")
-    axes.set_ylabel("largest displacement of the tip in mm")
+    axes.set_ylabel(f"largest displacement {overview.where} in mm")
     axes.set_title(f"{overview.scene}, {overview.force:g} N", fontsize=10)
     axes.grid(True, color="0.9", lw=0.6)
     axes.set_axisbelow(True)
