@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from impact_env.beam import base_load, deflection_row, matrices, rigid_shapes, strain_energy
 from impact_env.parameters import MOST_DAMPING, SMALL, Beam, finite, instance, listed, positive, require, row, suspended
@@ -116,17 +116,14 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
     if isinstance(beam, ModalModel):
         require(positions is None, "positions", positions, "for beams only: a modal model has shapes at the places of its absorbers, and no others")
         return beam
-    mass, stiffness = matrices(instance("beam", beam, Beam | ModalModel))
+    instance("beam", beam, Beam | ModalModel)
     if positions is not None:
         positions = listed("positions", positions)
         require(len(positions) > 0, "positions", positions, "one or more shares of the length")
-    vectors, squares = _elastic(beam, mass, stiffness) if beam.rigid_motions == 0 else _suspended(beam, mass, stiffness)
+    vectors, squares = _upwards(beam)
     omega = np.sqrt(squares)[: beam.modes]
     for mode, ratio in beam.modal_frequency_ratio.items():
         omega[mode - 1] = ratio * omega[0]
-    end = 1.0 if beam.ends.endswith("free") else beam.absorber_position
-    tip = deflection_row(beam, end) @ vectors
-    vectors = vectors * np.where(tip < 0, -1.0, 1.0)  # the tip moves up in every mode
 
     def shape(position: float) -> NDArray[np.float64]:
         return (deflection_row(beam, position) @ vectors)[: beam.modes]
@@ -142,6 +139,27 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
         response_shape=shape(beam.response_position) if elsewhere and beam.response_position is not None else None,
         base_participation=(base_load(beam) @ vectors)[: beam.modes],
     )
+
+
+def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
+    """Return the mass-normalised shapes of a beam's modes at positions (P,), shares of its length from 0 to 1, as (P, N_m) in 1/sqrt(kg).
+
+    They are what `modal_model` has at the force and the absorber, also at ends that are held.
+    """
+    instance("beam", beam, Beam)
+    allowed = "one or more shares of the length, 0 to 1"
+    places = row("positions", positions, allowed)
+    require(places.size > 0 and bool(np.all((places >= 0) & (places <= 1))), "positions", positions, allowed)
+    vectors, _ = _upwards(beam)
+    return np.array([deflection_row(beam, x) @ vectors for x in places])[:, : beam.modes]
+
+
+def _upwards(beam: Beam) -> tuple[Real, Real]:
+    """Return all shapes as columns, in each of which the tip moves up, and the squares of their frequencies, rising."""
+    mass, stiffness = matrices(beam)
+    vectors, squares = _elastic(beam, mass, stiffness) if beam.rigid_motions == 0 else _suspended(beam, mass, stiffness)
+    end = 1.0 if beam.ends.endswith("free") else beam.absorber_position
+    return vectors * np.where(deflection_row(beam, end) @ vectors < 0, -1.0, 1.0), squares
 
 
 def _elastic(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:

@@ -16,11 +16,11 @@ from scipy.stats import qmc
 
 from impact_env.curve import BAND
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency
-from impact_env.ensemble import Lane, Members
+from impact_env.ensemble import Executor, Lane, Members
 from impact_env.parameters import count
 from impact_env.scene import Scene
 from optimisation.designs import Design
-from optimisation.evaluation import Executor, Progress, measured_chunks
+from optimisation.evaluation import Progress, measured_chunks
 from optimisation.insight import SHOWN, levels, over_force
 from optimisation.measures import FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_SPEED, LEVEL, RMS, STROKE, Chunk
 from optimisation.objectives import Condition

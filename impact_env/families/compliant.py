@@ -8,8 +8,8 @@ from functools import lru_cache, partial
 from impact_env.families.common import WINDOW_PERIODS, Array, compiled, contact_of, losses_of, schedule_of, window_of
 from impact_env.families.family import Family, Observers
 from impact_env.kernels.compliant import Sprung, compliant_lane
-from impact_env.kernels.crew import Board, compliant_crew
 from impact_env.kernels.interval import Batch
+from impact_env.kernels.lanes import compliant_lanes
 from impact_env.kernels.segments import Regime
 from impact_env.kernels.springs import Springs
 from impact_env.loads import AnyDrive
@@ -63,8 +63,8 @@ def _run(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: 
     return int(compliant_lane(sprung, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
 
 
-def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
-    return partial(compliant_crew, *_sprung(scene, WINDOW_PERIODS * pseudo_period), batch)
+def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+    return partial(compliant_lanes, *_sprung(scene, WINDOW_PERIODS * pseudo_period), batch)
 
 
 def _slots(scene: Scene, pseudo_period: float) -> int:

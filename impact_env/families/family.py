@@ -9,7 +9,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.crew import Board
 from impact_env.kernels.interval import Batch
 from impact_env.kernels.level import Level
 from impact_env.kernels.observers import Counters, Energy, Events, Observe, Series, new_clock
@@ -49,8 +48,8 @@ class Run(Protocol):
 class Control(Protocol):
     """A family's lanes under control."""
 
-    def __call__(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch, /) -> Callable[[Board, int, int], bool]:
-        """Return the kernel of `impact_env.kernels.crew` that advances a scene's lanes by the intervals in their orders; ``pseudo_period`` in s."""
+    def __call__(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch, /) -> Callable[[int, int], None]:
+        """Return the kernel of `impact_env.kernels.lanes` that advances lanes [low, high) by their orders' intervals; ``pseudo_period`` in s."""
 
 
 def one_slot(scene: Scene, pseudo_period: float) -> int:

@@ -8,8 +8,8 @@ from functools import lru_cache, partial
 
 from impact_env.families.common import WINDOW_PERIODS, Array, compiled, gravity_in, losses_of, moves_base, schedule_of, window_of
 from impact_env.families.family import Family, Observers
-from impact_env.kernels.crew import Board, linear_crew
 from impact_env.kernels.interval import Batch
+from impact_env.kernels.lanes import linear_lanes
 from impact_env.kernels.linear import Linear, linear_lane
 from impact_env.kernels.segments import Regime
 from impact_env.loads import AnyDrive
@@ -46,9 +46,9 @@ def _run(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: 
     )
 
 
-def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
     regime, reach = linear_regime(scene, WINDOW_PERIODS * pseudo_period)
-    return partial(linear_crew, Linear(regime, losses_of(scene), None), reach, batch)
+    return partial(linear_lanes, Linear(regime, losses_of(scene), None), reach, batch)
 
 
 def _slots(scene: Scene, pseudo_period: float) -> int:

@@ -7,10 +7,10 @@ from functools import lru_cache, partial
 
 from impact_env.families.common import WINDOW_PERIODS, Array, compiled, contact_of, gravity_in, losses_of, moves_base, schedule_of, window_of
 from impact_env.families.family import Family, Observers
-from impact_env.kernels.crew import Board, rigid_crew
 from impact_env.kernels.exact import exact_lane
 from impact_env.kernels.free_and_joined import Rigid
 from impact_env.kernels.interval import Batch
+from impact_env.kernels.lanes import rigid_lanes
 from impact_env.kernels.rigid_contact import Walls
 from impact_env.kernels.segments import Regime
 from impact_env.loads import AnyDrive
@@ -61,8 +61,8 @@ def _run(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: 
     return int(exact_lane(rigid, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
 
 
-def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
-    return partial(rigid_crew, *_rigid(scene, WINDOW_PERIODS * pseudo_period, *rigid_laws(scene)), batch)
+def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+    return partial(rigid_lanes, *_rigid(scene, WINDOW_PERIODS * pseudo_period, *rigid_laws(scene)), batch)
 
 
 def _slots(scene: Scene, pseudo_period: float) -> int:

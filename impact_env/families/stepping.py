@@ -12,10 +12,10 @@ from impact_env.families.common import compiled, schedule_of
 from impact_env.families.family import Family, Observers
 from impact_env.families.rigid import rigid_laws
 from impact_env.kernels import feedback, moreau
-from impact_env.kernels.crew import Board, moreau_crew, runge_kutta_crew
 from impact_env.kernels.feedback import CompliantLaws
 from impact_env.kernels.grid import Force, Modes, Step
 from impact_env.kernels.interval import Batch
+from impact_env.kernels.lanes import moreau_lanes, runge_kutta_lanes
 from impact_env.kernels.moreau import moreau_lane
 from impact_env.kernels.moreau_law import RigidLaws, Spring
 from impact_env.kernels.runge_kutta import runge_kutta_lane
@@ -73,9 +73,9 @@ def _run_moreau(scene: Scene, drive: AnyDrive, method: Moreau, state: Array, sam
     return int(moreau_lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
 
 
-def _control_moreau(scene: Scene, method: Moreau, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+def _control_moreau(scene: Scene, method: Moreau, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
     laws, wide = _moreau_parts(scene)
-    return partial(moreau_crew, _modes(scene), laws, Step(method.step(scene), wide), batch)
+    return partial(moreau_lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
 
 
 def _runge_kutta_parts(scene: Scene) -> tuple[CompliantLaws, int | None]:
@@ -99,11 +99,11 @@ def _run_runge_kutta(scene: Scene, drive: AnyDrive, method: RungeKutta, state: A
     return int(runge_kutta_lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
 
 
-def _control_runge_kutta(scene: Scene, method: RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+def _control_runge_kutta(scene: Scene, method: RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
     laws, wide = _runge_kutta_parts(scene)
     # a state of steps does not hold the slider
     require(laws.slider is None, "method", method, "Exact for elastic friction that is controlled in intervals")
-    return partial(runge_kutta_crew, _modes(scene), laws, Step(method.step(scene), wide), batch)
+    return partial(runge_kutta_lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
 
 
 MOREAU = Family("moreau", _moreau_laws, _run_moreau, _control_moreau)

@@ -28,6 +28,8 @@ from optimisation.memory import peak_memory
 from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
 from optimisation.report import load_tables
+from optimisation.report.card import write_card
+from optimisation.report.cards import comparison_card
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
 
 QUICK_FORCES, QUICK_MEMBERS = 10, 2
@@ -61,7 +63,7 @@ def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Pa
     write_json(files[2], made | summary(comparison))
     with replacing(files[3]) as temporary:
         save_figure(temporary, comparison)
-    return files
+    return files + write_card(out, comparison_card(comparison))
 
 
 def compared_under_loads(load: Path, structure: Structure | None, out: Path, given: dict[str, Any]) -> tuple[str, list[Path]]:
@@ -109,7 +111,8 @@ def main(structure: Path | None, load: Path | None, quick: bool, out: Path, clus
 
     On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
     scaling law and the energy of a cycle, the linear absorber tuned to the first of the resonances. Writes comparison.png, curves.csv
-    (medians and bands), runs.csv (every run) and summary.json, and prints a table. Ctrl-C ends the run early and leaves what is finished.
+    (medians and bands), runs.csv (every run), summary.json and a card with curves (card.html, card.json), and prints a table.
+    Ctrl-C ends the run early and leaves what is finished.
 
     With --load each absorber is at its own best for the loads of a file, and all are compared at --forces intensities from 0.2 to 5.
     """
