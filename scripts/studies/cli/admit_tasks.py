@@ -58,6 +58,7 @@ def main(tasks: tuple[str, ...], quick: bool, judged: int, agents: Path | None, 
             trained = [] if agents is None else find_agents(agents, FINAL, name)
             with Bar(total=tried(name, effort), desc=task, unit="candidate", leave=False) as bar:
                 found[name] = admit(name, {}, effort, trained, bar.update)
+            found = {known_name: found[known_name] for known_name in ENVIRONMENTS if known_name in found}
             if target is not None:
                 write_json(target, {"tasks": found})
         click.echo(rooms(found))
