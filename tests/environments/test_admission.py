@@ -108,6 +108,14 @@ def test_the_command_fills_the_page_and_keeps_what_is_known(tmp_path: Path, monk
     text = page.read_text()
     assert result.output.splitlines()[-1] in text
     assert all(words in text for words in ("`ActiveGap-v0`", "## Structures-v0", "| 14 ", "frequency ratio to the resonance"))
-    before = target.read_bytes()
-    assert call(admit_tasks.main, "--redraw", "--json", target).exit_code == 0
+    before, board = target.read_bytes(), tmp_path / "board.csv"
+    theirs = "ActiveGap-v0,a better one,somebody,abc,test,256,-0.1,-0.2,-0.05"
+    board.write_text("task,policy,who,commit,split,episodes,score,low,high\n" + theirs + "\nActiveGap-v0,old,this project,abc,test,4,-9,-9,-9\n")
+    monkeypatch.setattr(admit_tasks, "EPISODES", 4)
+    assert call(admit_tasks.main, "--redraw", "--json", target, "--leaderboard", board).exit_code == 0
     assert target.read_bytes() == before
+    lines = board.read_text().splitlines()
+    assert theirs in lines
+    assert not any(",old," in line for line in lines)
+    assert sum("PPO, one agent" in line for line in lines) >= 3
+    assert any(line.startswith("SweepRate-v1,small rule,") for line in lines)
