@@ -6,18 +6,19 @@ What a lane does is the run that `simulate` makes with the same schedule; see `i
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.crew import Crew
 from impact_env.ensemble import available_cores
 from impact_env.families import family
 from impact_env.first_use import CompilingFor
-from impact_env.kernels.crew import new_board
 from impact_env.kernels.interval import ORDER, REPORT, Batch, Watch, new_lanes
 from impact_env.kernels.jit import COMPILED
 from impact_env.kernels.observers import DONE
@@ -29,6 +30,7 @@ from impact_env.sweep import REASONS, IntegrationError
 
 Array = NDArray[np.float64]
 FEWEST = 64  # lanes a thread must have to be worth its start
+MANY = 512  # lanes from which a thread gets several parts: handing one to compiled code takes some 20 us
 
 
 def friction_limit(scene: Scene) -> float:
@@ -82,7 +84,8 @@ class ControlledRuns:
         place = None if scene.model.response_shape is None else read
         watch = Watch(period / samples_per_period, samples, float(exponent), unit, omega, tip, mass, read, place)
         self._watch, self._period = watch, period
-        self._crew = self._new_crew()
+        self._take = self._kernel()
+        self._pool: ThreadPoolExecutor | None = None
         self._compiled = False
         self._shares: dict[int, NDArray[np.int64]] = {}
         self.orders["duration"] = self.duration
@@ -92,20 +95,19 @@ class ControlledRuns:
         self.orders["limit"] = friction_limit(scene)
         self.restart(np.arange(lanes))
 
-    def _new_crew(self) -> Crew:
-        """Return the threads that advance the lanes."""
-        control, board = family(self.scene, self.method).control, new_board(self.lanes)
+    def _kernel(self) -> Callable[[int, int], None]:
+        """Return the kernel that advances lanes [low, high)."""
+        control = family(self.scene, self.method).control
         assert control is not None
-        take = control(self.scene, self.method, self._period, Batch(self._watch, self._memory, self.orders, self.reports, self.status))
-        return Crew(partial(take, board), board)
+        return control(self.scene, self.method, self._period, Batch(self._watch, self._memory, self.orders, self.reports, self.status))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out threads and compiled code, which cannot be copied."""
-        return {name: value for name, value in vars(self).items() if name != "_crew"}
+        return {name: value for name, value in vars(self).items() if name not in ("_take", "_pool")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._crew, self._compiled = self._new_crew(), False
+        self._take, self._pool, self._compiled = self._kernel(), None, False
 
     @property
     def orders(self) -> NDArray[Any]:
@@ -137,19 +139,45 @@ class ControlledRuns:
     def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
         """Advance the lanes of stretches, rows [low, high), with so many threads."""
         if self._compiled:
-            self._crew.work(parts, workers - 1)
+            self._work(parts, workers - 1)
         else:
             with CompilingFor(self.scene, self.method, "environments"):
-                self._crew.work(parts, 0)
+                self._work(parts, 0)
         self._compiled = True
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
             raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
 
+    def _work(self, parts: NDArray[np.int64], helpers: int) -> None:
+        """Do all parts in this thread and so many others; none waits for a thread that has not begun."""
+        if not helpers:
+            for low, high in parts.tolist():
+                self._take(low, high)
+            return
+        left: deque[list[int]] = deque(parts.tolist())
+
+        def drain() -> None:
+            while left:
+                with suppress(IndexError):  # another thread was quicker
+                    self._take(*left.popleft())
+
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(helpers)
+        others = [self._pool.submit(drain) for _ in range(helpers)]
+        try:
+            drain()
+        finally:
+            left.clear()
+            begun = [one for one in others if not one.cancel()]
+            wait(begun)  # also after Ctrl-C: they write to the lanes
+        for one in begun:
+            one.result()
+
     def _parts(self, workers: int) -> NDArray[np.int64]:
-        """Return stretches of lanes that do not rest, rows [low, high): more of them than threads, since lanes differ in their number of impacts."""
+        """Return stretches of lanes that do not rest, rows [low, high): of many lanes more than threads, since impacts differ in number."""
         if workers not in self._shares:
-            self._shares[workers] = _stretches(np.unique(np.linspace(0, self.lanes, 1 + (1 if workers == 1 else 4 * workers)).astype(np.int64)))
+            number = workers * (4 if workers > 1 and self.lanes >= MANY else 1)
+            self._shares[workers] = _stretches(np.linspace(0, self.lanes, 1 + number).astype(np.int64))
         parts = self._shares[workers]
         if not self.idle.any():
             return parts
@@ -171,7 +199,9 @@ class ControlledRuns:
 
     def close(self) -> None:
         """End the threads; they start again when they are needed."""
-        self._crew.close()
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
 
 
 def _stretches(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -200,7 +230,7 @@ class PooledRuns(ControlledRuns):
             made = self._make(self.scenes[number], self.lanes)
             require(made._memory.z.shape == self._memory.z.shape, "scenes", made.scene, "scenes with as many modes and the same kind of absorber")
             made._orders, made._reports, made.status, made._memory = self._ordered, self._reported, self._ended, self._memory
-            made._crew = made._new_crew()
+            made._take = made._kernel()
             self._members[number] = made
         return self._members[number]
 

@@ -90,7 +90,7 @@ def scaled_concepts(model: ModalModel, mass_ratio: float, gap: float, resonance:
     have the mass ratio, and the impact absorber has the ``gap`` in m.
     """
     mass = mass_ratio * model.beam_mass
-    absorber = impact_absorber(gap, RESTITUTION, scaled_friction(model, mass, gap, resonance), mass_ratio)
+    absorber = impact_absorber(gap, RESTITUTION, scaled_friction(model, mass, gap), mass_ratio)
     damper, tuned = friction_damper(best_friction(model, mass, force, resonance)[0], mass_ratio), minimax(model, mass_ratio, resonance)
     return (
         Concept(NONE, "no absorber", None),

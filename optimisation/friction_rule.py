@@ -30,12 +30,12 @@ def paper_share() -> float:
     return PAPER_FRICTION / (DEFAULT_MASS_RATIO * model.beam_mass * RigidWalls.gap * model.resonance_omega(1) ** 2)
 
 
-def scaled_friction(model: ModalModel, mass: float, gap: float, resonance: int = 1) -> float:
-    """Return the paper's friction limit in N scaled to ``mass`` (kg) and ``gap`` (m) on any structure: the same share of m_a g0 omega_r^2.
+def scaled_friction(model: ModalModel, mass: float, gap: float) -> float:
+    """Return the paper's friction limit in N scaled to ``mass`` (kg) and ``gap`` (m) on any structure: the same share of m_a g0 omega_1^2.
 
-    ``resonance`` is the lowest that counts, in the paper the first.
+    It is the first frequency, near whichever resonance the absorber works, as in the paper, whose 0.1 N serve two resonances.
     """
-    return paper_share() * positive("mass", mass) * positive("gap", gap) * model.resonance_omega(resonance) ** 2
+    return paper_share() * positive("mass", mass) * positive("gap", gap) * model.resonance_omega(1) ** 2
 
 
 def best_friction(model: ModalModel, mass: float, force: float, resonance: int = 1) -> tuple[float, float]:

@@ -70,7 +70,7 @@ class GapCheck:
     @property
     def band(self) -> Array:
         """5 and 95 % quantiles of the level in m, (2, G)."""
-        return np.array([curve.band[:, 0] for curve in self.curves]).T
+        return np.array([curve.band[:, 0] for curve in self.curves]).reshape(-1, 2).T
 
     @property
     def relative(self) -> Array:
@@ -120,15 +120,20 @@ def gap_factors(number: int) -> Array:
 
 
 def scaled_absorber(
-    model: ModalModel, force: float, resonance: int = 1, mass_ratio: float = DEFAULT_MASS_RATIO, restitution: float = RESTITUTION, lowest: int = 1
+    model: ModalModel, force: float, resonance: int = 1, mass_ratio: float = DEFAULT_MASS_RATIO, restitution: float = RESTITUTION
 ) -> SlidingAbsorber:
-    """Return an impact absorber with the rule's gap for a force in N, and the paper's friction by the scaling law (`scaled_friction`).
-
-    ``lowest``: the resonance that the friction is scaled with.
-    """
+    """Return an impact absorber with the rule's gap for a force in N, and the paper's friction by the scaling law (`scaled_friction`)."""
     mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
-    friction = scaled_friction(model, mass, gap_unit(model, mass, force, resonance), lowest)
+    friction = scaled_friction(model, mass, gap_unit(model, mass, force, resonance))
     return impact_absorber(design_gap(model, mass, force, resonance), restitution, friction, mass_ratio)
+
+
+def rigid_walls(absorber: SlidingAbsorber) -> RigidWalls:
+    """Return an absorber's rigid walls; raises ParameterError for one that has none."""
+    if not isinstance(absorber.walls, RigidWalls):
+        require(False, "absorber", absorber, "one with rigid walls, since the rule is about their gap")
+        raise AssertionError
+    return absorber.walls
 
 
 def check_gap(
@@ -156,10 +161,7 @@ def check_gap(
     force = usable_force("force", force)
     rate = default_rate(model, (resonance,)) if percent_per_100_periods is None else percent_per_100_periods
     absorber = scaled_absorber(model, force, resonance) if absorber is None else absorber
-    walls = absorber.walls
-    if not isinstance(walls, RigidWalls):
-        require(False, "absorber", absorber, "one with rigid walls, since the rule is about their gap")
-        raise AssertionError
+    walls = rigid_walls(absorber)
     mass = absorber.mass_ratio * model.beam_mass
     found = reach(model, mass, resonance) if everywhere else require_reach(model, mass, force, resonance)
     rule, limits = design_gap(model, mass, force, resonance), sweep_limits(model, mass, resonance)

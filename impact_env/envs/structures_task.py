@@ -71,8 +71,9 @@ SPLITS = {"train": (0, KNOWN), "validation": (1, KNOWN), "test": (2, NEW)}
 def in_units_of(model: ModalModel, standard: ModalModel) -> ModalModel:
     """Return a model with the first frequency and the mass of a standard: other units of time and mass, the same structure."""
     time, mass = standard.omega[0] / model.omega[0], math.sqrt(model.beam_mass / standard.beam_mass)
-    shapes = {"force_shape": model.force_shape * mass, "tip_shape": model.tip_shape * mass}
-    return replace(model, omega=model.omega * time, beam_mass=standard.beam_mass, response_shape=None, **shapes)
+    force, tip = model.force_shape * mass, model.tip_shape * mass
+    omega, base = model.omega * time, None if model.base_participation is None else model.base_participation / mass
+    return replace(model, omega=omega, force_shape=force, tip_shape=tip, beam_mass=standard.beam_mass, response_shape=None, base_participation=base)
 
 
 @dataclass(frozen=True)

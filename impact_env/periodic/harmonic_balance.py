@@ -106,10 +106,10 @@ class JointOfMass:
         return Dynamics(*(np.append(0.0, part) for part in (stiffness, drive, stiffness_slope, drive_slope)))
 
     def tip(self, dynamic: Complex, force: float, omega: float) -> Complex:
-        """See `Linear`: the tip's displacement."""
-        w, tip = np.arange(self.harmonics + 1) * omega / self.multiple, self.model.tip_shape
-        moved = -receptance(self.model, w, tip, tip) * dynamic
-        moved[self.multiple] += force * complex(receptance(self.model, omega, tip, self.model.force_shape))
+        """See `Linear`: the displacement where the response is read, at the tip unless the model says another place."""
+        w, level = np.arange(self.harmonics + 1) * omega / self.multiple, self.model.level_shape
+        moved = -receptance(self.model, w, level, self.model.tip_shape) * dynamic
+        moved[self.multiple] += force * complex(receptance(self.model, omega, level, self.model.force_shape))
         return np.asarray(moved)
 
 

@@ -1,100 +1,103 @@
-"""Give the cavity's gap for a force by the design rule, and check it and its neighbours by simulation."""
+"""Choose the gap of an impact absorber for a force by simulation: the one with the lowest level, and the one that bears a change of the force."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
-from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_LIMITS, default_rate
-from impact_env.modes import ModalModel
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, positive
-from optimisation.bounds import LARGE_REACH, SMALL_REACH, design_gap, expected_gap, require_reach
-from optimisation.cli.common import command, end_early, name_files, plain_errors
-from optimisation.cli.structure_option import POSITION_HELP, model_of, refuse_beside, structure_option
+from impact_env.modes import ModalModel, Structure, modal_model
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative
+from optimisation.cli.common import check_target, command, end_early, name_files, plain_errors
+from optimisation.cli.structure_option import (
+    POSITION_HELP,
+    read_device,
+    refuse_beside,
+    scene_option,
+    structure_of,
+    structure_option,
+    write_device,
+)
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.friction_rule import PAPER_FRICTION
-from optimisation.gap_check import RESTITUTION, GapCheck, check_gap, gap_factors, scaled_absorber, sweep_limits
+from optimisation.gap_advice import FREE, TOLERANCE, Advice, advise
+from optimisation.gap_card import bearing
+from optimisation.gap_check import RESTITUTION, gap_factors, scaled_absorber
+from optimisation.gap_search import MEMBERS
+from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
-from optimisation.report.gap_table import text
-from optimisation.sweep_rate import LEAST_RATIO, sweep_ratio
+from optimisation.report.card import text as as_text
+from optimisation.report.card import write_card
+from optimisation.report.gap_table import answer, card, text, warnings
 
-QUICK_GAPS, QUICK_MEMBERS = 5, 2
-DEFAULT_GAPS = 11
+QUICK_MEMBERS = 1
+OF_SCENE = ("structure", "modes", "damping", "mass_ratio", "position", "restitution", "friction_limit")
 
 
-def simulated(
-    model: ModalModel,
-    force: float,
-    resonance: int,
-    absorber: SlidingAbsorber,
-    *,
-    gaps: int,
-    members: int,
-    seed: int,
-    rate: float,
-    threads: int | None,
-    cluster: str | None = None,
-) -> GapCheck:
-    """Simulate the rule's gap and its neighbours under a bar, on a ``cluster`` (host:port) if there is one; the rest as in `check_gap`."""
-    factors = gap_factors(gaps)
-    with workers(threads, cluster) as executor, sweeps_bar("simulating") as show:
-        return check_gap(
+def simulated(model: ModalModel, absorber: SlidingAbsorber, given: dict[str, Any], rate: float) -> Advice:
+    """Search the gap as the options say, under a bar."""
+    with workers(given["threads"], given["cluster"]) as executor, sweeps_bar("simulating") as show:
+        return advise(
             model,
-            force,
-            resonance,
+            given["force"],
+            given["resonance"],
             absorber,
-            factors=factors,
-            members=members,
-            seed=seed,
+            tolerance=given["force_tolerance"],
+            free=given["free"],
+            friction_given=given["friction_limit"] is not None,
+            factors=() if given["gaps"] is None else tuple(map(float, gap_factors(given["gaps"]))),
+            members=given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS),
+            seed=given["seed"],
             percent_per_100_periods=rate,
-            threads=threads,
+            threads=given["threads"],
             progress=show,
             executor=executor,
         )
 
 
-def answer(model: ModalModel, mass_ratio: float, force: float, resonance: int, rate: float) -> list[str]:
-    """Return what is known without a simulation of the absorber; raises ParameterError where the rule says nothing."""
-    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
-    rule, found = design_gap(model, mass, force, resonance), require_reach(model, mass, force, resonance)
-    lines = [
-        f"Design rule: a clearance of {1e3 * rule:.4g} mm to either wall for {force:g} N near resonance {resonance}.",
-        f"Free amplitude over that gap: {found:.3g}.",
-    ]
-    expected = expected_gap(model, mass, force, resonance)
-    lines.append(f"From simulations of other structures the best gap is expected at {1e3 * expected:.4g} mm, {expected / rule:.3g} times the rule's.")
-    if found < SMALL_REACH:
-        lines.append(f"Warning: below {SMALL_REACH:g} the rule's gap is too wide (docs/design_rule.md).")
-    if found > LARGE_REACH:
-        lines.append(f"Warning: above {LARGE_REACH:g} the rule's gap is too narrow, and that side is the steep one (docs/design_rule.md).")
-    ratio = sweep_ratio(model, rate, resonance, sweep_limits(model, mass, resonance))
-    lines.append(f"Sweeps at {rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber.")
-    if ratio < LEAST_RATIO:
-        lines.append(f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly.")
-    return lines
+def put_together(given: dict[str, Any]) -> tuple[Structure, SlidingAbsorber]:
+    """Return the structure, and the absorber at the rule's gap, that the options describe."""
+    if given["scene"] is not None:
+        structure, absorber = read_device(given["scene"], *OF_SCENE)
+        given["mass_ratio"], given["restitution"] = absorber.mass_ratio, absorber.walls.restitution  # type: ignore[union-attr]
+        if given["friction_limit"] is None:  # that of the file stays as it is, whatever the gap
+            given["friction_limit"] = 0.0 if absorber.friction is None else absorber.friction.limit
+    else:
+        structure = structure_of(given["structure"], given["position"], modes=given["modes"], damping_ratio=given["damping"])
+    absorber = scaled_absorber(model_on(structure), given["force"], given["resonance"], given["mass_ratio"], given["restitution"])
+    if given["friction_limit"] is not None:
+        absorber = replace(absorber, friction=friction_law(non_negative("friction_limit", given["friction_limit"])))
+    return structure, absorber
 
 
-def write(out: Path, check: GapCheck) -> list[Path]:
+def model_on(structure: Structure) -> ModalModel:
+    """Return a structure's modal model, the level read at the absorber's place where nothing else is said."""
+    return modal_model(structure) if isinstance(structure, Beam) else mounted(structure)
+
+
+def write(out: Path, found: Advice) -> list[Path]:
     """Write the figure and the tables into a folder, and return the files."""
     from optimisation.report.gap_report import COLUMNS, rows, save_figure, summary  # matplotlib is slow to import
 
     files = [out / name for name in ("levels.csv", "summary.json", "levels.png")]
-    write_csv(files[0], COLUMNS, rows(check))
-    write_json(files[1], summary(check))
+    write_csv(files[0], COLUMNS, rows(found))
+    write_json(files[1], summary(found))
     with replacing(files[2]) as temporary:
-        save_figure(temporary, check)
+        save_figure(temporary, found)
     return files
 
 
 @command()
 @structure_option
+@scene_option
 @click.option("--force", type=float, required=True, help="Amplitude of the harmonic force in N.")
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance near which it acts, counted from 1.")
+@click.option("--force-tolerance", type=float, default=TOLERANCE, show_default=True, help="Share by which the force may be larger or smaller.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
 @click.option(
     "--position",
@@ -108,56 +111,53 @@ def write(out: Path, check: GapCheck) -> list[Path]:
 @click.option(
     "--friction-limit",
     type=float,
-    help=f"Friction limit in N in the simulation; 0: no friction.  [default: the paper's {PAPER_FRICTION} N by the scaling law]",
+    help=f"Friction limit in N at any gap; 0: none.  [default: the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap]",
 )
+@click.option("--free", multiple=True, type=click.Choice([*FREE]), help="Search this one too, the gap anew for each value; may be repeated.")
 @click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Damping ratio of all modes.")
-@click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_GAPS} gaps, {QUICK_MEMBERS} members, unless given.")
-@click.option("--gaps", type=click.IntRange(min=3), help=f"Number of gaps, odd, the rule's in the middle.  [default: {DEFAULT_GAPS}]")
-@click.option("--members", type=click.IntRange(min=1), help=f"Runs for each gap, other in phase and 1e-6 of force.  [default: {DEFAULT_MEMBERS}]")
+@click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} member, unless given.")
+@click.option("--gaps", type=click.IntRange(min=3), help="Simulate so many gaps around the rule's besides, odd, the rule's in the middle.")
+@click.option(
+    "--members", type=click.IntRange(min=1), help=f"Runs for each gap of an answer, other in phase and 1e-6 of force.  [default: {MEMBERS}]"
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @cluster_option
+@click.option(
+    "--device", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write structure and recommended absorber as a scene, .json."
+)
+@click.option("--no-card", is_flag=True, help="Leave the card out: what the device bears, and what a tuned absorber or a damper would do.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/design_gap"), show_default=True, help="Folder for figure and tables.")
-def main(
-    structure: Path | None,
-    force: float,
-    resonance: int,
-    mass_ratio: float,
-    position: float,
-    modes: int,
-    restitution: float,
-    friction_limit: float | None,
-    rate: float | None,
-    damping: float,
-    quick: bool,
-    gaps: int | None,
-    members: int | None,
-    seed: int,
-    threads: int | None,
-    cluster: str | None,
-    out: Path,
-) -> None:
+def main(**given: Any) -> None:
     """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
 
-    The design rule answers at once, then sweeps up and down check it. Writes levels.png, levels.csv and summary.json. Ctrl-C ends the
+    Sweeps up and down bracket the gap with the lowest level (sharp), and by the scaling law the one whose largest level over the tolerance of the
+    force is lowest (recommended); the design rule's gap stands beside them. Writes levels.png, levels.csv, summary.json, and the recommended
+    device's card as card.html, with curves, and card.json. Ctrl-C ends the
     simulation early and leaves what is finished.
     """
-    gaps, members = gaps or (QUICK_GAPS if quick else DEFAULT_GAPS), members or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
     with plain_errors():
-        refuse_beside(structure, "modes", "damping")
-        model = model_of(structure, position, modes=modes, damping_ratio=damping)
-        usable_force("--force", force)
-        absorber = scaled_absorber(model, force, resonance, mass_ratio, restitution, 1 if structure is None else resonance)
-        if friction_limit is not None:
-            absorber = replace(absorber, friction=friction_law(non_negative("friction_limit", friction_limit)))
-        gap_factors(gaps)
-        require_writable("--out", out)
-        rate = default_rate(model, (resonance,)) if rate is None else usable_rate("--rate", rate, [PAPER_LIMITS])
-        click.echo("\n".join(answer(model, mass_ratio, force, resonance, rate)))
-        amount = {"gaps": gaps, "members": members, "seed": seed}
-        check = simulated(model, force, resonance, absorber, **amount, rate=rate, threads=threads, cluster=cluster)
-        files = write(out, check)
-    click.echo("\n" + text(check))
+        refuse_beside(given["structure"], "modes", "damping")
+        usable_force("--force", given["force"])
+        structure, absorber = put_together(given)
+        model = model_on(structure)
+        if given["gaps"] is not None:
+            gap_factors(given["gaps"])
+        require_writable("--out", given["out"])
+        check_target("--device", given["device"], (".json",))
+        rate = default_rate(model, (given["resonance"],)) if given["rate"] is None else usable_rate("--rate", given["rate"], [PAPER_LIMITS])
+        found = simulated(model, absorber, given, rate)
+        files = write(given["out"], found)
+        if given["device"] is not None and found.recommended is not None:
+            write_device(given["device"], structure, found.recommended.absorber)
+            files.append(given["device"])
+        told = warnings(found)
+        if found.recommended is not None and found.complete and not given["no_card"]:
+            with workers(given["threads"], given["cluster"]) as executor:
+                own = card(found, bearing(found, found.recommended, given["threads"], executor))
+            files += write_card(given["out"], own)
+            told += ["", as_text(own)]
+    click.echo("\n".join([*answer(found), "", text(found), *(["", *told] if told else [])]))
     name_files(files)
-    end_early(check.complete, "the files hold the runs that were finished.")
+    end_early(found.complete, "the files hold the runs that were finished.")

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.ensemble import available_cores
+from impact_env.ensemble import Executor, available_cores
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
@@ -19,7 +19,6 @@ from optimisation.cli.structure_option import RESONANCES_HELP, is_given, read_st
 from optimisation.comparison import RESONANCES
 from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.designs import MASS_RATIO, VARIABLES, DesignSpace, design_space
-from optimisation.evaluation import Executor
 from optimisation.executors import cluster_option, executor
 from optimisation.machine import conditions
 from optimisation.memory import peak_memory
@@ -60,7 +59,13 @@ SHARED = (
     click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of search and members."),
     click.option("--modes", type=click.IntRange(min=1), default=Beam.modes, show_default=True, help="Modes of the beam."),
     click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]"),
-    click.option("--constraint", multiple=True, type=(str, float), metavar="NAME LIMIT", help=f"Upper limit of {', '.join(LIMITABLE)}, in SI units."),
+    click.option(
+        "--constraint",
+        multiple=True,
+        type=(str, float),
+        metavar="NAME LIMIT",
+        help=f"Upper limit of {', '.join(LIMITABLE)}, in SI units, or of MODULE:FUNCTION.",
+    ),
     click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} members and sweeps {QUICK_SPEED:g} times as fast, unless given."),
     click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]"),
     cluster_option,

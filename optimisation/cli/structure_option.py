@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,13 @@ import click
 from click.core import ParameterSource
 
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Beam
+from impact_env.parameters import Beam, RigidWalls, SlidingAbsorber
+from impact_env.plain import from_scene, to_beam, to_scene
+from impact_env.plain_files import read_plain
+from impact_env.scene import Scene
 from impact_env.structure import StructureWarning, load_structure
 from optimisation.cli.common import BadInput
+from optimisation.files import write_json
 from optimisation.mounting import mounted
 
 Command = Callable[..., Any]
@@ -40,15 +45,47 @@ def read_structure(path: Path) -> Structure:
     return structure
 
 
-def model_of(path: Path | None, position: float = Beam.absorber_position, **options: Any) -> ModalModel:
-    """Return the modal model of a file's structure, or of the beam that the ``options`` describe, with the absorber where --position says, if given.
-
-    On modes a position is the number of one of the file's places for absorbers.
-    """
+def structure_of(path: Path | None, position: float = Beam.absorber_position, **options: Any) -> Structure:
+    """Return the structure of a file, or the beam that the ``options`` describe, with the absorber where --position says, if given."""
     if path is None:
-        return modal_model(Beam(absorber_position=position, **options))
+        return Beam(absorber_position=position, **options)
     structure = read_structure(path)
-    return mounted(structure, position) if is_given("position") else mounted(structure)
+    if not is_given("position"):
+        return structure
+    return mounted(structure, position) if isinstance(structure, ModalModel) else replace(structure, absorber_position=position)
+
+
+def model_of(path: Path | None, position: float = Beam.absorber_position, **options: Any) -> ModalModel:
+    """Return the modal model of `structure_of`. On modes a position is the number of one of the file's places for absorbers."""
+    structure = structure_of(path, position, **options)
+    return modal_model(structure) if path is None else mounted(structure)
+
+
+def scene_option(command: Command) -> Command:
+    """Add --scene to a command that has --structure."""
+    text = "Structure and impact absorber from a .toml or .json file, as design_gap --device writes it."
+    return click.option("--scene", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=text)(command)
+
+
+def read_device(path: Path, *names: str) -> tuple[Structure, SlidingAbsorber]:
+    """Return the structure and the impact absorber of a file; raises BadInput if one of the options that are named was given beside it."""
+    for name in names:
+        if is_given(name):
+            raise BadInput(f"--{name.replace('_', '-')} does not go with --scene: the file says what structure and absorber are")
+    plain = read_plain(path)
+    scene, beam = to_scene(plain, path.parent), to_beam(plain)
+    absorber = scene.absorber
+    if not isinstance(absorber, SlidingAbsorber) or not isinstance(absorber.walls, RigidWalls):
+        raise BadInput(f"--scene = {path} is not allowed: a scene with one impact absorber between rigid walls")
+    if beam is None:
+        return scene.model, absorber
+    return (beam if beam.response_position is not None else replace(beam, response_position=beam.absorber_position)), absorber
+
+
+def write_device(path: Path, structure: Structure, absorber: SlidingAbsorber) -> None:
+    """Write structure and absorber as a scene, which other commands read by --scene: a beam as a beam."""
+    beam = structure if isinstance(structure, Beam) else None
+    write_json(path, from_scene(Scene(mounted(structure) if beam is None else modal_model(beam), absorber), beam))
 
 
 def is_given(name: str) -> bool:

@@ -1,32 +1,189 @@
-"""The levels over the gap as a table."""
+"""What was found of gaps in words: the answers, and the levels over the gap as a table."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from optimisation.gap_check import GapCheck
+import numpy as np
+
+from optimisation.bounds import LARGE_REACH, SMALL_REACH
+from optimisation.gap_advice import Advice, Answer
+from optimisation.gap_card import Bearing
+from optimisation.report.card import Card, Chart, Curve, Row, numbers
 from optimisation.report.markdown import markdown
+from optimisation.sweep_rate import LEAST_RATIO
 
-HEADER = ("gap, mm", "of the rule's", "level, mm", "5 to 95 %, mm", "of no absorber, %", "limit, mm", "share of the possible, %")
+HEADER = ("gap, mm", "of the rule's", "level, mm", "5 to 95 %, mm", "of no absorber, %", "limit, mm", "share of the possible, %", "members")
 
 
-def text(check: GapCheck) -> str:
-    """Return a line for each gap, and what the best of them says of the rule's."""
+def _percent(answer: Answer, found: Advice, factor: float) -> str:
+    """Return how much more a device's level is under so many times the force, in words."""
+    change = 100 * (found.at_force(answer, factor) / answer.level - 1)
+    return "not known" if math.isnan(change) else f"{change:+.0f} %"
+
+
+def device(answer: Answer, mass: float) -> str:
+    """Return what is to be built, mass in kg."""
+    friction = f"friction limit {answer.friction_limit:.4g} N" if answer.friction_limit else "no friction"
+    restitution = answer.absorber.walls.restitution  # type: ignore[union-attr]
+    return f"a clearance of {1e3 * answer.gap:.4g} mm to either wall, {friction}, restitution {restitution:g}, mass {mass:.4g} kg"
+
+
+def answer(found: Advice) -> list[str]:
+    """Return the recommended device, the one with the lowest level, and what both do when the force changes."""
+    check, best, sharp = found.check, found.recommended, found.sharp
+    if best is None or sharp is None:
+        return ["No gap was simulated in full."]
+    without, t = float(check.without.median[0]), found.tolerance
+    force = f"{check.force:g} N near resonance {check.resonance}"
+    lines = [
+        f"Recommended: {device(best, check.mass)}, for {force}.",
+        (
+            f"  Level {1e3 * best.level:.4g} mm ({1e3 * best.low:.4g} to {1e3 * best.high:.4g}), {100 * best.level / without:.1f} % of no absorber; "
+            f"at most {1e3 * best.worst:.4g} mm from {(1 - t) * check.force:.4g} to {(1 + t) * check.force:.4g} N."
+        ),
+    ]
+    if sharp.gap != best.gap:
+        lines.append(
+            f"Lowest level: {1e3 * sharp.gap:.4g} mm, level {1e3 * sharp.level:.4g} mm ({1e3 * sharp.low:.4g} to {1e3 * sharp.high:.4g}), "
+            f"{100 * sharp.level / without:.1f} % of no absorber; at most {1e3 * sharp.worst:.4g} mm over that range."
+        )
+    rows = [f"{100 * (factor - 1):+.0f} % force: {_percent(best, found, factor)}, {_percent(sharp, found, factor)}" for factor in (1.1, 1.2, 1.3)]
+    lines.append("The cliff, level at the recommended gap and at that of the lowest level: " + "; ".join(rows) + ".")
+    rule = f"Design rule (no simulation): {1e3 * check.rule:.4g} mm"
+    at_rule = float(check.level[check.at_rule]) if check.gaps.size and check.gaps[check.at_rule] == check.rule else math.nan
+    lines.append(f"{rule}{'' if math.isnan(at_rule) else f', level {at_rule / best.level:.2f} times that of the recommended'}.")
+    lines.append(f"Free amplitude over the rule's gap: {check.reach:.3g}. Friction goes with the gap and the first frequency: docs/which_gap.md.")
+    lines += _tried(found.tried)
+    return lines
+
+
+def _tried(tried: Sequence[tuple[str, float, float]]) -> list[str]:
+    """Return what each value of a free variable can do, relative to the first."""
     lines = []
+    for name in dict.fromkeys(name for name, _, _ in tried):
+        rows = [(value, level) for other, value, level in tried if other == name]
+        words = "; ".join(f"{value:.3g}: {level / rows[0][1]:.2f}" for value, level in rows)
+        lines.append(f"Lowest level of a look over the first, {name.replace('_', ' ')} {words}.")
+    return lines
+
+
+def warnings(found: Advice) -> list[str]:
+    """Return what to take care of, and what it took."""
+    check, ratio = found.check, found.check.sweep_ratio
+    lines = []
+    if check.reach < SMALL_REACH:
+        lines.append(f"Warning: the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the absorber does little.")
+    if check.reach > LARGE_REACH:
+        lines.append(f"Warning: free amplitude over the rule's gap above {LARGE_REACH:g}: the rule's gap is too narrow, on the steep side.")
+    if found.at_end:
+        lines.append("Warning: the best gap is the narrowest or widest that was tried: another mass or place may suit better.")
+    if found.recommended is not None and found.recommended.level >= float(check.without.median[0]):
+        lines.append("Warning: no gap brings the level below that without absorber: another place may suit better.")
+    lines.append(f"Sweeps at {check.rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber.")
+    if ratio < LEAST_RATIO:
+        lines.append(f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly.")
+    lines.append(f"{found.sweeps} sweeps, {len(found.looks)} gaps looked at with sweeps at {found.look_rate:.3g} %.")
+    return lines
+
+
+def text(found: Advice) -> str:
+    """Return a line for each gap that was run in full."""
+    check, lines = found.check, []
     for k, gap in enumerate(check.gaps):
-        cells = [f"{1e3 * gap:.4g}", f"{gap / check.rule:.3g}"]
-        if math.isnan(check.level[k]):
-            lines.append([*cells, *["-"] * 5])
-            continue
         low, high = 1e3 * check.band[:, k]
-        cells += [f"{1e3 * check.level[k]:.4g}", f"{low:.4g} to {high:.4g}", f"{100 * check.relative[k]:.1f}"]
         share = "-" if math.isnan(check.share[k]) else f"{100 * check.share[k]:.1f}"
-        lines.append([*cells, f"{1e3 * check.limit[k]:.4g}", share])
-    best = check.best
-    if best is None or math.isnan(check.level[check.at_rule]):
-        return markdown(HEADER, lines)
-    verdict = "The rule's gap is the best of these."
-    if best != check.at_rule:
-        loss = 100 * (check.level[check.at_rule] / check.level[best] - 1)
-        verdict = f"Best of these is {check.gaps[best] / check.rule:.3g} times the rule's gap; the level at the rule's is {loss:.1f} % higher."
-    return "\n".join([markdown(HEADER, lines), "", verdict])
+        cells = (f"{1e3 * gap:.4g}", f"{gap / check.rule:.3g}", f"{1e3 * check.level[k]:.4g}", f"{low:.4g} to {high:.4g}")
+        more = (f"{100 * check.relative[k]:.1f}", f"{1e3 * check.limit[k]:.4g}", share, str(len(check.curves[k].members)))
+        lines.append((*cells, *more))
+    return markdown(HEADER, lines)
+
+
+def card(found: Advice, bearing: Bearing) -> Card:
+    """Return what is told of the recommended device."""
+    check, best, model = found.check, bearing.answer, found.check.model
+    t, without, impacts = found.tolerance, float(check.without.median[0]), bearing.impacts
+    low, high = ((1 - t) * check.force, (1 + t) * check.force)
+    walls = best.absorber.walls
+    device = (
+        Row("absorber mass", check.mass, "kg"),
+        Row("that is", 100 * best.absorber.mass_ratio, f"% of the structure's {model.beam_mass:.4g} kg"),
+        Row("clearance to either wall", 1e3 * best.gap, "mm"),
+        Row("coefficient of restitution", float(walls.restitution)),  # type: ignore[union-attr]
+        Row("friction limit", best.friction_limit, "N"),
+    )
+    level = (
+        Row(f"at {check.force:g} N, median of {found.members} runs", 1e3 * best.level, "mm RMS"),
+        Row("5 to 95 % of the runs", f"{1e3 * best.low:.4g} to {1e3 * best.high:.4g} mm"),
+        Row(f"at most, {low:.4g} to {high:.4g} N", 1e3 * best.worst, "mm"),
+        Row("of no absorber", 100 * best.level / without, "%"),
+        Row("no absorber", 1e3 * without, "mm"),
+        Row("best tuned absorber of this mass (stationary)", 1e3 * bearing.tuned, "mm"),
+        Row(f"best friction damper of this mass, {bearing.damper_limit:.4g} N (estimate)", 1e3 * bearing.damper, "mm"),
+        Row("no device in this cavity comes below", 1e3 * check.limit_at(best.gap), "mm"),
+    )
+    forces = (
+        Row("halves the level", _between(bearing.works), ""),
+        Row("lowers the level", _between(bearing.helps), ""),
+        Row("known by the scaling law", _between(_known(bearing)), ""),
+    )
+    wear = (
+        Row("stroke of the absorber, wall to wall", 2e3 * best.gap, "mm"),
+        Row("largest impact speed", impacts.largest, "m/s"),
+        Row("RMS impact speed", impacts.rms, "m/s"),
+        Row("impacts", impacts.rate, "1/s"),
+        Row("power lost in impacts", 1e3 * impacts.power, "mW"),
+        Row("largest acceleration of the structure, harmonic part", bearing.acceleration, "m/s^2"),
+    )
+    assumed = (
+        Row("resonance", f"{check.resonance}, {model.resonance_omega(check.resonance) / (2 * math.pi):.4g} Hz"),
+        Row("damping ratio", 100 * float(model.damping_ratio[check.resonance - 1]), "%"),
+        Row("modes kept", f"{model.modes}; more are not tried: --modes, or modes in the file"),
+        Row("sweep", f"{check.limits[0]:.3g} to {check.limits[1]:.3g} of it, up and down"),
+        Row("rate", check.rate, "% per 100 pseudo periods"),
+        Row("such sweeps show of the stationary level", 100 * check.sweep_ratio, "%"),
+        Row("sweeps taken", f"{found.sweeps}, and two with impacts recorded"),
+    )
+    title = f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
+    groups = (
+        ("Device", device),
+        ("Response level", level),
+        ("Forces", forces),
+        ("What it bears", wear),
+        ("Assumptions", assumed),
+    )
+    return Card(title, groups, _charts(found, bearing), tuple(line.removeprefix("Warning: ") for line in warnings(found) if line[:4] == "Warn"))
+
+
+def _between(ends: tuple[float, float]) -> str:
+    return "at no force that is known" if math.isnan(ends[0]) else f"{ends[0]:.3g} to {ends[1]:.3g} N"
+
+
+def _known(bearing: Bearing) -> tuple[float, float]:
+    there = bearing.forces[~np.isnan(bearing.levels)]
+    return float(there[0]), float(there[-1])
+
+
+def _charts(found: Advice, bearing: Bearing) -> tuple[Chart, ...]:
+    """Return the level over the gap, and that of the recommended device over the force."""
+    check, mm = found.check, 1e3
+    gaps = numbers(mm * check.gaps)
+    full = Curve("simulated in full, 5 to 95 %", gaps, numbers(mm * check.level), numbers(mm * check.band[0]), numbers(mm * check.band[1]))
+    curves = [full]
+    if found.looks:
+        at, level = zip(*found.looks, strict=True)
+        curves.append(Curve("looks", numbers([mm * x for x in at]), numbers([mm * x for x in level]), points=True))
+    marks = [("design rule", mm * check.rule), ("recommended", mm * bearing.answer.gap)]
+    if found.sharp is not None:
+        marks.append(("lowest level", mm * found.sharp.gap))
+    over_gap = Chart("Level over the gap", "clearance to either wall in mm", "level in mm (RMS)", tuple(curves), tuple(marks), log_x=True)
+    force, without = bearing.forces, float(check.without.median[0]) / check.force
+    both = (
+        Curve("recommended device", numbers(force), numbers(mm * bearing.levels)),
+        Curve("no absorber", numbers(force), numbers(mm * without * force)),
+        Curve("best tuned absorber", numbers(force), numbers(mm * bearing.tuned / check.force * force)),
+    )
+    mark = (("the force", check.force),)
+    over_force = Chart("Level over the force", "force in N", "level in mm (RMS)", both, mark, log_x=True, log_y=True)
+    return over_gap, over_force

@@ -14,7 +14,8 @@ from commands import call, load, read
 from places import ROOT
 
 from impact_env.modes import modal_model
-from impact_env.parameters import Beam, ParameterError, friction_damper
+from impact_env.parameters import Beam, ParameterError, friction_damper, impact_absorber
+from impact_env.plain import to_scene
 from optimisation.bounds import design_gap
 from optimisation.gap_check import GapCheck, check_gap, gap_factors, sweep_limits
 from optimisation.tuned import den_hartog, undamped_h2
@@ -60,24 +61,59 @@ def test_quick_look_has_no_proof(tune: ModuleType, tmp_path: Path) -> None:
     assert "Proved" not in result.stdout
 
 
-def test_rule_answers_before_the_simulation(gap: ModuleType, tmp_path: Path) -> None:
-    result = call(gap, "--force", 3.5, "--modes", 2, "--rate", 40, "--quick", "--out", tmp_path)
+def test_all_that_is_told_is_of_the_recommended_device(gap: ModuleType, tmp_path: Path) -> None:
+    device = tmp_path / "device.json"
+    result = call(gap, "--force", 3.5, "--modes", 2, "--rate", 40, "--device", device, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     model = modal_model(Beam(modes=2))
-    rule = design_gap(model, 0.02 * model.beam_mass, 3.5)
-    assert result.stdout.startswith(f"Design rule: a clearance of {1e3 * rule:.4g} mm")
-    assert {file.name for file in tmp_path.iterdir()} == {"levels.csv", "summary.json", "levels.png"}
+    mass = 0.02 * model.beam_mass
+    assert {file.name for file in tmp_path.iterdir()} == {"levels.csv", "summary.json", "levels.png", "device.json"}
     assert (tmp_path / "levels.png").read_bytes().startswith(b"\x89PNG")
-    table = read(tmp_path / "levels.csv")
-    assert len(table) == 5
-    assert float(table[2]["gap_m"]) == rule
-    assert table[2]["share_of_possible_reduction"] == ""  # the test's sweeps are too fast to tell
+    table = {float(row["gap_m"]): row for row in read(tmp_path / "levels.csv")}
     content = json.loads((tmp_path / "summary.json").read_text())
     assert content["complete"] is True
-    assert content["rule_gap_m"] == rule
-    assert content["at_rule"]["level_median_m"] == float(table[2]["level_median_m"])
-    assert content["best"]["level_median_m"] == min(float(row["level_median_m"]) for row in table)
-    assert content["settings"]["members"] == 2
+    assert content["rule_gap_m"] == design_gap(model, mass, 3.5)
+    assert content["at_rule"]["level_median_m"] == float(table[content["rule_gap_m"]]["level_median_m"])
+    assert content["settings"]["sweeps"] <= 40
+    best, sharp = content["recommended"], content["sharp"]
+    assert result.stdout.startswith(
+        f"Recommended: a clearance of {1e3 * best['gap_m']:.4g} mm to either wall, friction limit {best['friction_limit_n']:.4g}"
+    )
+    for answer in (best, sharp):
+        row = table[answer["gap_m"]]
+        assert answer["level_m"] == float(row["level_median_m"])
+        assert answer["level_5_m"] <= answer["level_m"] <= answer["level_95_m"]
+        assert answer["level_worst_m"] >= answer["level_m"]
+        assert answer["mass_kg"] == pytest.approx(mass)
+        assert answer["friction_limit_n"] / answer["gap_m"] == pytest.approx(100.0, rel=1e-6)  # the paper's 0.1 N at 1 mm
+        assert row["share_of_possible_reduction"] == ""  # the test's sweeps are too fast to tell
+    assert sharp["level_m"] <= best["level_m"]
+    assert best["level_worst_m"] <= sharp["level_worst_m"]
+    assert content["settings"]["friction_limit_n"] == best["friction_limit_n"]
+    scene = to_scene(json.loads(device.read_text()))
+    assert scene.absorber == impact_absorber(best["gap_m"], best["restitution"], best["friction_limit_n"], 0.02)
+    np.testing.assert_array_equal(scene.model.tip_shape, model.tip_shape)
+    other = call(gap, "--scene", device, "--mass-ratio", 0.01, "--force", 3.5)
+    assert other.exit_code == 2
+    assert "--mass-ratio does not go with --scene" in other.stderr
+    again = call(gap, "--scene", device, "--force", 3.5, "--rate", 40, "--force-tolerance", 0, "--members", 1, "--out", tmp_path)
+    assert again.exit_code == 0, again.output
+    content = json.loads((tmp_path / "summary.json").read_text())
+    assert content["recommended"] == content["sharp"]
+    assert content["recommended"]["level_worst_m"] == content["recommended"]["level_m"]
+    assert content["recommended"]["friction_limit_n"] == best["friction_limit_n"]  # the device's, whatever the gap
+
+
+def test_free_variables_are_searched_with_the_gap(gap: ModuleType, tmp_path: Path) -> None:
+    line = ("--force", 3.5, "--modes", 2, "--rate", 40, "--quick", "--free", "restitution", "--free", "friction_limit", "--out", tmp_path)
+    result = call(gap, *line)
+    assert result.exit_code == 0, result.output
+    content = json.loads((tmp_path / "summary.json").read_text())
+    tried = {name: {row["value"]: row["level_m"] for row in content["tried"] if row["name"] == name} for name in ("restitution", "friction_limit")}
+    assert content["recommended"]["restitution"] == min(tried["restitution"], key=tried["restitution"].get)  # type: ignore[arg-type]
+    assert set(tried["restitution"]) == {0.7, 0.5, 0.35, 0.2}
+    assert len(tried["friction_limit"]) == 4
+    assert "restitution 0.7: 1.00" in result.stdout
 
 
 def test_rule_is_warned_of_and_refused_where_the_structure_hardly_moves(gap: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,10 +123,11 @@ def test_rule_is_warned_of_and_refused_where_the_structure_hardly_moves(gap: Mod
     assert all(part in result.stderr for part in ("4.937 is not allowed", "0.2396 mm", "no wall would be touched"))
     result = call(gap, "--force", 3.5, "--mass-ratio", 0.005, "--gaps", 3, "--members", 1, "--rate", 3, "--out", tmp_path)
     assert result.exit_code == 0, result.output
-    assert "Free amplitude over that gap: 1.23." in result.stdout
+    assert "Free amplitude over the rule's gap: 1.23." in result.stdout
+    assert {0.4, 1.0, 2.5} <= {round(float(row["gap_over_rule"]), 6) for row in read(tmp_path / "levels.csv")}
     assert result.stdout.count("Warning") == 2  # of the gap, and of sweeps that are too fast
     with monkeypatch.context() as patch:
-        patch.setattr(gap, "simulated", lambda *_, **options: pytest.fail(f"rate {options['rate']}"))
+        patch.setattr(gap, "simulated", lambda *given: pytest.fail(f"rate {given[-1]}"))
         with pytest.raises(pytest.fail.Exception, match=r"rate 0\.25"):  # the default, a quarter for half the damping
             gap.main(["--force", "3.5", "--damping", "0.005", "--out", str(tmp_path)], standalone_mode=False)
 

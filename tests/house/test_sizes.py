@@ -13,7 +13,6 @@ LINES, KERNEL_LINES = 350, 450
 PLACES = 8  # arguments that can be given by place
 # more than that: commands, whose options come by name, and one that is told place, range, phases and judgement in a row
 MORE = {
-    "optimisation/cli/design_gap.py main": 17,
     "optimisation/cli/tune_ltva.py main": 11,
     "impact_env/periodic/jump.py jumps": 9,
 }

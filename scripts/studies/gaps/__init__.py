@@ -1,0 +1,1 @@
+"""How good the answers of `design_gap` are: twenty structures, and fine scans of their gaps."""
