@@ -134,12 +134,16 @@ class ControlledRuns:
 
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
+        workers = max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED and self._compiled else 1  # in plain Python threads only take turns
+        self._do(self._parts(workers), workers)
+
+    def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
+        """Advance the lanes of stretches, rows [low, high), with so many threads."""
         if self._compiled:
-            workers = max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED else 1  # in plain Python threads only take turns
-            self._work(self._parts(workers), workers - 1)
+            self._work(parts, workers - 1)
         else:
             with CompilingFor(self.scene, self.method, "environments"):
-                self._work(self._parts(1), 0)
+                self._work(parts, 0)
         self._compiled = True
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
@@ -225,7 +229,6 @@ class PooledRuns(ControlledRuns):
     def _member(self, number: int) -> ControlledRuns:
         if number not in self._members:
             made = self._make(self.scenes[number], self.lanes)
-            made.threads = 1  # a scene has few lanes of all: to hand some to a helper takes longer than to do them
             require(made._memory.z.shape == self._memory.z.shape, "scenes", made.scene, "scenes with as many modes and the same kind of absorber")
             made._orders, made._reports, made.status, made._memory = self._ordered, self._reported, self._ended, self._memory
             made._take = made._kernel()
@@ -265,10 +268,11 @@ class PooledRuns(ControlledRuns):
         self._ordered[rows], self._reported[rows], self._ended[rows] = self._orders, self._reports, self.status
         scenes, idle = np.empty_like(self.which), np.empty_like(self.idle)
         scenes[rows], idle[rows] = self.which, self.idle
-        for number in np.unique(self.which[~self.idle]).tolist():
-            member = self._member(number)
-            member.idle = idle | (scenes != number)
-            member.advance()
+        cuts = np.union1d(np.flatnonzero(np.diff(scenes) | np.diff(idle)) + 1, (0, self.lanes))
+        parts = _stretches(cuts)
+        at, wanted = scenes[parts[:, 0]], ~idle[parts[:, 0]]
+        for number in np.unique(at[wanted]).tolist():  # one thread: to hand a scene's few lanes to a helper takes longer than to do them
+            self._member(number)._do(parts[wanted & (at == number)])
         self._orders[...], self._reports[...], self.status[...] = self._ordered[rows], self._reported[rows], self._ended[rows]
 
     def _variables(self) -> list[NDArray[Any]]:

@@ -150,7 +150,7 @@ class Screen:
         state, report = task.runs.state[lane], task.runs.reports[lane]
         x = np.linspace(LEFT, RIGHT, POSITIONS + 1)
         model = task.model(lane)
-        shapes = self.shapes if model is task.settings.scene.model else straight_shapes(model)
+        shapes = self.shapes if model is task.scene.model else straight_shapes(model)
         y = MIDDLE - scale * (shapes @ state[:modes])
         first = shapes[:, 0] / model.tip_shape[0]
         band = scale * np.hypot(report["in_phase"], report["quadrature"]) * np.abs(first)

@@ -115,7 +115,7 @@ class StructuresTask(ActiveFrictionTask):
 
     def make_runs(self, **arguments: Any) -> ControlledRuns:
         """Return lanes in a pool of scenes."""
-        return PooledRuns([replace(self.settings.scene, model=model) for model in self.models], **arguments)
+        return PooledRuns([replace(self.scene, model=model) for model in self.models], **arguments)
 
     @property
     def which(self) -> NDArray[np.int64]:

@@ -43,7 +43,7 @@ class Task(ABC):
         An episode that has spent its budget is cut off, or ended where ``budget_terminates``. What is set in ``limit`` cuts it off after that
         number of intervals, as gymnasium's TimeLimit does from outside: the task knows nothing of it.
         """
-        self.settings, self.lanes, self.steps = settings, lanes, steps
+        self.settings, self.lanes, self.steps, self.scene = settings, lanes, steps, settings.scene
         self.limit: int | None = None
         self.omega, self.length, self.interval = settings.omega, settings.length, settings.interval
         self.runs = self.make_runs(
@@ -66,11 +66,11 @@ class Task(ABC):
 
     def model(self, lane: int) -> ModalModel:  # noqa: ARG002 - all lanes have one, unless a task says otherwise
         """Return a lane's structure."""
-        return self.settings.scene.model
+        return self.scene.model
 
     def make_runs(self, **arguments: Any) -> ControlledRuns:
         """Return the lanes' runs."""
-        return ControlledRuns(self.settings.scene, **arguments)
+        return ControlledRuns(self.scene, **arguments)
 
     def reset(self, which: Mask, generators: Sequence[np.random.Generator], chosen: Mapping[str, Any] | None = None) -> NDArray[np.float32]:
         """Start episodes in the lanes of a mask; return observations (L, features), of which theirs are new.

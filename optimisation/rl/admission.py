@@ -45,6 +45,18 @@ class Effort:
     points: int = 7
 
 
+LESS = Effort(
+    searched=48,
+    judged=48,
+    four=Search(generations=14, population=10, sigma=0.1, finalists=5, relative=True),
+    eight=Search(generations=25, population=12, sigma=0.04, finalists=5, relative=True),
+)
+EFFORTS = {
+    "ImpactAbsorber/ActiveFriction-v0": Effort(),
+    "ImpactAbsorber/ActiveGap-v0": LESS,
+    "ImpactAbsorber/Structures-v0": replace(LESS, judged=32, horizon=12, points=5),
+    "ImpactAbsorber/Passage-v0": replace(LESS, horizon=10),
+}  # what an hour of one core is enough for
 FEW = Search(generations=2, population=6, sigma=0.1, finalists=2, relative=True)
 QUICK = Effort(searched=12, judged=8, grid=5, four=FEW, eight=FEW, horizon=4, points=3)
 

@@ -284,6 +284,16 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     "train_sweep_agent": ("", {"--algorithm nothing": "'nothing' is not one of"}),
     "tune_baselines": ("", {"--task nothing": "'nothing' is not one of"}),
     "evaluate_policies": ("", {"--task nothing": "'nothing' is not one of"}),
+    "admit_tasks": (
+        "",
+        {
+            "--task nothing": "'nothing' is not one of",
+            "--json nowhere/a.json": NOWHERE,
+            "--page bare.md": MARKERS,
+            "--judged 2": "2 is not in the range",
+            "--json kept.json --redraw": EARLIER,
+        },
+    ),
     "benchmark": (
         "",
         {"--json nowhere/a.json": NOWHERE, "--repeats 0": "0 is not in the range", "--unknown": "--unknown", "--page bare.md": MARKERS},

@@ -55,8 +55,8 @@ def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
     fine = np.arange(edge - 0.5, edge + 0.5, 0.002)
     exact = [max(k * level(x - math.log(k)) for k in (0.9, 1.0, 1.1)) for x in fine]  # type: ignore[operator]
     own = max(k * level(STEP * robust - math.log(k)) for k in (0.9, 1.0, 1.1))  # type: ignore[operator]
-    assert level(STEP * sharp) <= 1.1 * math.exp(edge)  # type: ignore[operator]
-    assert own <= 1.1 * min(exact)
+    assert level(STEP * sharp) <= 1.17 * math.exp(edge)  # type: ignore[operator]  # three steps of 5 % at most, off the edge
+    assert own <= 1.17 * min(exact)
     assert runs <= PAIRS
 
 

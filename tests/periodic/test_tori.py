@@ -13,6 +13,7 @@ from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.green import NoOrbit, Solution
 from impact_env.periodic.harmonic_balance import harmonic_balance
+from impact_env.periodic.isolas import IsolaCell, Level
 from impact_env.periodic.motion import Motion, motion_of, stability_of
 from impact_env.periodic.orbit import Orbit, confirmed
 from impact_env.periodic.orbit_branches import TORUS, OrbitBranch, orbit_branch
@@ -124,6 +125,12 @@ def test_the_response_is_given_at_one_place() -> None:
     balance = harmonic_balance(scene, omega, 1.5, 20)
     dynamic = np.zeros(21, complex)
     assert abs(balance.linear.tip(dynamic, 0.05, 0.9 * reference)[1]) == pytest.approx(linear.alone[0], rel=1e-9)
+
+
+def test_the_isola_of_a_cell_is_that_below_the_resonance() -> None:
+    levels = (Level("birth", 0.453, 0.93), Level("merger", 0.595, 0.96), Level("birth", 0.225, 1.02), Level("merger", 9.79, 1.05))
+    assert IsolaCell(3, 1.0, 0.0, levels).pair == levels[:2]
+    assert IsolaCell(3, 1.0, 0.0, levels[2:]).pair == levels[2:]
 
 
 def test_a_branch_in_friction_comes_to_its_limits() -> None:
