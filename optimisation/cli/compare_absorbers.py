@@ -17,7 +17,7 @@ from impact_env.ensemble import available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls
 from optimisation.cli.common import command, end_early, name_files, plain_errors
-from optimisation.cli.structure_option import RESONANCES_HELP, read_structure, structure_option
+from optimisation.cli.structure_option import RESONANCES_HELP, read_device, read_structure, scene_option, structure_option
 from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json
@@ -63,6 +63,7 @@ def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Pa
 
 @command()
 @structure_option
+@scene_option
 @click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Mass of each absorber over the structure's.")
 @click.option("--force", type=float, help="Force in N near the first of the resonances for which the design rule gives the gap.")
@@ -77,7 +78,7 @@ def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Pa
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("results/compare_absorbers"), show_default=True, help="Folder for figure and tables."
 )
-def main(structure: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
+def main(structure: Path | None, scene: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
     """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
 
     On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
@@ -91,7 +92,11 @@ def main(structure: Path | None, quick: bool, out: Path, cluster: str | None, **
     given["percent_per_100_periods"] = given.pop("rate")
     with plain_errors():
         require_writable("--out", out)
-        comparison = compared(None if structure is None else read_structure(structure), cluster, given)
+        own = None if structure is None else read_structure(structure)
+        if scene is not None:
+            own, given["device"] = read_device(scene, "structure", "mass_ratio", "force", "gap")
+            given |= {"mass_ratio": DEFAULT_MASS_RATIO}
+        comparison = compared(own, cluster, given)
         files = write(out, comparison, conditions(started, given["threads"], cluster))
     click.echo(text_table(comparison))
     name_files(files)

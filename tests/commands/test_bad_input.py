@@ -141,6 +141,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--force 0": "force = 0.0 is not allowed",
             "--force -3": "force = -3.0 is not allowed",
             "--force nan": "force = nan is not allowed",
+            "--force 3 --force 4": "--force is given 2 times: once is allowed",
             "--force 3 --gaps 4": "gaps = 4 is not allowed: an odd",
             "--force 3 --force-tolerance 0.4": "force_tolerance = 0.4 is not allowed: from 0 to 0.3",
             "--force 3 --device nowhere/a.json": "--device = nowhere/a.json is not allowed",
@@ -294,6 +295,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     "friction_branches": ("--quick", {f"{CLUSTER} --threads 2": BOTH}),
     "sweep_tradeoff": ("", {"--redraw --out .": "a folder with results of sweep_tradeoff"}),
     "your_structure": ("", {"--page none.md": "none.md"}),
+    "check_gaps": ("--quick", {f"{CLUSTER} --threads 2": BOTH, "--rate 0": "rate = 0.0 is not allowed", "--page none.md": "none.md"}),
     "error_vs_runtime": (
         "",
         {
