@@ -31,7 +31,7 @@ class StructureWarning(UserWarning):
 def warnings_of_matrix(diagonal: Real, mass: float, places: Mapping[str, int]) -> list[str]:
     """Return a sentence for what looks wrong beside a mass matrix, its ``diagonal`` and the structure's ``mass`` in kg; ``places``: rows by name."""
     found, total = [], float(np.sum(diagonal))
-    if not DIAGONAL[0] < total / mass < DIAGONAL[1]:
+    if not DIAGONAL[0] * mass <= total <= DIAGONAL[1] * mass:
         found.append(f"mass_kg = {mass:g}, while the mass matrix has {total:.4g} kg on its diagonal over all directions: is it in kg?")
     usual = float(np.quantile(diagonal, 0.75))
     for name, row in places.items():

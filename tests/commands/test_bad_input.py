@@ -170,7 +170,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--fix mass_ratio 100": "at most 1: an absorber no heavier than the structure",
             "--study nowhere/a.journal": "study file = nowhere/a.journal is not allowed: a file that can be written to, in a folder that exists",
             "--study /dev/full": "study file = /dev/full is not allowed",
-            "--objective beauty": "'beauty' is not one of 'level'",
+            "--objective beauty": "objective = 'beauty' is not allowed: one of level",
             "--concept spring": "'spring' is not one of",
             "--at one": "'one'",
             "--at 1:-3": "force = -3.0",
