@@ -10,7 +10,7 @@ import time
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,9 +21,13 @@ from impact_env.ensemble import MOST_MEMBERS, Executor, Lane, LaneLevels, LevelO
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
 from impact_env.parameters import count, instance, listed, positive, require, row, two
+from impact_env.plots import plot_curve, table
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
 from impact_env.sweep import Stopped
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 DEFAULT_MEMBERS = 16
@@ -115,6 +119,24 @@ class PerformanceCurve:
     def band(self) -> Array:
         """5 and 95 % quantiles of `combined` over the members in m, (2, F)."""
         return quantiles(self.combined, BAND)
+
+    def __repr__(self) -> str:
+        return f"PerformanceCurve({', '.join(text for _, text in self._told())})"
+
+    def _told(self) -> list[tuple[str, str]]:
+        count, median = len(self.forces), 1e3 * self.median[np.isfinite(self.median)]
+        forces = f"{count} force{'s' * (count != 1)} from {self.forces.min():.4g} to {self.forces.max():.4g} N"
+        levels = f"median level {median.min():.4g} to {median.max():.4g} mm" if median.size else "no level yet"
+        runs = f"{self.level.shape[1]} members, each up and down"
+        return [("forces", forces), ("runs", runs + ("" if self.complete else ", not all of them made")), ("level", levels)]
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return table("Performance curve", self._told())
+
+    def plot(self, axes: Axes | None = None, label: str | None = None, **options: Any) -> Axes:
+        """Draw the median level over the force with its band; return matplotlib's axes, for other curves too. ``options`` go to its loglog."""
+        return plot_curve(self, axes, label, options)
 
     def relative_to(self, reference: PerformanceCurve) -> Array:
         """Return `combined` over that of the same member of a reference, (F, M); raises ParameterError unless forces and members agree."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,11 @@ from impact_env.level import MOST_SAMPLES, ResponseLevel
 from impact_env.loads import amplitude_in_words
 from impact_env.methods import Method
 from impact_env.parameters import count, finite, flag, require
+from impact_env.plots import plot_response, table
 from impact_env.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 MOST_BINS = 1_000_000
@@ -172,3 +176,21 @@ class Response:
             words.append(f"level {1e3 * level.value:.4g} mm at {level.frequency_ratio:.4f} of the resonance")
         words.append(f"{self.impact_count} impact{'s' * (self.impact_count != 1)}")
         return f"Response({self.scene}\n         {', '.join(words)})"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        run = f"{amplitude_in_words(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s, {self.method}"
+        rows = [("scene", str(self.scene)), ("run", run), ("impacts", str(self.impact_count)), ("time stuck or held", f"{self.stuck_time:.4g} s")]
+        if self.level is not None:
+            rows.append(("response level", f"{1e3 * self.level.value:.4g} mm at {self.level.frequency_ratio:.4f} of the resonance"))
+            rows.append(("largest displacement", f"{1e3 * self.level.max_tip:.4g} mm"))
+        if self.energy is not None:
+            rows.append(("error of the energies' balance", f"{self.energy.relative_error:.1e}"))
+        return table("Response", rows)
+
+    def plot(self, axes: Axes | None = None, **options: Any) -> Axes:
+        """Draw the displacement's envelope over the frequency, or over time where that is constant, and the level; return matplotlib's axes.
+
+        ``options`` go to matplotlib's fill_between. Raises ParameterError unless the run has recorded its series or an envelope (`Record`).
+        """
+        return plot_response(self, axes, options)
