@@ -64,7 +64,7 @@ class Lane:
 class LaneLevels:
     """Results of lanes, arrays of one shape, NaN where a lane was not run; ``complete`` says whether all were.
 
-    level: response level in m; time (s) and frequency_ratio of the maximum; max_tip: largest |q_tip| in m; number of impacts; stuck_time: time
+    level: response level in m; time (s) and frequency_ratio of the maximum; max_tip: largest ``|q_tip|`` in m; number of impacts; stuck_time: time
     in joined phases in s.
     """
 

@@ -233,6 +233,9 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--from nan": "--from = nan",
             "--at 2": "--at = 2",
             "--at nan": "--at = nan",
+            "--along force --at 0.95": "--along, --over and --at go together",
+            "--along force --over 2 2 --at 0.95": "limits = (2.0, 2.0) is not allowed",
+            "--along mass --over 1 2 --at 0.95": "'mass' is not one of",
             "--folds --thresholds": "--folds does not go with --thresholds",
             "--folds --at 0.95": "--at does not go with --folds",
             "--points 1": "points = 1",
@@ -281,6 +284,16 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     "train_sweep_agent": ("", {"--algorithm nothing": "'nothing' is not one of"}),
     "tune_baselines": ("", {"--task nothing": "'nothing' is not one of"}),
     "evaluate_policies": ("", {"--task nothing": "'nothing' is not one of"}),
+    "admit_tasks": (
+        "",
+        {
+            "--task nothing": "'nothing' is not one of",
+            "--json nowhere/a.json": NOWHERE,
+            "--page bare.md": MARKERS,
+            "--judged 2": "2 is not in the range",
+            "--json kept.json --redraw": EARLIER,
+        },
+    ),
     "benchmark": (
         "",
         {"--json nowhere/a.json": NOWHERE, "--repeats 0": "0 is not in the range", "--unknown": "--unknown", "--page bare.md": MARKERS},
