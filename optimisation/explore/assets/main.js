@@ -130,7 +130,10 @@ const take = {
       if (!before || before.rough || !m.rough) known.curve.points.set(force, point.both === null && before && !before.rough ? before : point);
     });
     known.curve.rough = m.rough;
-    if (!m.rough && m.complete) known.old = null;
+    if (!m.rough && m.complete) {
+      known.old = null;
+      if (m.members === values.members) document.documentElement.dataset.whole = m.number; // for who waits for all members
+    }
     note("curve", m.rough ? "rough" : m.complete ? `${m.members} member${m.members > 1 ? "s" : ""}` : "finer …");
     drawCurve();
   },
