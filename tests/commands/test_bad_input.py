@@ -300,6 +300,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
         {"--json nowhere/a.json": NOWHERE, "--repeats 0": "0 is not in the range", "--unknown": "--unknown", "--page bare.md": MARKERS},
     ),
     "benchmark_energies": ("", {"--json nowhere/a.json": NOWHERE, "--page none.md": "none.md"}),
+    "benchmark_explorer": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS, "--picture a.gif": "--picture = a.gif is not allowed"}),
     "benchmark_envs": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
     "benchmark_periodic": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
     "benchmark_start": ("--quick", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
