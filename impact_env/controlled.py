@@ -24,7 +24,7 @@ from impact_env.kernels.jit import COMPILED
 from impact_env.kernels.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.methods import Exact, Method
-from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, positive, require
+from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, positive, require, weightless
 from impact_env.scene import Scene
 from impact_env.sweep import REASONS, IntegrationError
 
@@ -68,6 +68,7 @@ class ControlledRuns:
     ) -> None:
         method = Exact() if method is None else method
         kernels = family(scene, method)
+        weightless(scene.absorber, "a run that is controlled in intervals")
         require(kernels.control is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
@@ -133,12 +134,16 @@ class ControlledRuns:
 
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
+        workers = max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED and self._compiled else 1  # in plain Python threads only take turns
+        self._do(self._parts(workers), workers)
+
+    def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
+        """Advance the lanes of stretches, rows [low, high), with so many threads."""
         if self._compiled:
-            workers = max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED else 1  # in plain Python threads only take turns
-            self._work(self._parts(workers), workers - 1)
+            self._work(parts, workers - 1)
         else:
             with CompilingFor(self.scene, self.method, "environments"):
-                self._work(self._parts(1), 0)
+                self._work(parts, 0)
         self._compiled = True
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
@@ -206,22 +211,26 @@ def _stretches(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 class PooledRuns(ControlledRuns):
-    """Lanes that share orders, reports and memory, each in a scene of its own out of a pool: ``which`` (L,) says which.
+    """Lanes of several scenes out of a pool: ``which`` (L,), to be filled in place, says which scene a lane is in.
 
     All scenes have as many modes, the same kind of absorber, and one ``reference`` frequency; the runs of one are made when a lane first needs them.
+    What lanes keep lies scene by scene, so that a call of compiled code has all lanes of a scene in a row; orders and reports are those of lanes.
     """
 
     def __init__(self, scenes: Sequence[Scene], lanes: int, reference: float, interval: float, method: Method | None = None, **options: Any) -> None:
         self._make: Callable[..., ControlledRuns] = partial(ControlledRuns, reference=reference, interval=interval, method=method, **options)
         self.scenes, self.which = tuple(scenes), np.zeros(lanes, dtype=np.int64)
+        self._rows = np.arange(lanes)  # of a lane in what is kept
         self._members: dict[int, ControlledRuns] = {}
         super().__init__(scenes[0], lanes, reference, interval, method, **options)
+        self._ordered, self._reported, self._ended = self._orders.copy(), self._reports.copy(), self.status.copy()
+        self._laid = self.which.copy()
 
     def _member(self, number: int) -> ControlledRuns:
         if number not in self._members:
             made = self._make(self.scenes[number], self.lanes)
             require(made._memory.z.shape == self._memory.z.shape, "scenes", made.scene, "scenes with as many modes and the same kind of absorber")
-            made._orders, made._reports, made.status, made._memory = self._orders, self._reports, self.status, self._memory
+            made._orders, made._reports, made.status, made._memory = self._ordered, self._reported, self._ended, self._memory
             made._take = made._kernel()
             self._members[number] = made
         return self._members[number]
@@ -230,14 +239,45 @@ class PooledRuns(ControlledRuns):
         super().__setstate__(state)
         self._members = {}
 
+    def _lay(self, order: NDArray[np.int64]) -> None:
+        """Put what the lanes (L,) in ``order`` keep one after the other."""
+        rows = self._rows[order]
+        for values in self._memory:
+            values[...] = values[rows]
+        self._rows[order] = np.arange(self.lanes)
+
+    @property
+    def state(self) -> Array:
+        """State of each lane, a copy (L, 2 N_m + 2)."""
+        return np.asarray(self._memory.state[self._rows])
+
+    def restart(self, which: NDArray[Any]) -> None:
+        """Put lanes (indices or mask) at rest, as `ControlledRuns.restart` does."""
+        rows = self._rows[which]
+        self._memory.state[rows] = 0.0
+        self._memory.kept["gap"][rows] = self.orders["gap"][which]
+        self.reports[which] = np.zeros(1, REPORT)
+        self.orders["fresh"][which] = True
+
     def advance(self) -> None:
         """Advance all lanes but idle ones, scene by scene."""
-        for number in np.unique(self.which[~self.idle]).tolist():
-            member = self._member(number)
-            member.idle = self.idle | (self.which != number)
-            member.advance()
+        if not np.array_equal(self._laid, self.which):
+            self._lay(np.argsort(self.which, kind="stable"))
+            self._laid[...] = self.which
+        rows = self._rows
+        self._ordered[rows], self._reported[rows], self._ended[rows] = self._orders, self._reports, self.status
+        scenes, idle = np.empty_like(self.which), np.empty_like(self.idle)
+        scenes[rows], idle[rows] = self.which, self.idle
+        cuts = np.union1d(np.flatnonzero(np.diff(scenes) | np.diff(idle)) + 1, (0, self.lanes))
+        parts = _stretches(cuts)
+        at, wanted = scenes[parts[:, 0]], ~idle[parts[:, 0]]
+        for number in np.unique(at[wanted]).tolist():  # one thread: to hand a scene's few lanes to a helper takes longer than to do them
+            self._member(number)._do(parts[wanted & (at == number)])
+        self._orders[...], self._reports[...], self.status[...] = self._ordered[rows], self._reported[rows], self._ended[rows]
 
     def _variables(self) -> list[NDArray[Any]]:
+        self._lay(np.arange(self.lanes))  # what is kept is then that of lane after lane
+        self._laid[...] = -1
         return [*super()._variables(), self.which]
 
     def close(self) -> None:

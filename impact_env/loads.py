@@ -246,10 +246,10 @@ class Tones:
         for tone in self.tones:
             require((tone.order is None) == (self.schedule is None), "tones", tone, "an order for each with a schedule, else a frequency for each")
         if self.schedule is None:
-            require(self.length is not None, "duration", self.length, "given, in s, for tones of fixed frequencies")
-            object.__setattr__(self, "length", positive("duration", self.length))
+            require(self.length is not None, "length", self.length, "given, in s, for tones of fixed frequencies")
+            object.__setattr__(self, "length", positive("length", self.length))
         else:
-            require(self.length is None, "duration", self.length, "left out beside a schedule")
+            require(self.length is None, "length", self.length, "left out beside a schedule")
 
     @property
     def duration(self) -> float:
@@ -367,7 +367,7 @@ class Random:
 
     def __post_init__(self) -> None:
         one_of("quantity", self.quantity, QUANTITIES)
-        object.__setattr__(self, "length", positive("duration", self.length))
+        object.__setattr__(self, "length", positive("length", self.length))
         count("seed", self.seed, 0)
         allowed = "two or more pairs [Hz, value], frequencies strictly rising from above 0, values above 0"
         spectrum = row("spectrum", self.spectrum, allowed, axes=2)
@@ -377,7 +377,7 @@ class Random:
         require(len(self.lines) > 0, "spectrum", self.spectrum.tolist(), f"a band with a multiple of {1 / self.length:g} Hz, one over the duration")
         samples = self._samples
         allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {samples}: a shorter one, or a lower band"
-        require(samples <= MOST_SAMPLES, "duration", self.length, allowed)
+        require(samples <= MOST_SAMPLES, "length", self.length, allowed)
 
     @property
     def duration(self) -> float:
@@ -444,9 +444,9 @@ class Shock(Still):
     def __post_init__(self) -> None:
         one_of("pulse", self.pulse, PULSES), one_of("quantity", self.quantity, QUANTITIES)
         object.__setattr__(self, "peak", finite("peak", self.peak))
-        object.__setattr__(self, "width", positive("pulse_s", self.width))
-        object.__setattr__(self, "length", positive("duration", self.length))
-        require(self.width <= self.length, "duration", self.length, f"{self.width:g} s or more, as long as the pulse")
+        object.__setattr__(self, "width", positive("width", self.width))
+        object.__setattr__(self, "length", positive("length", self.length))
+        require(self.width <= self.length, "length", self.length, f"{self.width:g} s or more, as long as the pulse")
         require((self.rise is not None) == (self.pulse == "trapezoid"), "rise", self.rise, "given for a trapezoid, else left out")
         if self.rise is not None:
             object.__setattr__(self, "rise", non_negative("rise", self.rise, self.width / 2))

@@ -123,17 +123,15 @@ def method_class(method: Method) -> type[Method]:
     return next(known for known in (Exact, Moreau, RungeKutta) if isinstance(method, known))
 
 
-GENERAL = {(SceneKind.LINEAR, Exact), (SceneKind.RIGID, Exact)}  # what loads other than one force are for, and gravity
-WHERE = "they are for Exact, and for scenes without absorber, or with one that is stuck, tuned, or has rigid contact"
+GENERAL = {(SceneKind.LINEAR, Exact), (SceneKind.RIGID, Exact)}  # what a base that moves is for, and gravity
+WHERE = "for that Exact, and a scene without absorber, or with one that is stuck, tuned, or has rigid contact"
 
 
 def check_load(scene: Scene, drive: AnyDrive, method: Method) -> None:
-    """Raise ParameterError if a scene or a method cannot do a drive: loads other than one force, and a base that moves."""
-    if isinstance(drive, Drive):
-        return
-    pair = scene.kind, method_class(method)
-    require(pair in GENERAL, "loads", [type(part).__name__ for part in drive.parts], f"one force with {method} and {scene.kind.value}: {WHERE}")
-    if drive.moves_base:
+    """Raise ParameterError if a scene or a method cannot do a drive: a base that moves."""
+    if not isinstance(drive, Drive) and drive.moves_base:
+        pair = scene.kind, method_class(method)
+        require(pair in GENERAL, "loads", [type(part).__name__ for part in drive.parts], f"forces with {method} and {scene.kind.value}; {WHERE}")
         allowed = "given for a base that moves: the participation of the modes (base_vector, or base_participation_sqrt_kg)"
         require(scene.model.base_participation is not None, "base_participation", None, allowed)
 
@@ -143,7 +141,7 @@ def check_supported(scene: Scene, method: Method) -> None:
     instance("scene", scene, Scene), instance("method", method, Method)
     pair = scene.kind, method_class(method)
     heavy = gravity_of(scene.absorber)
-    require(heavy == 0 or pair in GENERAL, "gravity", heavy, f"0 with {method} and {scene.kind.value}: {WHERE}")
+    require(heavy == 0 or pair in GENERAL, "gravity", heavy, f"0 with {method} and {scene.kind.value}; {WHERE}")
     require(pair not in _REFUSED, "method", method, _REFUSED.get(pair, ""))
 
 

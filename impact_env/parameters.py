@@ -340,6 +340,12 @@ def gravity_of(absorber: Absorber | None) -> float:
     return getattr(absorber, "gravity", 0.0)
 
 
+def weightless(absorber: Absorber | None, what: str) -> None:
+    """Raise ParameterError for an absorber that has a weight along its motion, which ``what`` knows nothing of."""
+    heavy = gravity_of(absorber)
+    require(heavy == 0, "gravity", heavy, f"0 for {what}")
+
+
 def friction_law(limit: float | None, stiffness: float | None = None) -> CoulombFriction | ElasticCoulombFriction | None:
     """Return friction of a ``limit`` in N, elastic if it has a ``stiffness`` (N/m); a limit of 0 or None is no friction."""
     stiffness = None if stiffness is None else positive("friction stiffness", stiffness)

@@ -143,21 +143,24 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
 def _evened(file: Path, times: Array, values: Array, resample: Any) -> tuple[Array, Array]:
     """Return a record from time 0 at even steps; one that is not even is refused unless it is to be resampled, by straight lines."""
     require(len(times) >= 2, f"{file.name}: rows", len(times), "two samples or more")
-    times = times - times[0]
+    times, header = times - times[0], 1 if file.suffix.lower() == ".csv" else 0
     steps = np.diff(times)
     step = float(np.median(steps))
-    back = np.flatnonzero(~(steps > 0))
-    where = f"{file.name}: time in row {int(back[0]) + 2 if len(back) else 0}"
-    require(len(back) == 0, where, float(times[back[0] + 1]) if len(back) else 0.0, "later than that in the row before")
+
+    def place(sample: int) -> str:
+        return f"{file.name}: time in row {sample + 2 + header}"
+
+    for k in np.flatnonzero(~(steps > 0))[:1]:
+        require(False, place(k), float(times[k + 1]), "later than that in the row before")
     odd = np.flatnonzero(np.abs(steps - step) > UNEVEN * step)
     if len(odd) == 0:
         return np.asarray(float(times[-1]) / len(steps) * np.arange(len(times))), values
     if instance(f"{file.name}: resample", resample, bool):
         even = np.linspace(0, float(times[-1]), 1 + round(float(times[-1]) / step))
         return even, np.asarray(np.interp(even, times, values))
-    row = int(odd[0]) + 2
-    allowed = f"steps of {step:g} s as elsewhere, not {steps[odd[0]]:g} s; resample = true takes straight lines between samples"
-    raise ParameterError(f"{file.name}: time in row {row} = {times[odd[0] + 1]:g} is not allowed: {allowed}")
+    k = int(odd[0])
+    allowed = f"steps of {step:g} s as elsewhere, not {steps[k]:g} s; resample = true takes straight lines between samples"
+    raise ParameterError(f"{place(k)} = {times[k + 1]:g} is not allowed: {allowed}")
 
 
 def _refuse_clipped(file: Path, values: Array) -> None:
@@ -181,7 +184,7 @@ def _checked(file: Path, values: Any) -> Array:
     array = np.asarray(values, dtype=np.float64)
     bad = np.argwhere(~np.isfinite(array))
     where = f"{file.name}: row {int(bad[0][0]) + 1}" if len(bad) else file.name
-    require(len(bad) == 0, where, array[tuple(bad[0])] if len(bad) else 0.0, "a finite number, no gap")
+    require(len(bad) == 0, where, float(array[tuple(bad[0])]) if len(bad) else 0.0, "a finite number, no gap")
     return array
 
 

@@ -79,7 +79,7 @@ class Advice:
         """Return the median level in m of a device under ``factor`` times the force, by the scaling law; NaN where no such gap was simulated."""
         steps, levels = self.curve
         at = math.log(answer.gap / self.check.rule) - math.log(factor)
-        return factor * float(level_between(STEP * steps, levels, at))
+        return math.nan if at > STEP * (steps[-1] + 1) else factor * float(level_between(STEP * steps, levels, at))
 
     @property
     def at_end(self) -> bool:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 STEP = 0.05  # of ln gap
 WIDE, NEAR, LEAST, MOST = 8, 2, -32, 32  # steps of a bracket at first and at last, and how far it goes from the rule's gap
+CLIFF, MARGIN_CLIFF = 1.15, 1.25  # times as high a step narrower: steeper than where all members are on one branch; with a margin of force
 PAIRS = 18  # of sweeps, up and down, that a search takes at most: with those of the rule's gap and of no absorber 40 sweeps
 MEMBERS = 3
 # (step, number of members, whether at the full rate) -> the members' levels, the first ones of the ensemble
@@ -46,6 +47,15 @@ def level_between(ln_gaps: Array, ln_levels: Array, at: ArrayLike) -> Array:
     x = np.asarray(at, dtype=np.float64)
     beyond = np.where(x < ln_gaps[0] - 1e-9, np.nan, np.maximum(x - ln_gaps[-1], 0))
     return np.asarray(np.exp(np.interp(x, ln_gaps, ln_levels) + beyond))
+
+
+def safe(ln_gaps: Array, ln_levels: Array, cliff: float) -> tuple[Array, Array]:
+    """Return ln of gaps and of levels that count: no lower than the level of the gap a step narrower, where that is known, over ``cliff``.
+
+    At the foot of the cliff members take either branch, at a gap that differs by rounding others do, and few members do not tell how many.
+    """
+    near = np.isclose(np.diff(ln_gaps, prepend=-np.inf), STEP)
+    return ln_gaps, np.where(near, np.maximum(ln_levels, np.roll(ln_levels, 1) - np.log(cliff)), ln_levels)
 
 
 def worst(ln_gaps: Array, ln_levels: Array, at: ArrayLike, tolerance: float) -> Array:
@@ -77,15 +87,15 @@ def bracket(look: Callable[[int], float], start: int) -> dict[int, float]:
 
 
 def answers(table: Table, tolerance: float, members: int = 0) -> tuple[float, float]:
-    """Return the steps with the lowest level and with the lowest of `worst`, as far as is known; only of gaps that so many ``members`` ran in full.
+    """Return the steps with the lowest level and with the lowest of `worst`, of levels that are `safe`, as far as is known.
 
-    Raises ValueError if there are none.
+    ``members``: only of gaps that so many ran in full. Raises ValueError if there are none.
     """
     steps, levels = table.known()
     whole = np.arange(np.ceil(steps[0]), np.floor(steps[-1]) + 1)
     every = np.array([n for n, x in table.full.items() if len(x) >= members]) if members else np.union1d(whole, steps)
-    lowest = level_between(STEP * steps, levels, STEP * every)
-    robust = worst(STEP * steps, levels, STEP * every, tolerance)
+    lowest = level_between(*safe(STEP * steps, levels, CLIFF), STEP * every)
+    robust = worst(*safe(STEP * steps, levels, MARGIN_CLIFF if tolerance > 0 else CLIFF), STEP * every, tolerance)
     return float(every[np.argmin(lowest)]), float(every[np.argmin(np.where(np.isnan(robust), np.inf, robust))])
 
 
@@ -113,7 +123,8 @@ def search(look: Look, start: int, tolerance: float, members: int, pairs: int, t
         known[n] = look(n, 1, False)
         return float(known[n][0])
 
-    bracket(quick, start)
+    seen = bracket(quick, start)
+    quick(min(seen, key=lambda n: seen[n]) - 1)  # is the foot of the cliff there?
     spent = len(known)
     for number, beside in ((min(2, members), False), (members, False), (members, True)):
         while True:

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 # what a lane can be measured by; the order is that of the columns
 LEVEL, STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, DAMAGE = "level", "stroke", "impact_power", "impact_speed", "friction_heat", "damage"
-IMPACT_RATE, RMS = "impact_rate", "rms"
+IMPACT_RATE, RMS, ACCELERATION, STRESS = "impact_rate", "rms", "acceleration", "stress"
 MEASURES = {
     LEVEL: "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end",
     STROKE: "largest distance of the absorber from the middle of its cavity in m",
@@ -30,10 +30,12 @@ MEASURES = {
     FRICTION_HEAT: "energy lost in dry friction over the sweep, per second, in W, from the mean relative speed at the samples",
     DAMAGE: "sum over the rainflow cycles of the bending moment at the clamp, or of a modal model's stress, to the power of the fatigue exponent",
     IMPACT_RATE: "impacts per second over the sweep",
+    ACCELERATION: "largest change of velocity where the level is read from sample to sample, over the time between, in m/s^2, impacts included",
+    STRESS: "largest bending moment at the clamp in N m, or of a modal model's stress in the file's unit",
     RMS: "root of the mean square of the free end's displacement in m over the second half of the run",
 }
 _OF_IMPACTS = {IMPACT_POWER, IMPACT_SPEED, IMPACT_RATE}
-_OF_SAMPLES = {STROKE, FRICTION_HEAT, DAMAGE, RMS}
+_OF_SAMPLES = {STROKE, FRICTION_HEAT, DAMAGE, RMS, ACCELERATION, STRESS}
 
 
 FATIGUES = "for a beam that is clamped at its left end, or a modal model whose file gives the stress that fatigues"
@@ -108,9 +110,13 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
     assert history is not None
     if name == RMS:
         return float(np.sqrt(np.mean((history.modal_displacement[len(history.time) // 2 :] @ response.scene.model.level_shape) ** 2)))
-    if name == DAMAGE:
+    if name in (DAMAGE, STRESS):
         require(chunk.stress_shape is not None, "measure", name, FATIGUES)
-        return fatigue_damage(np.asarray(history.modal_displacement @ np.asarray(chunk.stress_shape)), chunk.fatigue_exponent)
+        stress = np.asarray(history.modal_displacement @ np.asarray(chunk.stress_shape))
+        return fatigue_damage(stress, chunk.fatigue_exponent) if name == DAMAGE else float(np.max(np.abs(stress)))
+    if name == ACCELERATION:
+        change = np.diff(history.modal_velocity @ response.scene.model.level_shape)
+        return float(np.max(np.abs(change) / np.diff(history.time)))
     return of_motion(name, response)
 
 

@@ -11,22 +11,65 @@ the ``mean``. The value of the design is the ``quantile`` of its members: the va
 
 from __future__ import annotations
 
+import importlib
 import math
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS
-from impact_env.parameters import count, finite, fraction, one_of, positive, require, two
+from impact_env.parameters import ParameterError, count, finite, fraction, one_of, positive, require, two
 from optimisation.designs import MASS_RATIO, Design
 from optimisation.extremes import usable_force
-from optimisation.measures import DAMAGE, FRICTION_HEAT, IMPACT_POWER, IMPACT_SPEED, LEVEL, STROKE
+from optimisation.measures import ACCELERATION, DAMAGE, FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_SPEED, LEVEL, STRESS, STROKE
 
 Array = NDArray[np.float64]
 WORST, MEAN = "worst", "mean"
-LIMITABLE = {STROKE: "m", IMPACT_SPEED: "m/s", FRICTION_HEAT: "W", MASS_RATIO: "of the beam's mass"}
+LIMITABLE = {
+    STROKE: "m",
+    IMPACT_SPEED: "m/s",
+    FRICTION_HEAT: "W",
+    MASS_RATIO: "of the beam's mass",
+    LEVEL: "m",
+    ACCELERATION: "m/s^2",
+    IMPACT_POWER: "W",
+    STRESS: "N m, or the file's unit",
+}
+# what a function of one's own is handed, by name, each (members, conditions, up or down)
+HANDED = (LEVEL, STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, IMPACT_RATE, ACCELERATION)
+Own = Callable[[dict[str, Array]], Any]
+OWN = "a function of one's own as MODULE:FUNCTION, which can be imported from here and returns a number for each member"
+
+
+def function_of(name: str) -> Own:
+    """Return a function by ``module:function``; modules of the current folder are found too. Raises ParameterError if there is none."""
+    module, _, function = name.partition(":")
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
+    try:
+        found = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ParameterError(f"function = {name!r} is not allowed: {OWN} ({error})") from error
+    require(callable(found), "function", name, OWN)
+    own: Own = found
+    return own
+
+
+def own_values(name: str, measured: dict[str, Array]) -> Array:
+    """Return what a function of one's own makes of the measures, a number for each member, (M,); raises ParameterError for all else."""
+    members = len(measured[LEVEL])
+    values = np.asarray(function_of(name)({key: measured[key] for key in HANDED}), dtype=np.float64)
+    require(values.shape == (members,) and bool(np.isfinite(values).all()), f"what {name} returns", values, f"{members} finite numbers")
+    return values
+
+
+def _is_own(name: object) -> bool:
+    return isinstance(name, str) and ":" in name
 
 
 @dataclass(frozen=True)
@@ -69,6 +112,9 @@ KINDS = {
     "level": Kind("response level relative to no absorber", LEVEL, False, "", True),
     "range": Kind("width of the range of forces in which the relative level stays under a limit", LEVEL, True, "decades", True),
     "damage": Kind("fatigue damage at the clamp, or where the file says, relative to no absorber", DAMAGE, False, "", True),
+    "absolute": Kind("response level", LEVEL, False, "m", False),
+    "acceleration": Kind("largest acceleration where the level is read", ACCELERATION, False, "m/s^2", False),
+    "stress": Kind("largest bending moment at the clamp, or what stress the file gives", STRESS, False, "N m, or the file's unit", False),
     "severity": Kind("power lost in impacts", IMPACT_POWER, False, "W", False),
 }
 
@@ -76,6 +122,8 @@ KINDS = {
 @dataclass(frozen=True)
 class Objective:
     """One objective: a ``kind`` of `KINDS`, how conditions join, the members' quantile, and for a range the ``limit`` of the relative level.
+
+    A kind ``module:function`` is one of one's own (`own_values`): minimised, and it joins conditions itself.
 
     ``resonance`` keeps only the conditions of one resonance (counted from 1); None keeps all.
     """
@@ -87,7 +135,10 @@ class Objective:
     limit: float | None = None
 
     def __post_init__(self) -> None:
-        one_of("objective", self.kind, KINDS)
+        if _is_own(self.kind):
+            function_of(self.kind)
+        else:
+            one_of("objective", self.kind, KINDS)
         one_of("over", self.over, (WORST, MEAN))
         object.__setattr__(self, "quantile", fraction("quantile", self.quantile))
         if self.kind == "range":
@@ -100,15 +151,30 @@ class Objective:
     @property
     def maximise(self) -> bool:
         """Whether more is better."""
-        return KINDS[self.kind].maximise
+        return self.of_kind.maximise
+
+    @property
+    def own(self) -> bool:
+        """Whether it is a function of one's own."""
+        return _is_own(self.kind)
+
+    @property
+    def of_kind(self) -> Kind:
+        """What it is."""
+        return Kind(self.kind, LEVEL, False, "", False) if self.own else KINDS[self.kind]
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """What runs have to be measured by."""
+        return HANDED if self.own else (self.of_kind.measure,)
 
     @property
     def label(self) -> str:
         """A few words for tables and axes."""
         where = "" if self.resonance is None else f", resonance {self.resonance}"
         under = "" if self.limit is None else f" of {self.limit:g}"
-        unit = f" in {KINDS[self.kind].unit}" if KINDS[self.kind].unit else ""
-        return f"{KINDS[self.kind].text}{under}{where}{unit}"
+        unit = f" in {self.of_kind.unit}" if self.of_kind.unit else ""
+        return f"{self.of_kind.text}{under}{where}{unit}"
 
     def describe(self) -> dict[str, object]:
         """Return the objective as JSON values."""
@@ -177,18 +243,33 @@ def range_width(forces: Array, levels: Array, limit: float) -> float:
 
 @dataclass(frozen=True)
 class Constraint:
-    """An upper ``limit``, in SI units, on what is named (`LIMITABLE`); what is measured is the worst of all runs."""
+    """An upper ``limit``, in SI units, on what is named (`LIMITABLE`) or on ``module:function``; what is measured is the worst of all runs."""
 
     name: str
     limit: float
 
     def __post_init__(self) -> None:
-        one_of("constraint", self.name, LIMITABLE)
+        if _is_own(self.name):
+            function_of(self.name)
+        else:
+            one_of("constraint", self.name, LIMITABLE)
         object.__setattr__(self, "limit", positive(f"limit of {self.name}", self.limit))
 
     def value(self, design: Design, measured: dict[str, Array]) -> float:
         """Return what is limited."""
+        if _is_own(self.name):
+            return float(np.max(own_values(self.name, measured)))
         return design.values[MASS_RATIO] if self.name == MASS_RATIO else float(np.max(measured[self.name]))
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """What runs have to be measured by."""
+        return HANDED if _is_own(self.name) else () if self.name == MASS_RATIO else (self.name,)
+
+    @property
+    def unit(self) -> str:
+        """Unit of what is limited."""
+        return LIMITABLE.get(self.name, "")
 
     def violation(self, design: Design, measured: dict[str, Array]) -> float:
         """Return by which share the limit is exceeded; 0 or below if it is kept."""

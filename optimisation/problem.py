@@ -19,9 +19,9 @@ from impact_env.scene import Scene
 from optimisation.designs import MASS_RATIO, POSITION, SEVERAL, TUNED, Design, DesignSpace
 from optimisation.evaluation import Evaluation, Progress, evaluate_arrays
 from optimisation.extremes import usable_rate
-from optimisation.measures import DAMAGE, FATIGUES, LEVEL, MEASURES, Chunk, measure, stress_shape
+from optimisation.measures import DAMAGE, FATIGUES, LEVEL, MEASURES, STRESS, Chunk, measure, stress_shape
 from optimisation.mounting import described, detuned, mounted
-from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score
+from optimisation.objectives import Condition, Constraint, Objective, Score, own_values
 from optimisation.sweep_rate import sweep_ratio
 from optimisation.tuned import require_wide_range
 from optimisation.units import Units
@@ -68,8 +68,8 @@ class Problem:
         require(len(set(names)) == len(names), "constraints", names, "each of them once")
         if self.space.concept == TUNED:
             self._require_both_peaks()
-        if DAMAGE in self.measures:
-            require(self._beams[self.conditions[0].detuning][1] is not None, "objective", "damage", FATIGUES)
+        for name in {DAMAGE, STRESS} & set(self.measures):
+            require(self._beams[self.conditions[0].detuning][1] is not None, "objective or constraint", name, FATIGUES)
 
     def _usable_rate(self) -> float:
         return usable_rate("rate", self.rate, [condition.limits for condition in self.conditions])
@@ -120,7 +120,7 @@ class Problem:
     @property
     def measures(self) -> tuple[str, ...]:
         """What the runs are measured by, the columns of all arrays of measures, in the order of `MEASURES`."""
-        needed = {KINDS[objective.kind].measure for objective in self.objectives} | {constraint.name for constraint in self.constraints} | {LEVEL}
+        needed = {name for parts in (self.objectives, self.constraints) for part in parts for name in part.measures} | {LEVEL}
         return tuple(name for name in MEASURES if name in needed)
 
     @cached_property
@@ -222,7 +222,10 @@ class Problem:
         """Return one value for each objective and member, (objectives, members), from a design's measures."""
         reference, rows = self.reference(ensemble, rate), []
         for objective in self.objectives:
-            kind = KINDS[objective.kind]
+            if objective.own:
+                rows.append(own_values(objective.kind, {name: measured[..., k] for k, name in enumerate(self.measures)}))
+                continue
+            kind = objective.of_kind
             column = self.measures.index(kind.measure)
             # the worse direction over the worse direction, as in the paper's curves: a level of a sweep down has no reference of its own
             scale = reference[..., column].max(axis=2, keepdims=True) if kind.relative else 1.0

@@ -19,7 +19,6 @@ from impact_env.envs.sweep_gap_task import Cavity, require_cavity
 from impact_env.envs.task import IMPACTS_SCALE, Array, Mask, Task
 from impact_env.kernels.interval import spread
 from impact_env.level import require_samples
-from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, positive, require
 
 COSTS = ("level", "time", "fatigue", "actuator", "contact force")
@@ -75,10 +74,6 @@ class ActiveTask(Task):
         self.squares = np.zeros((lanes, max(1, round(1 / settings.interval))))
         self._speed, self._moved = np.zeros(lanes), np.zeros(lanes)
 
-    def model(self, lane: int) -> ModalModel:  # noqa: ARG002 - all lanes have one
-        """Return a lane's structure."""
-        return self.settings.scene.model
-
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw frequency, force and phase."""
         low, high = span("frequency_ratio", self.cycle.frequency_ratio)
@@ -110,7 +105,7 @@ class ActiveTask(Task):
         costs[:, 1] = 1 / self.steps
         costs[:, 2] = reports["damage"] / (self.interval * self.settings.samples_per_period)
         self._moved = costs[:, 3] = self.moved()
-        speed, mass = self.runs.state[:, -1].copy(), self.settings.scene.absorber_mass
+        speed, mass = self.runs.state[:, -1].copy(), self.scene.absorber_mass
         assert mass is not None  # what is set is an absorber's
         costs[:, 4] = np.abs(speed - self._speed) * (mass / (self.interval * self._period)) / self.force
         self._speed = speed
@@ -130,7 +125,7 @@ class ActiveTask(Task):
     def values(self) -> Array:
         """Return the scaled features (L, features): the state at the interval's end."""
         reports, state, phase = self.runs.reports, self.runs.state, self.runs.orders["phase"]
-        values, modes = np.zeros((self.lanes, len(self.features))), self.settings.scene.model.modes
+        values, modes = np.zeros((self.lanes, len(self.features))), self.scene.model.modes
         for column, first in enumerate((0, modes + 1)):
             for mode in range(modes):
                 values[:, column] += self.tip_shape(mode) * state[:, first + mode]
@@ -148,7 +143,7 @@ class ActiveTask(Task):
 
     def tip_shape(self, mode: int) -> Any:
         """Return the shape of a mode where the level is read: one number, or one for each lane."""
-        return self.settings.scene.model.level_shape[mode]
+        return self.scene.model.level_shape[mode]
 
     def describe(self) -> dict[str, Any]:
         """Return the environment's arguments as plain values."""

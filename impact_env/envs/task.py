@@ -17,6 +17,7 @@ from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
 from impact_env.envs.settings import FORCES, Range, Settings
 from impact_env.kernels.episodes import Units, fill_features, order_intervals
+from impact_env.modes import ModalModel
 from impact_env.parameters import require
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ class Task(ABC):
         An episode that has spent its budget is cut off, or ended where ``budget_terminates``. What is set in ``limit`` cuts it off after that
         number of intervals, as gymnasium's TimeLimit does from outside: the task knows nothing of it.
         """
-        self.settings, self.lanes, self.steps = settings, lanes, steps
+        self.settings, self.lanes, self.steps, self.scene = settings, lanes, steps, settings.scene
         self.limit: int | None = None
         self.omega, self.length, self.interval = settings.omega, settings.length, settings.interval
         self.runs = self.make_runs(
@@ -63,9 +64,13 @@ class Task(ABC):
         self._units = Units(self.length, 1 / (self.omega * self.length), impacts, float(self.frequency_origin), unit, steps)
         self._period = 2 * np.pi / self.omega
 
+    def model(self, lane: int) -> ModalModel:  # noqa: ARG002 - all lanes have one, unless a task says otherwise
+        """Return a lane's structure."""
+        return self.scene.model
+
     def make_runs(self, **arguments: Any) -> ControlledRuns:
         """Return the lanes' runs."""
-        return ControlledRuns(self.settings.scene, **arguments)
+        return ControlledRuns(self.scene, **arguments)
 
     def reset(self, which: Mask, generators: Sequence[np.random.Generator], chosen: Mapping[str, Any] | None = None) -> NDArray[np.float32]:
         """Start episodes in the lanes of a mask; return observations (L, features), of which theirs are new.

@@ -8,8 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
-from impact_env.families.common import compiled
+from impact_env.families.common import compiled, schedule_of
 from impact_env.families.family import Family, Observers
 from impact_env.families.rigid import rigid_laws
 from impact_env.kernels import feedback, moreau
@@ -20,7 +19,7 @@ from impact_env.kernels.lanes import moreau_lanes, runge_kutta_lanes
 from impact_env.kernels.moreau import moreau_lane
 from impact_env.kernels.moreau_law import RigidLaws, Spring
 from impact_env.kernels.runge_kutta import runge_kutta_lane
-from impact_env.loads import AnyDrive
+from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.parameters import NonlinearSink, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
 from impact_env.scene import Scene
@@ -38,11 +37,13 @@ def _modes(scene: Scene) -> Modes:
     return Modes(_writable(model.omega), _writable(model.damping_ratio), _writable(model.force_shape), _writable(model.tip_shape))
 
 
-def _force(drive: AnyDrive) -> Force:
-    assert isinstance(drive, Drive)
+def _force(scene: Scene, drive: AnyDrive) -> Force:
+    if isinstance(drive, Loads):
+        taken = schedule_of(scene, drive, 1.0)
+        return Force(taken.times, taken.omegas, taken.phases, 1.0, 0.0, taken.load)
     schedule = drive.schedule
     phases = schedule.phase_at(schedule.times)
-    return Force(_writable(schedule.times), _writable(schedule.omegas), _writable(phases), drive.amplitude, drive.phase)
+    return Force(_writable(schedule.times), _writable(schedule.omegas), _writable(phases), drive.amplitude, drive.phase, None)
 
 
 def _spring(scene: Scene) -> Spring | None:
@@ -69,7 +70,7 @@ def _moreau_laws(scene: Scene) -> tuple[object, ...]:
 
 def _run_moreau(scene: Scene, drive: AnyDrive, method: Moreau, state: Array, sample_dt: float, observers: Observers) -> int:
     laws, wide = _moreau_parts(scene)
-    return int(moreau_lane(_modes(scene), laws, _force(drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
+    return int(moreau_lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
 
 
 def _control_moreau(scene: Scene, method: Moreau, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
@@ -95,7 +96,7 @@ def _runge_kutta_laws(scene: Scene) -> tuple[object, ...]:
 
 def _run_runge_kutta(scene: Scene, drive: AnyDrive, method: RungeKutta, state: Array, sample_dt: float, observers: Observers) -> int:
     laws, wide = _runge_kutta_parts(scene)
-    return int(runge_kutta_lane(_modes(scene), laws, _force(drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
+    return int(runge_kutta_lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
 
 
 def _control_runge_kutta(scene: Scene, method: RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:

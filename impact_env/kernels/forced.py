@@ -78,7 +78,8 @@ def fill_terms(window, terms):
     """Write the terms of `Forced`; of a chirp only even ones are not zero."""
     load = window.load
     if load is not None:
-        terms[:] = load.terms
+        for n in range(TERMS):
+            terms[0, n], terms[1, n] = load.terms[0, n], load.terms[1, n]
         return
     c_r, c_i = 0.5 * window.force_r, 0.5 * window.force_i
     terms[0, 0], terms[1, 0] = c_r, c_i

@@ -211,7 +211,7 @@ def moreau_lanes(modes, laws, step, batch, start, stop):
         observe = observe_lane(desk, watch, lanes, i)
         close_walls(laws.walls, lanes, i, order, report.distance)
         now_there = RigidLaws(laws.mass, with_gap(laws.walls, order.gap), with_limit(laws.limit, order.limit), laws.spring)
-        force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
+        force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0, None)
         status[i] = moreau_lane(modes, now_there, force, state, step, observe_steps(observe, series))
         take_rows(desk, watch, series, observe.level, order)
         report_relative(watch, state, report)
@@ -227,7 +227,7 @@ def runge_kutta_lanes(modes, laws, step, batch, start, stop):
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        observe, force = observe_lane(desk, watch, lanes, i), Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
+        observe, force = observe_lane(desk, watch, lanes, i), Force(desk.times, desk.omegas, desk.phases, order.force, 0.0, None)
         status[i] = runge_kutta_lane(modes, laws, force, state, step, observe_steps(observe, series))
         take_rows(desk, watch, series, observe.level, order)
         report_relative(watch, state, report)

@@ -113,6 +113,20 @@ def _expand(piece, t, carrier, terms):
 
 
 @jit
+def force_in(load, k, t):
+    """Return the force at time ``t`` of stretch ``k`` (N)."""
+    total = 0.0
+    for source in range(load.which.shape[1]):
+        piece = load.pieces[load.which[k, source]]
+        if not load.moves_base[source]:
+            u, p = t - piece[BEGINS], POLYNOMIAL
+            phase = piece[PHASE] + (piece[OMEGA] + 0.5 * piece[ALPHA] * u) * u
+            total += (piece[p] + (piece[p + 2] + piece[p + 4] * u) * u) * math.cos(phase)
+            total -= (piece[p + 1] + (piece[p + 3] + piece[p + 5] * u) * u) * math.sin(phase)
+    return total
+
+
+@jit
 def enter_load(load, k, t):
     """Write the terms of stretch ``k`` around time ``t``, and return their carrier (rad/s)."""
     low, high, _ = band(load, k, t)

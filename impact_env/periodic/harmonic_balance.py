@@ -28,6 +28,7 @@ from impact_env.parameters import (
     non_negative,
     positive,
     require,
+    weightless,
 )
 from impact_env.periodic.branch import Residual
 from impact_env.periodic.contact import CompliantContact, Law, RigidContact
@@ -313,6 +314,7 @@ def harmonic_balance(
     absorber = scene.absorber
     require(isinstance(absorber, SlidingAbsorber), "absorber", absorber, "one absorber with walls, friction or both")
     assert isinstance(absorber, SlidingAbsorber)
+    weightless(absorber, "harmonic balance")
     positive("weight", weight)
     positive("friction_weight", friction_weight)
     require(not symmetric or multiple % 2 == 1, "multiple", multiple, "odd for orbits that repeat with the other sign after half a period")

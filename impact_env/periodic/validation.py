@@ -105,13 +105,13 @@ def _unlike(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str |
                 return "impacts at other times"
             if np.all(np.sign(others[1][near]) != np.sign(impulse)):
                 return "impacts on other walls"
-    held, seen = _held(motion, start), merged(begins, ends)
-    if held.shape != seen.shape:
-        return f"{seen.shape[1]} joined phases instead of {held.shape[1]}"
-    return "joined phases at other times" if seen.size and np.max(np.abs(held - seen)) > PHASE_BAR else None
+    known, seen = held(motion, start), merged(begins, ends)
+    if known.shape != seen.shape:
+        return f"{seen.shape[1]} joined phases instead of {known.shape[1]}"
+    return "joined phases at other times" if seen.size and np.max(np.abs(known - seen)) > PHASE_BAR else None
 
 
-def _held(motion: AnyMotion, start: float) -> Array:
+def held(motion: AnyMotion, start: float) -> Array:
     """Return when the joined phases of a motion begin and end in the span from a phase ``start`` (rad) on, (2, K) in rad after it."""
     schedule, phases = motion.solution.schedule, motion.solution.phases
     joined = np.array([event.regime is Regime.JOINED for event in schedule.events])

@@ -26,12 +26,14 @@ from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_advice import FREE, TOLERANCE, Advice, advise
+from optimisation.gap_card import bearing
 from optimisation.gap_check import RESTITUTION, gap_factors, scaled_absorber
 from optimisation.gap_search import MEMBERS
 from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
-from optimisation.report.gap_table import answer, text, warnings
-from optimisation.sweep_rate import sweep_ratio
+from optimisation.report.card import text as as_text
+from optimisation.report.card import write_card
+from optimisation.report.gap_table import answer, card, text, warnings
 
 QUICK_MEMBERS = 1
 OF_SCENE = ("structure", "modes", "damping", "mass_ratio", "position", "restitution", "friction_limit")
@@ -125,30 +127,37 @@ def write(out: Path, found: Advice) -> list[Path]:
 @click.option(
     "--device", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write structure and recommended absorber as a scene, .json."
 )
+@click.option("--no-card", is_flag=True, help="Leave the card out: what the device bears, and what a tuned absorber or a damper would do.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/design_gap"), show_default=True, help="Folder for figure and tables.")
 def main(**given: Any) -> None:
     """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
 
     Sweeps up and down bracket the gap with the lowest level (sharp), and by the scaling law the one whose largest level over the tolerance of the
-    force is lowest (recommended); the design rule's gap stands beside them. Writes levels.png, levels.csv and summary.json. Ctrl-C ends the
+    force is lowest (recommended); the design rule's gap stands beside them. Writes levels.png, levels.csv, summary.json, and the recommended
+    device's card as card.html, with curves, and card.json. Ctrl-C ends the
     simulation early and leaves what is finished.
     """
     with plain_errors():
         refuse_beside(given["structure"], "modes", "damping")
         usable_force("--force", given["force"])
         structure, absorber = put_together(given)
-        model, resonance = model_on(structure), given["resonance"]
+        model = model_on(structure)
         if given["gaps"] is not None:
             gap_factors(given["gaps"])
         require_writable("--out", given["out"])
         check_target("--device", given["device"], (".json",))
-        rate = default_rate(model, (resonance,)) if given["rate"] is None else usable_rate("--rate", given["rate"], [PAPER_LIMITS])
+        rate = default_rate(model, (given["resonance"],)) if given["rate"] is None else usable_rate("--rate", given["rate"], [PAPER_LIMITS])
         found = simulated(model, absorber, given, rate)
         files = write(given["out"], found)
         if given["device"] is not None and found.recommended is not None:
             write_device(given["device"], structure, found.recommended.absorber)
             files.append(given["device"])
-        told = warnings(found, sweep_ratio(model, rate, resonance, found.check.limits))
+        told = warnings(found)
+        if found.recommended is not None and found.complete and not given["no_card"]:
+            with workers(given["threads"], given["cluster"]) as executor:
+                own = card(found, bearing(found, found.recommended, given["threads"], executor))
+            files += write_card(given["out"], own)
+            told += ["", as_text(own)]
     click.echo("\n".join([*answer(found), "", text(found), *(["", *told] if told else [])]))
     name_files(files)
     end_early(found.complete, "the files hold the runs that were finished.")

@@ -34,9 +34,11 @@ from optimisation.conditions import make_conditions
 from optimisation.designs import GAP, IMPACT, VARIABLES
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.insight import detuned, levels, over_force, sensitivity, varied, with_gaps
-from optimisation.objectives import KINDS, MEAN, WORST, Objective
+from optimisation.objectives import KINDS, MEAN, OWN, WORST, Objective
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
+from optimisation.report.card import write_card
+from optimisation.report.cards import findings_card
 from optimisation.report.design_tables import (
     LEVEL_COLUMNS,
     PAPER,
@@ -67,7 +69,7 @@ QUICK_DRAWS = 8
 def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Findings:
     """Run the winner in service, and what the figures show around it."""
     problem, found = findings.problem, findings.verdict
-    if found is None or given["no_figures"] or not findings.finished:
+    if found is None or not found.feasible or given["no_figures"] or not findings.finished:
         return findings
     name, few = problem.space.concept, min(FEW, problem.members)
     with runs_bar(f"{name}: winner in service") as show:
@@ -123,7 +125,7 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
         with replacing(out / "sensitivity.png") as temporary:
             save_sensitivity(temporary, findings)
         files.append(out / "sensitivity.png")
-    return files
+    return files + write_card(out, findings_card(findings))
 
 
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
@@ -148,7 +150,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
 @click.option("--concept", type=click.Choice([*VARIABLES, ALL]), default=IMPACT, show_default=True, help="Kind of absorber.")
 @click.option("--at", multiple=True, type=At(), help=AT_HELP)
-@click.option("--objective", type=click.Choice(list(KINDS)), default="level", show_default=True, help="What makes a design good.")
+@click.option("--objective", default="level", show_default=True, help=f"What makes a design good: {', '.join(KINDS)}, or {OWN}.")
 @click.option("--over", type=click.Choice([WORST, MEAN]), default=WORST, show_default=True, help="How resonances and forces join.")
 @click.option("--quantile", type=float, default=0.5, show_default=True, help="Share of the members that meet or better the value.")
 @click.option("--limit", type=float, help="Relative level that the objective range must stay under.")
@@ -186,4 +188,4 @@ def main(**given: Any) -> None:
                 if not found[-1].finished:
                     break
     end_early(all(findings.finished for findings in found), GOES_ON)
-    end_without(all(findings.verdict is not None for findings in found))
+    end_without(all(findings.verdict is not None and findings.verdict.feasible for findings in found))

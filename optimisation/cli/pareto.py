@@ -34,6 +34,8 @@ from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.objectives import Objective
 from optimisation.problem import Problem
+from optimisation.report.card import write_card
+from optimisation.report.cards import front_card
 from optimisation.report.front_tables import Front, front_columns, front_rows, front_summary, front_text
 from optimisation.search.pareto import CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
@@ -86,7 +88,7 @@ def write(out: Path, front: Front, given: dict[str, Any]) -> list[Path]:
         files.append(out / "front.png")
         with replacing(files[-1]) as temporary:
             save_front(temporary, (labels[0], labels[1]), searched, found, fresh, paper, bounds_of(front))
-    return files
+    return files + write_card(out, front_card(front))
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())

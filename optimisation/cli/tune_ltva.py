@@ -16,6 +16,8 @@ from optimisation.files import replacing, require_writable, write_csv, write_jso
 from optimisation.machine import conditions, sources
 from optimisation.page import fill, require_markers
 from optimisation.progress import BAR, Bar
+from optimisation.report.card import write_card
+from optimisation.report.cards import tuning_card
 from optimisation.report.tuning_table import text
 from optimisation.tuned import HIGH, LOW
 from optimisation.tuned.table import TuningTable, tuning_table
@@ -46,7 +48,7 @@ def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]
     write_json(files[1], summary(table, bounds))
     with replacing(files[2]) as temporary:
         save_figure(temporary, table)
-    return files
+    return files + write_card(out, tuning_card(table, bounds))
 
 
 @command()

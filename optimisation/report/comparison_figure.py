@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, NONE, Comparison, ResonanceComparison
+from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER_WIDE, LTVA_TUNED, LTVA_TUNED_WIDE, NONE, Comparison, ResonanceComparison
 from optimisation.report.written_figure import write_figure
 
 DPI = 160
@@ -69,9 +69,10 @@ def _caption(comparison: Comparison) -> str:
 
 def _draw(panel: Axes, part: ResonanceComparison) -> None:
     for key, look in LOOKS.items():
-        if key not in part.curves:
+        # near another resonance than its own a tuned absorber is not swept widely
+        curve = part.curves.get(key, part.curves.get(LTVA_TUNED) if key == LTVA_TUNED_WIDE else None)
+        if curve is None:
             continue
-        curve = part.curves[key]
         low, high = MM * curve.band
         panel.fill_between(part.forces, low, high, color=look.colour, alpha=0.25, lw=0)
         panel.plot(part.forces, MM * curve.median, color=look.colour, ls=look.style, lw=look.width, label=look.label)
@@ -92,7 +93,7 @@ def _draw_limit(panel: Axes, part: ResonanceComparison) -> None:
     """Shade what no device of this mass and gap can reach."""
     forces = np.geomspace(part.forces[0], part.forces[-1], 200)
     limit = np.maximum(MM * part.limit_at(forces), 1e-9)
-    label = f"out of reach within a cavity of ±{MM * part.gap:.4g} mm"
+    label = f"out of reach for the impact absorber: cavity of ±{MM * part.gap:.4g} mm"
     panel.fill_between(forces, 1e-9, limit, facecolor="0.93", edgecolor="0.72", hatch="////", lw=0.8, zorder=0.4, label=label)
 
 

@@ -10,7 +10,7 @@ from optimisation.branches import Branches, branches
 from optimisation.designs import VARIABLES, Design
 from optimisation.insight import Levels
 from optimisation.mounting import detuned
-from optimisation.objectives import Condition
+from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem
 from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.search.judge import Judged, Verdict
@@ -66,8 +66,25 @@ def level_rows(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[flo
                 yield [condition.resonance, condition.force, condition.detuning, *who, *values, float(part.without[k])]
 
 
-def _judged(judged: Judged) -> Json:
-    return {
+def kept(problem: Problem, score: Score) -> str:
+    """Return whether a design keeps the constraints, and which it breaks by how much, in words; nothing where there are none."""
+    if score.failed:
+        return ", a run failed"
+    broken = [(c, v) for c, v in zip(problem.constraints, score.violations, strict=True) if v > 0]
+    words = [f"{c.name} of {c.limit * (1 + v):.4g} over {c.limit:g} {c.unit} by {100 * v:.3g} %" for c, v in broken]
+    spare = min((-v for v in score.violations), default=0.0)
+    return ", breaks " + ", ".join(words) if words else f", keeps all constraints, {100 * spare:.3g} % to spare" if problem.constraints else ""
+
+
+def constraints(problem: Problem, score: Score) -> Json:
+    """Return whether a design is feasible, and each constraint's limit, value and share by which it is exceeded, as JSON values."""
+    pairs = zip(problem.constraints, score.violations, strict=True)
+    rows = {c.name: {"limit": c.limit, "value": number(c.limit * (1 + v)), "exceeded_by": number(v)} for c, v in pairs}
+    return {"feasible": score.feasible, "constraints": rows}
+
+
+def _judged(judged: Judged, problem: Problem) -> Json:
+    return constraints(problem, judged.score) | {
         "values": dict(judged.design.values),
         "score": [number(x) for x in judged.score.values],
         "score_5_to_95_percent": [[number(x) for x in band] for band in judged.bands],
@@ -101,11 +118,15 @@ def summary(findings: Findings) -> Json:
     }
     if verdict is not None:
         content["found"] = {"number": verdict.found.number, "score": [number(x) for x in verdict.found.score.values]}
-        content |= {name: _judged(judged) for name, judged in compared(verdict).items()}
+        content |= {name: _judged(judged, problem) for name, judged in compared(verdict).items()}
         content["winner_over_paper"], content["winner_over_rule"] = _gain(verdict.gain), _gain(verdict.gain_over(verdict.rule))
         content["winner_at_bounds"] = problem.space.at_bounds(verdict.winner.design)
     if findings.wider is not None:
-        content["with_more_modes"] = {"modes": findings.wider.modes, **_judged(findings.wider.judged), "change": _gain(findings.wider.change)}
+        content["with_more_modes"] = {
+            "modes": findings.wider.modes,
+            **_judged(findings.wider.judged, problem),
+            "change": _gain(findings.wider.change),
+        }
     if findings.service is not None:
         content["in_service"] = service_summary(findings.service)
     if audit is not None and audit.designs:
@@ -180,7 +201,11 @@ def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
         yield f"  {v.name:<{width}}  {mine:10.4g}  (paper {paper:.4g}, rule {rule:.4g}) {v.si}".rstrip()
     for name, judged in every.items():
         (low, high), *_ = judged.bands
-        yield f"  {name} on fresh members: {judged.score.values[0]:.4g} ({low:.4g} to {high:.4g})"
+        yield f"  {name} on fresh members: {judged.score.values[0]:.4g} ({low:.4g} to {high:.4g}){kept(problem, judged.score)}"
+    if not verdict.feasible:
+        yield "  no feasible design: the winner is the one that breaks the constraints least; loosen them, or search longer"
+    elif verdict.winner in (verdict.paper, verdict.rule):
+        yield f"  the winner is the {PAPER if verdict.winner is verdict.paper else RULE}'s design: the search found none better on fresh members"
     over = f"winner over paper {verdict.gain}, over the rule's design {verdict.gain_over(verdict.rule)}"
     yield f"  the search thought {verdict.found.score.values[0]:.4g}; {over}, in brackets {100 * COVERED:g} % bootstrap intervals"
     for line in problem.space.at_bounds(verdict.winner.design):

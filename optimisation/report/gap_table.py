@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from optimisation.bounds import LARGE_REACH, SMALL_REACH
 from optimisation.gap_advice import Advice, Answer
+from optimisation.gap_card import Bearing
+from optimisation.report.card import Card, Chart, Curve, Row, numbers
 from optimisation.report.markdown import markdown
 from optimisation.sweep_rate import LEAST_RATIO
 
@@ -65,9 +69,10 @@ def _tried(tried: Sequence[tuple[str, float, float]]) -> list[str]:
     return lines
 
 
-def warnings(found: Advice, ratio: float) -> list[str]:
-    """Return what to take care of; ``ratio``: of sweeps without absorber to the stationary level."""
-    check, lines = found.check, []
+def warnings(found: Advice) -> list[str]:
+    """Return what to take care of, and what it took."""
+    check, ratio = found.check, found.check.sweep_ratio
+    lines = []
     if check.reach < SMALL_REACH:
         lines.append(f"Warning: the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the absorber does little.")
     if check.reach > LARGE_REACH:
@@ -93,3 +98,92 @@ def text(found: Advice) -> str:
         more = (f"{100 * check.relative[k]:.1f}", f"{1e3 * check.limit[k]:.4g}", share, str(len(check.curves[k].members)))
         lines.append((*cells, *more))
     return markdown(HEADER, lines)
+
+
+def card(found: Advice, bearing: Bearing) -> Card:
+    """Return what is told of the recommended device."""
+    check, best, model = found.check, bearing.answer, found.check.model
+    t, without, impacts = found.tolerance, float(check.without.median[0]), bearing.impacts
+    low, high = ((1 - t) * check.force, (1 + t) * check.force)
+    walls = best.absorber.walls
+    device = (
+        Row("absorber mass", check.mass, "kg"),
+        Row("that is", 100 * best.absorber.mass_ratio, f"% of the structure's {model.beam_mass:.4g} kg"),
+        Row("clearance to either wall", 1e3 * best.gap, "mm"),
+        Row("coefficient of restitution", float(walls.restitution)),  # type: ignore[union-attr]
+        Row("friction limit", best.friction_limit, "N"),
+    )
+    level = (
+        Row(f"at {check.force:g} N, median of {found.members} runs", 1e3 * best.level, "mm RMS"),
+        Row("5 to 95 % of the runs", f"{1e3 * best.low:.4g} to {1e3 * best.high:.4g} mm"),
+        Row(f"at most, {low:.4g} to {high:.4g} N", 1e3 * best.worst, "mm"),
+        Row("of no absorber", 100 * best.level / without, "%"),
+        Row("no absorber", 1e3 * without, "mm"),
+        Row("best tuned absorber of this mass (stationary)", 1e3 * bearing.tuned, "mm"),
+        Row(f"best friction damper of this mass, {bearing.damper_limit:.4g} N (estimate)", 1e3 * bearing.damper, "mm"),
+        Row("no device in this cavity comes below", 1e3 * check.limit_at(best.gap), "mm"),
+    )
+    forces = (
+        Row("halves the level", _between(bearing.works), ""),
+        Row("lowers the level", _between(bearing.helps), ""),
+        Row("known by the scaling law", _between(_known(bearing)), ""),
+    )
+    wear = (
+        Row("stroke of the absorber, wall to wall", 2e3 * best.gap, "mm"),
+        Row("largest impact speed", impacts.largest, "m/s"),
+        Row("RMS impact speed", impacts.rms, "m/s"),
+        Row("impacts", impacts.rate, "1/s"),
+        Row("power lost in impacts", 1e3 * impacts.power, "mW"),
+        Row("largest acceleration of the structure, harmonic part", bearing.acceleration, "m/s^2"),
+    )
+    assumed = (
+        Row("resonance", f"{check.resonance}, {model.resonance_omega(check.resonance) / (2 * math.pi):.4g} Hz"),
+        Row("damping ratio", 100 * float(model.damping_ratio[check.resonance - 1]), "%"),
+        Row("modes kept", f"{model.modes}; more are not tried: --modes, or modes in the file"),
+        Row("sweep", f"{check.limits[0]:.3g} to {check.limits[1]:.3g} of it, up and down"),
+        Row("rate", check.rate, "% per 100 pseudo periods"),
+        Row("such sweeps show of the stationary level", 100 * check.sweep_ratio, "%"),
+        Row("sweeps taken", f"{found.sweeps}, and two with impacts recorded"),
+    )
+    title = f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
+    groups = (
+        ("Device", device),
+        ("Response level", level),
+        ("Forces", forces),
+        ("What it bears", wear),
+        ("Assumptions", assumed),
+    )
+    return Card(title, groups, _charts(found, bearing), tuple(line.removeprefix("Warning: ") for line in warnings(found) if line[:4] == "Warn"))
+
+
+def _between(ends: tuple[float, float]) -> str:
+    return "at no force that is known" if math.isnan(ends[0]) else f"{ends[0]:.3g} to {ends[1]:.3g} N"
+
+
+def _known(bearing: Bearing) -> tuple[float, float]:
+    there = bearing.forces[~np.isnan(bearing.levels)]
+    return float(there[0]), float(there[-1])
+
+
+def _charts(found: Advice, bearing: Bearing) -> tuple[Chart, ...]:
+    """Return the level over the gap, and that of the recommended device over the force."""
+    check, mm = found.check, 1e3
+    gaps = numbers(mm * check.gaps)
+    full = Curve("simulated in full, 5 to 95 %", gaps, numbers(mm * check.level), numbers(mm * check.band[0]), numbers(mm * check.band[1]))
+    curves = [full]
+    if found.looks:
+        at, level = zip(*found.looks, strict=True)
+        curves.append(Curve("looks", numbers([mm * x for x in at]), numbers([mm * x for x in level]), points=True))
+    marks = [("design rule", mm * check.rule), ("recommended", mm * bearing.answer.gap)]
+    if found.sharp is not None:
+        marks.append(("lowest level", mm * found.sharp.gap))
+    over_gap = Chart("Level over the gap", "clearance to either wall in mm", "level in mm (RMS)", tuple(curves), tuple(marks), log_x=True)
+    force, without = bearing.forces, float(check.without.median[0]) / check.force
+    both = (
+        Curve("recommended device", numbers(force), numbers(mm * bearing.levels)),
+        Curve("no absorber", numbers(force), numbers(mm * without * force)),
+        Curve("best tuned absorber", numbers(force), numbers(mm * bearing.tuned / check.force * force)),
+    )
+    mark = (("the force", check.force),)
+    over_force = Chart("Level over the force", "force in N", "level in mm (RMS)", both, mark, log_x=True, log_y=True)
+    return over_gap, over_force

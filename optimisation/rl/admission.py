@@ -27,7 +27,8 @@ ROOM, LEAST, SURE = "room", 0.15, 0.1
 LARGEST = 3.0  # of a rule's numbers
 
 
-SEARCH = Search(generations=20, population=12, sigma=0.15, finalists=5, relative=True)
+FOURS = Search(generations=20, population=12, sigma=0.1, finalists=5, relative=True)
+EIGHTS = Search(generations=45, population=14, sigma=0.04, finalists=8, relative=True)
 
 
 @dataclass(frozen=True)
@@ -37,13 +38,27 @@ class Effort:
     searched: int = 72
     judged: int = 64
     grid: int = 17
-    search: Search = SEARCH
+    four: Search = FOURS
+    eight: Search = EIGHTS
     horizon: int = 16
     copies: int = 4
     points: int = 7
 
 
-QUICK = Effort(searched=12, judged=8, grid=5, search=Search(generations=2, population=6, sigma=0.15, finalists=2, relative=True), horizon=4, points=3)
+LESS = Effort(
+    searched=48,
+    judged=48,
+    four=Search(generations=14, population=10, sigma=0.1, finalists=5, relative=True),
+    eight=Search(generations=25, population=12, sigma=0.04, finalists=5, relative=True),
+)
+EFFORTS = {
+    "ImpactAbsorber/ActiveFriction-v0": Effort(),
+    "ImpactAbsorber/ActiveGap-v0": LESS,
+    "ImpactAbsorber/Structures-v0": replace(LESS, judged=32, horizon=12, points=5),
+    "ImpactAbsorber/Passage-v0": replace(LESS, horizon=10),
+}  # what an hour of one core is enough for
+FEW = Search(generations=2, population=6, sigma=0.1, finalists=2, relative=True)
+QUICK = Effort(searched=12, judged=8, grid=5, four=FEW, eight=FEW, horizon=4, points=3)
 
 
 class Held:
@@ -81,8 +96,8 @@ class Rule:
 
 def tried(name: str, effort: Effort) -> int:
     """Return how many candidates, and decisions of planners, an admission is going to try at most."""
-    each = effort.search.generations * effort.search.population
-    return 1 + (3 * len(families(name)) + 1) * each
+    spent = sum(effort.four.generations * effort.four.population * len(family.begins) for family in families(name))
+    return spent + (len(families(name)) * effort.eight.generations + effort.four.generations) * effort.eight.population
 
 
 def families(name: str) -> list[Any]:
@@ -95,8 +110,8 @@ def rules(name: str, arguments: Mapping[str, Any], effort: Effort, advance: Prog
     pair = ENVIRONMENTS[name].numbers == 2
     rest = (name, range(FIRST_SEARCHED, FIRST_SEARCHED + effort.searched), arguments)
 
-    def found(family: Any, starts: Sequence[Sequence[float]]) -> Rule:
-        tuned = evolve(family, starts, np.array([(-LARGEST, LARGEST)] * len(family.names)), *rest, effort.search, advance)
+    def found(family: Any, starts: Sequence[Sequence[float]], search: Search) -> Rule:
+        tuned = evolve(family, starts, np.array([(-LARGEST, LARGEST)] * len(family.names)), *rest, search, advance)
         return Rule(family, tuned.parameters, tuned.score)
 
     points = np.linspace(-1, 1, effort.grid)
@@ -107,11 +122,11 @@ def rules(name: str, arguments: Mapping[str, Any], effort: Effort, advance: Prog
     few, many = [], []
     for family in families(name):
         starts = [begin(constant.numbers) for begin in family.begins]
-        few.append(found(Held(family), starts))
-        many.append(found(family, [(*few[-1].numbers, *family.neutral[family.few :])]))
+        few.append(found(Held(family), starts, effort.four))
+        many.append(found(family, [(*few[-1].numbers, *family.neutral[family.few :])], effort.eight))
     four = max(few, key=lambda rule: rule.score)
     eight = max([four, *many], key=lambda rule: rule.score)
-    return {CONSTANT: constant, BLIND: found(blind, [blind.start(constant.numbers)]), FOUR: four, EIGHT: eight}
+    return {CONSTANT: constant, BLIND: found(blind, [blind.start(constant.numbers)], effort.four), FOUR: four, EIGHT: eight}
 
 
 def room(oracle: Array, rule: Array, constant: Array) -> float:

@@ -106,7 +106,7 @@ def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Ex
         findings = Findings(problem, study.told, finished, cost)
         if not finished:
             return findings
-        findings = _judged(findings, study.complete, plan, executor, bars)
+        findings = _judged(findings, study.complete or study.told, plan, executor, bars)
         if len(settings.rungs) > 1 and findings.verdict is not None and plan.audit:
             with bars.runs(f"{concept}: designs left behind, in full") as show:
                 findings = replace(findings, audit=audit(study, executor, plan.audit, show))
@@ -129,7 +129,7 @@ def _find_smoothly(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> 
         told, finished = smooth_search(problem, plan.designs, clocked, plan.seed, plan.from_scratch, count)
     seconds = time.perf_counter() - began
     findings = Findings(problem, told, finished, Cost(len(told), ledger.runs, seconds, 1 - clocked.seconds / seconds))
-    return _judged(findings, [e for e in told if e.score.feasible], plan, ledger, bars) if finished else findings
+    return _judged(findings, [e for e in told if e.score.feasible] or told, plan, ledger, bars) if finished else findings
 
 
 def _find_noisily(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:

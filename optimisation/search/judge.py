@@ -57,13 +57,22 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """The winner of a study, what the search thought of it, and winner, paper's design and the space's start on the same fresh members."""
+    """The winner of a study, and beside it paper's design and the space's start, on the same fresh members.
+
+    The winner is the best of them that keeps all constraints: the search's, what the search thought of it is ``found``, unless another is better
+    there. Where none keeps them it is the one that breaks them least, which `feasible` tells.
+    """
 
     found: Evaluated
     winner: Judged
     paper: Judged
     rule: Judged  # where the search begins unless it is from scratch: the paper's design scaled to the structure
     share: float = 0.5  # of the members that the first objective's value is the quantile of
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the winner keeps all constraints on fresh members."""
+        return self.winner.score.feasible
 
     def levels(self, conditions: Sequence[Condition]) -> Levels:
         """Return the levels of winner and paper's design, (2, conditions), under the problem's own ``conditions``."""
@@ -96,17 +105,18 @@ def verdict(
 ) -> Verdict:
     """Choose among the best ``finalists`` of the candidates and judge the choice; both on members that the search has not seen.
 
-    Raises ParameterError if no design kept the constraints.
+    Raises ParameterError if there are no candidates; of those that break constraints those that break them least are taken.
     """
     count("finalists", finalists, 1)
-    require(len(candidates) > 0, "candidates", 0, "one design or more that keeps all constraints: loosen them, or search longer")
-    best = sorted(candidates, key=lambda e: (problem.cost(e.score), e.number))[:finalists]
+    require(len(candidates) > 0, "candidates", 0, "one design or more")
+    best = sorted(candidates, key=lambda e: (problem.penalised_cost(e.score), e.number))[:finalists]
     again = judged(problem, [e.design for e in best], problem.fresh_ensemble(problem.members, CHOICE), executor, progress)
-    chosen = min(range(len(best)), key=lambda k: (problem.cost(again[k].score), k))
+    chosen = min(range(len(best)), key=lambda k: (problem.penalised_cost(again[k].score), k))
     ensemble = problem.fresh_ensemble(problem.members, VERDICT)
     compared = [best[chosen].design, problem.space.paper, problem.space.default]
-    winner, paper, rule = judged(problem, compared, ensemble, executor, progress)
-    return Verdict(best[chosen], winner, paper, rule, problem.objectives[0].share)
+    every = judged(problem, compared, ensemble, executor, progress)
+    winner = min(every, key=lambda one: (problem.penalised_cost(one.score), every.index(one)))  # of equal ones the search's
+    return Verdict(best[chosen], winner, every[1], every[2], problem.objectives[0].share)
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,8 @@ EXPECTED = {
     "files": "a few seconds",
     "env": "a few seconds",
     "clients": "a few seconds",
+    "explore": "a few seconds",
+    "browser": "half a minute",
     "rl": "several minutes, as torch is large",
     "offline": "half a minute",
     "optimise": "about a minute",

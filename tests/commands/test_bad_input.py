@@ -233,6 +233,9 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--from nan": "--from = nan",
             "--at 2": "--at = 2",
             "--at nan": "--at = nan",
+            "--along force --at 0.95": "--along, --over and --at go together",
+            "--along force --over 2 2 --at 0.95": "limits = (2.0, 2.0) is not allowed",
+            "--along mass --over 1 2 --at 0.95": "'mass' is not one of",
             "--folds --thresholds": "--folds does not go with --thresholds",
             "--folds --at 0.95": "--at does not go with --folds",
             "--points 1": "points = 1",
@@ -281,6 +284,16 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     "train_sweep_agent": ("", {"--algorithm nothing": "'nothing' is not one of"}),
     "tune_baselines": ("", {"--task nothing": "'nothing' is not one of"}),
     "evaluate_policies": ("", {"--task nothing": "'nothing' is not one of"}),
+    "admit_tasks": (
+        "",
+        {
+            "--task nothing": "'nothing' is not one of",
+            "--json nowhere/a.json": NOWHERE,
+            "--page bare.md": MARKERS,
+            "--judged 2": "2 is not in the range",
+            "--json kept.json --redraw": EARLIER,
+        },
+    ),
     "benchmark": (
         "",
         {"--json nowhere/a.json": NOWHERE, "--repeats 0": "0 is not in the range", "--unknown": "--unknown", "--page bare.md": MARKERS},
@@ -337,6 +350,15 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--force 1 --approach -1": "approach_ratio = -1.0 is not allowed",
             f"{CLUSTER} --threads 2": BOTH,
             "--structure {steel} --modes 3": "--modes does not go with --structure",
+        },
+    ),
+    "explore": (
+        "--no-browser",
+        {
+            "--port 65536": "65536 is not in the range",
+            "--structure nowhere.toml": "nowhere.toml",
+            "--structure bad.toml": "length",
+            "--host nowhere.invalid": "--port = 8651 is not allowed: one that is free at nowhere.invalid",
         },
     ),
     "specialisation": ("", {"--redraw --out .": "--redraw", "--out file/below": "--out = 'file/below' is not allowed"}),

@@ -38,7 +38,11 @@ def test_no_winner_is_exit_code_1_and_the_files_say_so(monkeypatch: pytest.Monke
     result = call(load("optimise_design", monkeypatch), *FAST, "--concept", concept, "--designs", 5, *limit, "--out", tmp_path)
     assert result.exit_code == 1, result.output
     assert result.stderr == "No winner: no design kept all constraints; loosen them, or search longer.\n"
-    assert (tmp_path / concept / "summary.json").exists()
+    content = json.loads((tmp_path / concept / "summary.json").read_text())
+    assert not content["winner"]["feasible"]
+    assert content["rule"]["constraints"]["mass_ratio"]["exceeded_by"] == pytest.approx(19.0)
+    assert "breaks mass_ratio of 0.02 over 0.001 of the beam's mass by 1.9e+03 %" in result.stdout
+    assert "no feasible design" in result.stdout
 
 
 def test_quick_and_full_studies_lie_side_by_side(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

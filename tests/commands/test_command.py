@@ -101,7 +101,7 @@ def test_a_wheel_runs_a_study_without_a_checkout(installed: Path, tmp_path: Path
     assert result.returncode == 0, result.stderr
     assert "written: results" in result.stdout
     (folder,) = (tmp_path / "results").iterdir()
-    assert {file.name for file in folder.iterdir()} == {"tunings.csv", "summary.json", "tunings.png"}
+    assert {file.name for file in folder.iterdir()} == {"tunings.csv", "summary.json", "tunings.png", "card.html", "card.json"}
     assert json.loads((folder / "summary.json").read_text())["settings"]["modes"] == 1
 
 

@@ -18,7 +18,7 @@ from optimisation.files import replacing, require_writable, write_csv, write_jso
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary
 from optimisation.tuned import den_hartog
 
-FILES = {"runs.csv", "curves.csv", "summary.json", "comparison.png"}
+FILES = {"runs.csv", "curves.csv", "summary.json", "comparison.png", "card.html", "card.json"}
 KEYS = ["none", "impact", "friction", "ltva_paper", "ltva_tuned", "ltva_paper_wide", "ltva_tuned_wide"]
 small = partial(compare, Beam(modes=2), percent_per_100_periods=40.0)  # fast: the numbers do not matter here
 

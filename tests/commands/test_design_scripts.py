@@ -37,7 +37,7 @@ def test_tunings_are_proved_and_written(tune: ModuleType, tmp_path: Path) -> Non
     pytest.importorskip("cvxpy")
     result = call(tune, "--modes", 2, "--out", tmp_path)
     assert result.exit_code == 0, result.output
-    assert {file.name for file in tmp_path.iterdir()} == {"tunings.csv", "summary.json", "tunings.png"}
+    assert {file.name for file in tmp_path.iterdir()} == {"tunings.csv", "summary.json", "tunings.png", "card.html", "card.json"}
     assert (tmp_path / "tunings.png").read_bytes().startswith(b"\x89PNG")
     table = {row["tuning"]: row for row in read(tmp_path / "tunings.csv")}
     assert float(table["paper"]["stiffness_n_m"]) == 701.8
@@ -67,7 +67,7 @@ def test_all_that_is_told_is_of_the_recommended_device(gap: ModuleType, tmp_path
     assert result.exit_code == 0, result.output
     model = modal_model(Beam(modes=2))
     mass = 0.02 * model.beam_mass
-    assert {file.name for file in tmp_path.iterdir()} == {"levels.csv", "summary.json", "levels.png", "device.json"}
+    assert {file.name for file in tmp_path.iterdir()} == {"levels.csv", "summary.json", "levels.png", "device.json", "card.html", "card.json"}
     assert (tmp_path / "levels.png").read_bytes().startswith(b"\x89PNG")
     table = {float(row["gap_m"]): row for row in read(tmp_path / "levels.csv")}
     content = json.loads((tmp_path / "summary.json").read_text())
@@ -125,7 +125,7 @@ def test_rule_is_warned_of_and_refused_where_the_structure_hardly_moves(gap: Mod
     assert result.exit_code == 0, result.output
     assert "Free amplitude over the rule's gap: 1.23." in result.stdout
     assert {0.4, 1.0, 2.5} <= {round(float(row["gap_over_rule"]), 6) for row in read(tmp_path / "levels.csv")}
-    assert result.stdout.count("Warning") == 2  # of the gap, and of sweeps that are too fast
+    assert result.stdout.count("Warning:") == 2  # of the gap, and of sweeps that are too fast
     with monkeypatch.context() as patch:
         patch.setattr(gap, "simulated", lambda *given: pytest.fail(f"rate {given[-1]}"))
         with pytest.raises(pytest.fail.Exception, match=r"rate 0\.25"):  # the default, a quarter for half the damping

@@ -37,7 +37,7 @@ def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path) -> N
     before = optimise.conditions_of({"cluster": None, "threads": 1})["memory_bytes"]  # of all that these tests have loaded and compiled
     result = call(optimise, *FAST, "--concept", "all", "--at", "1:3.5", "--designs", 6, "--out", tmp_path)
     assert result.exit_code == 0, result.output
-    common = {"designs.csv", "summary.json", "curves.csv", "curves.png", "detuned.csv", "detuned.png"}
+    common = {"card.html", "card.json", "designs.csv", "summary.json", "curves.csv", "curves.png", "detuned.csv", "detuned.png"}
     impact = {"map.csv", "map.png", "sensitivity.png", "study.journal"}
     for concept, own in (
         ("impact", impact),
@@ -83,7 +83,7 @@ def test_front_is_written_and_compared(pareto: ModuleType, tmp_path: Path, again
     result = call(pareto, *FAST, "--against", against, "--designs", 13, *compared, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     folder = tmp_path / against
-    assert {file.name for file in folder.iterdir()} == {"front.csv", "front.png", "summary.json", "study.journal"}
+    assert {file.name for file in folder.iterdir()} == {"front.csv", "front.png", "summary.json", "study.journal", "card.html", "card.json"}
     content, rows = json.loads((folder / "summary.json").read_text()), read(folder / "front.csv")
     assert len(rows) == content["designs"] == 13
     scores = [row["score"] for row in content["front"]]

@@ -26,7 +26,7 @@ MODEL = modal_model(Beam(modes=3))
 
 
 def cliff(best: float, drop: float = 1.6) -> object:
-    """Return a landscape over ln gap: in proportion to the gap above ``best``, ``drop`` times as high just below, and rising as slowly further down."""
+    """Return a landscape over ln gap: in proportion to the gap above ``best``, ``drop`` times as high just below, rising slowly further down."""
 
     def level(x: float) -> float:
         return math.exp(x) if x >= best else drop * math.exp(best) * math.exp(0.7 * (best - x))
@@ -55,8 +55,8 @@ def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
     fine = np.arange(edge - 0.5, edge + 0.5, 0.002)
     exact = [max(k * level(x - math.log(k)) for k in (0.9, 1.0, 1.1)) for x in fine]  # type: ignore[operator]
     own = max(k * level(STEP * robust - math.log(k)) for k in (0.9, 1.0, 1.1))  # type: ignore[operator]
-    assert level(STEP * sharp) <= 1.1 * math.exp(edge)  # type: ignore[operator]
-    assert own <= 1.1 * min(exact)
+    assert level(STEP * sharp) <= 1.17 * math.exp(edge)  # type: ignore[operator]  # three steps of 5 % at most, off the edge
+    assert own <= 1.17 * min(exact)
     assert runs <= PAIRS
 
 

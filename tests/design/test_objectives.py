@@ -8,11 +8,13 @@ from core import drive_of, scene_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from impact_env import Beam, ParameterError, Record, Scene, impact_absorber, modal_model, simulate
+from impact_env import Beam, Drive, ParameterError, Record, Scene, impact_absorber, modal_model, simulate
+from impact_env.drive import constant_frequency
+from impact_env.ensemble import Lane
 from impact_env.level import response_level
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
-from optimisation.evaluation import Threads, evaluate
+from optimisation.evaluation import Threads, evaluate, measured_chunks
 from optimisation.measures import MEASURES, Chunk, _value, fatigue_damage, rainflow_amplitudes, stress_shape, turning_points
 from optimisation.mounting import mounted
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score, range_width
@@ -27,6 +29,41 @@ def small(**changes: object) -> Problem:
     """A problem whose runs take milliseconds: two modes, and sweeps forty times as fast as the paper's."""
     given = {"space": design_space("impact"), "conditions": BOTH, "beam": Beam(modes=2), "members": 3, "rate": 40.0}
     return Problem(**(given | changes))  # type: ignore[arg-type]
+
+
+def heavy(measured: dict[str, np.ndarray]) -> np.ndarray:
+    """A function of one's own: twice the worst level of each member."""
+    return np.asarray(2 * measured["level"].max(axis=(1, 2)))
+
+
+def test_objectives_and_constraints_of_ones_own() -> None:
+    here = f"{__name__}:heavy"
+    problem = small(objectives=(Objective(here), Objective("absolute")), constraints=(Constraint(here, 1e-4), Constraint("level", 1.0)))
+    ((_, measured),) = evaluate(problem, [problem.space.default], problem.ensemble, problem.rate, Threads(1))
+    own = problem.score(problem.space.default, measured, problem.ensemble, problem.rate)
+    assert own.values[0] == pytest.approx(2 * own.values[1])
+    assert own.violations[0] > 0
+    assert not own.feasible
+    for name in ("nowhere:f", f"{__name__}:nothing", f"{__name__}:FIRST"):
+        with pytest.raises(ParameterError, match="MODULE:FUNCTION"):
+            Objective(name)
+
+
+def test_acceleration_and_stress_of_a_linear_run() -> None:
+    """Without absorber, against the modal equations of motion, and the moment of the recorded motion."""
+    model, beam = modal_model(Beam(modes=2)), Beam(modes=2)
+    drive = Drive(1.0, constant_frequency(float(model.omega[0]), 0.5, 200.0))
+    chunk = Chunk((Lane(Scene(model), drive),), ("rms", "acceleration", "stress"), stress_shape(beam), 5.0)
+    rms, acceleration, stress = measured_chunks([chunk], Threads(1))[0][0]
+    response = simulate(Scene(model), drive, record=Record(series=True))
+    assert response.history is not None
+    moments = response.history.modal_displacement @ stress_shape(beam)
+    assert stress == pytest.approx(np.abs(moments).max())
+    history = response.history
+    force = np.cos(0.5 * model.omega[0] * history.time)[:, None] * model.force_shape
+    own = force - 2 * model.damping_ratio * model.omega * history.modal_velocity - model.omega**2 * history.modal_displacement
+    assert acceleration == pytest.approx(np.abs(own @ model.tip_shape).max(), rel=0.05)
+    assert rms < np.abs(history.modal_displacement @ model.tip_shape).max()
 
 
 def test_rainflow_counts_the_textbook_example() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, GAP1, SWEEP, make
+from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, GAP1, LIMITED, STRUCTURES, SWEEP, actions, make
 
 from impact_env import ParameterError
 from optimisation.friction_rule import PAPER_FRICTION, paper_share
@@ -129,6 +130,15 @@ def test_what_no_reset_can_choose_is_refused(options: dict[str, Any], words: str
         (ACTIVE_FRICTION, {"fatigue_exponent": 0.0}, "fatigue_exponent = 0.0"),
         (ACTIVE_FRICTION, {"vector_reward": 1}, "vector_reward = 1"),
         (ACTIVE_FRICTION, {"absorber": "none", "absorber_options": {}}, "rigid friction"),
+        (LIMITED, {"damping": (0.0, 0.1)}, "damping = (0.0, 0.1)"),
+        (LIMITED, {"restitution": 1.5}, "restitution = 1.5"),
+        (LIMITED, {"start_spread": 0.06}, "start_spread = 0.06"),
+        (LIMITED, {"scenes": 0}, "scenes = 0"),
+        (LIMITED, {"price": -0.1}, "price = -0.1"),
+        (STRUCTURES, {"split": "exam"}, "split = 'exam'"),
+        (STRUCTURES, {"structures": 0}, "structures = 0"),
+        (STRUCTURES, {"observe_structure": 1}, "observe_structure = 1"),
+        (STRUCTURES, {"modes": 3}, "modes = 3"),
         (SWEEP, {"vector_reward": True}, "without a vector of costs"),
     ],
 )
@@ -137,3 +147,75 @@ def test_impossible_arguments_are_named(name: str, arguments: dict[str, Any], wo
     with pytest.raises(ParameterError) as error:
         gymnasium.make(name, **arguments)
     assert words in str(error.value)
+
+
+def test_lanes_of_a_pool_do_what_each_scene_does_by_itself() -> None:
+    """Structure by structure, chosen by a reset, against an environment whose only structure it is."""
+    many = gymnasium.make_vec(STRUCTURES, num_envs=6, time_budget=5.0, structures=3)
+    task, numbers = many.unwrapped.task, [2, 0, 1, 2, 0, 1]
+    many.reset(seed=0, options={"structure": numbers, "force": 2.0, "frequency_ratio": 0.99})
+    phases = task.runs.orders["phase"].copy()
+    total = np.zeros(6)
+    for action in actions(STRUCTURES, 19, 6):
+        total += many.step(action)[1]
+    for lane, number in enumerate(numbers):
+        scene = dataclasses.replace(task.settings.scene, model=task.models[number])
+        one = gymnasium.make(ACTIVE_FRICTION, whole_scene=scene, time_budget=5.0)
+        one.reset(seed=0, options={"force": task.force[lane], "frequency_ratio": 0.99})
+        one.unwrapped.task.runs.orders["phase"] = phases[lane]
+        score = sum(one.step(action[lane])[1] for action in actions(STRUCTURES, 19, 6))
+        assert total[lane] == pytest.approx(score, rel=1e-9)
+
+
+def test_structures_are_in_units_of_the_default_beam_and_splits_have_others() -> None:
+    drawn = {split: gymnasium.make(STRUCTURES, split=split).unwrapped.task for split in ("train", "validation", "test")}
+    for task in drawn.values():
+        scene = task.settings.scene
+        for model in task.models:
+            assert model.omega[0] == pytest.approx(scene.model.omega[0], rel=1e-12)
+            assert model.beam_mass == scene.model.beam_mass
+            assert np.all((model.damping_ratio >= 0.005) & (model.damping_ratio <= 0.02))
+    ratios = {split: {round(model.omega[1] / model.omega[0], 3) for model in task.models} for split, task in drawn.items()}
+    cantilever, hinged, clamped = 6.267, 4.0, 2.757  # R. D. Blevins 1979
+    assert cantilever in ratios["train"]
+    assert hinged in ratios["validation"]
+    assert clamped in ratios["test"]
+    assert not {cantilever, hinged} & ratios["test"]
+    assert clamped not in ratios["train"] | ratios["validation"]
+
+
+def test_the_force_moves_every_structure_as_far() -> None:
+    many = gymnasium.make_vec(STRUCTURES, num_envs=5, structures=5)
+    many.reset(seed=0, options={"structure": [0, 1, 2, 3, 4], "force": 1.5, "frequency_ratio": 1.0})
+    task = many.unwrapped.task
+    np.testing.assert_allclose(task.expected_amplitude(), task.expected_amplitude()[0], rtol=1e-9)
+    for lane, model in enumerate(task.models):
+        omega = model.omega[0]
+        reached = abs(sum(model.tip_shape * model.force_shape / (model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega)))
+        assert task.expected_amplitude()[lane] == pytest.approx(reached * task.force[lane], rel=1e-9)
+
+
+def test_a_passage_draws_what_it_says_and_its_walls_have_a_price() -> None:
+    many, free = gymnasium.make_vec(LIMITED, num_envs=400), gymnasium.make_vec(LIMITED, num_envs=400, price=0.0)
+    _, info = many.reset(seed=0)
+    free.reset(seed=0)
+    task = many.unwrapped.task
+    assert set(info["scene"]) == set(range(12))
+    assert set(task.sign) == {-1.0, 1.0}
+    starts = np.abs(info["frequency_ratio"] - np.where(task.sign > 0, 0.93, 1.03))
+    for values, low, high in ((starts, 0, 0.01), (task.rates, 2, 6), (info["gap"], 0.3e-3, 2e-3), (info["force"], 0.5, 6)):
+        assert low <= values.min() < low + 0.1 * (high - low)
+        assert high - 0.1 * (high - low) < values.max() <= high
+    damping = [scene.model.damping_ratio[0] for scene in task.scenes]
+    restitution = [scene.absorber.walls.restitution for scene in task.scenes]
+    assert 0.005 < min(damping) < 0.006 < 0.018 < max(damping) < 0.02
+    assert 0.6 < min(restitution) < 0.65 < 0.95 < max(restitution) < 1
+    before, fastest = info["gap"], 0.0
+    for action in actions(LIMITED, 5, 400):
+        (_, rewards, _, _, info), wanted = many.step(action), free.step(action)[1]
+        moved = np.abs(info["gap"] - before)
+        fastest = max(fastest, float(moved[moved < 0.1e-3].max()))
+        np.testing.assert_allclose(wanted - rewards, 0.01 * moved / 1e-3, atol=1e-12)
+        before = info["gap"]
+    assert fastest == pytest.approx(0.05e-3)
+    assert many.reset(seed=1, options={"scene": 3})[1]["scene"].tolist() == [3] * 400

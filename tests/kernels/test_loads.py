@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,17 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.loads import Force, Load, Loads, Member, Random, Samples, ShakenBase, Shock, Tone, Tones, Unbalance
-from impact_env.parameters import CoulombFriction, RigidWalls, SlidingAbsorber, StuckAbsorber, TunedAbsorber
+from impact_env.methods import Moreau, RungeKutta
+from impact_env.parameters import (
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+)
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -251,3 +262,47 @@ def test_with_the_base_s_mean_at_rest_the_absorber_stays_where_it_is_in_space() 
     assert found.history is not None
     moved = -1e-4 * (np.cos(W1 * found.history.time + 1.0) - np.cos(1.0))
     np.testing.assert_allclose(found.history.absorber_displacement, moved, atol=1e-15)
+
+
+FORCES = Tones((Tone(7.0, order=1.0, phase=0.5), Tone(3.0, order=2.9)), schedule=SWEEP), Samples(CLOCK, 3 * NOISE)
+IN = Inputs(lambda t: 7 * np.cos(chirp(SWEEP, t)[2] + 0.5) + 3 * np.cos(2.9 * chirp(SWEEP, t)[2]) + 3 * noise(t), nothing, CLOCK, 3.2 * W1)
+SOFT = SlidingAbsorber(0.02, CompliantWalls(2e5, 5e-4), ElasticCoulombFriction(0.05, 1e5))
+TWO = SeveralAbsorbers((SMOOTH, SlidingAbsorber(0.01, RigidWalls(4e-4, 0.6), CoulombFriction(0.05))), (1.0, 0.6))
+
+
+def structure(absorber: object) -> Scene:
+    places = np.array([cantilever().tip_shape, cantilever().force_shape]) if isinstance(absorber, SeveralAbsorbers) else None
+    return Scene(replace(cantilever(), absorber_shapes=places), absorber)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("absorber", [SOFT, TWO], ids=["compliant", "several"])
+def test_forces_on_compliant_contact_and_on_several_absorbers_are_those_of_dense_exponentials(absorber: object) -> None:
+    found = simulate(structure(absorber), Loads(FORCES), record=EVERYTHING)
+    assert found.history is not None
+    assert found.check is not None
+    assert found.energy is not None
+    truth = follow(found.scene, IN, None, found.history.time, most_impacts=10)
+    known = int(np.searchsorted(found.history.time, truth.impacts[8])) if len(truth.impacts) > 8 else len(truth.time)
+    assert known > 50
+    np.testing.assert_allclose(found.history.tip_displacement[:known], truth.tip[:known], atol=1e-7 * np.max(np.abs(truth.tip)))
+    assert found.check.misses == 0
+    assert found.energy.relative_error < 1e-10
+
+
+STEPPED = {"moreau": (SMOOTH, Moreau), "runge-kutta": (SOFT, RungeKutta)}
+
+
+@pytest.mark.parametrize("name", STEPPED)
+def test_stepping_methods_tend_to_the_exact_one_under_loads(name: str) -> None:
+    """Up to the third impact, from where errors of a step grow."""
+    absorber, method = STEPPED[name]
+    exact = simulate(structure(absorber), Loads(FORCES), record=Record(series=True, events=True))
+    assert exact.history is not None
+    before = exact.history.time < 0.03
+    errors = []
+    for steps in (40, 400):
+        found = simulate(structure(absorber), Loads(FORCES), method(steps), record=Record(series=True, events=True))
+        assert found.history is not None
+        errors.append(np.max(np.abs(found.history.tip_displacement - exact.history.tip_displacement)[before]))
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[1] < 2e-3 * np.max(np.abs(exact.history.tip_displacement))

@@ -28,6 +28,7 @@ from studies.paper.frame import figure_part, has, in_turn
 from studies.paper.high_low_claims import claims as claims
 from studies.paper.responses import HARMONICS, balance, responses
 from studies.paper.settings import Settings
+from studies.paper.watched import Chaos
 from studies.paper.words import between
 from studies.study import Json, Measured, Saver, Steps
 
@@ -36,6 +37,7 @@ MODES, FRICTION, FORCES = 3, 0.01, {"medium": 1.5, "high": 3.0}  # N: limit of f
 LOW, HIGH, FAR = 0.9, 1.06, 1.2  # frequencies over the first resonance; the inset reaches farther
 MORE = 40  # harmonics, beside the paper's
 PLACES = {"high branch": (3.0, 0.955), "at resonance, 1.5 N": (1.5, 1.0), "at resonance, 3 N": (3.0, 1.0)}  # N, ratio
+PERIODS = (2000, 200)  # of the force, for a Lyapunov exponent
 SETTLE, WINDOW = 1000.0, 200  # pseudo periods, periods of the force
 
 
@@ -149,6 +151,14 @@ def _basin(settings: Settings) -> Json:
     return {kind: kinds.count(kind) for kind in sorted(set(kinds))}
 
 
+def _exponents(settings: Settings) -> Json:
+    """Return the largest Lyapunov exponent at each of the places, from the paper's own phase."""
+    own = scene()
+    approach = Approach(own.model.resonance_omega(1), 1.0)
+    lanes = [Lane(own, hold(approach, force, ratio, SETTLE)) for force, ratio in PLACES.values()]
+    return dict(zip(PLACES, settings.each(f"{LABEL}: exponents", lanes, Chaos(settings.size(*PERIODS))), strict=True))
+
+
 def _levels(settings: Settings) -> Json:
     """Return levels over the force, relative to no absorber."""
     force = np.array(forces(settings))
@@ -165,6 +175,7 @@ def _measure(settings: Settings, known: Json) -> Steps:
     groups["no_damper"] = partial(_isola, HARMONICS, 0.0)
     groups["stationary"] = partial(_stationary, settings)
     groups["levels"] = partial(_levels, settings)
+    groups["exponents"] = partial(_exponents, settings)
     groups["basin"] = partial(_basin, settings)
     return in_turn(groups, known)
 
@@ -186,10 +197,24 @@ def _words(values: Json) -> str:
             kinds = ", ".join(f"{kind} {found['kinds'].count(kind)}" for kind in dict.fromkeys(found["kinds"]))
             exact, stepped = (np.array(found[f"rhythm {method}"]) for method in ("Exact", "Moreau"))
             counts = (between(exact[:, 0], "{:.2f}"), between(exact[:, 1], "{:.2f}"), between(stepped[:, 0], "{:.2f}"))
-            rows.append((name, f"{found['force_n']:g}", f"{found['omega_ratio']:g}", kinds, *counts, between(found["depth"], "{:.2f}")))
-        columns = ("impacts a period", "visits to a wall", "impacts at the paper's step", "modulation depth")
+            rows.append(
+                (
+                    name,
+                    f"{found['force_n']:g}",
+                    f"{found['omega_ratio']:g}",
+                    kinds,
+                    *counts,
+                    between(found["depth"], "{:.2f}"),
+                    _exponent(values, name),
+                )
+            )
+        columns = ("impacts a period", "visits to a wall", "impacts at the paper's step", "modulation depth", "largest exponent a period (95 %)")
         text += "\n\n" + markdown(("stationary", "force, N", "frequency ratio", "members", *columns), rows)
     return text
+
+
+def _exponent(values: Json, name: str) -> str:
+    return "{:.3f} ({:.3f} to {:.3f})".format(*values["exponents"][name]) if "exponents" in values else ""
 
 
 def _figures(measured: Measured) -> dict[str, Saver]:

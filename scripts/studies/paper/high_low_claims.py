@@ -147,6 +147,7 @@ def _regimes(values: Json) -> list[Claim]:
     upper = [(y, k) for y, k in _near(high["exact"], 0.945, 0.02) if y > 1.2 * GAP]
     stable, slow = (float(np.mean([k >= least for _, k in upper])) for least in (2, 1))
     at, top = found["at resonance, 1.5 N"], found["high branch"]
+    exponent = values["exponents"]["high branch"]
     impacts, visits = np.array(top["rhythm Exact"]).T
     steps = np.array(top["rhythm Moreau"])[:, 0]
     modulated = float(np.mean([kind == Kind.MODULATED.value for kind in at["kinds"]]))
@@ -176,6 +177,10 @@ def _regimes(values: Json) -> list[Claim]:
             "weakly modulated", "the high response is only almost periodic, weakly modulated", "3.1",
             f"modulation depth {spread(top['depth'], '{:.2f}')}; at omega_1 {spread(at['depth'], '{:.2f}')}",
             judged(*middle(top["depth"]), 0.001, LITTLE), FIGURE, "Its peaks vary by more than a quarter.",
+        ),
+        Claim(
+            "chaotic", "the high response is chaotic", "3.1", "largest Lyapunov exponent {:.3f} ({:.3f} to {:.3f}) a period".format(*exponent),
+            judged(exponent[1], exponent[2], 0.0, np.inf), FIGURE, "Its exponent is not above zero.",
         ),
         Claim(
             "lower frequency", "impacts lower the effective resonance frequency, as an absorber that sticks does", "3.2",

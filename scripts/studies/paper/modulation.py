@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive, constant_frequency
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
-from impact_env.parameters import Beam, impact_absorber
+from impact_env.frequency import tip_response
+from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.periodic.case import start_from
 from impact_env.periodic.stationary import window_of
 from impact_env.response import Record
@@ -33,6 +34,7 @@ from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim, Verdict
 from studies.paper.frame import figure_part, has, in_turn
 from studies.paper.settings import Settings
+from studies.paper.watched import Chaos
 from studies.study import Json, Measured, Saver, Steps
 
 LABEL = "modulation"
@@ -47,6 +49,8 @@ PERIODS = (1000, 300)  # of the window, in full and quick
 MEMBERS = (8, 3)
 ENDS = (0.05, 0.95)  # quantiles of the periods' peaks that the depth is taken between: a largest peak would grow with the window
 
+BEGUN, ABOVE = (1, 3, 10), (1.01, 1.03, 1.1, 1.3)  # modes, and forces over that at which the first impacts come
+MOST_FOLLOWED = 14  # modes up to which a tangent vector is followed
 FAST = 4  # modes from which on most of what an impact scatters is gone before the next
 RECORD = Record(level=False, events=True, series=True, energy=True)
 
@@ -115,8 +119,30 @@ def measure(settings: Settings, known: Json) -> Steps:
         "modes": partial(_rows, settings, many, equivalents),
         "equivalent": partial(_rows, settings, [_one_mode(e) for e in equivalents], equivalents),
         "one mode": partial(_rows, settings, [_one_mode(e) for e in one], list(one)),
+        "exponents": partial(_exponents, settings, [scene for scene in many if scene.model.modes <= MOST_FOLLOWED]),
+        "begins": partial(_begins, settings, [scene for scene in many if scene.model.modes in BEGUN]),
     }
     return in_turn(groups, known)
+
+
+def _exponents(settings: Settings, scenes: list[Scene]) -> list[Json]:
+    """Return the largest Lyapunov exponent of each scene's response, from the paper's own phase."""
+    lanes = [Lane(scene, Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE))) for scene in scenes]
+    found = settings.each(f"{LABEL}: exponents", lanes, Chaos(settings.size(*PERIODS)))
+    return [{"modes": scene.model.modes, "exponent": list(exponent)} for scene, exponent in zip(scenes, found, strict=True)]
+
+
+def _begins(settings: Settings, scenes: list[Scene]) -> list[Json]:
+    """Return the largest exponent at forces just above that at which the free tip fills the gap, by numbers of modes."""
+    lanes, rows = [], list[Json]()
+    for scene in scenes:
+        omega = scene.model.resonance_omega(1)
+        least = RigidWalls.gap / float(np.abs(tip_response(scene.model, None, np.array([omega])))[0])
+        for share in ABOVE:
+            lanes.append(Lane(scene, Drive(share * least, constant_frequency(omega, 1.0, SETTLE))))
+            rows.append({"modes": scene.model.modes, "over": share, "force_n": share * least})
+    found = settings.each(f"{LABEL}: begins", lanes, Chaos(settings.size(*PERIODS) // 2))
+    return [{**row, "exponent": list(exponent)} for row, exponent in zip(rows, found, strict=True)]
 
 
 def _one_mode(restitution: float) -> Scene:
@@ -149,13 +175,35 @@ def _words(values: Json) -> str:
         "one mode with $e_1$",
         "absorber's energy, %",
         "impacts a period",
+        "largest exponent a period (95 %)",
     )
     body = []
+    exponents = {row["modes"]: "{:.2f} ({:.2f} to {:.2f})".format(*row["exponent"]) for row in values.get("exponents", ())}
     for row, other in zip(values.get("modes", ()), values.get("equivalent", ()), strict=False):
         cells = (_interval(row["depth"]), _interval(other["depth"]), _interval(row["taken"], 100, 0), _interval(other["taken"], 100, 0))
-        body.append((f"{row['modes']}", f"{row['restitution']:.2f}", *cells, _interval(row["absorber"], 100, 0), _interval(row["impacts"])))
+        body.append(
+            (
+                f"{row['modes']}",
+                f"{row['restitution']:.2f}",
+                *cells,
+                _interval(row["absorber"], 100, 0),
+                _interval(row["impacts"]),
+                exponents.get(row["modes"], ""),
+            )
+        )
     text = markdown(header, body)
-    return text + ("\n\n" + _answer(values) if has(values, "modes", "equivalent") else "")
+    blocks = [text, *([_answer(values)] if has(values, "modes", "equivalent") else []), *([_begun(values)] if has(values, "begins") else [])]
+    return "\n\n".join(blocks)
+
+
+def _begun(values: Json) -> str:
+    """Say how the exponent begins above the first impacts."""
+    said = []
+    for modes in dict.fromkeys(row["modes"] for row in values["begins"]):
+        own = [row for row in values["begins"] if row["modes"] == modes]
+        said.append(f"{', '.join('{:.2f} ({:.2f} to {:.2f})'.format(*row['exponent']) for row in own)} with {modes} mode{'s' if modes > 1 else ''}")
+    shares = ", ".join(f"{row['over']:g}" for row in own)
+    return f"How it begins: at {shares} times the force at which the free tip fills the gap the largest exponent is {'; '.join(said)}."
 
 
 def _interval(found: list[float], scale: float = 1.0, digits: int = 2) -> str:

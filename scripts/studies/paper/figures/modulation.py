@@ -9,7 +9,6 @@ import numpy as np
 from studies.paper.style import FAINT, LOOKS, finish, line, panels
 from studies.study import Json
 
-
 NAMED = (1, 2, 3, 4, 5, 7, 10, 12, 30)  # numbers of modes that stand beside their points
 
 

@@ -45,9 +45,8 @@ def draw_ranges(axes: Axes, found: Ranges, low: float, high: float) -> None:
     words = ["linear"] + (["primary"] if _apart(found.first_impacts, found.transition) else []) + (["secondary"] if found.transition else [])
     for name, begin, end, shade in zip(words, edges, edges[1:], SHADES, strict=False):
         axes.axvspan(begin, end, color=shade, lw=0, zorder=0)
-        axes.text(
-            min((begin + end) / 2, begin + 3.0), 0.16, name, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8, color="0.3", rotation=90
-        )  # fmt: skip
+        own, place = axes.get_xaxis_transform(), min((begin + end) / 2, begin + 3.0)
+        axes.text(place, 0.16, name, transform=own, ha="center", va="bottom", fontsize=8, color="0.3", rotation=90)
 
 
 def _apart(first: Border | None, last: Border | None) -> bool:
