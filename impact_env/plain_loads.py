@@ -298,6 +298,8 @@ START_KEYS: Keys = {
     "modal_velocity": ("modal_velocity", ROW),
     "absorber_displacement_m": ("absorber_displacement", NUMBER),
     "absorber_velocity_m_s": ("absorber_velocity", NUMBER),
+    "absorber_displacement": ("absorber_displacement", NUMBER),  # as the class has them, too
+    "absorber_velocity": ("absorber_velocity", NUMBER),
 }
 
 
