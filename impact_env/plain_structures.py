@@ -6,6 +6,7 @@ Each kind of structure is a table of a file. Keys with a unit end in it. Names o
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import wraps
@@ -17,6 +18,7 @@ import numpy as np
 from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam, ParameterError, Section, count, non_negative, require, row
+from impact_env.structures.checks import StructureWarning, warnings_of_matrix
 from impact_env.structures.files import read_matrix
 from impact_env.structures.matrices import checked, lowest_modes, proportional_damping
 from impact_env.structures.universal import DIRECTIONS, at, read_modes
@@ -308,6 +310,9 @@ def _of_matrices(folder: Path, given: _Matrices) -> ModalModel:
     force = count("force", given.force, 0, size - 1)
     absorbers = [count("absorber", k, 0, size - 1) for k in given.absorber]
     response = None if given.response is None else count("response", given.response, 0, size - 1)
+    rows = {"force": force, "absorber": absorbers[0]} | ({} if response is None else {"response": response})
+    for text in warnings_of_matrix(mass.diagonal() * UNITS[given.units], given.structure_mass, rows):
+        warnings.warn(text, StructureWarning, stacklevel=2)
     modes = lowest_modes(mass, stiffness, min(count("modes", given.modes, 1), size), given.suspension_frequency)
     found = None
     if given.damping is not None:

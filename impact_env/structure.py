@@ -12,13 +12,10 @@ from impact_env.modes import Structure, modal_model
 from impact_env.parameters import Beam, ParameterError, instance, require, suspended
 from impact_env.plain import to_structure
 from impact_env.plain_files import read_plain
+from impact_env.structures.checks import StructureWarning as StructureWarning
 from impact_env.structures.checks import warnings_of
 
 NEEDED = ("length_m", "bending_stiffness_n_m2", "mass_per_length_kg_m")
-
-
-class StructureWarning(UserWarning):
-    """Something in a structure's file looks wrong, or limits what can be said about it."""
 
 
 def load_structure(path: Path | str) -> Structure:

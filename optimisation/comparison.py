@@ -25,6 +25,7 @@ from impact_env.parameters import (
     Absorber,
     Beam,
     RigidWalls,
+    SlidingAbsorber,
     TunedAbsorber,
     count,
     friction_damper,
@@ -38,6 +39,7 @@ from impact_env.scene import Scene
 from optimisation.bounds import design_force, design_gap, reach, resonance_limit
 from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
 from optimisation.friction_rule import best_friction, scaled_friction
+from optimisation.gap_check import rigid_walls
 from optimisation.mounting import mounted
 from optimisation.sweep_rate import stationary_level
 from optimisation.tuned import HIGH, LOW, minimax
@@ -185,6 +187,7 @@ def compare(
     mass_ratio: float = DEFAULT_MASS_RATIO,
     force: float | None = None,
     gap: float | None = None,
+    device: SlidingAbsorber | None = None,
     forces: int = DEFAULT_FORCES,
     members: int = DEFAULT_MEMBERS,
     seed: int = 0,
@@ -198,8 +201,12 @@ def compare(
 
     On the paper's beam (None), with any number of modes, the absorbers have the paper's parameters. On another structure, or with another mass, gap
     or force, they follow from rules (`scaled_concepts`): the gap in m, by default 1 mm, or that which the design rule gives for a ``force`` in N
-    near the first of the resonances. Forces go around the design force of each resonance.
+    near the first of the resonances. A ``device`` with rigid walls stands in the place of the impact absorber, and gives mass and gap.
+    Forces go around the design force of each resonance.
     """
+    if device is not None:
+        require(force is None and gap is None, "gap", (force, gap), "left out, with the force, beside a device")
+        gap, mass_ratio = rigid_walls(device).gap, device.mass_ratio
     model = mounted(Beam() if beam is None else instance("beam", beam, Beam | ModalModel))
     every = tuple(dict.fromkeys(count("resonances", resonance, 1) for resonance in listed("resonances", resonances)))
     require(len(every) > 0, "resonances", resonances, "one or more, counted from 1")
@@ -213,8 +220,10 @@ def compare(
     )
     design = [design_force(model, mass, clearance, resonance) for resonance in every]
     paper = beam is None or is_paper(beam)
-    usual = paper and force is None and gap is None and mass_ratio == DEFAULT_MASS_RATIO
+    usual = paper and device is None and force is None and gap is None and mass_ratio == DEFAULT_MASS_RATIO
     compared = concepts(model) if usual else scaled_concepts(model, mass_ratio, clearance, every[0], design[0])
+    if device is not None:
+        compared = tuple(replace(concept, absorber=device) if concept.key == IMPACT else concept for concept in compared)
     grids = [force_grid(f, forces) for f in design]
     # a sweep that is wide enough for the peaks of a tuned absorber tells nothing of a resonance that it is not tuned to
     kept = [(r, c) for r in every for c in compared if usual or c.limits != WIDE_LIMITS or r == every[0]]

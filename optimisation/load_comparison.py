@@ -24,7 +24,7 @@ from optimisation.tuned import minimax
 
 Array = NDArray[np.float64]
 GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's RMS at the absorber
-LIMITS = np.geomspace(0.05, 3.2, 10)  # of absorber mass times first frequency squared times that RMS
+LIMITS = np.geomspace(0.05, 51.2, 16)  # of absorber mass times first frequency squared times that RMS; higher modes want larger ones
 SPAN = (0.2, 5.0)  # of the loads' intensity
 RESTITUTION = 0.7
 TOLERANCE, MOST_TRIALS = 1e-3, 120  # of the simplex search, in logarithms of stiffness and damping

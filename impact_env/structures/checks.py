@@ -2,19 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 
+Real = NDArray[np.float64]
 LOW_HZ, HIGH_HZ = 0.05, 2e4  # of the first mode
 MUCH_DAMPING = 0.2
 LIGHTEST, HEAVIEST = 0.05, 60.0  # |shape| sqrt(mass) of the liveliest place of a mode, mass-normalised
 SPEED = 5000.0  # m/s: of sound along a bar of steel or aluminium
 THICK, THIN = 0.3, 1e-4  # of a beam, over its length
 CLOSE = 1.0  # distance of two modes, over the sum of their half-widths
+
+
+DIAGONAL = (0.1, 100.0)  # of a mass matrix's diagonal, over the mass: two or three directions, and rotations
+ROTATES = 1e-3  # of the upper quartile of the diagonal: a freedom with less is no displacement, or has no mass of its own
+
+
+class StructureWarning(UserWarning):
+    """Something in a structure's file looks wrong, or limits what can be said about it."""
+
+
+def warnings_of_matrix(diagonal: Real, mass: float, places: Mapping[str, int]) -> list[str]:
+    """Return a sentence for what looks wrong beside a mass matrix, its ``diagonal`` and the structure's ``mass`` in kg; ``places``: rows by name."""
+    found, total = [], float(np.sum(diagonal))
+    if not DIAGONAL[0] * mass <= total <= DIAGONAL[1] * mass:
+        found.append(f"mass_kg = {mass:g}, while the mass matrix has {total:.4g} kg on its diagonal over all directions: is it in kg?")
+    usual = float(np.quantile(diagonal, 0.75))
+    for name, row in places.items():
+        if diagonal[row] < ROTATES * usual:
+            found.append(f"{name} = {row}: the mass matrix has {diagonal[row]:.3g} there, {usual:.3g} elsewhere: is this row a rotation?")
+    return found
 
 
 def warnings_of(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> list[str]:

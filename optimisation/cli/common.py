@@ -70,16 +70,25 @@ OLDER = {"--percent-per-100-periods": "--rate", "--figure": "--plot"}  # names o
 
 
 class OneCommand(click.Command):
-    """A command that takes an option by its older name, too, with a notice."""
+    """A command that takes an option by its older name, too, with a notice, and one that is given twice not at all."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Put the names of now in the place of older ones."""
+        """Put the names of now in the place of older ones; raises UsageError for an option that is given twice and takes one value."""
         known = {name for parameter in self.params for name in parameter.opts}
         for k, word in enumerate(args):
             name, equals, value = word.partition("=")
             if name in OLDER and name not in known:
                 click.echo(f"warning: {name} is called {OLDER[name]} now; the next version does not know the older name", err=True)
                 args[k] = OLDER[name] + equals + value
+        once = {
+            name: parameter for parameter in self.params if isinstance(parameter, click.Option) and not parameter.multiple for name in parameter.opts
+        }
+        given = [once[name] for name in (word.partition("=")[0] for word in args) if name in once]
+        for parameter in given:
+            if given.count(parameter) > 1 and not parameter.is_flag:
+                raise click.UsageError(
+                    f"{parameter.opts[0]} is given {given.count(parameter)} times: once is allowed, as only one of them could count", ctx
+                )
         return super().parse_args(ctx, args)
 
 

@@ -19,7 +19,7 @@ from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from impact_env.plain_loads import read_loads
 from optimisation.cli.common import BadInput, command, end_early, name_files, plain_errors
-from optimisation.cli.structure_option import RESONANCES_HELP, read_structure, structure_option
+from optimisation.cli.structure_option import RESONANCES_HELP, read_device, read_structure, scene_option, structure_option
 from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json
@@ -86,6 +86,7 @@ def compared_under_loads(load: Path, structure: Structure | None, out: Path, giv
 
 @command()
 @structure_option
+@scene_option
 @click.option(
     "--load",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -106,7 +107,7 @@ def compared_under_loads(load: Path, structure: Structure | None, out: Path, giv
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("results/compare_absorbers"), show_default=True, help="Folder for figure and tables."
 )
-def main(structure: Path | None, load: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
+def main(structure: Path | None, scene: Path | None, load: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
     """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
 
     On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
@@ -122,12 +123,18 @@ def main(structure: Path | None, load: Path | None, quick: bool, out: Path, clus
     given["percent_per_100_periods"] = given.pop("rate")
     with plain_errors():
         require_writable("--out", out)
+        own = None if structure is None else read_structure(structure)
         if load is not None:
-            table, written = compared_under_loads(load, None if structure is None else read_structure(structure), out, given)
+            if scene is not None:
+                raise BadInput("--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure")
+            table, written = compared_under_loads(load, own, out, given)
             click.echo(table)
             name_files(written)
             return
-        comparison = compared(None if structure is None else read_structure(structure), cluster, given)
+        if scene is not None:
+            own, given["device"] = read_device(scene, "structure", "mass_ratio", "force", "gap")
+            given |= {"mass_ratio": DEFAULT_MASS_RATIO}
+        comparison = compared(own, cluster, given)
         files = write(out, comparison, conditions(started, given["threads"], cluster))
     click.echo(text_table(comparison))
     name_files(files)

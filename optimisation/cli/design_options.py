@@ -15,10 +15,10 @@ from impact_env.ensemble import Executor, available_cores
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
-from optimisation.cli.structure_option import RESONANCES_HELP, is_given, read_structure, refuse_beside, structure_option
+from optimisation.cli.structure_option import RESONANCES_HELP, is_given, read_device, read_structure, refuse_beside, scene_option, structure_option
 from optimisation.comparison import RESONANCES
 from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
-from optimisation.designs import MASS_RATIO, VARIABLES, DesignSpace, design_space
+from optimisation.designs import FREE, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, RESTITUTION, VARIABLES, DesignSpace, design_space
 from optimisation.executors import cluster_option, executor
 from optimisation.machine import conditions
 from optimisation.memory import peak_memory
@@ -50,6 +50,7 @@ class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
 SHARED = (
     structure_option,
+    scene_option,
     click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=f"{RESONANCES_HELP} Forces by the design rule."),
     click.option("--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."),
     click.option("--bounds", multiple=True, type=(str, float, float), metavar="NAME LOW HIGH", help="Bounds of a free variable, in SI units."),
@@ -98,12 +99,29 @@ def make_space(concept: str, given: dict[str, Any]) -> DesignSpace:
     every = given.get("every", False)
     free = [name for name in given["free"] if name in known or not every]
     bounds = {name: (low, high) for name, low, high in given["bounds"] if name in known or not every}
-    fixed = {name: value for name, value in given["fix"] if name in known or not every}
+    fixed = _of_device(concept, given) | {name: value for name, value in given["fix"] if name in known or not every}
     return design_space(concept, free or None, bounds, fixed)
+
+
+def _of_device(concept: str, given: dict[str, Any]) -> dict[str, float]:
+    """Return what a file of --scene says of the variables that are not searched: mass, and of an impact absorber all else."""
+    structure_of(given)
+    if given["scene"] is None:
+        return {}
+    device, free = given["device"], set(given["free"] or FREE[concept])
+    own = {MASS_RATIO: device.mass_ratio}
+    if concept == IMPACT:
+        friction = 0.0 if device.friction is None else device.friction.limit
+        own |= {GAP: device.walls.gap, RESTITUTION: device.walls.restitution, FRICTION_LIMIT: friction}
+    return {name: value for name, value in own.items() if name not in free}
 
 
 def structure_of(given: dict[str, Any]) -> Structure:
     """Return the structure of the file, read once, or the paper's beam with the options' modes."""
+    if given["scene"] is not None:
+        if "read" not in given:
+            given["read"], given["device"] = read_device(given["scene"], "structure", "modes")
+        return given["read"]
     if given["structure"] is None:
         return replace(Beam(), modes=given["modes"])
     refuse_beside(given["structure"], "modes")
@@ -123,10 +141,12 @@ def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> li
         if is_given("resonances"):
             raise ParameterError(f"--resonances = {given['resonances']} is not allowed: beside --at, which names resonances with their forces")
         return list(given["at"])
-    if given["structure"] is None and not is_given("resonances"):
+    if given["structure"] is None and given["scene"] is None and not is_given("resonances"):
         return list(usual)
     model, paper = mounted(structure_of(given)), modal_model(Beam())
-    ratio = dict(given["fix"]).get(MASS_RATIO, DEFAULT_MASS_RATIO)
+    structure_of(given)
+    usual_ratio = given["device"].mass_ratio if given["scene"] is not None else DEFAULT_MASS_RATIO
+    ratio = dict(given["fix"]).get(MASS_RATIO, usual_ratio)
     mass = positive(MASS_RATIO, ratio) * model.beam_mass
     shares = [force / design_force(paper, DEFAULT_MASS_RATIO * paper.beam_mass, RigidWalls.gap, resonance) for resonance, force in usual]
     for k in dict.fromkeys(given["resonances"]):

@@ -13,12 +13,13 @@ from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from optimisation.cli.common import check_target, command, name_files, plain_errors
-from optimisation.cli.structure_option import RESONANCES_HELP, model_of, structure_option
+from optimisation.cli.structure_option import RESONANCES_HELP, model_of, read_device, scene_option, structure_option
 from optimisation.comparison import RESONANCES
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import usable_rate
 from optimisation.gap_check import GapCheck, check_gap, scaled_absorber
 from optimisation.machine import conditions, sources
+from optimisation.mounting import mounted
 from optimisation.page import fill, require_markers
 from optimisation.progress import runs_bar
 from optimisation.report.markdown import markdown
@@ -79,6 +80,7 @@ MEMBERS = 4
 
 @command()
 @structure_option
+@scene_option
 @click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
 @click.option("--mass-ratio", "ratios", type=float, multiple=True, help=f"Absorber mass over the structure's; may be repeated.  [default: {RATIOS}]")
 @click.option(
@@ -95,6 +97,7 @@ MEMBERS = 4
 )
 def main(
     structure: Path | None,
+    scene: Path | None,
     resonances: tuple[int, int],
     ratios: tuple[float, ...],
     members: int,
@@ -111,7 +114,7 @@ def main(
         check_target("--page", page)
         if page is not None:
             require_markers(page, page, (MARKER,))
-        model = model_of(structure, Beam.absorber_position)
+        model = model_of(structure, Beam.absorber_position) if scene is None else mounted(read_device(scene, "structure")[0])
         if rate is not None:
             usable_rate("--rate", rate, [PAPER_LIMITS])
         with workers(threads, cluster) as executor:

@@ -16,7 +16,7 @@ import numpy as np
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
-from optimisation.cli.common import end_early, end_without, name_files, plain_errors
+from optimisation.cli.common import command, end_early, end_without, name_files, plain_errors
 from optimisation.cli.design_options import (
     GOES_ON,
     KEPT,
@@ -147,7 +147,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
     return findings
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
+@command(epilog=variables_help())
 @click.option("--concept", type=click.Choice([*VARIABLES, ALL]), default=IMPACT, show_default=True, help="Kind of absorber.")
 @click.option("--at", multiple=True, type=At(), help=AT_HELP)
 @click.option("--objective", default="level", show_default=True, help=f"What makes a design good: {', '.join(KINDS)}, or {OWN}.")

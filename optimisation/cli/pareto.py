@@ -15,7 +15,7 @@ import numpy as np
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
-from optimisation.cli.common import end_early, end_without, name_files, plain_errors
+from optimisation.cli.common import command, end_early, end_without, name_files, plain_errors
 from optimisation.cli.design_options import (
     GOES_ON,
     KEPT,
@@ -91,7 +91,7 @@ def write(out: Path, front: Front, given: dict[str, Any]) -> list[Path]:
     return files + write_card(out, front_card(front))
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120}, epilog=variables_help())
+@command(epilog=variables_help())
 @click.option("--against", type=click.Choice([RESONANCES, SEVERITY]), default=RESONANCES, show_default=True, help="What is traded against what.")
 @click.option("--at", multiple=True, type=At(), help=AT_HELP)
 @click.option("--designs", type=click.IntRange(min=2), help=f"Designs to search, rounded up to whole batches.  [default: {DESIGNS}]")

@@ -11,9 +11,10 @@ import click
 
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
 from optimisation.cli.common import check_target, command, name_files, plain_errors
-from optimisation.cli.structure_option import POSITION_HELP, model_of, refuse_beside, structure_option
+from optimisation.cli.structure_option import POSITION_HELP, model_of, read_device, refuse_beside, scene_option, structure_option
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.machine import conditions, sources
+from optimisation.mounting import mounted
 from optimisation.page import fill, require_markers
 from optimisation.progress import BAR, Bar
 from optimisation.report.card import write_card
@@ -53,6 +54,7 @@ def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]
 
 @command()
 @structure_option
+@scene_option
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance to tune to, counted from 1.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
 @click.option(
@@ -76,6 +78,7 @@ def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]
 )
 def main(
     structure: Path | None,
+    scene: Path | None,
     resonance: int,
     mass_ratio: float,
     position: float,
@@ -93,7 +96,11 @@ def main(
     """
     with plain_errors():
         refuse_beside(structure, "modes", "damping")
-        model = model_of(structure, position, modes=modes, damping_ratio=damping)
+        if scene is None:
+            model = model_of(structure, position, modes=modes, damping_ratio=damping)
+        else:
+            own, absorber = read_device(scene, "structure", "modes", "damping", "mass_ratio", "position")
+            model, mass_ratio = mounted(own), absorber.mass_ratio
         require_writable("--out", out)
         check_target("--page", page)
         if page is not None:

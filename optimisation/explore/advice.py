@@ -14,10 +14,11 @@ from optimisation.bounds import design_gap
 from optimisation.explore.settings import Asked
 from optimisation.explore.waiting import Newer
 from optimisation.friction_rule import best_friction
-from optimisation.gap_check import check_gap, gap_factors, scaled_absorber
+from optimisation.gap_advice import advise
+from optimisation.gap_check import scaled_absorber
 from optimisation.tuned import minimax
 
-QUICK_GAPS, QUICK_MEMBERS = 5, 2  # as `design_gap --quick`
+MEMBERS = 1  # as `design_gap --quick`
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsor
 
 
 def recommended(values: Asked, model: ModalModel, stop: Stop, tell: Callable[[int, int], None]) -> dict[str, Any]:
-    """Return what the design rule, checked by quick sweeps, recommends at the marked force: new values by the controls' names, and why.
+    """Return what a search by quick sweeps recommends at the marked force: new values by the controls' names, and why.
 
     ``model`` has the absorber's place, ``tell`` is told finished and all runs. Raises `Newer` after a ``stop``.
     """
@@ -63,13 +64,11 @@ def recommended(values: Asked, model: ModalModel, stop: Stop, tell: Callable[[in
             raise KeyboardInterrupt  # the sweeps end early, with what they have
         tell(done, total)
 
-    absorber = scaled_absorber(model, force, resonance, values["mass_ratio"], values["restitution"])
-    check = check_gap(model, force, resonance, absorber, factors=gap_factors(QUICK_GAPS), members=QUICK_MEMBERS, progress=watch)
-    if stop.given or check.best is None:
+    own = scaled_absorber(model, force, resonance, values["mass_ratio"], values["restitution"])
+    found = advise(model, force, resonance, own, members=MEMBERS, progress=watch)
+    best = found.recommended or found.sharp
+    if stop.given or best is None:
         raise Newer
-    friction = 0.0 if absorber.friction is None else absorber.friction.limit
-    level, rule = check.level[check.best], check.level[check.at_rule]
-    why = (
-        f"best of {len(check.gaps)} gaps around the design rule's {1e3 * check.rule:.3g} mm, by sweeps: {1e3 * level:.3g} mm, {1e3 * rule:.3g} there"
-    )
-    return {"values": {"gap": float(check.gaps[check.best]), "friction": friction}, "why": why}
+    rule = 1e3 * found.check.rule
+    why = f"lowest level over {100 * found.tolerance:.0f} % of the force, by {found.sweeps} sweeps; the design rule says {rule:.3g} mm"
+    return {"values": {"gap": best.gap, "friction": best.friction_limit}, "why": why}

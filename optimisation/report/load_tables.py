@@ -54,6 +54,7 @@ def text_table(comparison: LoadComparison) -> str:
 def save_figure(path: Path, comparison: LoadComparison) -> None:
     """Draw what each absorber leaves over the loads' intensity; the ending of ``path`` chooses the format."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullLocator
 
     from optimisation.report.written_figure import write_figure
 
@@ -65,6 +66,8 @@ def save_figure(path: Path, comparison: LoadComparison) -> None:
         axes.plot(comparison.factors, middle, style, color=colour, label=label)
     axes.axhline(1.0, color="black", linewidth=0.8)
     axes.set_xscale("log")
+    axes.set_xticks(comparison.factors, [f"{factor:.3g}" for factor in comparison.factors])
+    axes.xaxis.set_minor_locator(NullLocator())
     axes.set_ylim(0, None)
     axes.set_xlabel("intensity of the load, 1: as given, for which each absorber is at its best")
     axes.set_ylabel(f"{TOLD[comparison.measure]} over that without absorber")

@@ -29,7 +29,7 @@ VOLATILE = ("execution", "widgets", "language_info")
 
 def executed(file: Path) -> Any:
     """Return a notebook with the outputs of today's code; raises nbclient's CellExecutionError where a cell fails."""
-    notebook = nbformat.read(file, as_version=4)
+    notebook = nbformat.read(file, as_version=4)  # type: ignore[no-untyped-call]
     client = NotebookClient(notebook, timeout=TIMEOUT, kernel_name="python3", resources={"metadata": {"path": str(file.parent)}})
     client.execute(env=os.environ | {"MPLBACKEND": INLINE})
     return tidy(notebook)
@@ -62,7 +62,7 @@ def main(names: list[str]) -> int:
         print(f"{file.name} ...", file=sys.stderr, flush=True)
         notebook = executed(file)
         with replacing(file) as temporary:
-            temporary.write_text(nbformat.writes(notebook) + "\n", encoding="utf-8")
+            temporary.write_text(nbformat.writes(notebook) + "\n", encoding="utf-8")  # type: ignore[no-untyped-call]
     return 0
 
 

@@ -141,6 +141,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--force 0": "force = 0.0 is not allowed",
             "--force -3": "force = -3.0 is not allowed",
             "--force nan": "force = nan is not allowed",
+            "--force 3 --force 4": "--force is given 2 times: once is allowed",
             "--force 3 --gaps 4": "gaps = 4 is not allowed: an odd",
             "--force 3 --force-tolerance 0.4": "force_tolerance = 0.4 is not allowed: from 0 to 0.3",
             "--force 3 --device nowhere/a.json": "--device = nowhere/a.json is not allowed",
@@ -169,7 +170,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--fix mass_ratio 100": "at most 1: an absorber no heavier than the structure",
             "--study nowhere/a.journal": "study file = nowhere/a.journal is not allowed: a file that can be written to, in a folder that exists",
             "--study /dev/full": "study file = /dev/full is not allowed",
-            "--objective beauty": "'beauty' is not one of 'level'",
+            "--objective beauty": "objective = 'beauty' is not allowed: one of level",
             "--concept spring": "'spring' is not one of",
             "--at one": "'one'",
             "--at 1:-3": "force = -3.0",
@@ -299,6 +300,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
         {"--json nowhere/a.json": NOWHERE, "--repeats 0": "0 is not in the range", "--unknown": "--unknown", "--page bare.md": MARKERS},
     ),
     "benchmark_energies": ("", {"--json nowhere/a.json": NOWHERE, "--page none.md": "none.md"}),
+    "benchmark_explorer": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS, "--picture a.gif": "--picture = a.gif is not allowed"}),
     "benchmark_envs": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
     "benchmark_periodic": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
     "benchmark_start": ("--quick", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
@@ -309,6 +311,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     "friction_branches": ("--quick", {f"{CLUSTER} --threads 2": BOTH}),
     "sweep_tradeoff": ("", {"--redraw --out .": "a folder with results of sweep_tradeoff"}),
     "your_structure": ("", {"--page none.md": "none.md"}),
+    "check_gaps": ("--quick", {f"{CLUSTER} --threads 2": BOTH, "--rate 0": "rate = 0.0 is not allowed", "--page none.md": "none.md"}),
     "error_vs_runtime": (
         "",
         {

@@ -73,10 +73,10 @@ def opened(browser: Any, address: str, *, width: int = 1280, height: int = 800, 
 
 
 def finished(page: Any, number: int | None = None) -> int:
-    """Wait until all is drawn for a setting, by default the newest, and return its number."""
+    """Wait until a setting's numbers and its curve of all members are drawn, by default the newest's, and return its number."""
     page.wait_for_selector("html[data-asked]", state="attached", timeout=WAIT)
     asked = int(page.evaluate("document.documentElement.dataset.asked")) if number is None else number
-    page.wait_for_selector(f'html[data-done="{asked}"]', state="attached", timeout=WAIT)
+    page.wait_for_selector(f'html[data-showncard="{asked}"][data-whole="{asked}"]', state="attached", timeout=WAIT)
     return asked
 
 
@@ -100,7 +100,7 @@ def test_numbers_are_those_of_the_library_and_files_are_whole(browser: Any, addr
     assert [drawn[force] for force in forces] == pytest.approx((1e3 * wanted.median).tolist(), rel=1e-15)
     assert len(drawn) == 24
     assert saved(page, "Save the sweep as", "PNG").read_bytes().startswith(b"\x89PNG")
-    assert saved(page, "Save the response as", "SVG").read_text().startswith("<svg ")
+    assert saved(page, "Save the sweep as", "SVG").read_text().startswith("<svg ")
     with page.expect_download() as download:
         page.get_by_role("button", name="Card as HTML").click()
     assert f"{1e3 * performance_curve(scene, [3.5], members=2).median[0]:.4g} mm" in Path(download.value.path()).read_text()

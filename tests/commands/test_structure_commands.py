@@ -10,15 +10,19 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from commands import load
+from matplotlib.figure import Figure
 from places import EXAMPLES, ROOT
 
-from impact_env import Beam, load_structure, modal_model
+from impact_env import Beam, beam_scene, impact_absorber, load_structure, modal_model
 from impact_env.periodic.case import Case
 from impact_env.periodic.survey import closed_form_orbits
+from impact_env.plain import from_scene
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.group import file_of
+from optimisation.comparison import compare
 from optimisation.files import read_json
 from optimisation.friction_rule import best_friction
+from optimisation.report.comparison_figure import save_figure
 from optimisation.tuned import den_hartog, undamped_h2
 from studies.cli.your_structure import BLOCK, PAGE
 from studies.regimes.cases import Settings as RegimeSettings
@@ -167,3 +171,42 @@ def test_the_page_has_what_its_commands_print() -> None:
         assert file_of(name) is not None
         assert (ROOT / arguments[arguments.index("--structure") + 1]).is_file()
         assert block["printed"].strip()
+
+
+def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    beam = Beam(modes=2, damping_ratio=0.02, response_position=1.0)
+    device = tmp_path / "device.json"
+    device.write_text(json.dumps(from_scene(beam_scene(beam, impact_absorber(7e-4, 0.55, 0.03, 0.015)), beam)))
+    line = f"--scene {device} --resonances 1 2 --forces 2 --members 1 --rate 60 --out {tmp_path}"
+    result = call("compare_absorbers", monkeypatch, line)
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "summary.json").read_text())
+    impact = found["resonances"]["1"]["concepts"]["impact"]["absorber"]
+    assert impact == {"mass_ratio": 0.015, "walls": {"gap": 7e-4, "restitution": 0.55}, "friction": {"limit": 0.03}}
+    assert found["settings"]["gap_m"] == 7e-4
+    result = call("tune_ltva", monkeypatch, f"--scene {device} --quick --out {tmp_path}")
+    assert result.exit_code == 0, result.output
+    assert json.loads((tmp_path / "summary.json").read_text())["settings"]["mass_ratio"] == 0.015
+    line = f"--scene {device} --at 1:2 --free gap --members 1 --rate 60 --batch 2 --designs 2 --no-figures --audit 0 --out {tmp_path}"
+    result = call("optimise_design", monkeypatch, line)
+    assert result.exit_code == 0, result.output
+    values = json.loads((tmp_path / "impact" / "summary.json").read_text())["winner"]["values"]
+    assert (values["restitution"], values["friction_limit"], values["mass_ratio"]) == (0.55, 0.03, 0.015)
+    for name, option in (("compare_absorbers", "--gap 0.001"), ("tune_ltva", "--mass-ratio 0.1"), ("mass_ratios", f"--structure {STEEL}")):
+        result = call(name, monkeypatch, f"--scene {device} {option}")
+        assert result.exit_code == 2
+        assert f"{option.split()[0]} does not go with --scene" in result.stderr
+
+
+def test_the_figure_has_the_tuned_absorber_near_both_resonances(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    drawn: list[list[str]] = []
+
+    def look(figure: Figure, *_: object) -> None:
+        drawn.extend(panel.get_legend_handles_labels()[1] for panel in figure.axes)
+
+    monkeypatch.setattr("optimisation.report.comparison_figure.write_figure", look)
+    comparison = compare(load_structure(STEEL), resonances=(1, 2), forces=2, members=1, percent_per_100_periods=60.0)
+    save_figure(tmp_path / "figure.png", comparison)
+    assert len(drawn) == 2
+    assert drawn[0] == drawn[1]
+    assert any("tuned absorber" in label for label in drawn[1])

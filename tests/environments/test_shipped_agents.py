@@ -12,6 +12,7 @@ from stable_baselines3 import PPO
 
 import impact_env
 from impact_env import ParameterError
+from impact_env.envs import ENVIRONMENTS
 from optimisation.rl.agents import TRAINED, load_agent, packaged_file
 from optimisation.rl.vec_env import make_native
 
@@ -34,7 +35,7 @@ def test_the_small_file_acts_as_the_model(task: str) -> None:
 @pytest.mark.parametrize("task", SHIPPED)
 def test_an_agent_does_better_than_constants(task: str) -> None:
     agent = load_agent(task)
-    constants = {str(action): action for action in (-0.4, 0.0, 0.4, 0.8)}
+    constants = {str(action): [action] * ENVIRONMENTS[agent.env_id].numbers for action in (-0.4, 0.0, 0.4, 0.8)}
     found = impact_env.evaluate(agent, agent.env_id, "validation", constants, episodes=64)
     assert min(better[0] for better in found.differences.values()) > 0.01
 

@@ -13,7 +13,8 @@ LINES, KERNEL_LINES = 350, 450
 PLACES = 8  # arguments that can be given by place
 # more than that: commands, whose options come by name, and one that is told place, range, phases and judgement in a row
 MORE = {
-    "optimisation/cli/tune_ltva.py main": 11,
+    "optimisation/cli/tune_ltva.py main": 12,
+    "optimisation/cli/mass_ratios.py main": 9,
     "impact_env/periodic/jump.py jumps": 9,
 }
 FOLDERS = ("impact_env", "optimisation", "scripts", "tests/reference")

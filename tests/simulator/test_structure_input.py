@@ -11,6 +11,7 @@ from places import EXAMPLES
 from structure_files import BEAM, MATRICES, chain, written
 
 from impact_env import ParameterError, StructureWarning, load_structure
+from impact_env.structures.checks import warnings_of_matrix
 
 WRONG_BEAM = [
     ("length = 0.5", r"beam.length = 0.5 is not allowed: only the keys length_m"),
@@ -162,3 +163,17 @@ def test_a_wrong_universal_file_is_one_error_with_file_and_key(tmp_path: Path, c
     keys = {"file": "measured.uff", "force": {"node": 2, "direction": "z"}, "absorber": {"node": 5, "direction": "z"}, "mass_kg": 2.0}
     with pytest.raises(ParameterError, match=r"structure.json: " + message):
         load_structure(written(tmp_path, "universal", **keys | changes))
+
+
+def test_mass_matrices_tell_a_wrong_mass_and_a_rotation() -> None:
+    """A row of ten beam elements of 0.1 m: displacements and rotations in turn, consistent masses of 2 kg/m."""
+    element = 0.1
+    displaced, turned = 2 * 156 / 420 * 2.0 * element, 2 * 4 / 420 * 2.0 * element**3
+    diagonal = np.array([displaced, turned] * 10)
+    assert warnings_of_matrix(diagonal, 2.0, {"force": 0, "absorber": 18}) == []
+    (light,) = warnings_of_matrix(diagonal, 2e-3, {"force": 0})
+    assert "mass_kg = 0.002" in light
+    assert "1.486 kg" in light
+    (rotation,) = warnings_of_matrix(diagonal, 2.0, {"force": 0, "absorber": 3})
+    assert rotation.startswith("absorber = 3")
+    assert "rotation" in rotation

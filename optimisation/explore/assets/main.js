@@ -8,7 +8,7 @@ const panels = { curve: $("#curve"), sweep: $("#sweep"), motion: $("#motion"), r
 const LINES = { none: "no absorber", limit: "limit", friction: "friction damper", tuned: "tuned absorber" };
 const WORDS = { none: "curve without absorber", friction: "friction damper's curve", tuned: "tuned absorber's curve" };
 const values = {}, rows = new Map();
-let socket, number = 0, sent = 0, measured = 0, wanted = false, shown = {};
+let socket, number = 0, sent = 0, measured = {}, wanted = false, shown = {};
 // what is drawn: of one number each, never an older one over a newer
 const known = { curve: null, old: null, lines: {}, sweep: null, response: null, card: null, scene: null, command: "" };
 
@@ -130,7 +130,10 @@ const take = {
       if (!before || before.rough || !m.rough) known.curve.points.set(force, point.both === null && before && !before.rough ? before : point);
     });
     known.curve.rough = m.rough;
-    if (!m.rough && m.complete) known.old = null;
+    if (!m.rough && m.complete) {
+      known.old = null;
+      if (m.members === values.members) document.documentElement.dataset.whole = m.number; // for who waits for all members
+    }
     note("curve", m.rough ? "rough" : m.complete ? `${m.members} member${m.members > 1 ? "s" : ""}` : "finer …");
     drawCurve();
   },
@@ -154,7 +157,10 @@ function received(m) {
     shown[m.type] = m.number;
     if (m.number === number) panels[m.type === "line" ? "curve" : m.type].classList.remove("older");
     document.documentElement.dataset[`shown${m.type}`] = m.number;
-    if (m.type === "curve" && m.number === number && measured !== number) { measured = number; performance.measure("first points", { start: sent }); }
+    if (m.type === "curve" && m.number === number) {
+      if (measured.first !== number) { measured.first = number; performance.measure("first points", { start: sent }); }
+      if (measured.fine !== number && !m.rough && m.complete) { measured.fine = number; performance.measure("all forces", { start: sent }); }
+    }
   } else take[m.type]?.(m);
 }
 
