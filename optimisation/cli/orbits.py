@@ -11,7 +11,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, count, positive
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, count, positive, require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import folds, thresholds
@@ -85,7 +85,7 @@ def along(case: Case, given: dict[str, Any], told: Told) -> Iterator[ResponseCur
     """Yield the branches of the symmetric orbits at one frequency over another parameter, each once."""
     name, known = given["along"].replace("-", "_"), list[Array]()
     at = case.changed(omega=given["at"] * case.omega)
-    low, high = sorted(given["over"])
+    low, high = given["over"]
     for orbit in closed_form_orbits(at).orbits:
         if any(lies_on(places, orbit.solution) for places in known):
             continue
@@ -121,6 +121,9 @@ def check(given: dict[str, Any]) -> None:
         raise BadInput("--folds does not go with --thresholds: the JSON file has one list")
     if (given["along"] is None) != (given["over"] is None) or (given["along"] is not None and given["at"] is None):
         raise BadInput("--along, --over and --at go together: a parameter, the range it is followed over, and the frequency")
+    if given["over"] is not None:
+        low, high = given["over"]
+        require(low < high, "--over", given["over"], "two numbers, the lower one first")
     if given["at"] is not None and (given["folds"] or given["thresholds"]):
         raise BadInput("--at does not go with --folds or --thresholds: they are sought from --from to --to")
     if not 0 < given["start"] < given["stop"]:

@@ -235,7 +235,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--at 2": "--at = 2",
             "--at nan": "--at = nan",
             "--along force --at 0.95": "--along, --over and --at go together",
-            "--along force --over 2 2 --at 0.95": "limits = (2.0, 2.0) is not allowed",
+            "--along force --over 2 2 --at 0.95": "--over = (2.0, 2.0) is not allowed",
             "--along mass --over 1 2 --at 0.95": "'mass' is not one of",
             "--folds --thresholds": "--folds does not go with --thresholds",
             "--folds --at 0.95": "--at does not go with --folds",

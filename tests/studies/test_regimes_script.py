@@ -33,7 +33,7 @@ def test_own_scene(tmp_path: Path) -> None:
     assert all(row["linear"] + row["periodic"] + row["sustained"] + row["strongly modulated"] == 6 for row in rows(tmp_path, KINDS))
     files = {file.name for file in tmp_path.iterdir()}
     assert {"jump.png", "kinds.png", "jump_stay.csv", "jump_sweep.csv", "kinds_response.csv"} <= files
-    assert "P(jump) = exp(-N/" in result.output
+    assert "P(jump) = A exp(-N/" in result.output
     before = (tmp_path / "jump_stay.csv").read_text()
     redrawn = call(regimes, *OWN, "--redraw", "--out", tmp_path)
     assert redrawn.exit_code == 0
