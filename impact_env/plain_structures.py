@@ -17,7 +17,7 @@ import numpy as np
 
 from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form
 from impact_env.modes import ModalModel
-from impact_env.parameters import Beam, Section, count, non_negative, require
+from impact_env.parameters import Beam, Section, count, non_negative, positive, require
 from impact_env.structures.checks import StructureWarning, warnings_of_matrix
 from impact_env.structures.files import read_matrix
 from impact_env.structures.matrices import checked, lowest_modes, proportional_damping
@@ -60,7 +60,7 @@ def _text(path: str, plain: Any) -> str:
 
 TEXT = Sort(_text, str)
 SECTIONS = Sort(_sections, lambda sections: [SECTION.write(section) for section in sections])
-BEAM = form(
+BEAM_KEYS = form(
     Beam,
     {
         "length_m": ("length", NUMBER),
@@ -79,6 +79,84 @@ BEAM = form(
         "suspension_frequency_hz": ("suspension_frequency", NUMBER),
     },
 )
+
+
+@dataclass(frozen=True)
+class _Profile:
+    """A cross section that bends about its level axis: a rectangle, a round tube (``wall`` of its diameter's half: a rod) or an I."""
+
+    kind: str
+    width: float = 0.0
+    height: float = 0.0
+    diameter: float = 0.0
+    wall: float = 0.0
+    flange: float = 0.0
+    web: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(self.kind in PROFILES, "kind", self.kind, f"one of {', '.join(PROFILES)}")
+        for name in PROFILES:
+            for key in PROFILES[name]:
+                value, own = getattr(self, key), key in PROFILES[self.kind]
+                require(
+                    value > 0 if own else value == 0 or key in PROFILES[self.kind],
+                    f"{key}_m",
+                    value,
+                    f"above 0, for {name}" if own else f"for {name} only",
+                )
+        if self.kind == "tube":
+            require(2 * self.wall <= self.diameter, "wall_m", self.wall, f"at most half the diameter, {self.diameter / 2:g} m")
+        if self.kind == "I":
+            require(
+                2 * self.flange < self.height and self.web < self.width,
+                "flange_m, web_m",
+                (self.flange, self.web),
+                "less than half the height, the width",
+            )
+
+    @property
+    def area(self) -> float:
+        """Area in m^2."""
+        if self.kind == "tube":
+            return math.pi * self.wall * (self.diameter - self.wall)
+        cut = (self.width - self.web) * (self.height - 2 * self.flange) if self.kind == "I" else 0.0
+        return self.width * self.height - cut
+
+    @property
+    def second_moment(self) -> float:
+        """Second moment of area in m^4."""
+        if self.kind == "tube":
+            return math.pi / 64 * (self.diameter**4 - (self.diameter - 2 * self.wall) ** 4)
+        cut = (self.width - self.web) * (self.height - 2 * self.flange) ** 3 if self.kind == "I" else 0.0
+        return (self.width * self.height**3 - cut) / 12
+
+
+PROFILES = {"rectangle": ("width", "height"), "tube": ("diameter", "wall"), "I": ("width", "height", "flange", "web")}
+PROFILE = form(_Profile, {"kind": ("kind", TEXT), **{f"{key}_m": (key, NUMBER) for keys in PROFILES.values() for key in keys}})
+OF_MATERIAL = ("young_modulus_pa", "density_kg_m3", "section")
+
+
+def _read_beam(path: str, plain: Any) -> Beam:
+    """Return a beam whose bending stiffness and mass are given, or follow from material and section."""
+    if not (isinstance(plain, Mapping) and any(key in plain for key in OF_MATERIAL)):
+        return _plain_beam(path, plain)
+    found = dict(plain)
+    for key in OF_MATERIAL:
+        require(key in found, f"{path}.{key}", None, f"given: {', '.join(OF_MATERIAL)} belong together")
+    for key in ("bending_stiffness_n_m2", "mass_per_length_kg_m"):
+        require(key not in found, f"{path}.{key}", found.get(key), "left out beside a section, from which it follows")
+    young, density = (positive(f"{path}.{key}", NUMBER.read(f"{path}.{key}", found.pop(key))) for key in OF_MATERIAL[:2])
+    profile = PROFILE.read(f"{path}.section", found.pop("section"))
+    found |= {"bending_stiffness_n_m2": young * profile.second_moment, "mass_per_length_kg_m": density * profile.area}
+    return _plain_beam(path, found)
+
+
+def _plain_beam(path: str, plain: Any) -> Beam:
+    beam: Beam = BEAM_KEYS.read(path, plain)
+    return beam
+
+
+BEAM = Sort(_read_beam, BEAM_KEYS.write)
 SHAPES: Keys = {
     "damping_ratio": ("damping_ratio", ROW),
     "force_shape_per_sqrt_kg": ("force_shape", ROW),
