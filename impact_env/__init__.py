@@ -4,12 +4,15 @@ The names below are the public interface; everything is in SI units.
 """
 
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
+from impact_env.budget import Stop
+from impact_env.curve import CurveCase, Pass, PerformanceCurve, curve_passes, performance_curve
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.envs import register_environments
 from impact_env.first_use import Compilation, on_compile
 from impact_env.methods import Exact, Moreau, RungeKutta
-from impact_env.modes import ModalModel, modal_model
+from impact_env.modes import ModalModel, modal_model, mode_shapes
 from impact_env.parameters import (
     Beam,
     CompliantWalls,
@@ -27,17 +30,19 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
-from impact_env.response import Record, Response
+from impact_env.prepare import Preparation, is_ready, prepare
+from impact_env.response import Record, Response, Window
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.shared_mass import impact_absorbers
 from impact_env.structure import StructureWarning, load_structure
-from impact_env.sweep import IntegrationError, simulate
+from impact_env.sweep import IntegrationError, Stopped, simulate
 
 __all__ = [
     "Beam",
     "Compilation",
     "CompliantWalls",
     "CoulombFriction",
+    "CurveCase",
     "Drive",
     "ElasticCoulombFriction",
     "Exact",
@@ -48,6 +53,9 @@ __all__ = [
     "Moreau",
     "NonlinearSink",
     "ParameterError",
+    "Pass",
+    "PerformanceCurve",
+    "Preparation",
     "Record",
     "Response",
     "RigidWalls",
@@ -56,22 +64,41 @@ __all__ = [
     "Section",
     "SeveralAbsorbers",
     "SlidingAbsorber",
+    "Stop",
+    "Stopped",
     "StructureWarning",
     "StuckAbsorber",
     "TunedAbsorber",
+    "Window",
     "YieldingWalls",
     "__version__",
     "beam_scene",
     "constant_frequency",
+    "curve_passes",
+    "evaluate",
     "friction_damper",
     "impact_absorber",
     "impact_absorbers",
+    "is_ready",
     "linear_sweep",
     "load_structure",
     "modal_model",
+    "mode_shapes",
     "on_compile",
+    "performance_curve",
+    "prepare",
     "simulate",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Return what is imported when it is first asked for."""
+    if name == "evaluate":
+        from impact_env.envs.evaluation import evaluate
+
+        return evaluate
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 try:
     __version__ = version("impact-absorber-workbench")

@@ -37,6 +37,20 @@ def matrices(beam: Beam) -> tuple[Real, Real]:
     The freedoms are deflection (m) and rotation (rad) times the element length, node by node from the left, so that all
     entries of one matrix have one unit: kg and N/m. The scaling keeps the eigenproblem well conditioned.
     """
+    mass, stiffness = _whole(beam)
+    kept = np.ix_(free(beam), free(beam))
+    return mass[kept], stiffness[kept]
+
+
+def base_load(beam: Beam) -> Real:
+    """Return M r in kg over the freedoms of `free`: r shifts the whole beam with its supports, which are masses of the beam's ends too."""
+    shift = np.zeros(2 * beam.elements + 2)
+    shift[0::2] = 1
+    return np.asarray((_whole(beam)[0] @ shift)[free(beam)])
+
+
+def _whole(beam: Beam) -> tuple[Real, Real]:
+    """Return mass and stiffness matrices of the beam that nothing holds."""
     element = beam.length / beam.elements
     size = 2 * beam.elements + 2
     mass, stiffness = np.zeros((size, size)), np.zeros((size, size))
@@ -45,8 +59,7 @@ def matrices(beam: Beam) -> tuple[Real, Real]:
         mass[span, span] += _MASS * line * element
         stiffness[span, span] += _STIFFNESS * bending / element**3
     mass[-2, -2] += beam.tip_mass
-    kept = np.ix_(free(beam), free(beam))
-    return mass[kept], stiffness[kept]
+    return mass, stiffness
 
 
 def rigid_shapes(beam: Beam) -> Real:

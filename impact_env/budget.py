@@ -1,14 +1,15 @@
-"""What a run may use, and how it is watched from outside while its kernel runs."""
+"""What a run may use, and how it is watched and stopped from outside while its kernel runs."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
-from impact_env.drive import Drive
 from impact_env.kernels.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
 from impact_env.kernels.observers import Check, Counters, new_counters
+from impact_env.loads import AnyDrive
 from impact_env.parameters import count
 
 T = TypeVar("T")
@@ -16,12 +17,47 @@ Watcher = Callable[[float, float], None]  # takes the time reached and the end t
 POLL_S = 0.1
 
 
+class Stop:
+    """An order to end runs, given from any thread: those under way end at their next event or window, within microseconds; later ones at once.
+
+    Many runs and threads may share one. It is given once, and stays given.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._given = threading.Lock(), False
+        self._running: list[Counters] = []
+
+    def give(self) -> None:
+        """End all runs that share it."""
+        with self._lock:
+            self._given = True
+            for counters in self._running:
+                counters.counts["stop"] = True
+
+    @property
+    def given(self) -> bool:
+        """Whether it was given."""
+        return self._given
+
+    @contextmanager
+    def reaching(self, counters: Counters) -> Iterator[None]:
+        """While this is entered, the order reaches the kernel that counts there."""
+        with self._lock:
+            counters.counts["stop"] = self._given
+            self._running.append(counters)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._running[:] = [other for other in self._running if other is not counters]
+
+
 def checked_budget(most_events: int | None) -> int | None:
     """Return ``most_events`` if it is a whole number above 0, or None for the default."""
     return None if most_events is None else count("most_events", most_events, 1)
 
 
-def counters_for(drive: Drive, most_events: int | None, check: Check | None = None) -> Counters:
+def counters_for(drive: AnyDrive, most_events: int | None, check: Check | None = None) -> Counters:
     """Return a run's counters with its budget; None is the default, which grows with the time reached.
 
     Evaluations are EVALUATIONS_PER_EVENT for each event; where events are given, as many for each pseudo period that has passed, too.

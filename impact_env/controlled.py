@@ -6,28 +6,31 @@ What a lane does is the run that `simulate` makes with the same schedule; see `i
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.crew import Crew
 from impact_env.ensemble import available_cores
 from impact_env.families import family
 from impact_env.first_use import CompilingFor
-from impact_env.kernels.crew import new_board
 from impact_env.kernels.interval import ORDER, REPORT, Batch, Watch, new_lanes
 from impact_env.kernels.jit import COMPILED
 from impact_env.kernels.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.methods import Exact, Method
-from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, positive, require
+from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, positive, require, weightless
 from impact_env.scene import Scene
 from impact_env.sweep import REASONS, IntegrationError
 
 Array = NDArray[np.float64]
 FEWEST = 64  # lanes a thread must have to be worth its start
+MANY = 512  # lanes from which a thread gets several parts: handing one to compiled code takes some 20 us
 
 
 def friction_limit(scene: Scene) -> float:
@@ -65,6 +68,7 @@ class ControlledRuns:
     ) -> None:
         method = Exact() if method is None else method
         kernels = family(scene, method)
+        weightless(scene.absorber, "a run that is controlled in intervals")
         require(kernels.control is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
@@ -81,7 +85,8 @@ class ControlledRuns:
         place = None if scene.model.response_shape is None else read
         watch = Watch(period / samples_per_period, samples, float(exponent), unit, omega, tip, mass, read, place)
         self._watch, self._period = watch, period
-        self._crew = self._new_crew()
+        self._take = self._kernel()
+        self._pool: ThreadPoolExecutor | None = None
         self._compiled = False
         self._shares: dict[int, NDArray[np.int64]] = {}
         self.orders["duration"] = self.duration
@@ -91,20 +96,19 @@ class ControlledRuns:
         self.orders["limit"] = friction_limit(scene)
         self.restart(np.arange(lanes))
 
-    def _new_crew(self) -> Crew:
-        """Return the threads that advance the lanes."""
-        control, board = family(self.scene, self.method).control, new_board(self.lanes)
+    def _kernel(self) -> Callable[[int, int], None]:
+        """Return the kernel that advances lanes [low, high)."""
+        control = family(self.scene, self.method).control
         assert control is not None
-        take = control(self.scene, self.method, self._period, Batch(self._watch, self._memory, self.orders, self.reports, self.status))
-        return Crew(partial(take, board), board)
+        return control(self.scene, self.method, self._period, Batch(self._watch, self._memory, self.orders, self.reports, self.status))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out threads and compiled code, which cannot be copied."""
-        return {name: value for name, value in vars(self).items() if name != "_crew"}
+        return {name: value for name, value in vars(self).items() if name not in ("_take", "_pool")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._crew, self._compiled = self._new_crew(), False
+        self._take, self._pool, self._compiled = self._kernel(), None, False
 
     @property
     def orders(self) -> NDArray[Any]:
@@ -130,21 +134,51 @@ class ControlledRuns:
 
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
+        workers = max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED and self._compiled else 1  # in plain Python threads only take turns
+        self._do(self._parts(workers), workers)
+
+    def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
+        """Advance the lanes of stretches, rows [low, high), with so many threads."""
         if self._compiled:
-            workers = max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED else 1  # in plain Python threads only take turns
-            self._crew.work(self._parts(workers), workers - 1)
+            self._work(parts, workers - 1)
         else:
             with CompilingFor(self.scene, self.method, "environments"):
-                self._crew.work(self._parts(1), 0)
+                self._work(parts, 0)
         self._compiled = True
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
             raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
 
+    def _work(self, parts: NDArray[np.int64], helpers: int) -> None:
+        """Do all parts in this thread and so many others; none waits for a thread that has not begun."""
+        if not helpers:
+            for low, high in parts.tolist():
+                self._take(low, high)
+            return
+        left: deque[list[int]] = deque(parts.tolist())
+
+        def drain() -> None:
+            while left:
+                with suppress(IndexError):  # another thread was quicker
+                    self._take(*left.popleft())
+
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(helpers)
+        others = [self._pool.submit(drain) for _ in range(helpers)]
+        try:
+            drain()
+        finally:
+            left.clear()
+            begun = [one for one in others if not one.cancel()]
+            wait(begun)  # also after Ctrl-C: they write to the lanes
+        for one in begun:
+            one.result()
+
     def _parts(self, workers: int) -> NDArray[np.int64]:
-        """Return stretches of lanes that do not rest, rows [low, high): more of them than threads, since lanes differ in their number of impacts."""
+        """Return stretches of lanes that do not rest, rows [low, high): of many lanes more than threads, since impacts differ in number."""
         if workers not in self._shares:
-            self._shares[workers] = _stretches(np.unique(np.linspace(0, self.lanes, 1 + (1 if workers == 1 else 4 * workers)).astype(np.int64)))
+            number = workers * (4 if workers > 1 and self.lanes >= MANY else 1)
+            self._shares[workers] = _stretches(np.linspace(0, self.lanes, 1 + number).astype(np.int64))
         parts = self._shares[workers]
         if not self.idle.any():
             return parts
@@ -166,9 +200,87 @@ class ControlledRuns:
 
     def close(self) -> None:
         """End the threads; they start again when they are needed."""
-        self._crew.close()
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
 
 
 def _stretches(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the stretches (n, 2) between cuts (n + 1,)."""
     return np.column_stack([cuts[:-1], cuts[1:]])
+
+
+class PooledRuns(ControlledRuns):
+    """Lanes of several scenes out of a pool: ``which`` (L,), to be filled in place, says which scene a lane is in.
+
+    All scenes have as many modes, the same kind of absorber, and one ``reference`` frequency; the runs of one are made when a lane first needs them.
+    What lanes keep lies scene by scene, so that a call of compiled code has all lanes of a scene in a row; orders and reports are those of lanes.
+    """
+
+    def __init__(self, scenes: Sequence[Scene], lanes: int, reference: float, interval: float, method: Method | None = None, **options: Any) -> None:
+        self._make: Callable[..., ControlledRuns] = partial(ControlledRuns, reference=reference, interval=interval, method=method, **options)
+        self.scenes, self.which = tuple(scenes), np.zeros(lanes, dtype=np.int64)
+        self._rows = np.arange(lanes)  # of a lane in what is kept
+        self._members: dict[int, ControlledRuns] = {}
+        super().__init__(scenes[0], lanes, reference, interval, method, **options)
+        self._ordered, self._reported, self._ended = self._orders.copy(), self._reports.copy(), self.status.copy()
+        self._laid = self.which.copy()
+
+    def _member(self, number: int) -> ControlledRuns:
+        if number not in self._members:
+            made = self._make(self.scenes[number], self.lanes)
+            require(made._memory.z.shape == self._memory.z.shape, "scenes", made.scene, "scenes with as many modes and the same kind of absorber")
+            made._orders, made._reports, made.status, made._memory = self._ordered, self._reported, self._ended, self._memory
+            made._take = made._kernel()
+            self._members[number] = made
+        return self._members[number]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self._members = {}
+
+    def _lay(self, order: NDArray[np.int64]) -> None:
+        """Put what the lanes (L,) in ``order`` keep one after the other."""
+        rows = self._rows[order]
+        for values in self._memory:
+            values[...] = values[rows]
+        self._rows[order] = np.arange(self.lanes)
+
+    @property
+    def state(self) -> Array:
+        """State of each lane, a copy (L, 2 N_m + 2)."""
+        return np.asarray(self._memory.state[self._rows])
+
+    def restart(self, which: NDArray[Any]) -> None:
+        """Put lanes (indices or mask) at rest, as `ControlledRuns.restart` does."""
+        rows = self._rows[which]
+        self._memory.state[rows] = 0.0
+        self._memory.kept["gap"][rows] = self.orders["gap"][which]
+        self.reports[which] = np.zeros(1, REPORT)
+        self.orders["fresh"][which] = True
+
+    def advance(self) -> None:
+        """Advance all lanes but idle ones, scene by scene."""
+        if not np.array_equal(self._laid, self.which):
+            self._lay(np.argsort(self.which, kind="stable"))
+            self._laid[...] = self.which
+        rows = self._rows
+        self._ordered[rows], self._reported[rows], self._ended[rows] = self._orders, self._reports, self.status
+        scenes, idle = np.empty_like(self.which), np.empty_like(self.idle)
+        scenes[rows], idle[rows] = self.which, self.idle
+        cuts = np.union1d(np.flatnonzero(np.diff(scenes) | np.diff(idle)) + 1, (0, self.lanes))
+        parts = _stretches(cuts)
+        at, wanted = scenes[parts[:, 0]], ~idle[parts[:, 0]]
+        for number in np.unique(at[wanted]).tolist():  # one thread: to hand a scene's few lanes to a helper takes longer than to do them
+            self._member(number)._do(parts[wanted & (at == number)])
+        self._orders[...], self._reports[...], self.status[...] = self._ordered[rows], self._reported[rows], self._ended[rows]
+
+    def _variables(self) -> list[NDArray[Any]]:
+        self._lay(np.arange(self.lanes))  # what is kept is then that of lane after lane
+        self._laid[...] = -1
+        return [*super()._variables(), self.which]
+
+    def close(self) -> None:
+        """End the threads."""
+        for member in self._members.values():
+            member.close()

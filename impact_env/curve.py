@@ -6,20 +6,28 @@ computed over members that differ in the initial phase of the force and, by a mi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+import time
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.budget import Stop
 from impact_env.drive import PAPER_LIMITS, FrequencySchedule, default_rate, linear_sweep
-from impact_env.ensemble import Executor, Lane, LaneLevels, Members, Progress, draw_members, run_lanes
+from impact_env.ensemble import MOST_MEMBERS, Executor, Lane, LaneLevels, LevelOf, Members, Progress, available_cores, draw_members, run_lanes
 from impact_env.laws import SceneKind
-from impact_env.methods import Method
-from impact_env.parameters import instance, require, row, two
-from impact_env.response import DEFAULT_SAMPLES
+from impact_env.methods import Exact, Method
+from impact_env.parameters import count, instance, listed, positive, require, row, two
+from impact_env.plots import plot_curve, table
+from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
+from impact_env.sweep import Stopped
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 DEFAULT_MEMBERS = 16
@@ -111,6 +119,24 @@ class PerformanceCurve:
     def band(self) -> Array:
         """5 and 95 % quantiles of `combined` over the members in m, (2, F)."""
         return quantiles(self.combined, BAND)
+
+    def __repr__(self) -> str:
+        return f"PerformanceCurve({', '.join(text for _, text in self._told())})"
+
+    def _told(self) -> list[tuple[str, str]]:
+        count, median = len(self.forces), 1e3 * self.median[np.isfinite(self.median)]
+        forces = f"{count} force{'s' * (count != 1)} from {self.forces.min():.4g} to {self.forces.max():.4g} N"
+        levels = f"median level {median.min():.4g} to {median.max():.4g} mm" if median.size else "no level yet"
+        runs = f"{self.level.shape[1]} members, each up and down"
+        return [("forces", forces), ("runs", runs + ("" if self.complete else ", not all of them made")), ("level", levels)]
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return table("Performance curve", self._told())
+
+    def plot(self, axes: Axes | None = None, label: str | None = None, **options: Any) -> Axes:
+        """Draw the median level over the force with its band; return matplotlib's axes, for other curves too. ``options`` go to its loglog."""
+        return plot_curve(self, axes, label, options)
 
     def relative_to(self, reference: PerformanceCurve) -> Array:
         """Return `combined` over that of the same member of a reference, (F, M); raises ParameterError unless forces and members agree."""
@@ -221,3 +247,114 @@ def performance_curve(
         [case], members, seed, method, threads=threads, samples_per_period=samples_per_period, progress=progress, most_events=most_events
     )
     return curve
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One look at a curve: so many of its ``forces`` (None: all), swept so many times ``faster`` than the case says, with its first ``members``."""
+
+    forces: int | None = None
+    faster: float = 1.0
+    members: int = 1
+
+    def __post_init__(self) -> None:
+        if self.forces is not None:
+            count("forces", self.forces, 1)
+        object.__setattr__(self, "faster", positive("faster", self.faster))
+        count("members", self.members, 1, MOST_MEMBERS)
+
+
+TOLD_EACH = 0.05  # s between two partial curves of a pass
+_Run = tuple[int, int, int]  # force, member, direction
+
+
+def curve_passes(
+    case: CurveCase,
+    passes: Sequence[Pass],
+    stop: Stop | None = None,
+    *,
+    seed: int = 0,
+    method: Method | None = None,
+    threads: int | None = None,
+    samples_per_period: int = DEFAULT_SAMPLES,
+) -> Generator[tuple[Pass, PerformanceCurve], None, None]:
+    """Yield (pass, curve so far) while a curve is computed, rough first: ``Pass(4, 5.0)``, then ``Pass()``, then ``Pass(members=8)``, say.
+
+    A curve has the forces of its pass, NaN where a run is missing; the last one of a pass has all, the numbers of `performance_curve` at that rate. A
+    run that an earlier pass has made is not made again. What ``stop`` or the iterator's ``close()`` ends stays NaN, and nothing follows. Raises
+    ParameterError and IntegrationError as `simulate` does.
+    """
+    instance("case", case, CurveCase), instance("stop", stop, Stop | None)
+    passes, method = [instance("passes", one, Pass) for one in listed("passes", passes)], Exact() if method is None else method
+    workers = available_cores() if threads is None else count("threads", threads, 1)
+    drawn = draw_members(max((one.members for one in passes), default=1), seed)
+    measure = LevelOf(method, Record(samples_per_period=samples_per_period), None, Stop() if stop is None else stop)
+    known: dict[float, dict[_Run, tuple[float, ...]]] = {}
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            for one in passes:
+                found = known.setdefault(one.faster, {})
+                yield from ((one, curve) for curve in _one_pass(case, one, drawn, measure, pool, found))
+                if measure.stop is not None and measure.stop.given:
+                    return
+        finally:
+            if measure.stop is not stop:
+                measure.stop.give()  # type: ignore[union-attr]
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _one_pass(
+    case: CurveCase, one: Pass, drawn: Members, measure: LevelOf, pool: ThreadPoolExecutor, found: dict[_Run, tuple[float, ...]]
+) -> Iterator[PerformanceCurve]:
+    """Make the runs of a pass that ``found`` lacks, coarse grids of forces first, and yield the curve now and then, and at the end."""
+    total, linear = len(case.forces), case.scene.kind is SceneKind.LINEAR
+    here = np.unique(np.linspace(0, total - 1, min(one.forces or total, total)).round().astype(int))
+    schedules = replace(case, percent_per_100_periods=one.faster * case.percent_per_100_periods).schedules()
+    wanted = [(int(k), m, d) for m in range(one.members) for k in ([0] if linear else here[_spread(len(here))]) for d in (UP, DOWN)]
+
+    def run(which: _Run) -> None:
+        k, m, d = which
+        (drive,) = drawn[m : m + 1].drives(1.0 if linear else float(case.forces[k]), schedules[d])
+        found[which] = measure(Lane(case.scene, drive))
+
+    def curve() -> PerformanceCurve:
+        values = np.full((6, len(here), one.members, 2), np.nan)
+        for k, force in enumerate(here):
+            for m, d in np.ndindex(one.members, 2):
+                values[:, k, m, d] = found.get((0 if linear else int(force), m, d), np.nan)
+        if linear:
+            values[[0, 3]] *= case.forces[here][:, None, None]
+        level, at, ratio, tip, impacts, stuck = values
+        levels = LaneLevels(level, at, ratio, tip, impacts, stuck, complete=not np.isnan(level).any())
+        return PerformanceCurve(case.forces[here], drawn[: one.members], levels)
+
+    missing = [which for which in wanted if which not in found]
+    left: set[Future[None]] = set()
+    told = time.monotonic()
+    for number, which in enumerate(missing):
+        left.add(pool.submit(run, which))
+        if number == 0:
+            wait(left)  # if kernels have to be compiled, other threads would only wait for them
+    try:
+        while left:
+            done, left = wait(left, timeout=TOLD_EACH, return_when=FIRST_COMPLETED)
+            for future in done:
+                future.result()
+            if left and done and time.monotonic() - told > TOLD_EACH:
+                yield curve()
+                told = time.monotonic()
+    except Stopped:
+        for future in left:
+            future.cancel()
+        wait(left)
+    yield curve()
+
+
+def _spread(number: int) -> list[int]:
+    """Return 0 to number - 1, ends first, then always what lies between those that are there."""
+    order = sorted({0, number - 1})
+    step = number - 1
+    while step > 1:
+        step = -(-step // 2)
+        order += [k for k in range(0, number, step) if k not in order]
+    return order

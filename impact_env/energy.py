@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.laws import stored
+from impact_env.parameters import gravity_of
 from impact_env.scene import Scene
 
 if TYPE_CHECKING:
@@ -43,12 +44,13 @@ class EnergyAccount:
 
 
 def stored_energy(scene: Scene, state: Array) -> float:
-    """Return the energy of modes, absorbers and springs of a state (2 N_m + 2 n,) in J (paper, Eq. Einst)."""
+    """Return the energy of modes, absorbers and springs of a state (2 N_m + 2 n,) in J (paper, Eq. Einst), and what a weight has."""
     n, model, half = scene.model.modes, scene.model, len(state) // 2
     energy = 0.5 * float(np.sum((model.omega * state[:n]) ** 2 + state[half : half + n] ** 2))
     if scene.absorber_mass is not None:
         energy += 0.5 * float(scene.absorber_masses @ state[half + n :] ** 2)
         energy += contact_energy(scene, float(state[n] - model.tip_shape @ state[:n]))
+        energy += float(scene.absorber_masses @ state[n:half]) * gravity_of(scene.absorber)
     return energy
 
 

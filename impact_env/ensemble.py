@@ -8,21 +8,22 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeVar, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.budget import checked_budget
+from impact_env.budget import Stop, checked_budget
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import kernel_key
+from impact_env.loads import AnyDrive, amplitude_in_words, members_of
 from impact_env.methods import Exact, Method
 from impact_env.parameters import ParameterError, count, instance, listed, one_of, require, row
 from impact_env.response import DEFAULT_SAMPLES, Record
 from impact_env.scene import Scene
-from impact_env.sweep import IntegrationError, simulate
+from impact_env.sweep import IntegrationError, Stopped, simulate
 
 Array = NDArray[np.float64]
 PERTURBATION = 1e-6  # of the force: far above rounding and far below what a force is known to
@@ -47,23 +48,23 @@ class Executor(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """One run of an ensemble, from rest."""
+    """One run of an ensemble, from rest, or from its loads' start."""
 
     scene: Scene
-    drive: Drive
+    drive: Any  # Drive, or Loads
 
     def __post_init__(self) -> None:
-        instance("scene", self.scene, Scene), instance("drive", self.drive, Drive)
+        instance("scene", self.scene, Scene), instance("drive", self.drive, AnyDrive)
 
     def __str__(self) -> str:
-        return f"{self.drive.amplitude:g} N, phase {self.drive.phase:g} rad, absorber {self.scene.absorber}"
+        return f"{amplitude_in_words(self.drive)}, absorber {self.scene.absorber}"
 
 
 @dataclass(frozen=True, eq=False)
 class LaneLevels:
     """Results of lanes, arrays of one shape, NaN where a lane was not run; ``complete`` says whether all were.
 
-    level: response level in m; time (s) and frequency_ratio of the maximum; max_tip: largest |q_tip| in m; number of impacts; stuck_time: time
+    level: response level in m; time (s) and frequency_ratio of the maximum; max_tip: largest ``|q_tip|`` in m; number of impacts; stuck_time: time
     in joined phases in s.
     """
 
@@ -104,6 +105,11 @@ class Members:
         return [Drive(force * float(factor), schedule, phase + float(own)) for own, factor in zip(self.phases, self.factors, strict=True)]
 
 
+def drives_of(members: Members, drive: AnyDrive) -> list[AnyDrive]:
+    """Return each member's drive: phases and factors of its own, and of random loads another record."""
+    return members_of(drive, members.phases.tolist(), members.factors.tolist())
+
+
 def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
     """Return the members of an ensemble. Member 0 is the paper's run: phase 0, and the force as it is.
 
@@ -138,6 +144,7 @@ def run_lanes(
     progress: Progress | None = None,
     most_events: int | None = None,
     executor: Executor | None = None,
+    stop: Stop | None = None,
 ) -> LaneLevels:
     """Run lanes with a method (default: Exact) on a number of threads (default: all cores); arrays of the result are (len(lanes),).
 
@@ -145,13 +152,14 @@ def run_lanes(
 
     Each lane is bit for bit what `simulate` gives. Lanes start in the order given. A KeyboardInterrupt ends the run early: lanes under way
     are finished (an executor drops them), the others stay NaN, ``complete`` is False; a second one is passed on. Raises ParameterError and
-    IntegrationError, with the lane named, as `simulate` does. ``most_events`` is the budget of each lane.
+    IntegrationError, with the lane named, as `simulate` does. ``most_events`` is the budget of each lane. Lanes that a ``stop`` ends stay NaN.
     """
     method = Exact() if method is None else method
     require(threads is None or executor is None, "threads", threads, "None with an executor, which has its own")
+    require(instance("stop", stop, Stop | None) is None or executor is None, "stop", stop, "None with an executor, which it does not reach")
     lanes = [instance("lanes", lane, Lane) for lane in listed("lanes", lanes)]
     instance("progress", progress, Callable | None), instance("executor", executor, Executor | None)
-    measure = _Level(method, Record(samples_per_period=samples_per_period), checked_budget(most_events))
+    measure = LevelOf(method, Record(samples_per_period=samples_per_period), checked_budget(most_events), stop)
     values = np.full((6, len(lanes)), np.nan)
     for k, found in enumerate(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)):
         if found is not None:
@@ -161,15 +169,17 @@ def run_lanes(
 
 
 @dataclass(frozen=True, eq=False)
-class _Level:
+class LevelOf:
     """What `run_lanes` measures of a lane: plain data, which another process turns into the same numbers."""
 
     method: Method
     record: Record
     most_events: int | None
+    stop: Stop | None = None
 
     def __call__(self, lane: Lane) -> tuple[float, ...]:
-        response = simulate(lane.scene, lane.drive, self.method, record=self.record, most_events=self.most_events)
+        """Run a lane; return its numbers in the order of `LaneLevels`."""
+        response = simulate(lane.scene, lane.drive, self.method, record=self.record, most_events=self.most_events, stop=self.stop)
         level = response.level
         assert level is not None
         return level.value, level.time, level.frequency_ratio, level.max_tip, float(response.impact_count), response.stuck_time
@@ -198,7 +208,8 @@ def each_lane(
         return found
 
     def run(k: int) -> None:
-        found[k] = _measured(k, lanes[k], measure)
+        with suppress(Stopped):
+            found[k] = _measured(k, lanes[k], measure)
 
     _run_all(run, first_of_each(keys), len(lanes), workers, progress)
     return found
@@ -207,6 +218,8 @@ def each_lane(
 def _measured(k: int, lane: Lane, measure: Callable[[Lane], R]) -> R:
     try:
         return measure(lane)
+    except Stopped:
+        raise
     except IntegrationError as error:
         raise IntegrationError(f"lane {k} ({lane}): {error}", error.time, error.response) from error
     except ParameterError as error:

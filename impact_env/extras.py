@@ -26,6 +26,9 @@ EXTRAS = {
     "cmaes": "optimise",
     "distributed": "cluster",
     "pyuff": "files",
+    "starlette": "explore",
+    "uvicorn": "explore",
+    "websockets": "explore",
     "heyoka": "peers",
     "mpmath": "peers",
 }

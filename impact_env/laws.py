@@ -8,7 +8,7 @@ the table is an error. CONTRIBUTING.md says how to add one.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from enum import Enum
 from typing import Any
 
@@ -27,6 +27,7 @@ from impact_env.parameters import (
     YieldingWalls,
     friction_damper,
     friction_law,
+    gravity_of,
 )
 
 Values = Mapping[str, Any]
@@ -84,6 +85,8 @@ class Law:
 GAP = Key("gap", "Clearance to either wall", "m")
 RESTITUTION = Key("restitution", "Coefficient of restitution, 0 to 1")
 MASS = {"mass_ratio": Key("mass_ratio", "Absorber mass over beam mass")}
+GRAVITY = "gravity_m_s2"  # of one that has a weight along its motion: a key of files, not an option
+HEAVY = ("impact", "friction", "tuned", "stuck")
 
 WALLS = (
     Law(
@@ -201,6 +204,7 @@ def concept(absorber: Absorber | None) -> str:
 def values(absorber: Absorber | None) -> dict[str, Any]:
     """Return one absorber's values by their plain names; `make` gives the same absorber back."""
     mass = {} if absorber is None else {"mass_ratio": absorber.mass_ratio}
+    mass |= {GRAVITY: gravity_of(absorber)} if gravity_of(absorber) != 0 else {}
     return mass | {name: value for law in parts(absorber) for name, value in entry(law).values(law).items()}
 
 
@@ -219,6 +223,8 @@ def words(absorber: Absorber | None) -> str:
     told = [CALLED[concept(absorber)], f"mass ratio {absorber.mass_ratio:g}", *(entry(law).words(law) for law in parts(absorber))]
     if isinstance(absorber, SlidingAbsorber) and absorber.friction is None:
         told.append("no friction")
+    if gravity_of(absorber) != 0:
+        told.append(f"gravity {gravity_of(absorber):g} m/s^2")
     return ", ".join(word for word in told if word)
 
 
@@ -246,10 +252,13 @@ def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None
 
     Raises ParameterError for an unknown concept or name, which it calls ``name``.
     """
-    known = CONCEPTS[one_of(name, concept, CONCEPTS)]
-    strange = sorted(set(instance(f"{name}'s values", given, Mapping)) - set(known))
+    known = set(CONCEPTS[one_of(name, concept, CONCEPTS)]) | ({GRAVITY} if concept in HEAVY else set())
+    strange = sorted(set(instance(f"{name}'s values", given, Mapping)) - known)
     require(not strange, f"{name}'s values", dict(given), f"only the keys {', '.join(sorted(known))}" if known else "no keys")
     present = {key: value for key, value in given.items() if value is not None}
+    if GRAVITY in present:
+        gravity = present.pop(GRAVITY)
+        return replace(make(concept, present, name), gravity=gravity)  # type: ignore[type-var]
     if concept in WHOLE:
         return WHOLE[concept].make(present)
     mass = {key: present[key] for key in MASS if key in present}
@@ -264,4 +273,6 @@ def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None
 def argument(error: ParameterError, concept: str) -> str | None:
     """Return the plain name of the value that an error of `make` is about, None if it is about several."""
     said = str(error).partition(" = ")[0].removeprefix("absorber ").replace(" ", "_")
+    if said == "gravity":
+        return GRAVITY
     return said if said in CONCEPTS[concept] else None

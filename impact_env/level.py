@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
 from impact_env.kernels.level import Level, close_level, new_level, push_block
+from impact_env.loads import AnyDrive
 from impact_env.parameters import count, require, row
 
 HALF_WINDOW_PERIODS = 10  # pseudo periods to either side of the maximum
@@ -55,7 +55,7 @@ def level_of(values: NDArray[np.float64], samples_per_period: int, half_window_p
     return level
 
 
-def read_level(level: Level | None, drive: Drive, interval: float) -> ResponseLevel | None:
+def read_level(level: Level | None, drive: AnyDrive, interval: float) -> ResponseLevel | None:
     """Return the level observer's result, or None."""
     if level is None:
         return None

@@ -8,6 +8,7 @@ import numpy as np
 
 from impact_env.drive import Drive
 from impact_env.laws import SceneKind, parts
+from impact_env.loads import AnyDrive, largest
 from impact_env.matrices import with_link
 from impact_env.modes import MOST_HEAVINESS
 from impact_env.parameters import (
@@ -18,6 +19,7 @@ from impact_env.parameters import (
     StuckAbsorber,
     TunedAbsorber,
     count,
+    gravity_of,
     instance,
     require,
 )
@@ -121,10 +123,25 @@ def method_class(method: Method) -> type[Method]:
     return next(known for known in (Exact, Moreau, RungeKutta) if isinstance(method, known))
 
 
+GENERAL = {(SceneKind.LINEAR, Exact), (SceneKind.RIGID, Exact)}  # what a base that moves is for, and gravity
+WHERE = "for that Exact, and a scene without absorber, or with one that is stuck, tuned, or has rigid contact"
+
+
+def check_load(scene: Scene, drive: AnyDrive, method: Method) -> None:
+    """Raise ParameterError if a scene or a method cannot do a drive: a base that moves."""
+    if not isinstance(drive, Drive) and drive.moves_base:
+        pair = scene.kind, method_class(method)
+        require(pair in GENERAL, "loads", [type(part).__name__ for part in drive.parts], f"forces with {method} and {scene.kind.value}; {WHERE}")
+        allowed = "given for a base that moves: the participation of the modes (base_vector, or base_participation_sqrt_kg)"
+        require(scene.model.base_participation is not None, "base_participation", None, allowed)
+
+
 def check_supported(scene: Scene, method: Method) -> None:
     """Raise ParameterError if a method cannot do a scene."""
     instance("scene", scene, Scene), instance("method", method, Method)
     pair = scene.kind, method_class(method)
+    heavy = gravity_of(scene.absorber)
+    require(heavy == 0 or pair in GENERAL, "gravity", heavy, f"0 with {method} and {scene.kind.value}; {WHERE}")
     require(pair not in _REFUSED, "method", method, _REFUSED.get(pair, ""))
 
 
@@ -138,13 +155,13 @@ def check_mass(scene: Scene) -> None:
     require(heaviness <= MOST_HEAVINESS, "mass_ratio", scene.absorber.mass_ratio, allowed)
 
 
-def check_step(scene: Scene, drive: Drive, method: Method) -> None:
+def check_step(scene: Scene, drive: AnyDrive, method: Method) -> None:
     """Raise ParameterError if a method does not resolve a scene or a drive in time, so that its numbers would be wrong in silence.
 
     A step that resolves the highest mode's period may still be too long for strong damping: the fast one of an overdamped mode's two rates
     grows with the damping ratio, and both schemes are explicit. It may also be too long for a force above all modes.
     """
-    highest = float(np.max(drive.schedule.omegas)) if drive.amplitude != 0 else 0.0
+    highest = largest(drive)
     if isinstance(method, Exact):
         return
     dt, steps = method.step(scene), method.steps_per_period

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from impact_env.beam import deflection_row, matrices, rigid_shapes, strain_energy
-from impact_env.parameters import MOST_DAMPING, SMALL, Beam, instance, listed, positive, require, row, suspended
+from impact_env.beam import base_load, deflection_row, matrices, rigid_shapes, strain_energy
+from impact_env.parameters import MOST_DAMPING, SMALL, Beam, finite, instance, listed, positive, require, row, suspended
 
 # mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
 MOST_HEAVINESS = 1e7
@@ -26,7 +26,8 @@ class ModalModel:
     omega in rad/s, damping_ratio dimensionless, force_shape and tip_shape in 1/sqrt(kg); ``beam_mass`` in kg makes a mass ratio a mass.
     ``absorber_shapes`` (n, N_m): shapes at the places of several absorbers, or at those that one may be put on; None: there is the tip's alone.
     ``response_shape`` (N_m,): that of the place where the response level is read; None: at the tip. ``stress_shape`` (N_m,): what fatigues, a stress,
-    strain or moment per modal displacement, in any unit; None: not known.
+    strain or moment per modal displacement, in any unit; None: not known. ``base_participation`` (N_m,) in sqrt(kg): shapes^T M r with the rigid
+    displacement r for a unit motion of the base, None: not known; ``base_at_absorber``: r at the absorber's place.
     """
 
     omega: NDArray[np.float64]
@@ -37,13 +38,16 @@ class ModalModel:
     absorber_shapes: NDArray[np.float64] | None = None
     response_shape: NDArray[np.float64] | None = None
     stress_shape: NDArray[np.float64] | None = None
+    base_participation: NDArray[np.float64] | None = None
+    base_at_absorber: float = 1.0
 
     def __post_init__(self) -> None:
-        optional = tuple(name for name in ("response_shape", "stress_shape") if getattr(self, name) is not None)
+        optional = tuple(name for name in ("response_shape", "stress_shape", "base_participation") if getattr(self, name) is not None)
         rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *optional)
         for name in rows:
             object.__setattr__(self, name, row(name, getattr(self, name), "a row of finite numbers"))
         object.__setattr__(self, "beam_mass", positive("beam_mass", self.beam_mass))
+        object.__setattr__(self, "base_at_absorber", finite("base_at_absorber", self.base_at_absorber))
         lengths = {len(getattr(self, name)) for name in rows}
         require(len(lengths) == 1 and min(lengths) > 0, "modal model", lengths, f"arrays of one length, 1 or more: {', '.join(rows)}")
         if self.absorber_shapes is not None:
@@ -112,17 +116,14 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
     if isinstance(beam, ModalModel):
         require(positions is None, "positions", positions, "for beams only: a modal model has shapes at the places of its absorbers, and no others")
         return beam
-    mass, stiffness = matrices(instance("beam", beam, Beam | ModalModel))
+    instance("beam", beam, Beam | ModalModel)
     if positions is not None:
         positions = listed("positions", positions)
         require(len(positions) > 0, "positions", positions, "one or more shares of the length")
-    vectors, squares = _elastic(beam, mass, stiffness) if beam.rigid_motions == 0 else _suspended(beam, mass, stiffness)
+    vectors, squares = _upwards(beam)
     omega = np.sqrt(squares)[: beam.modes]
     for mode, ratio in beam.modal_frequency_ratio.items():
         omega[mode - 1] = ratio * omega[0]
-    end = 1.0 if beam.ends.endswith("free") else beam.absorber_position
-    tip = deflection_row(beam, end) @ vectors
-    vectors = vectors * np.where(tip < 0, -1.0, 1.0)  # the tip moves up in every mode
 
     def shape(position: float) -> NDArray[np.float64]:
         return (deflection_row(beam, position) @ vectors)[: beam.modes]
@@ -136,7 +137,29 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
         beam_mass=beam.mass,
         absorber_shapes=None if positions is None else np.array([shape(beam.place("position", x)) for x in positions]),
         response_shape=shape(beam.response_position) if elsewhere and beam.response_position is not None else None,
+        base_participation=(base_load(beam) @ vectors)[: beam.modes],
     )
+
+
+def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
+    """Return the mass-normalised shapes of a beam's modes at positions (P,), shares of its length from 0 to 1, as (P, N_m) in 1/sqrt(kg).
+
+    They are what `modal_model` has at the force and the absorber, also at ends that are held.
+    """
+    instance("beam", beam, Beam)
+    allowed = "one or more shares of the length, 0 to 1"
+    places = row("positions", positions, allowed)
+    require(places.size > 0 and bool(np.all((places >= 0) & (places <= 1))), "positions", positions, allowed)
+    vectors, _ = _upwards(beam)
+    return np.array([deflection_row(beam, x) @ vectors for x in places])[:, : beam.modes]
+
+
+def _upwards(beam: Beam) -> tuple[Real, Real]:
+    """Return all shapes as columns, in each of which the tip moves up, and the squares of their frequencies, rising."""
+    mass, stiffness = matrices(beam)
+    vectors, squares = _elastic(beam, mass, stiffness) if beam.rigid_motions == 0 else _suspended(beam, mass, stiffness)
+    end = 1.0 if beam.ends.endswith("free") else beam.absorber_position
+    return vectors * np.where(deflection_row(beam, end) @ vectors < 0, -1.0, 1.0), squares
 
 
 def _elastic(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:

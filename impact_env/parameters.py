@@ -230,23 +230,30 @@ DEFAULT_MASS_RATIO = 0.02
 
 @dataclass(frozen=True)
 class StuckAbsorber:
-    """An absorber that never moves in its cavity: mass added to the beam (paper, section 3.1)."""
+    """An absorber that never moves in its cavity: mass added to the beam (paper, section 3.1); ``gravity`` in m/s^2 as in `SlidingAbsorber`."""
 
     mass_ratio: float = DEFAULT_MASS_RATIO
+    gravity: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
+        object.__setattr__(self, "gravity", finite("gravity", self.gravity))
 
 
 @dataclass(frozen=True)
 class TunedAbsorber:
-    """Linear tuned absorber, LTVA (paper, section 6): ``stiffness`` in N/m, ``damping`` in N s/m. Defaults are the paper's."""
+    """Linear tuned absorber, LTVA (paper, section 6): ``stiffness`` in N/m, ``damping`` in N s/m. Defaults are the paper's.
+
+    ``gravity`` in m/s^2 as in `SlidingAbsorber`.
+    """
 
     mass_ratio: float = DEFAULT_MASS_RATIO
     stiffness: float = 701.8
     damping: float = 0.728
+    gravity: float = 0.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "gravity", finite("gravity", self.gravity))
         object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
         object.__setattr__(self, "stiffness", positive("absorber stiffness", self.stiffness))
         object.__setattr__(self, "damping", non_negative("absorber damping", self.damping))
@@ -272,15 +279,18 @@ class NonlinearSink:
 class SlidingAbsorber:
     """A mass that slides along the tip's deflection, with walls, friction, or both (paper, section 2.2).
 
-    With walls it is the impact absorber, without them the friction damper. A part that is absent is None.
+    With walls it is the impact absorber, without them the friction damper. A part that is absent is None. ``gravity`` in m/s^2 is along its motion,
+    towards the lower wall, and acts on the absorber alone: the beam's own weight is a constant that its displacement is told from.
     """
 
     mass_ratio: float = DEFAULT_MASS_RATIO
     walls: RigidWalls | YieldingWalls | CompliantWalls | None = None
     friction: CoulombFriction | ElasticCoulombFriction | None = None
+    gravity: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass_ratio", positive("mass_ratio", self.mass_ratio))
+        object.__setattr__(self, "gravity", finite("gravity", self.gravity))
         instance("walls", self.walls, RigidWalls | YieldingWalls | CompliantWalls | None)
         instance("friction", self.friction, CoulombFriction | ElasticCoulombFriction | None)
         present = [part for part in (self.walls, self.friction) if part is not None]
@@ -321,6 +331,19 @@ class SeveralAbsorbers:
 
 
 Absorber = StuckAbsorber | TunedAbsorber | NonlinearSink | SlidingAbsorber | SeveralAbsorbers
+
+
+def gravity_of(absorber: Absorber | None) -> float:
+    """Return the gravity in m/s^2 along the motion of an absorber, of several the largest."""
+    if isinstance(absorber, SeveralAbsorbers):
+        return max((one.gravity for one in absorber.absorbers), key=abs)
+    return getattr(absorber, "gravity", 0.0)
+
+
+def weightless(absorber: Absorber | None, what: str) -> None:
+    """Raise ParameterError for an absorber that has a weight along its motion, which ``what`` knows nothing of."""
+    heavy = gravity_of(absorber)
+    require(heavy == 0, "gravity", heavy, f"0 for {what}")
 
 
 def friction_law(limit: float | None, stiffness: float | None = None) -> CoulombFriction | ElasticCoulombFriction | None:

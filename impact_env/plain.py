@@ -15,7 +15,7 @@ from typing import Any
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, either, form, optional, require_keys
-from impact_env.laws import CONCEPTS, argument, concept, make, values
+from impact_env.laws import CONCEPTS, GRAVITY, HEAVY, argument, concept, make, values
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.modes import Structure
 from impact_env.parameters import (
@@ -64,7 +64,7 @@ def _read_one(path: str, plain: Any, more: tuple[str, ...] = ()) -> tuple[Absorb
     require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
     concept = one_of(f"{path}.kind", plain.get("kind", "impact"), KINDS)
     found = _from_older(path, {key: value for key, value in plain.items() if key != "kind"})
-    require_keys(path, found, dict.fromkeys((*CONCEPTS[concept], *more)))
+    require_keys(path, found, dict.fromkeys((*CONCEPTS[concept], *((GRAVITY,) if concept in HEAVY else ()), *more)))
     beside = {key: found.pop(key) for key in more if key in found}
     if found.get("gap") == INFINITY:
         found["gap"] = math.inf

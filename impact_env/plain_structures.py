@@ -17,7 +17,7 @@ import numpy as np
 
 from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form
 from impact_env.modes import ModalModel
-from impact_env.parameters import Beam, Section, count, non_negative, positive, require
+from impact_env.parameters import Beam, ParameterError, Section, count, non_negative, positive, require, row
 from impact_env.structures.checks import StructureWarning, warnings_of_matrix
 from impact_env.structures.files import read_matrix
 from impact_env.structures.matrices import checked, lowest_modes, proportional_damping
@@ -59,6 +59,7 @@ def _text(path: str, plain: Any) -> str:
 
 
 TEXT = Sort(_text, str)
+VECTOR = Sort(lambda path, plain: _text(path, plain) if isinstance(plain, str) else ROW.read(path, plain), list)  # or the name of a file
 SECTIONS = Sort(_sections, lambda sections: [SECTION.write(section) for section in sections])
 BEAM_KEYS = form(
     Beam,
@@ -165,6 +166,8 @@ SHAPES: Keys = {
     "absorber_shapes_per_sqrt_kg": ("absorber_shapes", ROWS),
     "response_shape_per_sqrt_kg": ("response_shape", ROW),
     "stress_shape": ("stress_shape", ROW),
+    "base_participation_sqrt_kg": ("base_participation", ROW),
+    "base_at_absorber": ("base_at_absorber", NUMBER),
 }
 
 
@@ -182,6 +185,8 @@ def _model(
     absorber_shapes: list[list[float]] | None = None,
     response_shape: list[float] | None = None,
     stress_shape: list[float] | None = None,
+    base_participation: list[float] | None = None,
+    base_at_absorber: float = ModalModel.base_at_absorber,
 ) -> ModalModel:
     if omega is None:
         require(frequencies is not None, "omega", omega, "given, in rad/s, or frequencies_hz in its place")
@@ -192,8 +197,9 @@ def _model(
         require(frequencies is None, "frequencies", frequencies, "left out beside omega_rad_s")
         require(min(omega) > 0, "omega", omega, HELD)
     w, damping, force, tip = (np.array(row) for row in (omega, damping_ratio, force_shape, tip_shape))
-    absorbers, response, stress = (None if row is None else np.array(row) for row in (absorber_shapes, response_shape, stress_shape))
-    return ModalModel(w, damping, force, tip, beam_mass, absorbers, response, stress)
+    optional = absorber_shapes, response_shape, stress_shape, base_participation
+    absorbers, response, stress, base = (None if row is None else np.array(row) for row in optional)
+    return ModalModel(w, damping, force, tip, beam_mass, absorbers, response, stress, base, base_at_absorber)
 
 
 # a model is written with omega, which is exact, and read with either
@@ -252,18 +258,26 @@ def _one_or_list(sort: Sort) -> Sort:
     return Sort(read, list)
 
 
+TURNED = ("absorber_shapes", "response_shape", "stress_shape", "base_participation")  # with the modes' signs
+
+
 def _signed(model: ModalModel) -> ModalModel:
     """Return a model whose absorber moves up in every mode, as a beam's tip does."""
     sign = np.where(model.tip_shape < 0, -1.0, 1.0)
     rows = {name: getattr(model, name) * sign for name in ("force_shape", "tip_shape")}
-    more = {name: getattr(model, name) * sign for name in ("absorber_shapes", "response_shape", "stress_shape") if getattr(model, name) is not None}
+    more = {name: getattr(model, name) * sign for name in TURNED if getattr(model, name) is not None}
     return replace(model, **rows, **more)
 
 
-def _placed(omega: Any, damping: Any, force: Any, absorbers: list[Any], response: Any, mass: float, stress: Any) -> ModalModel:
-    """Return the model of shapes (N_m,) at the places; of several places for absorbers one has the first, and several have those they are put on."""
+def _placed(
+    omega: Any, damping: Any, force: Any, absorbers: list[Any], response: Any, mass: float, stress: Any, base: Any = None, at_absorber: float = 1.0
+) -> ModalModel:
+    """Return the model of shapes (N_m,) at the places; of several places for absorbers one has the first, and several have those they are put on.
+
+    ``base`` (N_m,) and ``at_absorber`` as in `ModalModel`.
+    """
     several = None if len(absorbers) == 1 else np.array(absorbers)
-    return _signed(ModalModel(omega, damping, force, absorbers[0], mass, several, response, stress))
+    return _signed(ModalModel(omega, damping, force, absorbers[0], mass, several, response, stress, base, at_absorber))
 
 
 def _strain(parts: list[Any] | None, shape: Callable[[Any], Any]) -> Any:
@@ -293,6 +307,8 @@ class _Universal:
     modes: int | None = None
     damping_ratio: Any = None
     stress: list[_Strained] | None = None
+    base_participation: list[float] | None = None
+    base_at_absorber: float = ModalModel.base_at_absorber
 
 
 def _of_universal(folder: Path, given: _Universal) -> ModalModel:
@@ -308,7 +324,10 @@ def _of_universal(folder: Path, given: _Universal) -> ModalModel:
     places = [shape("absorber", place) for place in given.absorber]
     read = None if given.response is None else shape("response", given.response)
     strain = _strain(given.stress, lambda part: shape("stress", _Place(part.node, part.direction)))
-    return _placed([m.omega for m in kept], ratios, shape("force", given.force), places, read, given.mass, strain)
+    base = None if given.base_participation is None else np.array(given.base_participation)
+    require(base is None or len(base) == len(kept), "base_participation", given.base_participation, f"a number for each of the {len(kept)} modes")
+    omega = [m.omega for m in kept]
+    return _placed(omega, ratios, shape("force", given.force), places, read, given.mass, strain, base, given.base_at_absorber)
 
 
 UNIVERSAL_KEYS: Keys = {
@@ -320,6 +339,8 @@ UNIVERSAL_KEYS: Keys = {
     "modes": ("modes", WHOLE),
     "damping_ratio": ("damping_ratio", DAMPING_RATIO),
     "stress": ("stress", _one_or_list(STRAINED)),
+    "base_participation_sqrt_kg": ("base_participation", ROW),
+    "base_at_absorber": ("base_at_absorber", NUMBER),
 }
 
 
@@ -339,6 +360,7 @@ class _Matrices:
     damping_ratio: Any = None
     suspension_frequency: float | None = None
     stress: list[_StrainedRow] | None = None
+    base_vector: Any = None
 
 
 MATRIX_KEYS: Keys = {
@@ -354,6 +376,7 @@ MATRIX_KEYS: Keys = {
     "damping_ratio": ("damping_ratio", DAMPING_RATIO),
     "suspension_frequency_hz": ("suspension_frequency", NUMBER),
     "stress": ("stress", _one_or_list(STRAINED_ROW)),
+    "base_vector": ("base_vector", VECTOR),
 }
 
 
@@ -377,7 +400,27 @@ def _of_matrices(folder: Path, given: _Matrices) -> ModalModel:
     shapes = modes.shapes / np.sqrt(UNITS[given.units])
     places, read = [shapes[k] for k in absorbers], None if response is None else shapes[response]
     strain = _strain(given.stress, lambda part: shapes[count("stress's row", part.row, 0, size - 1)])
-    return _placed(modes.omega, ratios, shapes[force], places, read, given.structure_mass, strain)
+    if given.base_vector is None:
+        return _placed(modes.omega, ratios, shapes[force], places, read, given.structure_mass, strain)
+    rigid = _base_vector(folder, given.base_vector, size)
+    moved = rigid[absorbers]
+    allowed = "the same displacement at all places for absorbers"
+    require(len(set(moved.tolist())) == 1, "base_vector", moved.tolist(), allowed)
+    base = np.sqrt(UNITS[given.units]) * (modes.shapes.T @ (mass @ rigid))
+    return _placed(modes.omega, ratios, shapes[force], places, read, given.structure_mass, strain, base, float(moved[0]))
+
+
+def _base_vector(folder: Path, given: Any, size: int) -> Any:
+    """Return the rigid displacement (size,) for a unit motion of the base: a list, or a text file with one number a row."""
+    allowed = f"a list or a file with {size} finite numbers, one for each row of the matrices"
+    if isinstance(given, str):
+        try:
+            given = np.loadtxt(folder / given, ndmin=1).tolist()
+        except (OSError, ValueError) as error:
+            raise ParameterError(f"base_vector = {given!r} is not allowed: {allowed} ({error})") from error
+    found = row("base_vector", given, allowed)
+    require(len(found) == size, "base_vector", f"{len(found)} numbers", allowed)
+    return found
 
 
 def _beside_files(table: type, model: Callable[[Path, Any], ModalModel], keys: Keys) -> Callable[[Path], Sort]:

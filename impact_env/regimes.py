@@ -6,7 +6,7 @@ The coupled regimes (absorber stuck, held, or on a spring) have the eigenvalues 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -35,6 +35,7 @@ class Modes:
     """Eigenvalues (J,), their columns in the state (2 N_m + 2, J), rows from the state (J, 2 N_m + 2), responses to drive and relative force (J,).
 
     ``tip``, ``stretch`` (J,): what of a slot is tip displacement, and absorber less tip; without the absorber's own share where it is apart.
+    ``push`` (J, N_m): responses to a unit force on each of the beam's own modes.
     """
 
     values: Complex
@@ -44,6 +45,7 @@ class Modes:
     relative: Complex
     tip: Complex
     stretch: Complex
+    push: Complex
 
 
 def _own_values(model: ModalModel, which: Index) -> tuple[Index, Complex, Complex, Real]:
@@ -79,7 +81,8 @@ def own_modes(model: ModalModel, which: Index) -> Modes:
     out[index, row], out[n + 1 + index, row] = weight, weight * s
     into[row, index], into[row, n + 1 + index] = alpha, kappa
     tip = (weight * model.tip_shape[index]).astype(np.complex128)
-    return Modes(s, out, into, kappa * model.force_shape[index], -kappa * model.tip_shape[index], tip, -tip)
+    push = into[:, n + 1 : 2 * n + 1]
+    return Modes(s, out, into, kappa * model.force_shape[index], -kappa * model.tip_shape[index], tip, -tip, push)
 
 
 def _oscillators(model: ModalModel, which: Index, mass: float, stiffness: float | None, damper: float) -> Coupling:
@@ -108,12 +111,14 @@ def coupled_modes(model: ModalModel, mass: float, stiffness: float | None, dampe
     tip = np.where(direct, np.sum(summed, axis=1), e.z[:, 0] - e.stretch)  # the same twice: whichever cancels less
     rates = np.concatenate([shape, shape * e.s[:, None]], axis=1)
     forces = e.by_force @ model.force_shape[which], e.by_pull / root
-    found = Modes(e.s, (rates.T * counted), into, *forces, counted * tip / root, counted * e.stretch / root)
+    push = np.zeros((count, n), complex)
+    push[:, which] = e.by_force
+    found = Modes(e.s, (rates.T * counted), into, *forces, counted * tip / root, counted * e.stretch / root, push)
     alone = own_modes(model, own)
     return Modes(
         *(
             np.concatenate(parts, axis=axis)
-            for parts, axis in zip(zip(vars(found).values(), vars(alone).values(), strict=True), (0, 1, 0, 0, 0, 0, 0), strict=True)
+            for parts, axis in zip(zip(vars(found).values(), vars(alone).values(), strict=True), (0, 1, 0, 0, 0, 0, 0, 0), strict=True)
         )
     )
 
@@ -129,9 +134,40 @@ def padded_size(slots: int) -> int:
     return 4 * -(-slots // 4)
 
 
-def _regime(modes: Modes, guard: Complex, size: int, reach: float) -> Regime:
-    """Sort, pad and tabulate a regime's modes."""
+@dataclass(frozen=True)
+class Carried:
+    """What a regime's absorber adds to the loads: its mass (kg) and the model's tip shape; on a ``spring`` it moves by itself."""
+
+    mass: float
+    tip_shape: Real
+    spring: bool
+
+    def response(self, modes: Modes) -> Complex:
+        """Return the response (J,) to a unit acceleration of the absorber's mass, as a force on it."""
+        return self.mass * (modes.push @ self.tip_shape + (modes.relative if self.spring else 0.0))
+
+
+def with_weight(modes: Modes, carried: Carried) -> Modes:
+    """Return modes whose constant force is the weight of the absorber per unit of gravity, downwards."""
+    return replace(modes, relative=-carried.response(modes))
+
+
+def base_rows(modes: Modes, model: ModalModel, size: int, carried: Carried | None) -> Real:
+    """Return the rows BASE of Slots: the response to a unit acceleration of the base in relative coordinates, -Gamma on the modes.
+
+    An absorber that is not free adds -m_a r, r the rigid displacement at its place.
+    """
+    assert model.base_participation is not None
+    response = -(modes.push @ model.base_participation)
+    if carried is not None:
+        response = response - model.base_at_absorber * carried.response(modes)
+    return parted(in_order(response, modes.values, size))
+
+
+def _regime(modes: Modes, guard: Complex, size: int, reach: float, base: Real | None = None) -> Regime:
+    """Sort, pad and tabulate a regime's modes; ``base`` (2, J) are its rows BASE, if it has any."""
     rows = slot_rows(modes.values, modes.drive, modes.relative, guard, modes.tip, size)
+    rows = rows if base is None else np.concatenate([rows, base])
     slots = Slots(rows, *slot_tables(modes.values, size, reach))
     out, into = in_order(modes.out, modes.values, size, 1), in_order(modes.into, modes.values, size).T
     rest = rows[REST] + 1j * rows[REST + 1]
@@ -249,22 +285,32 @@ def checked_modes(model: ModalModel, mass: float, stiffness: float | None, dampe
     return complete(lambda weak: coupled_modes(model, mass, stiffness, damper, weak), spanned, name, value, allowed)
 
 
-def free_regime(model: ModalModel, size: int, reach: float) -> Regime:
-    """Return the regime of beam and absorber apart. Guard signal: relative displacement absorber - tip, without the absorber's share."""
+def free_regime(model: ModalModel, size: int, reach: float, *, moves: bool = False) -> Regime:
+    """Return the regime of beam and absorber apart. Guard signal: relative displacement absorber - tip, without the absorber's share.
+
+    ``moves``: whether the base does, here and below.
+    """
     modes = own_modes(model, np.arange(model.modes))
-    return _regime(modes, modes.stretch, size, reach)
+    return _regime(modes, modes.stretch, size, reach, base_rows(modes, model, size, None) if moves else None)
 
 
-def joined_regime(model: ModalModel, mass: float, size: int, reach: float) -> Regime:
-    """Return the regime of an absorber (kg) that moves with the tip. Guard signal: the force on the absorber, mass times tip acceleration."""
-    modes = checked_modes(model, mass, None, 0.0)
-    return _regime(modes, mass * modes.values**2 * modes.tip, size, reach)
+def joined_regime(model: ModalModel, mass: float, size: int, reach: float, *, moves: bool = False, heavy: bool = False) -> Regime:
+    """Return the regime of an absorber (kg) that moves with the tip. Guard signal: the force on the absorber, mass times tip acceleration.
+
+    ``heavy``: the constant force is the absorber's weight, here and below.
+    """
+    modes, carried = checked_modes(model, mass, None, 0.0), Carried(mass, model.tip_shape, False)
+    base = base_rows(modes, model, size, carried) if moves else None
+    return _regime(with_weight(modes, carried) if heavy else modes, mass * modes.values**2 * modes.tip, size, reach, base)
 
 
-def sprung_regime(model: ModalModel, mass: float, stiffness: float, damper: float, size: int, reach: float) -> Regime:
+def sprung_regime(
+    model: ModalModel, mass: float, stiffness: float, damper: float, size: int, reach: float, *, moves: bool = False, heavy: bool = False
+) -> Regime:
     """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m). Guard signal: relative displacement absorber - tip."""
-    modes = checked_modes(model, mass, stiffness, damper)
-    return _regime(modes, modes.stretch, size, reach)
+    modes, carried = checked_modes(model, mass, stiffness, damper), Carried(mass, model.tip_shape, True)
+    base = base_rows(modes, model, size, carried) if moves else None
+    return _regime(with_weight(modes, carried) if heavy else modes, modes.stretch, size, reach, base)
 
 
 def fastest(model: ModalModel, mass: float | None = None, stiffness: float | None = None, damper: float = 0.0) -> tuple[float, int]:

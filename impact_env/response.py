@@ -3,38 +3,63 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount
 from impact_env.level import MOST_SAMPLES, ResponseLevel
+from impact_env.loads import amplitude_in_words
 from impact_env.methods import Method
-from impact_env.parameters import count, flag
+from impact_env.parameters import count, finite, flag, require
+from impact_env.plots import plot_response, table
 from impact_env.scene import Scene
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 Array = NDArray[np.float64]
+MOST_BINS = 1_000_000
 DEFAULT_SAMPLES = 32  # per pseudo period: the harmonics of the tip that count are resolved
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part of a run: from ``start`` to ``end`` in s, ends included."""
+
+    start: float
+    end: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", finite("start of the window", self.start))
+        object.__setattr__(self, "end", finite("end of the window", self.end))
+        require(self.start < self.end, "end of the window", self.end, f"above its start, {self.start:g} s")
 
 
 @dataclass(frozen=True)
 class Record:
     """What to observe: response level, impacts and contact phases, the state at samples, the energy balance.
 
+    ``series``: the samples of the whole run, or of a `Window` of it. ``envelope``: least and largest displacement in so many equal parts of the run.
     ``check``: whether the exact method's event search missed nothing, found out by dense sampling. It is for tests: a run takes much longer.
     """
 
     level: bool = True
     events: bool = False
-    series: bool = False
+    series: bool | Window = False
     energy: bool = False
     samples_per_period: int = DEFAULT_SAMPLES
     check: bool = False
+    envelope: int | None = None
 
     def __post_init__(self) -> None:
         count("samples_per_period", self.samples_per_period, 4, MOST_SAMPLES)
+        if self.envelope is not None:
+            object.__setattr__(self, "envelope", count("envelope", self.envelope, 1, MOST_BINS))
         for name in ("level", "events", "series", "energy", "check"):
+            if name == "series" and isinstance(self.series, Window):
+                continue
             object.__setattr__(self, name, flag(name, getattr(self, name)))
 
 
@@ -91,6 +116,15 @@ class History:
 
 
 @dataclass(frozen=True, eq=False)
+class Envelope:
+    """Least and largest displacement in m, (B,) each, of the place where the level is read, between ``edges`` (B + 1,) in s; NaN without a sample."""
+
+    edges: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True, eq=False)
 class SearchCheck:
     """What dense sampling of the guard signals says of the exact method's event searches.
 
@@ -119,7 +153,7 @@ class Response:
     """
 
     scene: Scene
-    drive: Drive
+    drive: Any  # Drive, or Loads
     method: Method
     end_state: Array
     impact_count: int
@@ -133,11 +167,30 @@ class Response:
     history: History | None = None
     energy: EnergyAccount | None = None
     check: SearchCheck | None = None
+    envelope: Envelope | None = None
 
     def __repr__(self) -> str:
         level = self.level
-        words = [f"{self.drive.amplitude:g} N from 0 to {self.drive.schedule.times[-1]:.4g} s"]
+        words = [f"{amplitude_in_words(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s"]
         if level is not None:
             words.append(f"level {1e3 * level.value:.4g} mm at {level.frequency_ratio:.4f} of the resonance")
         words.append(f"{self.impact_count} impact{'s' * (self.impact_count != 1)}")
         return f"Response({self.scene}\n         {', '.join(words)})"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        run = f"{amplitude_in_words(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s, {self.method}"
+        rows = [("scene", str(self.scene)), ("run", run), ("impacts", str(self.impact_count)), ("time stuck or held", f"{self.stuck_time:.4g} s")]
+        if self.level is not None:
+            rows.append(("response level", f"{1e3 * self.level.value:.4g} mm at {self.level.frequency_ratio:.4f} of the resonance"))
+            rows.append(("largest displacement", f"{1e3 * self.level.max_tip:.4g} mm"))
+        if self.energy is not None:
+            rows.append(("error of the energies' balance", f"{self.energy.relative_error:.1e}"))
+        return table("Response", rows)
+
+    def plot(self, axes: Axes | None = None, **options: Any) -> Axes:
+        """Draw the displacement's envelope over the frequency, or over time where that is constant, and the level; return matplotlib's axes.
+
+        ``options`` go to matplotlib's fill_between. Raises ParameterError unless the run has recorded its series or an envelope (`Record`).
+        """
+        return plot_response(self, axes, options)

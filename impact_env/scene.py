@@ -34,9 +34,9 @@ class Scene:
         sliding = self.absorber if isinstance(self.absorber, SlidingAbsorber) else None
         # a cavity without clearance holds the mass: the same mechanics as a stuck absorber
         if sliding is not None and isinstance(sliding.walls, RigidWalls) and sliding.walls.gap == 0:
-            object.__setattr__(self, "absorber", StuckAbsorber(sliding.mass_ratio))
+            object.__setattr__(self, "absorber", StuckAbsorber(sliding.mass_ratio, sliding.gravity))
         elif sliding is not None and isinstance(sliding.walls, RigidWalls) and np.isinf(sliding.walls.gap):
-            without = None if sliding.friction is None else SlidingAbsorber(sliding.mass_ratio, None, sliding.friction)
+            without = None if sliding.friction is None else SlidingAbsorber(sliding.mass_ratio, None, sliding.friction, sliding.gravity)
             object.__setattr__(self, "absorber", without)
 
     def __repr__(self) -> str:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.budget import Watcher, checked_budget, counters_for, onwards, watched
+from impact_env.budget import Stop, Watcher, checked_budget, counters_for, onwards, watched
 from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount, stored_energy
 from impact_env.families import Observers, family
@@ -19,9 +20,10 @@ from impact_env.kernels import observers
 from impact_env.kernels.level import new_level
 from impact_env.kernels.observers import Check, Counters, Energy, Series, new_check, new_energy, new_events
 from impact_env.level import HALF_WINDOW_PERIODS, level_of, read_level, require_samples
-from impact_env.methods import Exact, Method, check_mass, check_step
+from impact_env.loads import AnyDrive, Loads
+from impact_env.methods import Exact, Method, check_load, check_mass, check_step
 from impact_env.parameters import SeveralAbsorbers, StuckAbsorber, count, instance
-from impact_env.response import ContactPhases, History, Impacts, Record, Response, SearchCheck
+from impact_env.response import ContactPhases, Envelope, History, Impacts, Record, Response, SearchCheck, Window
 from impact_env.scene import InitialState, Scene
 
 Array = NDArray[np.float64]
@@ -38,6 +40,10 @@ class IntegrationError(RuntimeError):
     def __init__(self, message: str, time: float | None = None, response: Response | None = None) -> None:
         super().__init__(message)
         self.time, self.response = time, response
+
+
+class Stopped(IntegrationError):  # noqa: N818 - no error of the run's
+    """A run was ended by the `Stop` that it was given."""
 
 
 REASONS = {
@@ -57,17 +63,17 @@ ADVICE = {
 }
 
 
-def integrate(scene: Scene, drive: Drive, method: Method, state: Array, interval: float, room: Observers) -> int:
+def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, interval: float, room: Observers) -> int:
     """Run the method's kernel on ``state`` (2 N_m + 2 n,) in place, samples ``interval`` (s) apart, and return its status code."""
     with CompilingFor(scene, method):
         return family(scene, method).run(scene, drive, method, state, interval, room)
 
 
-def _sample_count(drive: Drive, interval: float) -> int:
+def _sample_count(drive: AnyDrive, interval: float) -> int:
     return int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
 
 
-def _room(scene: Scene, drive: Drive, record: Record, interval: float, capacity: int, counters: Counters) -> Observers:
+def _room(scene: Scene, drive: AnyDrive, record: Record, interval: float, capacity: int, counters: Counters) -> Observers:
     n = scene.model.modes
     return Observers(
         counters,
@@ -80,33 +86,43 @@ def _room(scene: Scene, drive: Drive, record: Record, interval: float, capacity:
 
 def simulate(
     scene: Scene,
-    drive: Drive,
+    drive: AnyDrive,
     method: Method | None = None,
     *,
     initial: InitialState | None = None,
     record: Record | None = None,
     most_events: int | None = None,
     progress: Watcher | None = None,
+    stop: Stop | None = None,
 ) -> Response:
-    """Integrate a scene under a drive from an initial state (default: rest) and return what ``record`` asks for (default: the level).
+    """Integrate a scene under a drive from an initial state and return what ``record`` asks for (default: the level).
+
+    Without a state it starts at rest, or as its loads say.
 
     The exact method may use ``most_events`` events (default: a million, and 5,000 for each pseudo period that has passed), and 40 evaluations for
     each of them and for each pseudo period, so that no run goes on for ever. ``progress`` is told the time reached and the end time in s, ten times
     a second and at the end; the run then takes a thread of its own, and a KeyboardInterrupt ends it at its next event. Without ``progress`` the
-    interrupt waits for the run's end.
+    interrupt waits for the run's end, or for its ``stop``, which any thread may give.
 
     Raises ParameterError if the method cannot do the scene, its step is too long, a stuck absorber is too heavy or the start is impossible,
-    IntegrationError if the run breaks down or its budget is used up; it carries what was observed so far.
+    IntegrationError if the run breaks down or its budget is used up, `Stopped` if it was ended; they carry what was observed so far.
     """
     method = Exact() if method is None else method
     record = Record() if record is None else instance("record", record, Record)
-    initial = InitialState() if initial is None else instance("initial", initial, InitialState)
-    instance("scene", scene, Scene), instance("drive", drive, Drive), instance("progress", progress, Callable | None)
-    if record.level and drive.amplitude != 0:
+    instance("scene", scene, Scene), instance("drive", drive, AnyDrive), instance("progress", progress, Callable | None)
+    instance("stop", stop, Stop | None)
+    usual = drive.initial(scene) if isinstance(drive, Loads) else InitialState()
+    initial = usual if initial is None else instance("initial", initial, InitialState)
+    check_load(scene, drive, method)
+    if record.envelope is not None or isinstance(record.series, Window):
+        sampled = replace(record, envelope=None, series=True)
+        found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress, stop=stop)
+        return _reduced(found, record)
+    if record.level and isinstance(drive, Drive) and drive.amplitude != 0:
         require_samples(record.samples_per_period, float(drive.schedule.omegas.max()) / drive.schedule.reference)
     if record.level and scene.model.response_shape is not None and not isinstance(scene.absorber, SeveralAbsorbers):
         sampled = replace(record, level=False, series=True)
-        found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress)
+        found = simulate(scene, drive, method, initial=initial, record=sampled, most_events=most_events, progress=progress, stop=stop)
         return _read_elsewhere(found, record)
     kernels = family(scene, method)
     check_mass(scene)
@@ -121,7 +137,8 @@ def simulate(
         room, state = _room(scene, drive, record, interval, capacity, counters), start.copy()
         work = partial(integrate, scene, drive, method, state, interval, room)
         began = time.perf_counter()
-        status = work() if tell is None else watched(work, counters, end, tell)
+        with nullcontext() if stop is None else stop.reaching(counters):
+            status = work() if tell is None else watched(work, counters, end, tell)
         wall_time = time.perf_counter() - began
         needed = 0 if room.events is None else max(int(room.events.counts["impacts"]), int(room.events.counts["phases"]))
         if needed <= capacity:
@@ -144,6 +161,25 @@ def _read_elsewhere(response: Response, record: Record) -> Response:
     return replace(response, level=found, history=history if record.series else None)
 
 
+def _reduced(response: Response, record: Record) -> Response:
+    """Return a sampled response with what is wanted of its samples: an envelope, a window of them, all or none."""
+    history, envelope = response.history, None
+    assert history is not None
+    if record.envelope is not None:
+        edges = np.linspace(0.0, float(response.drive.schedule.times[-1]), record.envelope + 1)
+        values = history.modal_displacement @ response.scene.model.level_shape
+        bins = np.minimum(np.searchsorted(edges, history.time, side="right") - 1, record.envelope - 1)
+        low, high = np.full(record.envelope, np.nan), np.full(record.envelope, np.nan)
+        np.fmin.at(low, bins, values)
+        np.fmax.at(high, bins, values)
+        envelope = Envelope(edges, low, high)
+    if isinstance(record.series, Window):
+        kept = slice(*np.searchsorted(history.time, (record.series.start, np.nextafter(record.series.end, np.inf))))
+        sampled = {name: values[kept].copy() for name, values in vars(history).items() if name != "tip_shape"}
+        history = History(**sampled, tip_shape=history.tip_shape)
+    return replace(response, envelope=envelope, history=history if record.series else None)
+
+
 def _failure(response: Response, counters: Counters, status: int) -> IntegrationError:
     """Say why a run ended early, when, what it had used, and what to do."""
     counts, period = counters.counts, response.drive.schedule.pseudo_period
@@ -153,12 +189,13 @@ def _failure(response: Response, counters: Counters, status: int) -> Integration
     if isinstance(response.method, Exact):
         used, most = counts["events"], counts["most_events"] + counts["events_per_s"] * at
         parts.append(f"after {used:,.0f} events of {most:,.0f} allowed up to there and {counts['evaluations']:,.0f} evaluations")
-    return IntegrationError(", ".join(parts) + (f". {ADVICE[status]}" if status in ADVICE else ""), at, response)
+    kind = Stopped if status == observers.STOPPED else IntegrationError
+    return kind(", ".join(parts) + (f". {ADVICE[status]}" if status in ADVICE else ""), at, response)
 
 
 def _response(
     scene: Scene,
-    drive: Drive,
+    drive: AnyDrive,
     method: Method,
     start: Array,
     state: Array,

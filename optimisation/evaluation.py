@@ -6,15 +6,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.ensemble import Members, available_cores
+from impact_env.ensemble import Executor, Members, available_cores
+from impact_env.families import kernel_key
+from impact_env.methods import Exact
 from impact_env.parameters import ParameterError, count, require
 from optimisation.designs import Design
 from optimisation.measures import Chunk, measure
@@ -24,19 +26,14 @@ if TYPE_CHECKING:
     from optimisation.problem import Problem
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
+R = TypeVar("R")
 Progress = Callable[[int, int], None]  # takes the number of finished runs and of all runs of a call
-
-
-class Executor(Protocol):
-    """Something that measures chunks."""
-
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
-        """Yield (number of the chunk, its measures) in the order in which they are finished; closing it drops what has not begun."""
 
 
 @dataclass(frozen=True)
 class Threads:
-    """The cores of this machine: the kernels release Python's lock. The results do not depend on the number of ``threads``."""
+    """The cores of this machine as an executor: the kernels release Python's lock. The results do not depend on the number of ``threads``."""
 
     threads: int | None = None
 
@@ -44,11 +41,11 @@ class Threads:
         if self.threads is not None:
             count("threads", self.threads, 1)
 
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
-        """See `Executor`. Chunks under way are finished before a closed call returns."""
+    def each(self, function: Callable[[T], R], items: Sequence[T], _kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
+        """See `Executor`. Items under way are finished before a closed call returns."""
         pool = ThreadPoolExecutor(self.threads or available_cores())
         try:
-            futures: dict[Future[Array], int] = {pool.submit(measure, chunk): k for k, chunk in enumerate(chunks)}
+            futures: dict[Future[R], int] = {pool.submit(function, item): k for k, item in enumerate(items)}
             for future in as_completed(futures):
                 yield futures[future], future.result()
         finally:
@@ -62,9 +59,9 @@ class Clocked:
     executor: Executor
     seconds: float = 0.0
 
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
+    def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
         """See `Executor`."""
-        results = iter(self.executor.run(chunks))
+        results = self.executor.each(function, items, kinds)
         while True:
             began = time.perf_counter()
             result = next(results, None)
@@ -74,11 +71,16 @@ class Clocked:
             yield result
 
 
+def run_chunks(chunks: Sequence[Chunk], executor: Executor) -> Iterator[tuple[int, Array]]:
+    """Yield (number of the chunk, its measures (lanes, measures)) in the order in which they are finished; closing it drops what has not begun."""
+    return executor.each(measure, chunks, [(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks])
+
+
 def measured_chunks(chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None) -> list[Array]:
     """Return the measures of chunks, (lanes, measures) each, in their order."""
     total, done = sum(len(chunk.lanes) for chunk in chunks), 0
     found: dict[int, Array] = {}
-    for k, values in executor.run(chunks):
+    for k, values in run_chunks(chunks, executor):
         found[k] = values
         done += len(values)
         if progress is not None:
@@ -101,7 +103,7 @@ def evaluate(
     total, done = sum(len(chunk.lanes) for chunk in chunks), 0
     waiting = [len(own) for own in owned]
     parts: dict[int, Array] = {}
-    for i, values in executor.run(chunks):
+    for i, values in run_chunks(chunks, executor):
         parts[i] = values
         done += len(values)
         if progress is not None:

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import sobol_indices, uniform
 
 from impact_env.curve import BAND
+from impact_env.ensemble import Executor
 from impact_env.parameters import count, fraction, require
 from optimisation.designs import GAP, Design, DesignSpace, Variable
-from optimisation.evaluation import Executor, Progress, evaluate
+from optimisation.evaluation import Progress, evaluate
 from optimisation.measures import LEVEL
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import FrequencySchedule, default_rate, linear_sweep
-from impact_env.ensemble import Lane, Members, draw_members
+from impact_env.ensemble import Executor, Lane, Members, draw_members
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import Beam, count, positive, require
 from impact_env.scene import Scene
 from optimisation.designs import MASS_RATIO, POSITION, SEVERAL, TUNED, Design, DesignSpace
-from optimisation.evaluation import Evaluation, Executor, Progress, evaluate_arrays
+from optimisation.evaluation import Evaluation, Progress, evaluate_arrays
 from optimisation.extremes import usable_rate
 from optimisation.measures import DAMAGE, FATIGUES, LEVEL, MEASURES, STRESS, Chunk, measure, stress_shape
 from optimisation.mounting import described, detuned, mounted

@@ -16,11 +16,11 @@ from scipy.stats import qmc
 
 from impact_env.curve import BAND
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency
-from impact_env.ensemble import Lane, Members
+from impact_env.ensemble import Executor, Lane, Members
 from impact_env.parameters import count
 from impact_env.scene import Scene
 from optimisation.designs import Design
-from optimisation.evaluation import Executor, Progress, measured_chunks
+from optimisation.evaluation import Progress, measured_chunks
 from optimisation.insight import SHOWN, levels, over_force
 from optimisation.measures import FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_SPEED, LEVEL, RMS, STROKE, Chunk
 from optimisation.objectives import Condition
@@ -91,6 +91,7 @@ def _on_another_beam(lane: Lane, damping: float, frequency: float) -> Lane:
     if damping == 1 and frequency == 1:
         return lane
     model, drive, schedule = lane.scene.model, lane.drive, lane.drive.schedule
+    assert isinstance(drive, Drive)
     other = replace(model, omega=model.omega * frequency, damping_ratio=model.damping_ratio * damping)
     moved = FrequencySchedule(schedule.times / frequency, schedule.omegas * frequency, schedule.reference * frequency)
     return Lane(Scene(other, lane.scene.absorber), Drive(drive.amplitude, moved, drive.phase))

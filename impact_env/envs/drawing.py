@@ -149,8 +149,10 @@ class Screen:
         scale = REACH / max(1.5 * task.length, float(task.expected_amplitude()[lane]))
         state, report = task.runs.state[lane], task.runs.reports[lane]
         x = np.linspace(LEFT, RIGHT, POSITIONS + 1)
-        y = MIDDLE - scale * (self.shapes @ state[:modes])
-        first = self.shapes[:, 0] / self.task.settings.scene.model.tip_shape[0]
+        model = task.model(lane)
+        shapes = self.shapes if model is task.scene.model else straight_shapes(model)
+        y = MIDDLE - scale * (shapes @ state[:modes])
+        first = shapes[:, 0] / model.tip_shape[0]
         band = scale * np.hypot(report["in_phase"], report["quadrature"]) * np.abs(first)
         upper, lower = list(zip(x, MIDDLE - band, strict=True)), list(zip(x, MIDDLE + band, strict=True))
         picture.polygon([*upper, *reversed(lower)], PALE)

@@ -1,4 +1,4 @@
-"""ImpactAbsorber/FrictionChoice-v0: the friction limit of the absorber during a passage through resonance under a force that is not announced."""
+"""ImpactAbsorber/FrictionChoice-v1: the friction limit of the absorber during a passage through resonance under a force that is not announced."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 from impact_env.envs.friction_task import FrictionTask, Grip
 from impact_env.envs.kind import Kind
+from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import Settings
 from impact_env.envs.shells import TaskEnv, choice
 from impact_env.envs.sweep_task import OneRate
@@ -18,6 +19,8 @@ DEFAULTS: dict[str, Any] = {
     "limits": (0.93, 1.03),
     "rate": 4.0,
     "force": (0.5, 6.0),
+    "level_unit": "gap",
+    "impacts_limit": FEW_IMPACTS,
 }
 KIND = Kind(FrictionTask, (Settings, OneRate, Grip), DEFAULTS, choice)
 
@@ -46,11 +49,11 @@ class FrictionChoiceEnv(TaskEnv):
     | 2 | amplitude of the tip a quarter of a period behind the force | m / half-clearance |
     | 3 | absorber less tip at the interval's end | m / half-clearance |
     | 4 | its rate | m/s / (half-clearance times the resonance's circular frequency) |
-    | 5 | impacts in the last interval | per pseudo period / 2 |
+    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
     | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
     | 7 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
     | 8 | share of the time budget that is left | 1 |
-    | 9 | response level so far | m / reference level (which is in proportion to the force) |
+    | 9 | response level so far | m / half-clearance of the scene |
     | 10 | far frequency less present one | ratio / 0.1 |
     | 11 | friction limit in use | its place in the range, as the action has it |
 
@@ -68,6 +71,7 @@ class FrictionChoiceEnv(TaskEnv):
     - ``friction_range`` (default 0.02 to 20): lowest and highest friction limit in units of m_a g0 omega^2 (0.72 N in the default scene), above 0
     - ``rate`` (default 4) in % per 100 pseudo periods; ``limits`` (default 0.93 to 1.03), ``interval`` (default 5)
     - ``force`` (default 0.5 to 6) in N; ``absorber_options`` (default friction_limit 0.1 N, which is only the one shown at the start), ``modes`` 2
+    - ``level_unit`` (default "gap") of feature 9, or "reference"
     - ``direction``, ``time_price``, ``objective``, ``fatigue_exponent`` and all arguments of scene, method, interval and observation: as in
       `SweepRateEnv`
 
@@ -75,7 +79,9 @@ class FrictionChoiceEnv(TaskEnv):
     `impact_env.ParameterError`, a step before a reset or after the end `gymnasium.error.ResetNeeded`.
 
     ## Version History
-    - v0: first version
+    - v1: the level is in half-clearances, and feature 5 is cut off at 4. It is v0 with ``level_unit="gap"`` and ``impacts_limit=4``
+    - v0: first version; its level is over that of the beam without absorber under the same force (``level_unit="reference"``), so that features 1, 2
+      and 9 together tell the force after one interval
     """
 
     kind = KIND

@@ -34,6 +34,21 @@ class Grip:
         object.__setattr__(self, "friction_range", (low, high))
 
 
+def limits_in_newtons(settings: Settings, grip: Grip) -> tuple[Range, float]:
+    """Return the lowest and highest friction limit, and the scene's own, in N; raises ParameterError where there is no rigid friction."""
+    scene, begin = settings.scene, friction_limit(settings.scene)
+    require(math.isfinite(begin), "absorber", scene.absorber, "one with rigid friction: there must be a friction_limit that can be set")
+    assert scene.absorber_mass is not None
+    unit = scene.absorber_mass * settings.length * settings.omega**2
+    return (grip.friction_range[0] * unit, grip.friction_range[1] * unit), begin
+
+
+def place_of(limit: float, limits: Range) -> float:
+    """Return the place of a friction limit in a range, as an action has it."""
+    low, high = limits
+    return 2 * math.log(limit / low) / math.log(high / low) - 1
+
+
 class FrictionTask(PassiveTask):
     """Lanes that pass through a resonance, each with friction that is set on the way.
 
@@ -43,21 +58,15 @@ class FrictionTask(PassiveTask):
     features: Sequence[Feature] = (*STATE, Feature("way left", False), Feature("friction limit in use", False))
 
     def __init__(self, settings: Settings, way: OneRate, grip: Grip, lanes: int) -> None:
-        scene = settings.scene
-        self._begin = friction_limit(scene)
-        require(math.isfinite(self._begin), "absorber", scene.absorber, "one with rigid friction: there must be a friction_limit that can be set")
-        assert scene.absorber_mass is not None
+        self.limits, self._begin = limits_in_newtons(settings, grip)
         self.grip, self._way = grip, way
         super().__init__(settings, way, lanes)
-        unit = scene.absorber_mass * self.length * self.omega**2
-        self.limits = grip.friction_range[0] * unit, grip.friction_range[1] * unit
         self.friction, self.place = np.full(lanes, self._begin), np.zeros(lanes)
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw what a passage draws; the friction starts as the scene has it."""
         super().draw(lane, generator)
-        low, high = self.limits
-        self.friction[lane], self.place[lane] = self._begin, 2 * math.log(self._begin / low) / math.log(high / low) - 1
+        self.friction[lane], self.place[lane] = self._begin, place_of(self._begin, self.limits)
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order the chosen friction limits, and go on."""

@@ -1,4 +1,4 @@
-"""ImpactAbsorber/GapChoice-v0: the clearance of the cavity, chosen interval by interval."""
+"""ImpactAbsorber/GapChoice-v1: the clearance of the cavity, chosen interval by interval."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from typing import Any
 
 from impact_env.envs.gap_task import GapControl, GapTask
 from impact_env.envs.kind import Kind
+from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import Settings
 from impact_env.envs.shells import TaskEnv, choice
 from impact_env.envs.vector_shell import TaskVectorEnv
 
-DEFAULTS: dict[str, Any] = {"force": (0.5, 6.0), "absorber_options": {"restitution": 0.7}}
+DEFAULTS: dict[str, Any] = {"force": (0.5, 6.0), "absorber_options": {"restitution": 0.7}, "impacts_limit": FEW_IMPACTS}
 KIND = Kind(GapTask, (Settings, GapControl), DEFAULTS, choice)
 
 
@@ -35,7 +36,7 @@ class GapChoiceEnv(TaskEnv):
     | 2 | amplitude of the tip a quarter of a period behind the force | m / half-clearance |
     | 3 | absorber less tip at the interval's end | m / half-clearance |
     | 4 | its rate | m/s / (half-clearance times the resonance's circular frequency) |
-    | 5 | impacts in the last interval | per pseudo period / 2 |
+    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
     | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
     | 7 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
     | 8 | share of the time budget that is left | 1 |
@@ -67,6 +68,7 @@ class GapChoiceEnv(TaskEnv):
     `gymnasium.error.ResetNeeded`.
 
     ## Version History
+    - v1: feature 5 is cut off at 4 (``impacts_limit=4``); chatter reaches tens
     - v0: first version
     """
 

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.reference import mean_power_of_cosine
 from impact_env.envs.settings import Range, Settings, span
+from impact_env.envs.sweep_gap_task import require_cavity
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.frequency import receptance
 from impact_env.level import require_samples
-from impact_env.parameters import RigidWalls, SlidingAbsorber, one_of, positive, require
+from impact_env.parameters import one_of, positive, require
 
 OBJECTIVES = ("rms", "fatigue")
 
@@ -49,9 +50,7 @@ class GapTask(Task):
     level_name = "RMS over the scene's half-clearance"
 
     def __init__(self, settings: Settings, control: GapControl, lanes: int) -> None:
-        absorber = settings.scene.absorber
-        rigid = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)
-        require(rigid, "absorber", settings.absorber, "impact with rigid walls: there must be a cavity whose walls can be set")
+        require_cavity(settings.scene.absorber)
         require_samples(settings.samples_per_period, span("frequency_ratio", control.frequency_ratio)[1])
         self.control = control
         self.fatigue = control.objective == "fatigue"
@@ -71,7 +70,7 @@ class GapTask(Task):
         shortest, longest = self.control.hold
         while done < self.steps:
             held = max(1, round(generator.uniform(shortest, longest) / interval))
-            self._forces[lane, done : done + held] = self.draw_force(generator)
+            self._forces[lane, done : done + held] = self.draw_force(lane, generator)
             done += held
         model = self.settings.scene.model
         amplitude = float(abs(receptance(model, self.ratio[lane] * self.omega, model.level_shape, model.force_shape)))

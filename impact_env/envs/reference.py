@@ -9,6 +9,7 @@ import numpy as np
 
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import PAPER_RATE, default_rate
+from impact_env.modes import ModalModel
 from impact_env.scene import Scene
 
 CHUNK = 20.0  # pseudo periods at the paper's rate; slower ones have as many chunks
@@ -38,6 +39,15 @@ def passage(scene: Scene, resonance: int, start: float, stop: float, samples_per
         runs.advance()
         damage += float(runs.reports["damage"][0])
     return float(runs.reports["level"][0]), damage
+
+
+def stationary_amplitude(model: ModalModel, omega: float) -> float:
+    """Return the amplitude (m) of the stationary response at the level's place without absorber, under 1 N at ``omega`` (rad/s).
+
+    One number at a time and without NumPy, whose calls would cost a reset more than its draws; `impact_env.frequency` has the formula.
+    """
+    rows = zip(model.omega.tolist(), model.damping_ratio.tolist(), model.level_shape.tolist(), model.force_shape.tolist(), strict=True)
+    return abs(sum(level * force / complex(own * own - omega * omega, 2 * damping * own * omega) for own, damping, level, force in rows))
 
 
 def mean_power_of_cosine(exponent: float) -> float:

@@ -11,25 +11,38 @@ from impact_env.extras import optional
 
 @dataclass(frozen=True)
 class Entry:
-    """Where an environment's classes are, without their endings Env and VectorEnv, the arguments that its name stands for, and how many numbers an
-    action has.
+    """Where an environment's classes are, without their endings Env and VectorEnv, the arguments that its name stands for, how many numbers an
+    action has, and whether it takes a ``split``.
     """  # noqa: D205
 
     place: str
     arguments: Mapping[str, Any] = field(default_factory=dict)
     numbers: int = 1
+    has_split: bool = False
 
 
-V1 = "impact_env.envs.sweep_rate_v1:SweepRateV1"
+HARD, V1 = "impact_env.envs.sweep_rate:SweepRate", "impact_env.envs.sweep_rate_v1:SweepRateV1"
+GAP, ADAPTIVE = "impact_env.envs.gap_choice:GapChoice", "impact_env.envs.sweep_and_gap:SweepAndGap"
+FRICTION = "impact_env.envs.friction_choice:FrictionChoice"
+OPEN = {"impacts_limit": 100.0}  # what first versions were
+TOLD = {"level_unit": "reference", **OPEN}
 ENVIRONMENTS = {
-    "ImpactAbsorber/SweepRate-v0": Entry("impact_env.envs.sweep_rate:SweepRate"),
-    "ImpactAbsorber/GapChoice-v0": Entry("impact_env.envs.gap_choice:GapChoice"),
+    "ImpactAbsorber/SweepRate-v0": Entry(HARD),
+    "ImpactAbsorber/GapChoice-v0": Entry(GAP, OPEN),
     "ImpactAbsorber/Passive-v0": Entry("impact_env.envs.passive:Passive"),
     "ImpactAbsorber/SweepRate-v1": Entry(V1),
     "ImpactAbsorber/SweepRateNoisy-v1": Entry(V1, {"observation_noise": 0.3}),
     "ImpactAbsorber/SweepRateDelayed-v1": Entry(V1, {"observation_delay": 4}),
-    "ImpactAbsorber/SweepAndGap-v0": Entry("impact_env.envs.sweep_and_gap:SweepAndGap", numbers=2),
-    "ImpactAbsorber/FrictionChoice-v0": Entry("impact_env.envs.friction_choice:FrictionChoice"),
+    "ImpactAbsorber/SweepAndGap-v0": Entry(ADAPTIVE, TOLD, numbers=2),
+    "ImpactAbsorber/FrictionChoice-v0": Entry(FRICTION, TOLD),
+    "ImpactAbsorber/SweepRateHard-v0": Entry(HARD),
+    "ImpactAbsorber/GapChoice-v1": Entry(GAP),
+    "ImpactAbsorber/SweepAndGap-v1": Entry(ADAPTIVE, numbers=2),
+    "ImpactAbsorber/FrictionChoice-v1": Entry(FRICTION),
+    "ImpactAbsorber/ActiveFriction-v0": Entry("impact_env.envs.active:ActiveFriction"),
+    "ImpactAbsorber/ActiveGap-v0": Entry("impact_env.envs.active:ActiveGap"),
+    "ImpactAbsorber/Passage-v0": Entry("impact_env.envs.drawn:Passage", numbers=2),
+    "ImpactAbsorber/Structures-v0": Entry("impact_env.envs.drawn:Structures", has_split=True),
 }
 
 

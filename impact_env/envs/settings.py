@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.envs.observation import LIMIT
 from impact_env.laws import CONCEPTS, make
 from impact_env.level import MOST_SAMPLES
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
@@ -140,6 +141,7 @@ class Settings:
     - ``interval`` (default 5): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
     - ``observation_noise`` (default 0): standard deviation of what is added to each scaled feature that is measured (1 to 6 and 9);
       ``observation_delay`` (default 0): their delay in intervals
+    - ``impacts_limit`` (default 100): feature 5 is cut off there; chatter reaches tens
     - ``raw_state`` (default False): put the state into info: modal displacements, absorber displacement, modal velocities, absorber velocity
     - ``threads`` (default: all cores): of the vector environment; the numbers do not depend on it
 
@@ -158,6 +160,7 @@ class Settings:
     samples_per_period: int = DEFAULT_SAMPLES
     observation_noise: float = 0.0
     observation_delay: int = 0
+    impacts_limit: float = LIMIT
     raw_state: bool = False
     threads: int | None = None
     whole_scene: Scene | Mapping[str, Any] | None = None
@@ -187,6 +190,7 @@ class Settings:
         require(whole, "interval", self.interval, f"a multiple of 1/{self.samples_per_period} pseudo periods (one sample), four samples or more")
         non_negative("observation_noise", self.observation_noise)
         count("observation_delay", self.observation_delay, 0)
+        positive("impacts_limit", self.impacts_limit)
         require(isinstance(self.raw_state, bool), "raw_state", self.raw_state, "True or False")
 
     def _check_whole_scene(self) -> None:

@@ -30,6 +30,19 @@ def observation_space(task: Task) -> spaces.Box:
     return spaces.Box(-LIMIT, LIMIT, (len(task.features),), np.float32)
 
 
+def reward_space(task: Task, wanted: bool) -> spaces.Box | None:
+    """Return the space of rewards that are vectors, as MO-Gymnasium has it; None where they are scores."""
+    require(isinstance(wanted, bool), "vector_reward", wanted, "True or False")
+    require(not wanted or task.costs is not None, "vector_reward", wanted, "False in a task without a vector of costs")
+    return spaces.Box(-np.inf, 0.0, task.costs.shape[1:], np.float64) if wanted and task.costs is not None else None
+
+
+def costs_as_rewards(task: Task, resting: NDArray[np.bool_] | None) -> NDArray[np.float64]:
+    """Return minus the costs of the last interval (L, costs), 0 for lanes that rest."""
+    assert task.costs is not None
+    return np.where(False if resting is None else resting[:, None], 0.0, -task.costs)
+
+
 def choice(numbers: int = 1) -> spaces.Box:
     """Return the action space of a few numbers from -1 to 1."""
     return spaces.Box(-1.0, 1.0, (numbers,), np.float32)
@@ -78,19 +91,20 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
     metadata: dict[str, Any] = METADATA
     kind: Kind
 
-    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
+    def __init__(self, render_mode: str | None = None, *, vector_reward: bool = False, **arguments: Any) -> None:
         check_render_mode(render_mode)
         self.task, self.render_mode = self.kind.make(1, arguments), render_mode
+        self.reward_space = reward_space(self.task, vector_reward)
         self.action_space = self.kind.actions()
         self.observation_space = observation_space(self.task)  # type: ignore[assignment]
         self._over: bool | None = None
         self._screen: Any = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Start an episode at rest; there are no options."""
-        check_options(options)
+        """Start an episode at rest; ``options`` may choose what would be drawn, by the names in the task's ``options``."""
+        chosen = check_options(options, tuple(self.task.options))
         super().reset(seed=checked_seed(seed))
-        observation = self.task.reset(np.ones(1, dtype=np.bool_), [self.np_random])[0]
+        observation = self.task.reset(np.ones(1, dtype=np.bool_), [self.np_random], chosen)[0]
         self._over = False
         if self.render_mode == "human":
             self.render()
@@ -105,7 +119,8 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
         self._over = bool(terminated[0] or truncated[0])
         if self.render_mode == "human":
             self.render()
-        return observation, float(rewards[0]), bool(terminated[0]), bool(truncated[0]), self._info()
+        reward: Any = float(rewards[0]) if self.reward_space is None else costs_as_rewards(self.task, None)[0]
+        return observation, reward, bool(terminated[0]), bool(truncated[0]), self._info()
 
     def _info(self) -> Info:
         return {name: values[0].item() if values.ndim == 1 else values[0].copy() for name, values in self.task.info().items()}

@@ -1,4 +1,4 @@
-"""ImpactAbsorber/SweepAndGap-v0: rate and clearance during a passage through resonance under a force that is not announced."""
+"""ImpactAbsorber/SweepAndGap-v1: rate and clearance during a passage through resonance under a force that is not announced."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from impact_env.envs.kind import Kind
+from impact_env.envs.observation import FEW_IMPACTS
 from impact_env.envs.settings import Settings
 from impact_env.envs.shells import TaskEnv, choice
 from impact_env.envs.sweep_gap_task import Cavity, SweepGapTask
@@ -21,6 +22,8 @@ DEFAULTS: dict[str, Any] = {
     "budget_end": "terminated",
     "frequency_origin": "middle",
     "frequency_unit": 0.0125,
+    "level_unit": "gap",
+    "impacts_limit": FEW_IMPACTS,
 }
 KIND = Kind(SweepGapTask, (Settings, Passage, Cavity), DEFAULTS, partial(choice, 2))
 
@@ -49,11 +52,11 @@ class SweepAndGapEnv(TaskEnv):
     | 2 | amplitude of the tip a quarter of a period behind the force | m / half-clearance |
     | 3 | absorber less tip at the interval's end | m / half-clearance |
     | 4 | its rate | m/s / (half-clearance times the resonance's circular frequency) |
-    | 5 | impacts in the last interval | per pseudo period / 2 |
+    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
     | 6 | absorber's kinetic energy over that of beam and absorber | 1 |
     | 7 | frequency ratio to the resonance, less the middle of ``limits`` | 1 / ``frequency_unit`` |
     | 8 | share of the time budget that is left | 1 |
-    | 9 | response level so far | m / reference level (which is in proportion to the force) |
+    | 9 | response level so far | m / half-clearance of the scene |
     | 10 | far frequency less present one | ratio / ``frequency_unit`` |
     | 11 | half-clearance in use | m / half-clearance of the scene |
 
@@ -71,7 +74,7 @@ class SweepAndGapEnv(TaskEnv):
     ## Arguments
     All of `SweepRateV1Env`, with these defaults, and one more:
 
-    - ``gap_limits`` (default 0.1 mm to 3 mm): half-clearances in m
+    - ``gap_limits`` (default 0.1 mm to 3 mm): half-clearances in m; ``level_unit`` (default "gap") of feature 9, or "reference"
     - ``force`` (default 0.5 to 6) in N; ``absorber_options`` (default restitution 0.7, no friction), ``modes`` 3; ``interval`` 10,
       ``time_budget`` 4000, ``backward_rate`` 0
 
@@ -79,7 +82,9 @@ class SweepAndGapEnv(TaskEnv):
     `gymnasium.error.ResetNeeded`.
 
     ## Version History
-    - v0: first version
+    - v1: the level is in half-clearances, and feature 5 is cut off at 4. It is v0 with ``level_unit="gap"`` and ``impacts_limit=4``
+    - v0: first version; its level is over that of the beam without absorber under the same force (``level_unit="reference"``), so that features 1, 2
+      and 9 together tell the force after one interval
     """
 
     kind = KIND

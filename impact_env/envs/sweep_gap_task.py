@@ -14,7 +14,7 @@ from impact_env.envs.settings import Range, Settings, span
 from impact_env.envs.sweep_task import Passage, SweepTask
 from impact_env.envs.task import Array, Mask
 from impact_env.kernels.interval import spread
-from impact_env.parameters import RigidWalls, SlidingAbsorber, require
+from impact_env.parameters import Absorber, RigidWalls, SlidingAbsorber, require
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,19 @@ class Cavity:
         object.__setattr__(self, "gap_limits", (low, high))
 
 
+def require_cavity(absorber: Absorber | None) -> None:
+    """Raise ParameterError unless an absorber is in a cavity with rigid walls."""
+    rigid = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)
+    require(rigid, "absorber", absorber, "an impact absorber with rigid walls: there must be a cavity whose walls can be set")
+
+
 class SweepGapTask(SweepTask):
     """Lanes that pass through a resonance, each with a cavity that is set on the way."""
 
     features: Sequence[Feature] = (*STATE, Feature("way left", False), Feature("half-clearance in use", False))
 
     def __init__(self, settings: Settings, passage: Passage, cavity: Cavity, lanes: int) -> None:
-        absorber = settings.scene.absorber
-        rigid = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)
-        require(rigid, "absorber", absorber, "an impact absorber with rigid walls: there must be a cavity whose walls can be set")
+        require_cavity(settings.scene.absorber)
         self.cavity = cavity
         super().__init__(settings, passage, lanes)
         self.limited = np.zeros(lanes, dtype=np.bool_)

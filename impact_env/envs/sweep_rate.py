@@ -68,6 +68,7 @@ class SweepRateEnv(TaskEnv):
       ``unfinished_price`` (default 1)
     - ``budget_end`` (default "truncated"; or "terminated"): what it is called when the time budget is spent
     - ``frequency_origin`` (default "resonance"; or "middle" of ``limits``), ``frequency_unit`` (default 0.1): zero and unit of features 7 and 10
+    - ``level_unit`` of feature 9 (default "reference"; or "gap": half-clearances, which tell nothing of a force that is drawn)
     - ``objective``: "level" or "fatigue"; ``fatigue_exponent``
     - those of every environment: `impact_env.envs.settings.Settings` describes scene, force, method, interval and observation; here ``modes`` 2 and
       a friction limit of 0.025 N
@@ -76,7 +77,7 @@ class SweepRateEnv(TaskEnv):
     Bad values raise `impact_env.ParameterError`, a step before a reset or after the end `gymnasium.error.ResetNeeded`.
 
     ## Version History
-    - v0: first version
+    - v0: first version, also named ``ImpactAbsorber/SweepRateHard-v0``: the task of exploration, which v1 does not replace
     """
 
     kind = KIND

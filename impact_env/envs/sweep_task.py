@@ -23,6 +23,7 @@ from impact_env.parameters import non_negative, one_of, positive, require
 DIRECTIONS = ("up", "down", "random")
 BUDGET_ENDS = ("truncated", "terminated")
 ORIGINS = ("resonance", "middle")
+LEVEL_UNITS = ("reference", "gap")
 PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequency ratio in one
 
 
@@ -42,6 +43,7 @@ class Passage:
     budget_end: str = "truncated"
     frequency_origin: str = "resonance"
     frequency_unit: float = FREQUENCY_SCALE
+    level_unit: str = "reference"
 
     def __post_init__(self) -> None:
         one_of("direction", self.direction, DIRECTIONS)
@@ -60,16 +62,18 @@ class Passage:
         one_of("budget_end", self.budget_end, BUDGET_ENDS)
         one_of("frequency_origin", self.frequency_origin, ORIGINS)
         positive("frequency_unit", self.frequency_unit)
+        one_of("level_unit", self.level_unit, LEVEL_UNITS)
 
 
 class SweepTask(Task):
     """Lanes that pass through a resonance."""
 
     features: Sequence[Feature] = (*STATE, Feature("way left", False))
-    level_name = "level relative to no absorber"
 
     def __init__(self, settings: Settings, passage_settings: Passage, lanes: int) -> None:
         self.passage = passage_settings
+        self.absolute = passage_settings.level_unit == "gap"
+        self.level_name = "level over the scene's half-clearance" if self.absolute else "level relative to no absorber"
         self.budget_terminates = passage_settings.budget_end == "terminated"
         self.frequency_unit = passage_settings.frequency_unit
         if passage_settings.frequency_origin == "middle":
@@ -90,7 +94,7 @@ class SweepTask(Task):
         down = bool(generator.integers(2)) if direction == "random" else direction == "down"
         self.ratio[lane], self.far[lane] = self._ends[int(down)]
         self.sign[lane] = -1.0 if down else 1.0
-        self.force[lane] = force = self.draw_force(generator)
+        self.force[lane] = force = self.draw_force(lane, generator)
         level, damage = self._references[int(down)]
         self.level_scale[lane] = level * force
         self.damage_scale[lane] = damage * force**self.passage.fatigue_exponent if self.fatigue else 1.0
@@ -121,8 +125,8 @@ class SweepTask(Task):
         return rewards
 
     def level(self) -> Array:
-        """Return the level so far relative to that of the reference passage."""
-        return self.runs.reports["level"] / self.level_scale
+        """Return the level so far: relative to that of the reference passage, which knows the force, or in half-clearances."""
+        return self.runs.reports["level"] / (self.length if self.absolute else self.level_scale)
 
     def expected_amplitude(self) -> Array:
         """Return the amplitude of the reference passage (L,) in m."""
@@ -142,7 +146,7 @@ class SweepTask(Task):
         """Return what info says of each lane."""
         info = super().info()
         info["level"] = self.runs.reports["level"].copy()
-        info["relative_level"] = self.level()
+        info["relative_level"] = self.runs.reports["level"] / self.level_scale
         if self.fatigue:
             info["relative_damage"] = self._potential.copy()
         return info
@@ -157,6 +161,7 @@ class OneRate:
     limits: Range = Passage.limits
     time_price: float = Passage.time_price
     objective: str = Passage.objective
+    level_unit: str = Passage.level_unit
     fatigue_exponent: float = Passage.fatigue_exponent
 
     def passage(self, settings: Settings) -> Passage:

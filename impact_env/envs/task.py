@@ -7,7 +7,7 @@ terms, draws) is done lane by lane or in a kernel.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
-from impact_env.envs.settings import Settings
+from impact_env.envs.settings import FORCES, Range, Settings
 from impact_env.kernels.episodes import Units, fill_features, order_intervals
+from impact_env.modes import ModalModel
+from impact_env.parameters import require
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,6 +32,8 @@ class Task(ABC):
     features: Sequence[Feature]
     level_name: str
 
+    options: Mapping[str, Range] = {"force": FORCES}
+    costs: Array | None = None
     budget_terminates = False
     frequency_origin, frequency_unit = 1.0, FREQUENCY_SCALE
 
@@ -39,20 +43,20 @@ class Task(ABC):
         An episode that has spent its budget is cut off, or ended where ``budget_terminates``. What is set in ``limit`` cuts it off after that
         number of intervals, as gymnasium's TimeLimit does from outside: the task knows nothing of it.
         """
-        self.settings, self.lanes, self.steps = settings, lanes, steps
+        self.settings, self.lanes, self.steps, self.scene = settings, lanes, steps, settings.scene
         self.limit: int | None = None
         self.omega, self.length, self.interval = settings.omega, settings.length, settings.interval
-        self.runs = ControlledRuns(
-            settings.scene,
-            lanes,
-            self.omega,
-            self.interval,
-            settings.integrator,
+        self.runs = self.make_runs(
+            lanes=lanes,
+            reference=self.omega,
+            interval=self.interval,
+            method=settings.integrator,
             samples_per_period=settings.samples_per_period,
             exponent=exponent,
             unit=self.length,
             threads=settings.threads,
         )
+        self._chosen: dict[str, Any] = {}
         self.force, self.ratio, self.time, self.score = (np.zeros(lanes) for _ in range(4))
         self.elapsed = np.zeros(lanes, dtype=np.int64)
         self.sensors = Sensors(self.features, lanes, settings.observation_noise, settings.observation_delay)
@@ -60,8 +64,20 @@ class Task(ABC):
         self._units = Units(self.length, 1 / (self.omega * self.length), impacts, float(self.frequency_origin), unit, steps)
         self._period = 2 * np.pi / self.omega
 
-    def reset(self, which: Mask, generators: Sequence[np.random.Generator]) -> NDArray[np.float32]:
-        """Start episodes in the lanes of a mask; return observations (L, features), of which theirs are new."""
+    def model(self, lane: int) -> ModalModel:  # noqa: ARG002 - all lanes have one, unless a task says otherwise
+        """Return a lane's structure."""
+        return self.scene.model
+
+    def make_runs(self, **arguments: Any) -> ControlledRuns:
+        """Return the lanes' runs."""
+        return ControlledRuns(self.scene, **arguments)
+
+    def reset(self, which: Mask, generators: Sequence[np.random.Generator], chosen: Mapping[str, Any] | None = None) -> NDArray[np.float32]:
+        """Start episodes in the lanes of a mask; return observations (L, features), of which theirs are new.
+
+        ``chosen`` takes the place of what is drawn: of each name in `options` one number, or one for each lane.
+        """
+        self._chosen = {name: self._checked(name, value) for name, value in (chosen or {}).items()}
         for lane in np.flatnonzero(which).tolist():
             self.draw(lane, generators[lane])
         for values in (self.time, self.score, self.elapsed):
@@ -125,10 +141,24 @@ class Task(ABC):
     def expected_amplitude(self) -> Array:
         """Return the tip's amplitude (L,) in m that a picture should have room for."""
 
-    def draw_force(self, generator: np.random.Generator) -> float:
+    def _checked(self, name: str, value: Any) -> Array:
+        low, high = self.options[name]
+        try:
+            values = np.broadcast_to(np.asarray(value, dtype=np.float64), self.lanes)
+        except (TypeError, ValueError):
+            values = np.full(self.lanes, np.nan)
+        ok = bool(((values >= low) & (values <= high)).all())
+        require(ok, f"options[{name!r}]", value, f"a number from {low:g} to {high:g}, or one for each of {self.lanes} lanes")
+        return values
+
+    def drawn(self, name: str, lane: int, drawn: float) -> float:
+        """Return what a reset chose for a lane under this name, else what was drawn."""
+        return float(self._chosen[name][lane]) if name in self._chosen else drawn
+
+    def draw_force(self, lane: int, generator: np.random.Generator) -> float:
         """Return an episode's force in N."""
         low, high = self.settings.forces
-        return low if low == high else float(generator.uniform(low, high))
+        return self.drawn("force", lane, low if low == high else float(generator.uniform(low, high)))
 
     def draw_phase(self, lane: int, generator: np.random.Generator) -> None:
         """Draw the force's phase at the start."""
@@ -138,6 +168,7 @@ class Task(ABC):
         """Return the scaled features (L, features)."""
         values = np.empty((self.lanes, len(self.features)))
         fill_features(self.runs.reports, self._units, self.ratio, self.elapsed, self.level(), values)
+        np.minimum(values[:, 4], self.settings.impacts_limit, out=values[:, 4])
         return values
 
     def info(self) -> dict[str, NDArray[Any]]:
@@ -149,6 +180,8 @@ class Task(ABC):
             "score": self.score.copy(),
             "impacts": self.runs.reports["impact_count"].copy(),
         }
+        if self.costs is not None:
+            info["costs"] = self.costs.copy()
         if self.settings.raw_state:
             info["state"] = self.runs.state.copy()
         return info

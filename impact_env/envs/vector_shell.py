@@ -9,7 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.envs.kind import Kind
-from impact_env.envs.shells import METADATA, Info, Observation, check_options, check_render_mode, checked_actions, checked_seed, observation_space
+from impact_env.envs.shells import (
+    METADATA,
+    Info,
+    Observation,
+    check_options,
+    check_render_mode,
+    checked_actions,
+    checked_seed,
+    costs_as_rewards,
+    observation_space,
+    reward_space,
+)
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
 
@@ -48,6 +59,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         *,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         max_episode_steps: int | None = None,
+        vector_reward: bool = False,
         **arguments: Any,
     ) -> None:
         check_render_mode(render_mode)
@@ -56,13 +68,14 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         task, action_space = self.kind.make(count("num_envs", num_envs, 1), arguments), self.kind.actions()
         task.limit = None if max_episode_steps in (None, -1) else count("max_episode_steps", max_episode_steps, 1)
         self.task, self.render_mode, self.num_envs = task, render_mode, task.lanes
+        self.reward_space = reward_space(task, vector_reward)
         self.single_action_space, self.single_observation_space = action_space, observation_space(task)
         self.action_space = batch_space(action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self._observations: Observation | None = None
-        self._over = np.zeros(self.num_envs, dtype=np.bool_)
+        self._over, self._rest = np.zeros(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.bool_)
         self._screen: Any = None
 
     @property  # type: ignore[misc]
@@ -90,16 +103,19 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Start episodes at rest, in all lanes or in those of ``options["reset_mask"]`` (num_envs,), bool.
 
+        Other ``options`` choose what would be drawn, by the names in the task's ``options``: a number for all lanes, or one for each.
+
         ``seed``: a number from which lane i gets seed + i, or one seed (or None) for each lane.
         """
-        mask = check_options(options, ("reset_mask",)).get("reset_mask")
+        chosen = check_options(options, ("reset_mask", *self.task.options))
+        mask = chosen.pop("reset_mask", None)
         which = np.ones(self.num_envs, dtype=np.bool_) if mask is None else self._checked_mask(mask)
         self._seed(self._lane_seeds(seed), which)
-        observations = self.task.reset(which, self._generators)
+        observations = self.task.reset(which, self._generators, chosen)
         if self._observations is not None:
             observations[~which] = self._observations[~which]
         self._observations = observations
-        self._over[which] = False
+        self._over[which] = self._rest[which] = False
         return observations.copy(), self._masked(self.task.info(), which)
 
     def _lane_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
@@ -118,6 +134,15 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             raise ResetNeeded("the first reset() must be one of all lanes: leave reset_mask out")
         return np.asarray(mask)
 
+    def rest(self, mask: NDArray[np.bool_]) -> None:
+        """Let the lanes of a mask (num_envs,), bool, stay where they are until they are reset, and all others go on.
+
+        A lane that rests costs next to nothing, ignores its action, has a reward of 0, does not end, and shows its last observation again.
+        """
+        ok = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)
+        require(ok, "mask", mask, f"a bool array of shape ({self.num_envs},)")
+        self._rest = mask.copy()
+
     def step(self, actions: Any) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
         """Advance all lanes by one control interval.
 
@@ -128,12 +153,18 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if self._observations is None:
             raise ResetNeeded("call reset() before step()")
         actions = checked_actions(self.action_space, actions)
-        resting = self._over if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any() else None
-        if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
-            lanes = np.flatnonzero(self._over).tolist()
+        resting = self._over & ~self._rest if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any() else None
+        still = self._rest if self._rest.any() else None
+        if self.autoreset_mode is AutoresetMode.DISABLED and (self._over & ~self._rest).any():
+            lanes = np.flatnonzero(self._over & ~self._rest).tolist()
             raise ResetNeeded(f'lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()')
-        rewards, terminated, truncated = self.task.step(actions, resting)
-        observations = self.task.observe(self._generators, resting)
+        stays = still if resting is None else resting if still is None else still | resting
+        rewards, terminated, truncated = self.task.step(actions, stays)
+        if self.reward_space is not None:
+            rewards = costs_as_rewards(self.task, stays)
+        observations = self.task.observe(self._generators, stays)
+        if still is not None:
+            observations = np.where(still[:, None], self._observations, observations)
         info = self.task.info()
         over = terminated | truncated
         final: Info = {}
@@ -143,6 +174,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if again is not None:
             observations = np.where(again[:, None], self.task.reset(again, self._generators), observations)
             info = self.task.info()
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            over = over if still is None else over | (self._over & still)
         self._observations, self._over = observations, over if self.autoreset_mode is not AutoresetMode.SAME_STEP else self._over
         return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info, np.ones(self.num_envs, dtype=np.bool_))}
 
@@ -167,7 +200,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             raise ResetNeeded("call reset() before snapshot()")
         generators = [generator.bit_generator.state for generator in self._generators]
         parts = {"task": self.task.snapshot(), "generators": generators}
-        return parts | {"seeds": list(self._seeds), "observations": self._observations.copy(), "over": self._over.copy()}
+        return parts | {"seeds": list(self._seeds), "observations": self._observations.copy(), "over": self._over.copy(), "rest": self._rest.copy()}
 
     def restore(self, snapshot: dict[str, Any]) -> Observation:
         """Go on from the snapshot of an environment with the same arguments, bit for bit; return the observations (num_envs, features)."""
@@ -177,6 +210,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             generator.bit_generator.state = state
         self.task.restore(snapshot["task"])
         self._observations, self._over = snapshot["observations"].copy(), snapshot["over"].copy()
+        self._rest = snapshot.get("rest", np.zeros_like(self._over)).copy()
         return self._observations.copy()
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:

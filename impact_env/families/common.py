@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
+from impact_env.kernels import loads
 from impact_env.kernels.rigid_contact import Contact, Walls
 from impact_env.kernels.segments import Losses, Schedule
+from impact_env.kernels.vector import TERMS
 from impact_env.laws import entry
-from impact_env.parameters import TunedAbsorber
+from impact_env.loads import AnyDrive, Loads
+from impact_env.parameters import TunedAbsorber, gravity_of
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
@@ -29,16 +32,40 @@ def compiled(law: object) -> Any:
     return taken(*(getattr(law, field, None) for field in taken._fields))
 
 
-def window_of(drive: Drive) -> float:
+def window_of(drive: AnyDrive) -> float:
     """Return the wanted length of a window in s."""
     return WINDOW_PERIODS * drive.schedule.pseudo_period
 
 
-def schedule_of(drive: Drive, reach: float) -> Schedule:
+def schedule_of(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
     """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
+    if isinstance(drive, Loads):
+        return _schedule_of_loads(scene, drive, reach)
+    assert isinstance(drive, Drive)
     breaks = drive.schedule
     phases = breaks.phase_at(breaks.times) + drive.phase
-    return Schedule(np.array(breaks.times), np.array(breaks.omegas), np.asarray(phases), drive.amplitude, reach)
+    return Schedule(np.array(breaks.times), np.array(breaks.omegas), np.asarray(phases), drive.amplitude, reach, None)
+
+
+def _schedule_of_loads(scene: Scene, drive: Loads, reach: float) -> Schedule:
+    times, pieces, which, moves_base = drive.on_one_clock()
+    base = None
+    if moves_base.any():
+        model, mass = scene.model, scene.absorber_mass or 0.0
+        assert model.base_participation is not None
+        base = loads.Base(np.zeros((2, TERMS)), np.array(model.base_participation), model.base_at_absorber, mass * model.base_at_absorber)
+    load = loads.Load(pieces, which, moves_base, np.zeros((2, TERMS)), base)
+    return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
+
+
+def moves_base(drive: AnyDrive | None) -> bool:
+    """Return whether a drive moves the base."""
+    return isinstance(drive, Loads) and drive.moves_base
+
+
+def gravity_in(scene: Scene, drive: AnyDrive | None = None) -> float | None:
+    """Return the gravity (m/s^2) along a single absorber's motion, None where there is none, but under loads 0: so they need no kernels without."""
+    return gravity_of(scene.absorber) if isinstance(drive, Loads) else gravity_of(scene.absorber) or None
 
 
 def losses_of(scene: Scene) -> Losses:
@@ -48,8 +75,8 @@ def losses_of(scene: Scene) -> Losses:
     return Losses(np.array(model.force_shape), np.array(model.tip_shape), 2 * model.damping_ratio * model.omega, damper)
 
 
-def contact_of(scene: Scene, walls: Walls | None = None, limit: float | None = None) -> Contact:
-    """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None where absent."""
+def contact_of(scene: Scene, walls: Walls | None = None, limit: float | None = None, drive: AnyDrive | None = None) -> Contact:
+    """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None where absent. ``drive``: as in `gravity_in`."""
     mass, tip_shape = scene.absorber_mass, np.array(scene.model.tip_shape)
     assert mass is not None
-    return Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape, walls, limit)
+    return Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape, walls, limit, gravity_in(scene, drive))

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache, partial
 
-from impact_env.drive import Drive
 from impact_env.families.common import WINDOW_PERIODS, Array, compiled, contact_of, losses_of, schedule_of, window_of
 from impact_env.families.family import Family, Observers
 from impact_env.kernels.compliant import Sprung, compliant_lane
-from impact_env.kernels.crew import Board, compliant_crew
 from impact_env.kernels.interval import Batch
+from impact_env.kernels.lanes import compliant_lanes
 from impact_env.kernels.segments import Regime
 from impact_env.kernels.springs import Springs
+from impact_env.loads import AnyDrive
 from impact_env.methods import Exact
 from impact_env.parameters import SlidingAbsorber
 from impact_env.regimes import fastest, free_regime, padded_size, sprung_regime
@@ -58,13 +58,13 @@ def _sprung(scene: Scene, wanted: float) -> tuple[Sprung, float]:
     return Sprung(regimes, contact_of(scene), _springs(scene), *_laws(scene), losses_of(scene)), reach
 
 
-def _run(scene: Scene, drive: Drive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
+def _run(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
     sprung, reach = _sprung(scene, window_of(drive))
-    return int(compliant_lane(sprung, schedule_of(drive, reach), state, observers.every(sample_dt)))
+    return int(compliant_lane(sprung, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
 
 
-def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
-    return partial(compliant_crew, *_sprung(scene, WINDOW_PERIODS * pseudo_period), batch)
+def _control(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+    return partial(compliant_lanes, *_sprung(scene, WINDOW_PERIODS * pseudo_period), batch)
 
 
 def _slots(scene: Scene, pseudo_period: float) -> int:

@@ -9,11 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
-from impact_env.kernels.crew import Board
 from impact_env.kernels.interval import Batch
 from impact_env.kernels.level import Level
 from impact_env.kernels.observers import Counters, Energy, Events, Observe, Series, new_clock
+from impact_env.loads import AnyDrive
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
@@ -38,7 +37,7 @@ class Observers:
 class Run(Protocol):
     """A family's single run."""
 
-    def __call__(self, scene: Scene, drive: Drive, method: Any, state: Array, sample_dt: float, observers: Observers, /) -> int:
+    def __call__(self, scene: Scene, drive: AnyDrive, method: Any, state: Array, sample_dt: float, observers: Observers, /) -> int:
         """Integrate over the whole schedule and return a status code of `impact_env.kernels.observers`.
 
         ``state`` (2 N_m + 2 n,) is the start and becomes the end. Samples lie ``sample_dt`` (s) apart from time 0. A slider of elastic friction
@@ -49,8 +48,8 @@ class Run(Protocol):
 class Control(Protocol):
     """A family's lanes under control."""
 
-    def __call__(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch, /) -> Callable[[Board, int, int], bool]:
-        """Return the kernel of `impact_env.kernels.crew` that advances a scene's lanes by the intervals in their orders; ``pseudo_period`` in s."""
+    def __call__(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch, /) -> Callable[[int, int], None]:
+        """Return the kernel of `impact_env.kernels.lanes` that advances lanes [low, high) by their orders' intervals; ``pseudo_period`` in s."""
 
 
 def one_slot(scene: Scene, pseudo_period: float) -> int:
@@ -79,5 +78,5 @@ class Family:
     searched: bool = False
 
     def key(self, scene: Scene) -> tuple[object, ...]:
-        """Return what is the same for two scenes that the same compiled kernels simulate."""
+        """Return what is the same for two scenes that the same compiled kernels simulate, under the same kind of drive."""
         return self.name, *(absent(law) for law in self.laws(scene))

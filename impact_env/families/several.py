@@ -9,11 +9,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from impact_env.drive import Drive
 from impact_env.families.common import Array, losses_of, schedule_of, window_of
 from impact_env.families.family import Family, Observers
 from impact_env.kernels.sets import Absorbers, Sets
 from impact_env.kernels.several import Several, several_lane
+from impact_env.loads import AnyDrive
 from impact_env.methods import Exact
 from impact_env.parameters import RigidWalls, SeveralAbsorbers, SlidingAbsorber
 from impact_env.regime_sets import regime_sets
@@ -39,10 +39,10 @@ def _laws(scene: Scene) -> tuple[object, ...]:
     return ()
 
 
-def _run(scene: Scene, drive: Drive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
+def _run(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
     sets, reach = _sets(scene, window_of(drive))
     several = Several(sets, _absorbers(scene), losses_of(scene))
-    return int(several_lane(several, schedule_of(drive, reach), state, observers.every(sample_dt)))
+    return int(several_lane(several, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
 
 
 SEVERAL = Family("several", _laws, _run, searched=True)

@@ -8,18 +8,18 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
-from impact_env.families.common import compiled
+from impact_env.families.common import compiled, schedule_of
 from impact_env.families.family import Family, Observers
 from impact_env.families.rigid import rigid_laws
 from impact_env.kernels import feedback, moreau
-from impact_env.kernels.crew import Board, moreau_crew, runge_kutta_crew
 from impact_env.kernels.feedback import CompliantLaws
 from impact_env.kernels.grid import Force, Modes, Step
 from impact_env.kernels.interval import Batch
+from impact_env.kernels.lanes import moreau_lanes, runge_kutta_lanes
 from impact_env.kernels.moreau import moreau_lane
 from impact_env.kernels.moreau_law import RigidLaws, Spring
 from impact_env.kernels.runge_kutta import runge_kutta_lane
+from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.parameters import NonlinearSink, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require
 from impact_env.scene import Scene
@@ -37,10 +37,13 @@ def _modes(scene: Scene) -> Modes:
     return Modes(_writable(model.omega), _writable(model.damping_ratio), _writable(model.force_shape), _writable(model.tip_shape))
 
 
-def _force(drive: Drive) -> Force:
+def _force(scene: Scene, drive: AnyDrive) -> Force:
+    if isinstance(drive, Loads):
+        taken = schedule_of(scene, drive, 1.0)
+        return Force(taken.times, taken.omegas, taken.phases, 1.0, 0.0, taken.load)
     schedule = drive.schedule
     phases = schedule.phase_at(schedule.times)
-    return Force(_writable(schedule.times), _writable(schedule.omegas), _writable(phases), drive.amplitude, drive.phase)
+    return Force(_writable(schedule.times), _writable(schedule.omegas), _writable(phases), drive.amplitude, drive.phase, None)
 
 
 def _spring(scene: Scene) -> Spring | None:
@@ -65,14 +68,14 @@ def _moreau_laws(scene: Scene) -> tuple[object, ...]:
     return *laws, wide
 
 
-def _run_moreau(scene: Scene, drive: Drive, method: Moreau, state: Array, sample_dt: float, observers: Observers) -> int:
+def _run_moreau(scene: Scene, drive: AnyDrive, method: Moreau, state: Array, sample_dt: float, observers: Observers) -> int:
     laws, wide = _moreau_parts(scene)
-    return int(moreau_lane(_modes(scene), laws, _force(drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
+    return int(moreau_lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
 
 
-def _control_moreau(scene: Scene, method: Moreau, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+def _control_moreau(scene: Scene, method: Moreau, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
     laws, wide = _moreau_parts(scene)
-    return partial(moreau_crew, _modes(scene), laws, Step(method.step(scene), wide), batch)
+    return partial(moreau_lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
 
 
 def _runge_kutta_parts(scene: Scene) -> tuple[CompliantLaws, int | None]:
@@ -91,16 +94,16 @@ def _runge_kutta_laws(scene: Scene) -> tuple[object, ...]:
     return *laws, wide
 
 
-def _run_runge_kutta(scene: Scene, drive: Drive, method: RungeKutta, state: Array, sample_dt: float, observers: Observers) -> int:
+def _run_runge_kutta(scene: Scene, drive: AnyDrive, method: RungeKutta, state: Array, sample_dt: float, observers: Observers) -> int:
     laws, wide = _runge_kutta_parts(scene)
-    return int(runge_kutta_lane(_modes(scene), laws, _force(drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
+    return int(runge_kutta_lane(_modes(scene), laws, _force(scene, drive), state, Step(method.step(scene), wide), observers.every(sample_dt)))
 
 
-def _control_runge_kutta(scene: Scene, method: RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[Board, int, int], bool]:
+def _control_runge_kutta(scene: Scene, method: RungeKutta, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
     laws, wide = _runge_kutta_parts(scene)
     # a state of steps does not hold the slider
     require(laws.slider is None, "method", method, "Exact for elastic friction that is controlled in intervals")
-    return partial(runge_kutta_crew, _modes(scene), laws, Step(method.step(scene), wide), batch)
+    return partial(runge_kutta_lanes, _modes(scene), laws, Step(method.step(scene), wide), batch)
 
 
 MOREAU = Family("moreau", _moreau_laws, _run_moreau, _control_moreau)

@@ -24,7 +24,7 @@ def hold_or_let_go(scene, window, room, state):
     solve_joined(scene, window, room)
     copy(work.z, work.rows[1])
     add_forced_part(window, now.tau, -1.0, room)
-    f, scale = joint_force(scene.joined, room.joined_forced, window.omega, now.tau, work)
+    f, scale = joint_force(scene.joined, room.joined_forced, window.omega, now.tau, scene.contact, work)
     low, high = joint_bounds(scene.contact.limit, now.side)
     slack = JOINT_SLACK * scale
     if low - slack <= f <= high + slack:

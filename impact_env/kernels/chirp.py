@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from impact_env.kernels.jit import jit
+from impact_env.kernels.loads import force_in
 
 RESET = 32
 
@@ -47,9 +48,30 @@ def phasor(force, k, t, dt):
 
 
 @jit
+def fill_loads(target, count, times, load, k, t, dt):
+    """Do the same for other loads than the chirp of one force."""
+    first = stretch_at(times, k, t)
+    k = first
+    for n in range(count):
+        k = stretch_at(times, k, t + n * dt)
+        target[n] = force_in(load, k, t + n * dt)
+    return first
+
+
+@jit
+def force_or(load, k, t, given):
+    """Return the force of loads at time ``t`` of stretch ``k`` (N), or what is ``given`` where there are none."""
+    if load is None:
+        return given
+    return force_in(load, k, t)
+
+
+@jit
 def fill_phases(target, count, force, k, t, dt):
     """Write the force for amplitude 1 at t, t + dt, ... into the first ``count`` places of ``target``; return the stretch of the first."""
-    times = force.times
+    times, load = force.times, force.load
+    if load is not None:
+        return fill_loads(target, count, times, load, k, t, dt)
     first = stretch_at(times, k, t)
     k, done = first, 0
     while done < count:

@@ -31,6 +31,9 @@ def add_energy(stretch, losses, state, r, account):
     tau, end, window, z, w = stretch.tau, stretch.end, stretch.window, stretch.work.z, stretch.work.rows[0]
     if not end > tau:
         return
+    if window.load is not None:
+        add_by_quadrature(stretch, losses, state, account)
+        return
     known, slots = account.known[r], stretch.regime.slots
     if known.kind == UNKNOWN:
         learn_regime(account, r, stretch.regime, losses)

@@ -1,4 +1,7 @@
-"""Work and losses of a stretch without events by quadrature: for regimes whose slots cancel, where sums of squares of slots would lose digits."""
+"""Work and losses of a stretch without events by quadrature.
+
+For regimes whose slots cancel, where sums of squares of slots would lose digits, and for loads other than the chirp of one force.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,8 @@ import math
 import numpy as np
 
 from impact_env.kernels.jit import jit
-from impact_env.kernels.segments import state_at
+from impact_env.kernels.loads import value_of
+from impact_env.kernels.segments import add_own_motion, state_at
 from impact_env.kernels.slots import SPEED, advance, copy
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
@@ -25,6 +29,34 @@ def _active_speed(rows, omega, z):
         if rows[SPEED, j] * (abs(z[0, j]) + abs(z[1, j])) > ACTIVE * largest:
             return max(rows[SPEED, j], omega)
     return max(rows[SPEED, 0], omega)
+
+
+@jit
+def force_at(window, size, phase, tau):
+    """Return the force at an offset from the window's centre (N); a chirp has ``size`` and ``phase`` there."""
+    load = window.load
+    if load is not None:
+        return value_of(load.terms, window.omega, tau)
+    return size * math.cos(phase + (window.omega + 0.5 * window.alpha * tau) * tau)
+
+
+@jit
+def base_power(window, losses, own, state, tau):
+    """Return the power of the base in a state (W), in coordinates relative to it: -a_b (Gamma q' + m_a r Y'), Y' = ``own`` (m/s)."""
+    load = window.load
+    if load is None:
+        return 0.0
+    return _power_of(load.base, window.omega, losses, own, state, tau)
+
+
+@jit
+def _power_of(base, omega, losses, own, state, tau):
+    if base is None:
+        return 0.0
+    momentum, half = base.carried * own, state.shape[0] // 2
+    for i in range(losses.rate.shape[0]):
+        momentum += base.participation[i] * state[half + i]
+    return -value_of(base.terms, omega, tau) * momentum
 
 
 @jit
@@ -47,7 +79,8 @@ def add_by_quadrature(stretch, losses, state, energy):
             t = 0.5 * h * (1.0 + _NODES[k])
             state_at(stretch, p, x, t, stretch.work.rows[1], state)
             c = x + t
-            f = force_size * math.cos(phase + (window.omega + 0.5 * window.alpha * c) * c)
+            f = force_at(window, force_size, phase, c)
+            add_own_motion(stretch, c, state)
             weight = 0.5 * h * _WEIGHTS[k]
             power, tip = 0.0, 0.0
             for i in range(modes):
@@ -56,7 +89,9 @@ def add_by_quadrature(stretch, losses, state, energy):
                 tip += losses.tip_shape[i] * v
                 energy.modal[i] += weight * losses.rate[i] * v * v
             energy.totals[0].work += weight * f * power
-            relative = state[half + modes] + absorber.v + absorber.a * (c - tau) - tip
+            own = state[half + modes] + absorber.v + absorber.a * (c - tau)
+            energy.totals[0].work += weight * base_power(window, losses, own, state, c)
+            relative = own - tip
             energy.totals[0].absorber_damping += weight * losses.damper * relative * relative
         advance(slots.rows, slots.table, slots.scale, h, p)
         x += h

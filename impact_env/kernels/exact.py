@@ -10,10 +10,10 @@ import numpy as np
 from impact_env.kernels.budget import limit_searches, progress
 from impact_env.kernels.energy_account import new_account, observe_with
 from impact_env.kernels.forced import add_forced, solve_forced
-from impact_env.kernels.free_and_joined import begin, body_of, enter, fly, free_state, hold, new_room, release, try_join
+from impact_env.kernels.free_and_joined import begin, body_of, enter, fly, free_state, hold, move_own, new_room, release, try_join
 from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.observers import DONE, NOT_FINITE
-from impact_env.kernels.rigid_contact import FREE, JOINED, end_phase, friction_force, impact, turn
+from impact_env.kernels.rigid_contact import FREE, JOINED, end_phase, friction_force, impact, turn, weight_held
 from impact_env.kernels.segments import last_sample, to_state, window_count, window_of
 from impact_env.kernels.signals import NOTHING, REVERSAL
 from impact_env.kernels.slots import REST, add, copy
@@ -40,6 +40,7 @@ def add_forced_part(window, tau, sign, room):
     """Add the forced part of the regime in use, times ``sign``, to the slots."""
     if room.now[0].regime == FREE:
         add_forced(room.free_forced.slots, window.omega, tau, sign, room.work.z)
+        move_own(window, room, sign)
     else:
         add_forced(room.joined_forced.slots, window.omega, tau, sign, room.work.z)
 
@@ -76,11 +77,13 @@ def join_or_slide(scene, window, room, state):
     """Go on from the free regime without relative velocity: joined if the joint force allows it."""
     now, work = room.now[0], room.work
     solve_joined(scene, window, room)
+    move_own(window, room, 1.0)
     free_state(scene.free, room.free_forced, window.omega, now, work, state)
     if not try_join(scene, window, room, state):
         now.at_rest = True
         friction_force(scene.contact.limit, now)
         enter(scene.free, room.free_forced, window.omega, now, state, work.z)
+        move_own(window, room, -1.0)
 
 
 @jit_inline
@@ -150,7 +153,10 @@ def current_state(scene, room, state):
         to_state(scene.free.out, w, state)
         state[half - 1], state[2 * half - 1] = now.q, now.v
     else:
-        to_state(scene.joined.out, work.z, state)
+        w = work.rows[0]
+        copy(work.z, w)
+        add(scene.joined.slots.rows, REST, weight_held(scene.contact.gravity), w)
+        to_state(scene.joined.out, w, state)
         state[half - 1] += now.offset
 
 

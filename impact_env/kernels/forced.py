@@ -13,20 +13,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.forced_sums import add_response, back_substitute, combine, first_values, polynomial_value
+from impact_env.kernels.forced_sums import add_response, back_substitute, back_substitute_both, combine, first_values, polynomial_value
 from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.loads import Load, add_base_drive
 from impact_env.kernels.numbers import cos_sin
-from impact_env.kernels.slots import DRIVE, GUARD, TIP, S
+from impact_env.kernels.slots import BASE, DRIVE, GUARD, TIP, S
 from impact_env.kernels.vector import POINTS, SCAN_TERMS, TERMS
 
-CHIRP_REMAINDER = 1e-17
 NEAR_RESONANCE = 0.05  # of |i Omega - s| times half the window: then the polynomial is built upwards
 DERIVATIVES = 6
 SCANNED = 3  # derivatives of the guard signal that the event search scans
 SIGNALS = (2, TERMS, 2, 4)  # shape of Forced.signals
 BEYOND = 1.25  # of half a window: up to there bounds hold
-# numbers of the signals in Forced.signals: the guard signal and its derivatives, the tip displacement; those of the scan are together
-GUARD_SIGNALS, TIP_SIGNAL = (0, 1, 2, 4, 5, 6), 3
+# numbers of the signals in Forced.signals: the guard signal and its derivatives, the tip displacement, that of a free absorber under a base that
+# moves; those of the scan are together
+GUARD_SIGNALS, TIP_SIGNAL, OWN_SIGNAL = (0, 1, 2, 4, 5, 6), 3, 7
 THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
 
 
@@ -50,7 +51,10 @@ class Forced(NamedTuple):
 
 
 class Window(NamedTuple):
-    """A stretch of time with one expansion of the chirp: centre (s), half length (s), frequency (rad/s), rate (rad/s^2), force at the centre (N)."""
+    """A stretch of time with one expansion of the load: centre (s), half length (s), frequency (rad/s), rate (rad/s^2), force at the centre (N).
+
+    ``load``: other loads than the chirp of one force, whose terms it holds; the frequency is their carrier, rate and force then say nothing.
+    """
 
     centre: float
     half: float
@@ -58,6 +62,7 @@ class Window(NamedTuple):
     alpha: float
     force_r: float
     force_i: float
+    load: Load | None = None
 
 
 @jit_room
@@ -70,7 +75,12 @@ def new_forced(slots):
 
 @jit
 def fill_terms(window, terms):
-    """Write the terms of `Forced`: only even ones are not zero."""
+    """Write the terms of `Forced`; of a chirp only even ones are not zero."""
+    load = window.load
+    if load is not None:
+        for n in range(TERMS):
+            terms[0, n], terms[1, n] = load.terms[0, n], load.terms[1, n]
+        return
     c_r, c_i = 0.5 * window.force_r, 0.5 * window.force_i
     terms[0, 0], terms[1, 0] = c_r, c_i
     for m in range(1, 5):
@@ -80,15 +90,18 @@ def fill_terms(window, terms):
 
 
 @jit
-def forward_substitute(rows, j, omega, sign, terms, at, out):
+def forward_substitute(rows, j, window, sign, terms, at, out):
     """Solve the same for one slot that the force drives at its own frequency, where back-substitution divides by almost zero."""
-    l_r, l_i = -rows[S, j], sign * omega - rows[S + 1, j]
+    load = window.load
+    l_r, l_i = -rows[S, j], sign * window.omega - rows[S + 1, j]
     p_r, p_i = 0.0, 0.0
     for n in range(TERMS):
         out[at, n, j], out[at + 1, n, j] = p_r, p_i
         t_r, t_i = terms[0, n], sign * terms[1, n]
         x_r = rows[DRIVE, j] * t_r - rows[DRIVE + 1, j] * t_i - (l_r * p_r - l_i * p_i)
         x_i = rows[DRIVE, j] * t_i + rows[DRIVE + 1, j] * t_r - (l_r * p_i + l_i * p_r)
+        if load is not None:
+            x_r, x_i = add_base_drive(load.base, rows, j, BASE, sign, n, x_r, x_i)
         p_r, p_i = x_r / (n + 1), x_i / (n + 1)
 
 
@@ -97,7 +110,7 @@ def _at_resonance(rows, window, sign, terms, at, out):
     limit = NEAR_RESONANCE / window.half
     for j in range(rows.shape[1]):
         if abs(rows[S, j]) < limit and abs(sign * window.omega - rows[S + 1, j]) < limit:
-            forward_substitute(rows, j, window.omega, sign, terms, at, out)
+            forward_substitute(rows, j, window, sign, terms, at, out)
 
 
 @jit
@@ -139,13 +152,31 @@ def fill_carrier(steps, omega, level, carrier):
         carrier[level, 0, k], carrier[level, 1, k] = x, y
 
 
+@jit_inline
+def _substitute(rows, window, sign, terms, at, out):
+    """Solve for all slots by back-substitution, which divides by the difference of slot and carrier."""
+    load = window.load
+    if load is None:
+        back_substitute(rows, rows.shape[1], window.omega, sign, terms, at, out)
+    else:
+        _substitute_loads(rows, window.omega, sign, terms, load.base, at, out)
+
+
+@jit_inline
+def _substitute_loads(rows, omega, sign, terms, base, at, out):
+    if base is None:
+        back_substitute(rows, rows.shape[1], omega, sign, terms, at, out)
+    else:
+        back_substitute_both(rows, rows.shape[1], omega, sign, terms, base.terms, at, out)
+
+
 @jit
 def solve_response(slots, window, forced):
     """Fill the slots' and the tip's forced part for a window: all that a regime without guards needs."""
     rows, terms = slots.rows, forced.terms
     fill_terms(window, terms)
-    back_substitute(rows, rows.shape[1], window.omega, 1.0, terms, 0, forced.slots)
-    back_substitute(rows, rows.shape[1], window.omega, -1.0, terms, 2, forced.slots)
+    _substitute(rows, window, 1.0, terms, 0, forced.slots)
+    _substitute(rows, window, -1.0, terms, 2, forced.slots)
     _at_resonance(rows, window, 1.0, terms, 0, forced.slots)
     _at_resonance(rows, window, -1.0, terms, 2, forced.slots)
     solve_place(slots, forced)
@@ -169,17 +200,95 @@ def solve_place(slots, forced):
 
 
 @jit
+def solve_own(window, forced):
+    """Add to the guard signal of a free absorber its own displacement under a base that moves: Y'' = -r a_b, r of `loads.Base`."""
+    load = window.load
+    if load is not None:
+        _integrate_base(load.base, window.omega, window.half, forced.signals)
+
+
+@jit
+def _integrate_base(base, omega, half, signals):
+    """Fill the signal of a free absorber's displacement, which is twice the integral of what the base does to it, and add it to the guard signal.
+
+    P' + i Omega P = F as in `solve_response`, with s = 0: where Omega is small the polynomial is built upwards.
+    """
+    if base is None:
+        return
+    for n in range(TERMS):
+        for part in range(2):
+            signals[1, n, part, 3] = -2.0 * base.at_absorber * base.terms[part, n]
+    for _ in range(2):
+        if omega * half < NEAR_RESONANCE:
+            p_r, p_i = 0.0, 0.0
+            for n in range(TERMS):
+                x_r, x_i = signals[1, n, 0, 3] + omega * p_i, signals[1, n, 1, 3] - omega * p_r
+                signals[1, n, 0, 3], signals[1, n, 1, 3] = p_r, p_i
+                p_r, p_i = x_r / (n + 1), x_i / (n + 1)
+        else:
+            p_r, p_i = 0.0, 0.0
+            for m in range(TERMS):
+                n = TERMS - 1 - m
+                x_r, x_i = signals[1, n, 0, 3] - (n + 1) * p_r, signals[1, n, 1, 3] - (n + 1) * p_i
+                p_r, p_i = x_i / omega, -x_r / omega
+                signals[1, n, 0, 3], signals[1, n, 1, 3] = p_r, p_i
+    for n in range(TERMS):
+        for part in range(2):
+            signals[0, n, part, 0] += signals[1, n, part, 3]
+
+
+@jit
+def pull_joint(window, mass, signals):
+    """Add to a joint force what moves the absorber with the base."""
+    load = window.load
+    if load is not None:
+        _pull_by_base(load.base, mass, signals)
+
+
+@jit
+def _pull_by_base(base, mass, signals):
+    if base is not None:
+        for n in range(TERMS):
+            for part in range(2):
+                signals[0, n, part, 0] += 2.0 * mass * base.at_absorber * base.terms[part, n]
+
+
+@jit
+def own_motion(load, signals, omega, tau):
+    """Return displacement and velocity that the base gives a free absorber at an offset from the window's centre, both 0 where it does not move."""
+    if load is None:
+        return 0.0, 0.0
+    return _own_motion(load.base, signals, omega, tau)
+
+
+@jit
+def _own_motion(base, signals, omega, tau):
+    if base is None:
+        return 0.0, 0.0
+    c, s = cos_sin(omega * tau)
+    x, y, dx, dy = 0.0, 0.0, 0.0, 0.0
+    for m in range(TERMS):
+        n = TERMS - 1 - m
+        dx, dy = dx * tau + x, dy * tau + y
+        x, y = x * tau + signals[1, n, 0, 3], y * tau + signals[1, n, 1, 3]
+    dx, dy = dx - omega * y, dy + omega * x
+    return x * c - y * s, dx * c - dy * s
+
+
+@jit
 def solve_guard(slots, window, absorber_mass, forced):
     """Fill the guard signal, its derivatives and bounds; slots' forced part and displacement are known, ``absorber_mass`` as in `solve_forced`."""
     signals = forced.signals
     if absorber_mass is None:
         combine(slots.rows, GUARD, slots.rows.shape[1], forced.slots, signals, 0)
+        solve_own(window, forced)
     else:
         _derive(window.omega, signals, TIP_SIGNAL, 1)
         _derive(window.omega, signals, 1, 0)
         for n in range(TERMS):
             signals[0, n, 0, 0] *= absorber_mass
             signals[0, n, 1, 0] *= absorber_mass
+        pull_joint(window, absorber_mass, signals)
     for m in range(1, DERIVATIVES):
         _derive(window.omega, signals, GUARD_SIGNALS[m - 1], GUARD_SIGNALS[m])
     # the last step of a search may begin in the window and end beyond it: by a quarter of its half, or by the finest step where that is longer

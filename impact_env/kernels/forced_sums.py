@@ -12,12 +12,36 @@ from impact_env.kernels.jit import NUMBER, vector_code
 from impact_env.kernels.vector import TERMS, signal_place
 from impact_env.kernels.vector_code import Code, Complex, Index, Number
 
-_DRIVE = 4  # row of Slots.rows
+_DRIVE, _BASE = 4, 29  # rows of Slots.rows
 
 
 def _spread_pair(code: Code, array: Any, at: Any, distance: Any, sign: Number | None = None) -> Complex:
     imag = code.number(array, at + distance)
     return Complex(code.spread(code.number(array, at)), code.spread(imag if sign is None else imag * sign))
+
+
+def _solve_down(code: Code, rows: Any, size: Any, omega: Any, sign: Any, driven: Any, at: Any, out: Any) -> None:
+    turn, plane = omega * sign, size * TERMS
+    for j in code.slots(size):
+        (s_r, s_i), drives = (code.vector(rows, size * row + j) for row in (0, 1)), []
+        for row, _ in driven:
+            drives.append(Complex(*(code.vector(rows, size * (row + part) + j) for part in (0, 1))))
+        l_r, l_i = -s_r, code.spread(turn) - s_i
+        scale = code.repeated(1.0) / l_r.fma(l_r, l_i.fma(l_i, code.repeated(1e-300)))
+        inverse = Complex(l_r * scale, -(l_i * scale))
+        place = plane * at + j
+        solved = None
+        for n in range(TERMS - 1, -1, -1):
+            shares = [drive.times(_spread_pair(code, terms, n, TERMS, sign)) for drive, (_, terms) in zip(drives, driven, strict=True)]
+            x = shares[0]
+            for share in shares[1:]:
+                x = Complex(x.real + share.real, x.imag + share.imag)
+            if solved is not None:
+                factor = code.repeated(-(n + 1.0))
+                x = Complex(factor.fma(solved.real, x.real), factor.fma(solved.imag, x.imag))
+            solved = x.times(inverse)
+            here = place + size * n
+            code.store_complex(solved, out, here, here + plane)
 
 
 @vector_code()
@@ -26,22 +50,13 @@ def back_substitute(code: Code, rows, size: Index, omega: Number, sign: Number, 
 
     ``terms`` (2, TERMS); ``sign`` -1 takes the conjugate terms.
     """
-    turn, plane = omega * sign, size * TERMS
-    for j in code.slots(size):
-        s_r, s_i, d_r, d_i = (code.vector(rows, size * row + j) for row in (0, 1, _DRIVE, _DRIVE + 1))
-        drive, l_r, l_i = Complex(d_r, d_i), -s_r, code.spread(turn) - s_i
-        scale = code.repeated(1.0) / l_r.fma(l_r, l_i.fma(l_i, code.repeated(1e-300)))
-        inverse = Complex(l_r * scale, -(l_i * scale))
-        place = plane * at + j
-        solved = None
-        for n in range(TERMS - 1, -1, -1):
-            x = drive.times(_spread_pair(code, terms, n, TERMS, sign))
-            if solved is not None:
-                factor = code.repeated(-(n + 1.0))
-                x = Complex(factor.fma(solved.real, x.real), factor.fma(solved.imag, x.imag))
-            solved = x.times(inverse)
-            here = place + size * n
-            code.store_complex(solved, out, here, here + plane)
+    _solve_down(code, rows, size, omega, sign, ((_DRIVE, terms),), at, out)
+
+
+@vector_code()
+def back_substitute_both(code: Code, rows, size: Index, omega: Number, sign: Number, terms, base, at: Index, out):
+    """Solve as `back_substitute` does for a force's ``terms`` and for those of a ``base`` that moves, which has a response of its own."""
+    _solve_down(code, rows, size, omega, sign, ((_DRIVE, terms), (_BASE, base)), at, out)
 
 
 @vector_code()

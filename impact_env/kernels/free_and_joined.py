@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.check import check_flight, check_hold
 from impact_env.kernels.energies import add_energy
-from impact_env.kernels.forced import Forced, add_forced, new_forced, signal_value
+from impact_env.kernels.forced import Forced, add_forced, new_forced, own_motion, signal_value
 from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_view
 from impact_env.kernels.next_event import end_of_flight, end_of_hold
 from impact_env.kernels.observers import MOTION
@@ -27,6 +27,7 @@ from impact_env.kernels.rigid_contact import (
     Contact,
     add_friction_loss,
     end_phase,
+    fall,
     friction_force,
     joint_bounds,
     largest_kick,
@@ -34,6 +35,7 @@ from impact_env.kernels.rigid_contact import (
     stay_at_wall,
     tip_motion,
     touch,
+    weight_held,
 )
 from impact_env.kernels.segments import Losses, Regime, Stretch, Work, new_work, sample_level, sample_state, to_slots, to_state
 from impact_env.kernels.signals import HIT_HIGH, Signal, new_signal
@@ -81,6 +83,17 @@ def body_of(room):
     return Body(room.now[0], room.work, room.signal)
 
 
+@jit_inline
+def move_own(window, room, sign):
+    """Add to the absorber's motion, times ``sign``, what a base that moves gives it in the free regime; in flight the rest of it is a polynomial."""
+    load = window.load
+    if load is not None:
+        now = room.now[0]
+        q, v = own_motion(load, room.free_forced.signals, window.omega, now.tau)
+        now.q += sign * q
+        now.v += sign * v
+
+
 @jit
 def totals(regime, forced, omega, now, z, w):
     """Write the whole slots (free, forced and rest part) at the current time to w."""
@@ -108,13 +121,16 @@ def free_state(free, forced, omega, now, work, state):
 
 
 @jit
-def joint_force(joined, forced, omega, tau, work):
+def joint_force(joined, forced, omega, tau, contact, work):
     """Return the joint force at tau in the joined regime, whose free part is ``work.z``, and the size of its terms."""
     weigh(joined.slots.rows, GUARD, work.z, work.u)
     f, scale = signal_value(forced.signals, 0, omega, tau), forced.bound[0]
     for j in range(work.u.shape[1]):
         f += work.u[0, j]
         scale += abs(work.u[0, j]) + abs(work.u[1, j])
+    if contact.gravity is not None:
+        f += contact.mass * contact.gravity
+        scale += abs(contact.mass * contact.gravity)
     return f, scale
 
 
@@ -123,9 +139,9 @@ def try_join(scene, window, room, state):
     """Join absorber and tip if the joint force allows it, else set the sign in which the absorber will slide; return True if joined."""
     now, joined, forced, work = room.now[0], scene.joined, room.joined_forced, room.work
     q_tip, v_tip = tip_motion(scene.contact, state)
-    now.force = 0.0
+    now.force = weight_held(scene.contact.gravity)
     enter(joined, forced, window.omega, now, state, work.z)
-    f, scale = joint_force(joined, forced, window.omega, now.tau, work)
+    f, scale = joint_force(joined, forced, window.omega, now.tau, scene.contact, work)
     stay_at_wall(scene.contact.walls, now, q_tip)
     low, high = joint_bounds(scene.contact.limit, now.side)
     slack = JOINT_SLACK * scale  # at its bound the joint force decides in the joined regime, by its rate
@@ -136,6 +152,7 @@ def try_join(scene, window, room, state):
         now.since = window.centre + now.tau
         return True
     now.sign = -1.0 if f > high else 1.0
+    now.force = 0.0
     return False
 
 
@@ -152,7 +169,7 @@ def fly(scene, window, room, observe):
     """Advance the free regime to its next event or to the window's end; return what the search found."""
     free, forced, contact, body, omega = scene.free, room.free_forced, scene.contact, body_of(room), window.omega
     now, slots, counters = body.now, free.slots, observe.counters
-    now.a = now.force / contact.mass
+    fall(contact, now)
     tau, bent = now.tau, free.tip_rest * now.force
     found = end_of_flight(slots, forced, window, contact.walls, contact.limit, body, bent, window.half - tau)
     counters.counts.evaluations += found.evaluations
@@ -175,14 +192,15 @@ def hold(scene, window, room, observe):
     """Advance the joined regime to where the joint force leaves its interval, or to the window's end; return the event."""
     joined, forced, limit, body = scene.joined, room.joined_forced, scene.contact.limit, body_of(room)
     now, slots, counters = body.now, joined.slots, observe.counters
-    tau = now.tau
-    found = end_of_hold(slots, forced, window, limit, body, window.half - tau)
+    tau, weight = now.tau, weight_held(scene.contact.gravity)
+    found = end_of_hold(slots, forced, window, limit, scene.contact.mass * weight, body, window.half - tau)
     counters.counts.evaluations += found.evaluations
     offset = found.offset
     check_hold(counters.check, slots, forced, window, limit, body, offset)
     end, motion = tau + offset, room.motion[0]
     motion.q, motion.v, motion.a = now.offset, 0.0, 0.0
-    observe_stretch(scene, Stretch(joined, forced, window, room.work, 0.0, 0.0, room.motion, tau, end), JOINED, room.scratch, observe)
+    stretch = Stretch(joined, forced, window, room.work, weight, joined.tip_rest * weight, room.motion, tau, end)
+    observe_stretch(scene, stretch, JOINED, room.scratch, observe)
     advance(slots.rows, slots.table, slots.scale, offset, room.work.z)
     now.tau = end
     counters.counts.stuck_time += offset
@@ -200,9 +218,10 @@ def release(scene, window, room, state, event, events):
     end_phase(events, now, window.centre + now.tau)
     now.regime = FREE
     now.sign = -1.0 if event == HIT_HIGH else 1.0
-    now.at_rest = True
+    now.at_rest, now.force = True, 0.0
     friction_force(scene.contact.limit, now)
     enter(scene.free, room.free_forced, window.omega, now, state, work.z)
+    move_own(window, room, -1.0)
 
 
 @jit_inline
@@ -225,3 +244,4 @@ def begin(scene, window, room, state):
         now.side = 0.0  # on a wall and moving into it: the search reports the impact at once
     friction_force(contact.limit, now)
     enter(scene.free, room.free_forced, window.omega, now, state, room.work.z)
+    move_own(window, room, -1.0)

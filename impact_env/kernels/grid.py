@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit
+from impact_env.kernels.loads import Load
 from impact_env.kernels.observers import push_phase
 
 Array = NDArray[np.float64]
@@ -24,13 +25,17 @@ class Modes(NamedTuple):
 
 
 class Force(NamedTuple):
-    """Breakpoints of the drive: times (s), circular frequencies (rad/s), integrals of the frequency (rad), each (K,); amplitude (N), phase (rad)."""
+    """Breakpoints of the drive: times (s), circular frequencies (rad/s), integrals of the frequency (rad), each (K,); amplitude (N), phase (rad).
+
+    ``load``: other loads than the chirp of one force, all of them forces; of the rest only the times then say something, and the amplitude is 1.
+    """
 
     times: Array
     omegas: Array
     phases: Array
     amplitude: float
     phase: float
+    load: Load | None
 
 
 class Step(NamedTuple):

@@ -93,8 +93,8 @@ def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):
         open_interval(desk, watch, lanes, i, order)
         begins = take_up(contact.walls, lanes, i, order, report.distance, fresh, room)
         walls, limit = with_gap(contact.walls, order.gap), with_limit(contact.limit, order.limit)
-        now_there = Rigid(free, joined, Contact(contact.mass, contact.compliance, contact.tip_shape, walls, limit), losses)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, watch, lanes, i)
+        now_there = Rigid(free, joined, Contact(contact.mass, contact.compliance, contact.tip_shape, walls, limit, None), losses)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, None), observe_lane(desk, watch, lanes, i)
         if not begins:
             kept = lanes.kept[i]
             take_change(now_there, limit, kept.limit, order.force != kept.force, schedule, room, state)
@@ -124,7 +124,7 @@ def _each_linear(scene, reach, batch, start, stop, desk, room):
             to_slots(regime.into, state, work.z)
         else:
             copy(lanes.z[i], work.z)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, watch, lanes, i)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, None), observe_lane(desk, watch, lanes, i)
         status[i] = linear.linear_stretch(scene, schedule, 0, room, observe)
         to_state(regime.out, work.z, state)
         report_relative(watch, state, report)
@@ -156,7 +156,7 @@ def _each_compliant(scene, reach, batch, start, stop, desk, room, fresh):
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach), observe_lane(desk, watch, lanes, i)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, None), observe_lane(desk, watch, lanes, i)
         room.now[0] = lanes.sprung[i]
         room.signal.memory[0] = lanes.kept[i].search_level
         if order.fresh:
@@ -211,7 +211,7 @@ def moreau_lanes(modes, laws, step, batch, start, stop):
         observe = observe_lane(desk, watch, lanes, i)
         close_walls(laws.walls, lanes, i, order, report.distance)
         now_there = RigidLaws(laws.mass, with_gap(laws.walls, order.gap), with_limit(laws.limit, order.limit), laws.spring)
-        force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
+        force = Force(desk.times, desk.omegas, desk.phases, order.force, 0.0, None)
         status[i] = moreau_lane(modes, now_there, force, state, step, observe_steps(observe, series))
         take_rows(desk, watch, series, observe.level, order)
         report_relative(watch, state, report)
@@ -227,7 +227,7 @@ def runge_kutta_lanes(modes, laws, step, batch, start, stop):
     for i in range(start, stop):
         order, report, state = orders[i], reports[i], lanes.state[i]
         open_interval(desk, watch, lanes, i, order)
-        observe, force = observe_lane(desk, watch, lanes, i), Force(desk.times, desk.omegas, desk.phases, order.force, 0.0)
+        observe, force = observe_lane(desk, watch, lanes, i), Force(desk.times, desk.omegas, desk.phases, order.force, 0.0, None)
         status[i] = runge_kutta_lane(modes, laws, force, state, step, observe_steps(observe, series))
         take_rows(desk, watch, series, observe.level, order)
         report_relative(watch, state, report)

@@ -30,14 +30,15 @@ from impact_env.kernels.segments import (
     window_count,
     window_of,
 )
-from impact_env.kernels.slots import advance
+from impact_env.kernels.slots import REST, add, advance
 
 
 class Linear(NamedTuple):
-    """A scene of one regime, and what the energy balance needs."""
+    """A scene of one regime, and what the energy balance needs; the acceleration of the absorber's weight (m/s^2), None without."""
 
     regime: Regime
     losses: Losses
+    gravity: float | None
 
 
 class Room(NamedTuple):
@@ -57,6 +58,15 @@ def new_room(regime, state):
 
 
 @jit
+def bend_by_weight(regime, gravity, sign, z):
+    """Add to slots, times ``sign``, what the absorber's weight bends; return its acceleration, 0 without."""
+    if gravity is None:
+        return 0.0
+    add(regime.slots.rows, REST, sign * gravity, z)
+    return gravity
+
+
+@jit
 def linear_stretch(scene, schedule, k, room, observe):
     """Propagate over stretch ``k`` of the schedule and return a status code; what the next stretch needs stays in ``room``."""
     regime, slots, work, forced = scene.regime, scene.regime.slots, room.work, room.forced
@@ -65,12 +75,14 @@ def linear_stretch(scene, schedule, k, room, observe):
         window = window_of(schedule, k, w, count)
         solve_response(slots, window, forced)
         add_forced(forced.slots, window.omega, -window.half, -1.0, work.z)
-        stretch = Stretch(regime, forced, window, work, 0.0, 0.0, room.still, -window.half, window.half)
+        weight = bend_by_weight(regime, scene.gravity, -1.0, work.z)
+        stretch = Stretch(regime, forced, window, work, weight, regime.tip_rest * weight, room.still, -window.half, window.half)
         sample_level(stretch, observe.clock, observe.level, observe.place)
         sample_state(stretch, observe.clock, observe.series)
         add_energy(stretch, scene.losses, room.scratch, 0, observe.energy)
         advance(slots.rows, slots.table, slots.scale, 2.0 * window.half, work.z)
         add_forced(forced.slots, window.omega, window.half, 1.0, work.z)
+        bend_by_weight(regime, scene.gravity, 1.0, work.z)
         observe.counters.counts.steps += 1
         if not np.isfinite(work.z[0, 0]):
             return NOT_FINITE

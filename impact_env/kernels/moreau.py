@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.budget import note_time
-from impact_env.kernels.chirp import RESET, phasor, stretch_at, turns_left
+from impact_env.kernels.chirp import RESET, force_or, phasor, stretch_at, turns_left
 from impact_env.kernels.grid import FREE, close_phase, rows_wanted, step_of_row
 from impact_env.kernels.jit import NUMBER, jit, jit_inline, jit_room, vector_code
 from impact_env.kernels.level import push_level
@@ -339,7 +339,8 @@ def moreau_lane(modes, laws, force, state, step, observe):
         while i < stop:
             _keep_for(observe.energy, observe.series, i == row_step, table)
             start = _at_start(body, dt)
-            body, kind = _advance(i, table, laws, bounds, body, c, observe)
+            now = force_or(force.load, k, (i + 0.5) * dt, c)
+            body, kind = _advance(i, table, laws, bounds, body, now, observe)
             if kind != held:
                 close_phase(held, held_since, i * dt, counters, observe.events)
                 held, held_since = kind, i * dt

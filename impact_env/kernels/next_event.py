@@ -32,11 +32,15 @@ def end_of_flight(slots, forced, window, walls, limit, body, bent, length):
 
 
 @jit_inline
-def end_of_hold(slots, forced, window, limit, body, length):
-    """Return the first event within ``length`` (s) of an absorber that moves with the beam: its joint force leaves what the joint can give."""
+def end_of_hold(slots, forced, window, limit, weight, body, length):
+    """Return the first event within ``length`` (s) of an absorber that moves with the beam: its joint force leaves what the joint can give.
+
+    ``weight`` (N): what the joint carries at rest.
+    """
     signal = body.signal
     weigh(slots.rows, GUARD, body.work.z, signal.u)
     signal.polynomial[:] = 0.0
+    signal.polynomial[0] = weight
     low, high = joint_bounds(limit, body.now.side)
     course = Course(slots, forced, window.omega, signal, body.now.tau)
     return search(course, Guards(low, high, 0, None, False), length, window.half)

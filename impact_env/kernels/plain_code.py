@@ -8,17 +8,13 @@ from __future__ import annotations
 import ctypes
 import math
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
-from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from impact_env.kernels.vector_code import LANES, Code, Number
-
-_WORDS = Lock()  # of all that threads share
 
 
 @cache
@@ -189,18 +185,3 @@ class PlainCode(Code):
 
     def lowest_bit(self, mask: int) -> int:
         return (mask & -mask).bit_length() - 1 if mask else 64
-
-    def look(self, words: Any, place: int) -> int:
-        return int(words[place])
-
-    def exchange(self, words: Any, place: int, change: int) -> int:
-        with _WORDS:
-            words[place] += change
-            return int(words[place]) - change
-
-    def publish(self, words: Any, place: int, value: int) -> None:
-        with _WORDS:
-            words[place] = value
-
-    def give_way(self) -> None:
-        time.sleep(0)

@@ -52,13 +52,17 @@ class Walls(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls, and friction limit (N), None where absent."""
+    """Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls, and friction limit (N), None where absent.
+
+    ``gravity`` (m/s^2): weight of the absorber over its mass, towards the lower wall; None: across its motion.
+    """
 
     mass: float
     compliance: float
     tip_shape: NDArray[np.float64]
     walls: Walls | None
     limit: float | None
+    gravity: float | None
 
 
 class Body(NamedTuple):
@@ -73,6 +77,22 @@ class Body(NamedTuple):
 def new_now(n):
     """Return the contacts (n,) of absorbers that are free and at rest."""
     return np.zeros(n, NOW)
+
+
+@jit
+def fall(contact, now):
+    """Set the acceleration of a free absorber: friction, and its weight."""
+    now.a = now.force / contact.mass
+    if contact.gravity is not None:
+        now.a -= contact.gravity
+
+
+@jit
+def weight_held(gravity):
+    """Return what a joined regime has as its constant force: the acceleration of the absorber's weight (`regimes.with_weight`)."""
+    if gravity is None:
+        return 0.0
+    return gravity
 
 
 @jit

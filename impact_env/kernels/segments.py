@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.forced import CHIRP_REMAINDER, Forced, Window, add_forced
+from impact_env.kernels.forced import Forced, Window, add_forced, own_motion
 from impact_env.kernels.forced_sums import slots_of_state, state_of_slots
 from impact_env.kernels.jit import jit, jit_inline, jit_room
 from impact_env.kernels.level import push_block, push_level
+from impact_env.kernels.loads import CHIRP_REMAINDER, MOST_PHASE, Load, count_windows, enter_load
 from impact_env.kernels.sampling import Samples, fill_samples
 from impact_env.kernels.slots import REST, TIP, Slots, add, advance, copy, weigh
 
 Array = NDArray[np.float64]
 SAMPLE_ROUNDING = 1e-12  # of the sampling interval
-MOST_PHASE = 300.0  # rad of the force from a window's centre to its end: rounding of time makes that times 1e-16 of the forced part noise
 
 
 class Regime(NamedTuple):
@@ -34,13 +34,17 @@ class Regime(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """Breakpoints of the drive: times (s), circular frequencies (rad/s), phases (rad), each (K,); force amplitude (N); longest window (s)."""
+    """Breakpoints of the drive: times (s), circular frequencies (rad/s), phases (rad), each (K,); force amplitude (N); longest window (s).
+
+    ``load``: other loads than the chirp of one force; of the rest only the times then say something.
+    """
 
     times: Array
     omegas: Array
     phases: Array
     amplitude: float
     reach: float
+    load: Load | None
 
 
 class Losses(NamedTuple):
@@ -87,6 +91,9 @@ class Stretch(NamedTuple):
 @jit
 def window_count(schedule, k):
     """Return how many windows stretch k of the schedule needs: within the tables' reach, the chirp's remainder and MOST_PHASE."""
+    load = schedule.load
+    if load is not None:
+        return count_windows(load, schedule.times, k, schedule.reach)
     duration = schedule.times[k + 1] - schedule.times[k]
     alpha = abs(schedule.omegas[k + 1] - schedule.omegas[k]) / duration
     longest = schedule.reach
@@ -98,13 +105,18 @@ def window_count(schedule, k):
 
 @jit
 def window_of(schedule, k, w, count):
-    """Return window w of ``count`` in stretch k."""
-    duration = schedule.times[k + 1] - schedule.times[k]
+    """Return window w of ``count`` in stretch k; of other loads than a chirp its terms are written."""
+    duration, load = schedule.times[k + 1] - schedule.times[k], schedule.load
+    if load is not None:
+        centre = schedule.times[k] + duration * (w + 0.5) / count
+        return Window(centre, 0.5 * duration / count, enter_load(load, k, centre), 0.0, 0.0, 0.0, load)
     alpha = (schedule.omegas[k + 1] - schedule.omegas[k]) / duration
     x = duration * (w + 0.5) / count
     phase = schedule.phases[k] + (schedule.omegas[k] + 0.5 * alpha * x) * x
     a = schedule.amplitude
-    return Window(schedule.times[k] + x, 0.5 * duration / count, schedule.omegas[k] + alpha * x, alpha, a * math.cos(phase), a * math.sin(phase))
+    return Window(
+        schedule.times[k] + x, 0.5 * duration / count, schedule.omegas[k] + alpha * x, alpha, a * math.cos(phase), a * math.sin(phase), None
+    )
 
 
 @jit
@@ -197,9 +209,20 @@ def sample_state(stretch, clock, series):
             own = motion[a]
             row[half - absorbers + a] += own.q + t * (own.v + 0.5 * t * own.a)
             row[2 * half - absorbers + a] += own.v + t * own.a
+        add_own_motion(stretch, tau + t, row)
         n += 1
         x = n * interval - window.centre
     clock.series = n
+
+
+@jit_inline
+def add_own_motion(stretch, tau, state):
+    """Add to a state at an offset from the window's centre what the base gives a single free absorber; nothing where the base does not move."""
+    load = stretch.window.load
+    if load is not None:
+        q, v = own_motion(load, stretch.forced.signals, stretch.window.omega, tau)
+        state[state.shape[0] // 2 - 1] += q
+        state[state.shape[0] - 1] += v
 
 
 @jit

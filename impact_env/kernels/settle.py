@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.loads import value_of
 from impact_env.kernels.rigid_contact import FREE, JOINED, JOINT_SLACK, end_phase, friction_force, joint_bounds
 
 MOST_ROUNDS = 1000
@@ -54,12 +55,21 @@ def see_places(absorbers, state, joints):
 
 
 @jit
+def force_now(window, tau):
+    """Return the force at an offset from the window's centre (N)."""
+    load = window.load
+    if load is not None:
+        return value_of(load.terms, window.omega, tau)
+    angle = (window.omega + 0.5 * window.alpha * tau) * tau
+    return window.force_r * math.cos(angle) - window.force_i * math.sin(angle)
+
+
+@jit
 def see_accelerations(absorbers, losses, window, now, state, joints):
     """Write the relative accelerations without the forces of those that wait, and how far the terms' sizes make them uncertain."""
     n, modes = absorbers.shapes.shape
     half, tau = n + modes, now[0].tau
-    angle = (window.omega + 0.5 * window.alpha * tau) * tau
-    force = window.force_r * math.cos(angle) - window.force_i * math.sin(angle)
+    force = force_now(window, tau)
     for a in range(n):
         joints.start[a], joints.slack[a] = 0.0, 0.0
         if not joints.waits[a] and now[a].regime == FREE:

@@ -93,7 +93,7 @@ def watch(scene, window, s, a, length, room):
     slots, forced = slots_with(sets, s, sets.rows[s, a]), forced_of(room.flow, s, a)
     now, limit, body = room.now[a], absorbers.limit[a], Body(room.now[a], room.work, signal_of(room.signals, a))
     if is_joined(s, a):
-        return end_of_hold(slots, forced, window, limit, body, length)
+        return end_of_hold(slots, forced, window, limit, 0.0, body, length)
     walls = Walls(absorbers.gap[a], absorbers.restitution[a], None)
     now.a = now.force / absorbers.mass[a]
     if limit > 0.0:

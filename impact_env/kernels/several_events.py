@@ -42,7 +42,7 @@ def contact_of(scene, s, a, restitution):
     """Return the contact of absorber a in set s."""
     absorbers = scene.absorbers
     walls = Walls(absorbers.gap[a], restitution, None)
-    return Contact(absorbers.mass[a], scene.sets.compliance[s, a, a], absorbers.shapes[a], walls, absorbers.limit[a])
+    return Contact(absorbers.mass[a], scene.sets.compliance[s, a, a], absorbers.shapes[a], walls, absorbers.limit[a], None)
 
 
 @jit

@@ -23,7 +23,7 @@ TAYLOR_TERMS = 7  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
 TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
 
 # rows of Slots.rows: real part, then imaginary part
-S, SQUARE, DRIVE, RELATIVE, REST, GUARD, TIP, TAYLOR, SPEED, SPEED_SQUARE, SPEED_CUBE = 0, 2, 4, 6, 8, 10, 12, 14, 26, 27, 28
+S, SQUARE, DRIVE, RELATIVE, REST, GUARD, TIP, TAYLOR, SPEED, SPEED_SQUARE, SPEED_CUBE, BASE = 0, 2, 4, 6, 8, 10, 12, 14, 26, 27, 28, 29
 # entries of Slots.scale
 BITS, FINEST, PER_FINEST, FASTEST = range(4)
 
@@ -31,9 +31,9 @@ BITS, FINEST, PER_FINEST, FASTEST = range(4)
 class Slots(NamedTuple):
     """One regime: J slots sorted by |s_j| and padded with empty ones. Few arrays, because each costs time at every call.
 
-    ``rows`` (29, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces;
+    ``rows`` (31, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces;
     REST -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s|,
-    SPEED_SQUARE and SPEED_CUBE.
+    SPEED_SQUARE and SPEED_CUBE; BASE response to a unit acceleration of the base, which a regime without a base has no rows of (29, J).
     ``table`` (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3, largest |s|.
 
     For the event search, at levels L of time steps h_L (search.py): ``steps`` (L, 2) h_L in s and the number of slots to sum; ``waves``

@@ -9,7 +9,6 @@ The classes of this module write LLVM's code for what is asked of them; those of
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
@@ -351,23 +350,6 @@ class Code:
     def lowest_bit(self, mask: Any) -> Any:
         """Return the place of the lowest bit that is set; 64 where there is none."""
         return Index(self.builder, self.builder.cttz(mask.value, ir.Constant(ir.IntType(1), 0)))
-
-    def look(self, words: Any, place: Any) -> Any:
-        """Return a word that threads share as it is now, and with it all that was written before it."""
-        return Index(self.builder, self.builder.load_atomic(self._at(words, place), "seq_cst", 8))
-
-    def exchange(self, words: Any, place: Any, change: Any) -> Any:
-        """Add to a word that threads share and return what it was, in one piece."""
-        return Index(self.builder, self.builder.atomic_rmw("add", self._at(words, place), change.value, "seq_cst"))
-
-    def publish(self, words: Any, place: Any, value: Any) -> None:
-        """Set a word that threads share, after all that was written before it."""
-        self.builder.store_atomic(value.value, self._at(words, place), "seq_cst", 8)
-
-    def give_way(self) -> None:
-        """Let others who wait for this core have it."""
-        if hasattr(os, "sched_yield"):  # else the system has it under another name
-            self.builder.call(cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(PLACE, []), "sched_yield"), [])
 
     def _at(self, pointer: Any, index: Any) -> Any:
         return self.builder.gep(pointer, [self.index(index).value])

@@ -1,1 +1,62 @@
-"""Periodic responses: exact orbits, harmonic balance, and the continuation of both."""
+"""Periodic responses: exact orbits with their stability, branches, and how regimes last; docs/periodic_python.md has examples.
+
+The names below are the public interface; a module is imported when one of its names is asked for.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from impact_env.periodic.case import Case, case_of
+    from impact_env.periodic.green import NoOrbit
+    from impact_env.periodic.jump import Hazard, Range, hazard, jumps
+    from impact_env.periodic.lyapunov import Exponent, largest_exponent
+    from impact_env.periodic.offspring import descendants
+    from impact_env.periodic.orbit import Orbit, confirmed, shot_orbit
+    from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
+    from impact_env.periodic.residence import Approach, exit_rate, stays
+    from impact_env.periodic.survey import closed_form_orbits, orbit_of_simulation
+
+__all__ = [
+    "Approach",
+    "Case",
+    "Exponent",
+    "Hazard",
+    "NoOrbit",
+    "Orbit",
+    "OrbitBranch",
+    "Range",
+    "case_of",
+    "closed_form_orbits",
+    "confirmed",
+    "descendants",
+    "exit_rate",
+    "hazard",
+    "jumps",
+    "largest_exponent",
+    "orbit_branch",
+    "orbit_branches",
+    "orbit_of_simulation",
+    "shot_orbit",
+    "stays",
+]
+_MODULES = {
+    "case": ("Case", "case_of"),
+    "green": ("NoOrbit",),
+    "jump": ("Hazard", "Range", "hazard", "jumps"),
+    "lyapunov": ("Exponent", "largest_exponent"),
+    "offspring": ("descendants",),
+    "orbit": ("Orbit", "confirmed", "shot_orbit"),
+    "orbit_branches": ("OrbitBranch", "orbit_branch", "orbit_branches"),
+    "residence": ("Approach", "exit_rate", "stays"),
+    "survey": ("closed_form_orbits", "orbit_of_simulation"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    module = next((module for module, names in _MODULES.items() if name in names), None)
+    if module is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{module}"), name)

@@ -23,6 +23,7 @@ from impact_env.parameters import (
     non_negative,
     positive,
     require,
+    weightless,
 )
 from impact_env.scene import InitialState, Scene
 
@@ -100,6 +101,7 @@ def case_of(scene: Scene, force: float, omega: float) -> Case:
     ok = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)
     require(ok and not isinstance(absorber.friction, ElasticCoulombFriction), "absorber", absorber, allowed)  # type: ignore[union-attr]
     assert isinstance(absorber, SlidingAbsorber)
+    weightless(absorber, "periodic orbits")
     walls = absorber.walls
     assert walls is not None
     assert not isinstance(walls, CompliantWalls)

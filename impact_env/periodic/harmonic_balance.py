@@ -28,6 +28,7 @@ from impact_env.parameters import (
     non_negative,
     positive,
     require,
+    weightless,
 )
 from impact_env.periodic.branch import Residual
 from impact_env.periodic.contact import CompliantContact, Law, RigidContact
@@ -106,10 +107,10 @@ class JointOfMass:
         return Dynamics(*(np.append(0.0, part) for part in (stiffness, drive, stiffness_slope, drive_slope)))
 
     def tip(self, dynamic: Complex, force: float, omega: float) -> Complex:
-        """See `Linear`: the tip's displacement."""
-        w, tip = np.arange(self.harmonics + 1) * omega / self.multiple, self.model.tip_shape
-        moved = -receptance(self.model, w, tip, tip) * dynamic
-        moved[self.multiple] += force * complex(receptance(self.model, omega, tip, self.model.force_shape))
+        """See `Linear`: the displacement where the response is read, at the tip unless the model says another place."""
+        w, level = np.arange(self.harmonics + 1) * omega / self.multiple, self.model.level_shape
+        moved = -receptance(self.model, w, level, self.model.tip_shape) * dynamic
+        moved[self.multiple] += force * complex(receptance(self.model, omega, level, self.model.force_shape))
         return np.asarray(moved)
 
 
@@ -313,6 +314,7 @@ def harmonic_balance(
     absorber = scene.absorber
     require(isinstance(absorber, SlidingAbsorber), "absorber", absorber, "one absorber with walls, friction or both")
     assert isinstance(absorber, SlidingAbsorber)
+    weightless(absorber, "harmonic balance")
     positive("weight", weight)
     positive("friction_weight", friction_weight)
     require(not symmetric or multiple % 2 == 1, "multiple", multiple, "odd for orbits that repeat with the other sign after half a period")

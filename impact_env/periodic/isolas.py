@@ -174,8 +174,12 @@ class IsolaCell:
 
     @property
     def pair(self) -> tuple[Level | None, Level | None]:
-        """Birth and merger of the isola next to the resonance: the last merger, and the last birth at a lower frequency; None where there is none."""
+        """Birth and merger of the isola next to the resonance: the last merger below it, and the last birth before that; None where there is none.
+
+        Without a merger below the resonance it is the last one of the range.
+        """
         mergers = [t for t in self.found if t.kind == MERGER]
+        mergers = [t for t in mergers if t.omega_ratio < 1] or mergers
         if not mergers:
             return None, None
         births = [t for t in self.found if t.kind == BIRTH and t.omega_ratio < mergers[-1].omega_ratio]
@@ -228,7 +232,9 @@ class IsolaMap:
 def truncated(model: ModalModel, modes: int) -> ModalModel:
     """Return the model with its first ``modes`` modes; raises ParameterError if it has fewer."""
     count("modes", modes, 1, model.modes)
-    return ModalModel(model.omega[:modes], model.damping_ratio[:modes], model.force_shape[:modes], model.tip_shape[:modes], model.beam_mass)
+    level = None if model.response_shape is None else model.response_shape[:modes]
+    rows = (model.omega[:modes], model.damping_ratio[:modes], model.force_shape[:modes], model.tip_shape[:modes])
+    return ModalModel(*rows, model.beam_mass, response_shape=level)
 
 
 def isola_map(

@@ -1,12 +1,14 @@
 """The jump of a sweep: the chance of being in the regime of impacts still when the sweep has passed the range in which runs leave it.
 
-Nothing is fitted: rates of leaving are measured at constant frequencies (`residence`), and P = exp(-integral of the rate over the sweep's time).
+Rates of leaving are measured at constant frequencies (`residence`); their integral over a sweep's time gives P = exp(-N value). That leaves out that
+the frequency moves: it carries runs over the border of the regime, or away from it, which costs exits for each percent, not for each period, so that
+P = A exp(-N value) with an A that does not depend on N. It is read off sweeps (`Hazard.with_sweeps`); sweeps the other way have its inverse.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.stats
@@ -26,9 +28,10 @@ DRAWS = 4000
 
 @dataclass(frozen=True)
 class Hazard:
-    """Integral of the rate of leaving over the frequency, in exits per (pseudo period / percent): the probability of a jump at N is exp(-N value).
+    """Integral of the rate of leaving over the frequency, in exits per (pseudo period / percent): a jump at N has probability A exp(-N value).
 
     ``low`` and ``high``: its interval from the counting of exits alone. ``first`` and ``last``: the ratios between which it is taken.
+    ``factor``: A with its interval, what the motion of the frequency adds; 1 where no sweeps were measured.
     """
 
     value: float
@@ -36,11 +39,35 @@ class Hazard:
     high: float
     first: float
     last: float
+    factor: float = 1.0
+    factor_low: float = 1.0
+    factor_high: float = 1.0
 
     def probability(self, periods_per_percent: float) -> tuple[float, float, float]:
-        """Return the probability of a jump at a slowness, and its interval."""
+        """Return the probability of a jump at a slowness, and its interval: the errors of integral and factor are added as squares."""
         n = positive("periods_per_percent", periods_per_percent)
-        return float(np.exp(-n * self.value)), float(np.exp(-n * self.high)), float(np.exp(-n * self.low))
+        middle = np.log(self.factor) - n * self.value
+        down = np.hypot(n * (self.high - self.value), np.log(self.factor / self.factor_low))
+        up = np.hypot(n * (self.value - self.low), np.log(self.factor_high / self.factor))
+        at, low, high = (min(1.0, float(np.exp(x))) for x in (middle, middle - down, middle + up))
+        return at, low, high
+
+    def with_sweeps(self, measured: Mapping[float, Jumps], level: float = LEVEL) -> Hazard:
+        """Return the hazard with the factor that sweeps show, by their slowness: the mean of log(share) + N value by generalised least squares.
+
+        Shares have the errors of their counts and, all of them together, that of the integral. Raises ParameterError if none of them both jumped
+        and left.
+        """
+        own = {n: found for n, found in measured.items() if 0 < found.jumped < found.present}
+        require(bool(own), "sweeps", list(measured), "at least one slowness at which some runs jump and some do not")
+        n, share = np.array(list(own)), np.array([found.share for found in own.values()])
+        counted = (1 - share) / np.array([found.jumped for found in own.values()])
+        bound = float(scipy.stats.norm.ppf((1 + level) / 2))
+        common = (self.high - self.low) / (2 * bound) * n
+        weights = np.linalg.solve(np.diag(counted) + np.outer(common, common), np.ones(len(n)))
+        middle, width = float(weights @ (np.log(share) + n * self.value) / weights.sum()), bound / float(np.sqrt(weights.sum()))
+        low, at, high = (float(np.exp(x)) for x in (middle - width, middle, middle + width))
+        return replace(self, factor=at, factor_low=low, factor_high=high)
 
 
 def hazard(ratios: Sequence[float], rates: Sequence[ExitRate], *, level: float = LEVEL, seed: int = 0) -> Hazard:
@@ -73,13 +100,15 @@ def hazard(ratios: Sequence[float], rates: Sequence[ExitRate], *, level: float =
 class Jumps:
     """What became of sweeps: ``present`` in the regime of impacts at the range's first ratio, ``jumped`` out of these, and all ``runs``.
 
-    ``high``: runs whose response level in m lies above a limit, None unless one was asked for.
+    ``high``: runs whose response level in m lies above a limit, None unless one was asked for. ``left``: frequency ratios at which those that were
+    present left it, before the range's last ratio.
     """
 
     jumped: int
     present: int
     runs: int
     high: int | None = None
+    left: tuple[float, ...] = ()
 
     @property
     def share(self) -> float:
@@ -111,22 +140,20 @@ class Range:
 
 @dataclass(frozen=True)
 class _Passed:
-    """What `jumps` measures of a lane: whether it was present, whether it jumped, and its level in m. Times in pseudo periods, ``period`` in s."""
+    """What `jumps` measures of a lane: when its first silence began (NaN: there was none), and its level in m. Times in pseudo periods of s."""
 
     period: float
-    first: float
-    last: float
+    begin: float
+    end: float
     silence: float
     method: Method
 
-    def __call__(self, lane: Lane) -> tuple[bool, bool, float]:
+    def __call__(self, lane: Lane) -> tuple[float, float]:
         response = simulate(lane.scene, lane.drive, self.method, record=Record(events=True))
         assert response.impacts is not None
         assert response.level is not None
-        times = response.impacts.time / self.period
-        began = first_silence(times, self.first - self.silence, self.last + self.silence, self.silence).began
-        there = began is None or began > self.first
-        return there, there and (began is None or began > self.last), response.level.value
+        began = first_silence(response.impacts.time / self.period, self.begin, self.end, self.silence).began
+        return (np.nan if began is None else began), response.level.value
 
 
 def jumps(
@@ -155,8 +182,10 @@ def jumps(
     method = Exact() if method is None else method
     begin = approach.lead + approach.ramp
     first, last = (begin + abs(ratio - over.start) * 100 * periods_per_percent for ratio in (over.first, over.last))
-    measure = _Passed(2 * np.pi / approach.reference, first, last, silence, method)
+    measure = _Passed(2 * np.pi / approach.reference, first - silence, last + silence, silence, method)
     lanes = [Lane(scene, passage(approach, force, over.start, over.stop, periods_per_percent, phase)) for phase in phases]
-    found = finished(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor))
-    high = None if high_level is None else sum(level > high_level for _, _, level in found)
-    return Jumps(sum(jumped for _, jumped, _ in found), sum(there for there, _, _ in found), len(found), high)
+    found = np.array(finished(each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)))
+    began = np.where(np.isnan(found[:, 0]), np.inf, found[:, 0])
+    left = over.start + np.sign(over.stop - over.start) * (began[(began > first) & (began <= last)] - begin) / (100 * periods_per_percent)
+    high = None if high_level is None else int(np.sum(found[:, 1] > high_level))
+    return Jumps(int(np.sum(began > last)), int(np.sum(began > first)), len(found), high, tuple(left.tolist()))

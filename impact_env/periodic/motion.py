@@ -7,6 +7,7 @@ mirror image.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -18,9 +19,9 @@ from impact_env.kernels.periodic.monodromy import monodromy
 from impact_env.kernels.periodic.motion import Flights, flights_of, scan, states_at
 from impact_env.kernels.periodic.structure import receptance
 from impact_env.parameters import require
+from impact_env.periodic.case import Case
 from impact_env.periodic.green import Solution
 from impact_env.periodic.passage import Passage
-from impact_env.periodic.pieces import Piece
 
 Array = NDArray[np.float64]
 PENETRATION = 1e-9  # of the gap: above the rounding of a distance
@@ -28,6 +29,7 @@ MOST_TURNS = 4096
 PANEL, NODES = 1.0, 6  # rad of the fastest exponential in a panel, and nodes of Gauss and Legendre in it
 POINTS, WEIGHTS = (0.5 * (part + shift) for part, shift in zip(np.polynomial.legendre.leggauss(NODES), (1.0, 0.0), strict=True))
 Complex = NDArray[np.complex128]
+States = Callable[[Array], Array]  # times (S,) in s -> states (S, 2 N_m + 2)
 TINY = np.finfo(float).tiny
 
 
@@ -50,6 +52,21 @@ class Periodic:
     @abstractmethod
     def within(self, times: Array) -> Array:
         """Return the states (S, 2 N_m + 2) at times (S,) in s after `begin`, within one span."""
+
+    @property
+    @abstractmethod
+    def level(self) -> tuple[float, float]:
+        """Largest displacement and root of its mean square, in m, where the model's response is read: at the tip unless it says another place."""
+
+    @property
+    def tip_max(self) -> float:
+        """Largest displacement of `level` in m."""
+        return self.level[0]
+
+    @property
+    def tip_rms(self) -> float:
+        """Root of the mean square of `level` in m."""
+        return self.level[1]
 
     @abstractmethod
     def middle(self) -> float:
@@ -75,15 +92,14 @@ class Periodic:
 
 @dataclass(frozen=True, eq=False)
 class Motion(Periodic):
-    """The motion of a solution whose absorber is free or slides. ``tip_max``, ``tip_rms`` and ``distance_max`` (relative displacement) in m.
+    """The motion of a solution whose absorber is free or slides. ``distance_max`` (relative displacement) in m.
 
-    ``turns`` (K,): phases in rad of the force at which the relative velocity changes its sign between impacts, whatever the schedule says.
-    ``fits``: whether the signs so found lead from impact to impact.
+    ``at_absorber``: what `level` is there. ``turns`` (K,): phases (rad) of the force at which the relative velocity changes its sign between impacts,
+    whatever the schedule says. ``fits``: whether the signs so found lead from impact to impact.
     """
 
     flights: Flights
-    tip_max: float
-    tip_rms: float
+    at_absorber: tuple[float, float]
     distance_max: float
     turns: Array
     fits: bool
@@ -122,6 +138,15 @@ class Motion(Periodic):
         k, time = int(np.argmax(np.diff(self.flights.time))), self.flights.time
         return 0.5 * float(time[k] + time[k + 1]) - float(time[0])
 
+    @cached_property
+    def level(self) -> tuple[float, float]:
+        """See `Periodic`."""
+        model, times = self.solution.case.model, self.flights.time - self.flights.time[0]
+        if model.response_shape is None:
+            return self.at_absorber
+        flights = [(lambda dts, at=at: self.within(at + dts), float(length)) for at, length in zip(times[:-1], np.diff(times), strict=True)]
+        return level_of(self.solution.case, flights)
+
     @property
     def derivative(self) -> Array:
         """From just after the first event on."""
@@ -155,7 +180,7 @@ def motion_of(solution: Solution) -> Motion:
     h = receptance(structure, case.omega)[0]
     extremes, found, fits = scan(structure, point, h, flights, order, turns)
     phases = turns[: min(found, MOST_TURNS)] * case.omega
-    return Motion(solution, flights, extremes.tip, float(np.sqrt(extremes.square)), extremes.distance, phases, bool(fits))
+    return Motion(solution, flights, (extremes.tip, float(np.sqrt(extremes.square))), extremes.distance, phases, bool(fits))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,57 +210,51 @@ class ShotMotion(Periodic):
         """From the section on."""
         return (-1.0 if self.solution.schedule.symmetric else 1.0) * self.passage.derivative
 
-    @property
-    def tip_max(self) -> float:
-        """Largest displacement of the tip in m."""
-        return self._tip[0]
-
-    @property
-    def tip_rms(self) -> float:
-        """Root of the mean square of the tip's displacement in m."""
-        return self._tip[1]
-
     @cached_property
-    def _tip(self) -> tuple[float, float]:
+    def level(self) -> tuple[float, float]:
+        """See `Periodic`."""
         lengths = np.diff(self.passage.flights[0])
-        each = [tip_of(piece, float(length)) for piece, length in zip(self.passage.pieces, lengths, strict=True)]
-        return max(peak for peak, _ in each), float(np.sqrt(sum(area for _, area in each) / self.passage.span))
+        pieces = [(piece.states, float(length)) for piece, length in zip(self.passage.pieces, lengths, strict=True)]
+        return level_of(self.solution.case, pieces)
 
 
 AnyMotion = Motion | ShotMotion
 
 
-def tip_of(piece: Piece, length: float) -> tuple[float, float]:
-    """Return the largest |tip displacement| (m) in a piece of a ``length`` in s, and the integral of its square (m^2 s)."""
-    if length <= 0:
-        return 0.0, 0.0
-    shape, n = piece.flow.case.model.tip_shape, len(piece.flow.case.model.tip_shape)
-    fastest = max(float(np.max(np.abs(piece.flow.modes.values))), piece.flow.case.omega)
+def level_of(case: Case, pieces: Sequence[tuple[States, float]]) -> tuple[float, float]:
+    """Return the largest |displacement| and the RMS (m) where the response is read, over pieces: their states by the time, and lengths in s."""
+    each = [_extremes(case, states, length) for states, length in pieces if length > 0]
+    return max(peak for peak, _ in each), float(np.sqrt(sum(area for _, area in each) / sum(length for _, length in pieces)))
+
+
+def _extremes(case: Case, states_of: States, length: float) -> tuple[float, float]:
+    """Return the largest |displacement| (m) in a piece of a ``length`` in s, and the integral of its square (m^2 s)."""
+    shape, n = case.model.level_shape, case.model.modes
+    fastest = max(float(np.max(np.abs(case.structure.s))), case.omega)
     panels = max(1, int(np.ceil(length * fastest / PANEL)))
     step = length / panels
-    dts = (step * (np.arange(panels)[:, None] + POINTS)).ravel()
-    dts = np.concatenate([[0.0], dts, [length]])
-    states = piece.states(dts)
-    tip, rate = states[:, :n] @ shape, states[:, n + 1 : -1] @ shape
-    area = step * float(np.sum(np.tile(WEIGHTS, panels) * tip[1:-1] ** 2))
-    k = int(np.argmax(np.abs(tip)))
-    peak = float(abs(tip[k]))
-    for j in (k - 1, k):  # by Hermite's cubic over the gap between two nodes
+    dts = np.concatenate([[0.0], (step * (np.arange(panels)[:, None] + POINTS)).ravel(), [length]])
+    states = states_of(dts)
+    place, rate = states[:, :n] @ shape, states[:, n + 1 : -1] @ shape
+    area = step * float(np.sum(np.tile(WEIGHTS, panels) * place[1:-1] ** 2))
+    k = int(np.argmax(np.abs(place)))
+    peak = float(abs(place[k]))
+    for j in (k - 1, k):  # between two nodes
         if 0 <= j < len(dts) - 1 and rate[j] * rate[j + 1] < 0:
-            peak = max(peak, _peak(piece, float(dts[j]), float(dts[j + 1]), shape))
+            peak = max(peak, _peak(states_of, float(dts[j]), float(dts[j + 1]), shape))
     return peak, area
 
 
-def _peak(piece: Piece, low: float, high: float, shape: Array) -> float:
-    """Return |tip displacement| (m) where the tip's velocity turns between two times (s), by the secant method."""
+def _peak(states_of: States, low: float, high: float, shape: Array) -> float:
+    """Return |displacement| (m) where the velocity turns between two times (s), by the secant method."""
     n, ends = len(shape), [low, high]
-    rates = [float(piece.state(dt)[n + 1 : -1] @ shape) for dt in ends]
+    rates = [float(states_of(np.array([dt]))[0, n + 1 : -1] @ shape) for dt in ends]
     for _ in range(8):
         if rates[0] == rates[1]:
             break
         dt = min(max(ends[1] - rates[1] * (ends[1] - ends[0]) / (rates[1] - rates[0]), low), high)
-        ends, rates = [ends[1], dt], [rates[1], float(piece.state(dt)[n + 1 : -1] @ shape)]
-    return abs(float(piece.state(ends[1])[:n] @ shape))
+        ends, rates = [ends[1], dt], [rates[1], float(states_of(np.array([dt]))[0, n + 1 : -1] @ shape)]
+    return abs(float(states_of(np.array([ends[1]]))[0, :n] @ shape))
 
 
 @dataclass(frozen=True, eq=False)

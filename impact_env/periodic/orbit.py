@@ -91,9 +91,8 @@ def confirmed(motion: AnyMotion) -> Orbit | NoOrbit:
 
 def _chatter(motion: AnyMotion, trial: Trial) -> tuple[Impact, ...] | None:
     """Return the impacts of a trial's run if a wall holds the absorber on it, else None."""
-    assert trial.response is not None
-    impacts = trial.response.impacts
-    if impacts is None or not chatters(motion.solution.case, trial.response):
+    impacts = None if trial.response is None else trial.response.impacts
+    if impacts is None or trial.response is None or not chatters(motion.solution.case, trial.response):
         return None
     phases = trial.start + motion.solution.case.omega * impacts.time
     return tuple(Impact(float(p), float(i), int(-np.sign(i))) for p, i in zip(phases, impacts.impulse, strict=True))

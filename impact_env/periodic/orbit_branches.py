@@ -27,6 +27,8 @@ from impact_env.periodic.symmetric import closed_folds, closed_form, symmetric_s
 Array = NDArray[np.float64]
 GRAZING, PULLING = "grazing", "pulling"
 SYMMETRY_BREAKING, PERIOD_DOUBLING = "symmetry breaking", "period doubling"  # a multiplier of -1, of half a period and of a whole one
+TORUS = "torus"  # a pair of complex multipliers on the unit circle (Neimark and Sacker)
+ON_CIRCLE = 1e-6  # how close to it the modulus of such a pair must be: real pairs whose product is 1 are as well zeros of what is monitored
 PARAMETER_SHARE = 0.02  # of the parameter: a change that counts as much as a radian of an event's phase
 STEPS = Steps(first=0.005, least=1e-8, most=0.03)  # fine enough to be drawn
 COARSE = Steps(first=0.01, least=1e-8, most=0.1, points=1000)
@@ -63,12 +65,19 @@ class OrbitBranch:
 
     def of(self, kind: str) -> tuple[Motion, ...]:
         """Return the motions at the places located of a kind, such as `GRAZING`."""
-        return tuple(motion_of(solution) for solution in self._located(kind))
+        found = (motion_of(solution) for solution in self._located(kind))
+        return tuple(motion for motion in found if kind != TORUS or _turns_on_circle(motion))
 
     def _located(self, kind: str) -> Iterator[Solution]:
         for event, schedule in zip(self.branch.located, self.located_schedules, strict=True):
             if event.kind == kind:
                 yield _solution(self.case, self.branch.parameter, schedule, event.point, event.parameter)
+
+
+def _turns_on_circle(motion: Motion) -> bool:
+    multipliers = np.linalg.eigvals(motion.derivative)
+    pairs = multipliers[multipliers.imag > 0]
+    return bool(np.min(np.abs(np.abs(pairs) - 1), initial=np.inf) < ON_CIRCLE)
 
 
 def _solution(units: Case, parameter: str, schedule: EventSchedule, z: Array, value: float) -> Solution:
@@ -103,7 +112,19 @@ class _Walk:
             Monitor(GRAZING, lambda z, value: self.motion(z, value).clearance / self.case.gap, ends=True),
             Monitor(PULLING, lambda z, _value: self._weakest(z), ends=True),
             Monitor(SYMMETRY_BREAKING if self.schedule.symmetric else PERIOD_DOUBLING, self._turning_back),
+            Monitor(TORUS, self._on_circle),
         )
+
+    def _on_circle(self, z: Array, value: float) -> float:
+        """Return what is zero where the product of two multipliers is 1: the sign and the geometric mean of all of them, each less 1."""
+        multipliers = np.linalg.eigvals(self.motion(z, value).derivative)
+        first, second = np.triu_indices(len(multipliers), 1)
+        factors = multipliers[first] * multipliers[second] - 1
+        sizes = np.abs(factors)
+        if not np.all(sizes > 0):
+            return 0.0
+        turned = float(np.cos(np.sum(np.angle(factors))))
+        return float(np.sign(turned) * np.exp(np.mean(np.log(sizes))))
 
     def _turning_back(self, z: Array, value: float) -> float:
         """Return what is zero where a multiplier is -1: the product of all of them, each plus 1."""
@@ -157,7 +178,7 @@ def _one_way(
         Conditions(solution.case, solution.schedule, parameter),
         parameter,
         1.0,
-        PARAMETER_SHARE * (abs(value) if value != 0 else 1.0),
+        PARAMETER_SHARE * _size(parameter, value, limits),
         limits,
         walk.monitors(),
         walk.recentre,
@@ -166,6 +187,13 @@ def _one_way(
     # point k > 0 was found with the schedule that was in use before it was asked whether to change
     passed = [solution.schedule, *walk.passed]
     return branch, [*passed, *[walk.schedule] * (len(branch) - len(passed))][: len(branch)]
+
+
+def _size(parameter: str, value: float, limits: tuple[float, float]) -> float:
+    """Return what a change of a parameter is a share of: its value for the frequency, the largest one within its limits for all others."""
+    if parameter == "omega":
+        return abs(value)
+    return max((abs(x) for x in (value, *limits) if math.isfinite(x)), default=0.0) or 1.0
 
 
 def orbit_branch(

@@ -74,6 +74,11 @@ class Overview:
     stationary: tuple[StationaryPoint, ...]
     complete: bool
 
+    @property
+    def where(self) -> str:
+        """Where all responses are read."""
+        return "of the tip" if self.scene.model.response_shape is None else "where the response is read"
+
     def to_plain(self) -> dict[str, Any]:
         """Return lists, numbers and strings."""
         linear = self.linear
@@ -81,6 +86,7 @@ class Overview:
             "scene": str(self.scene),
             "force_N": self.force,
             "omega_reference_rad_s": self.reference,
+            "response": self.where,
             "complete": self.complete,
             "curves": [curve.to_plain() for curve in self.curves],
             "linear": {"omega_ratio": linear.omega_ratio.tolist(), "alone_m": linear.alone.tolist(), "stuck_m": linear.stuck.tolist()},
@@ -131,7 +137,7 @@ def sweep_envelope(
     assert history is not None
     period = np.floor(history.time / schedule.pseudo_period).astype(np.int64)
     first = np.flatnonzero(np.diff(period, prepend=-1))
-    largest = np.maximum.reduceat(np.abs(history.tip_displacement), first)
+    largest = np.maximum.reduceat(np.abs(history.modal_displacement @ scene.model.level_shape), first)
     return SweepEnvelope(np.asarray(schedule.omega_at(history.time[first])) / reference, largest)
 
 

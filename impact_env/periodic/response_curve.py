@@ -13,26 +13,29 @@ from impact_env.parameters import require
 from impact_env.periodic.branch import FOLD, Branch
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import OMEGA, Balance
-from impact_env.periodic.motion import Motion
+from impact_env.periodic.motion import Motion, stability_of
 from impact_env.periodic.orbit import confirmed
-from impact_env.periodic.orbit_branches import OrbitBranch
+from impact_env.periodic.orbit_branches import ON_CIRCLE, OrbitBranch
 
 Real = NDArray[np.float64]
 EXACT, HARMONIC_BALANCE = "exact orbits", "harmonic balance"
-COLUMNS = ("curve", "method", "omega_ratio", "tip_max_m", "tip_rms_m", "stable", "slowly_stable")
+COLUMNS = ("curve", "method", "omega_ratio", "tip_max_m", "tip_rms_m", "stable", "slowly_stable", "located", "period", "symmetric")
+SAME = 1e-9  # of the frequency: two places of one kind are one, met on both mirror images of a branch
 
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """Something located on a curve: ``kind`` is "fold" and the like."""
+    """Something located on a curve: ``kind`` is "fold", "torus" and the like. ``multipliers``: those on the unit circle, empty if unknown."""
 
     kind: str
     omega_ratio: float
     tip_max: float
+    multipliers: tuple[complex, ...] = ()
 
     def to_plain(self) -> dict[str, Any]:
-        """Return a dict; keys with their units."""
-        return {"kind": self.kind, "omega_ratio": self.omega_ratio, "tip_max_m": self.tip_max}
+        """Return a dict; keys with their units, multipliers as pairs of a real and an imaginary part."""
+        plain: dict[str, Any] = {"kind": self.kind, "omega_ratio": self.omega_ratio, "tip_max_m": self.tip_max}
+        return plain | ({"multipliers": [[m.real, m.imag] for m in self.multipliers]} if self.multipliers else {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +43,8 @@ class ResponseCurve:
     """Tip displacement along a branch, m points: ``omega_ratio`` (m,), ``tip_max`` and ``tip_rms`` (m,) in m, NaN where there is no orbit.
 
     ``stable`` and ``slowly_stable`` (m,) of booleans, None where the method does not tell: the second leaves the fast multipliers out. ``refused``:
-    what was said of the points without an orbit, and how often.
+    what was said of the points without an orbit, and how often. ``period``: in periods of the force; ``symmetric``: each half is the other's mirror
+    image.
     """
 
     method: str
@@ -53,6 +57,8 @@ class ResponseCurve:
     stable: NDArray[np.bool_] | None = None
     slowly_stable: NDArray[np.bool_] | None = None
     refused: tuple[tuple[str, int], ...] = ()
+    period: int = 1
+    symmetric: bool = True
 
     def __post_init__(self) -> None:
         rows = [row for row in (self.omega_ratio, self.tip_max, self.tip_rms, self.stable, self.slowly_stable) if row is not None]
@@ -74,7 +80,13 @@ class ResponseCurve:
     def to_plain(self) -> dict[str, Any]:
         """Return lists, numbers and strings, None for NaN; keys with their units."""
         rows = {"omega_ratio": self.omega_ratio, "tip_max_m": self.tip_max, "tip_rms_m": self.tip_rms}
-        plain: dict[str, Any] = {"method": self.method, "closed": self.closed, "ended": self.message}
+        plain: dict[str, Any] = {
+            "method": self.method,
+            "closed": self.closed,
+            "ended": self.message,
+            "period": self.period,
+            "symmetric": self.symmetric,
+        }
         plain["peak"] = None if self.peak is None else self.peak.to_plain()
         plain["located"] = [point.to_plain() for point in self.located]
         plain["refused"] = [{"reason": reason, "points": number} for reason, number in self.refused]
@@ -88,16 +100,22 @@ class ResponseCurve:
         """Return the curve of `to_plain`; raises KeyError, TypeError or ValueError where it is something else."""
         names = ("omega_ratio", "tip_max_m", "tip_rms_m")
         ratio, largest, rms = (np.array([np.nan if x is None else x for x in plain[name]], dtype=np.float64) for name in names)
-        marks = tuple(CurvePoint(mark["kind"], mark["omega_ratio"], mark["tip_max_m"]) for mark in plain["located"])
+        marks = tuple(
+            CurvePoint(mark["kind"], mark["omega_ratio"], mark["tip_max_m"], tuple(complex(*pair) for pair in mark.get("multipliers", ())))
+            for mark in plain["located"]
+        )
         stable, slowly = (None if plain[name] is None else np.array(plain[name], dtype=np.bool_) for name in ("stable", "slowly_stable"))
         refused = tuple((each["reason"], each["points"]) for each in plain["refused"])
-        return ResponseCurve(plain["method"], ratio, largest, rms, marks, plain["closed"], plain["ended"], stable, slowly, refused)
+        more = plain.get("period", 1), plain.get("symmetric", True)
+        return ResponseCurve(plain["method"], ratio, largest, rms, marks, plain["closed"], plain["ended"], stable, slowly, refused, *more)
 
     def rows(self, number: int) -> Iterator[tuple[object, ...]]:
-        """Yield a row of `COLUMNS` for each point that is a solution."""
+        """Yield a row of `COLUMNS` for each point that is a solution, then one for each that was located."""
         for k in np.flatnonzero(np.isfinite(self.tip_max)):
             truths = ["" if row is None else int(row[k]) for row in (self.stable, self.slowly_stable)]
-            yield (number, self.method, self.omega_ratio[k], self.tip_max[k], self.tip_rms[k], *truths)
+            yield (number, self.method, self.omega_ratio[k], self.tip_max[k], self.tip_rms[k], *truths, "", self.period, int(self.symmetric))
+        for mark in self.located:
+            yield (number, self.method, mark.omega_ratio, mark.tip_max, "", "", "", mark.kind, self.period, int(self.symmetric))
 
 
 def balance_curve(balance: Balance, branch: Branch, reference: float) -> ResponseCurve:
@@ -105,11 +123,24 @@ def balance_curve(balance: Balance, branch: Branch, reference: float) -> Respons
     responses = [balance.at(OMEGA, p).response(z) for z, p in zip(branch.points, branch.parameters, strict=True)]
     marks = tuple(CurvePoint(e.kind, e.parameter / reference, balance.at(OMEGA, e.parameter).response(e.point).tip_max) for e in branch.located)
     largest, rms = (np.array([getattr(r, name) for r in responses]) for name in ("tip_max", "tip_rms"))
-    return ResponseCurve(HARMONIC_BALANCE, branch.parameters / reference, largest, rms, marks, branch.closed, branch.message)
+    period = getattr(balance.linear, "multiple", 1)
+    return ResponseCurve(
+        HARMONIC_BALANCE,
+        branch.parameters / reference,
+        largest,
+        rms,
+        marks,
+        branch.closed,
+        branch.message,
+        period=period,
+        symmetric=balance.symmetric,
+    )
 
 
 def orbit_curve(orbits: OrbitBranch, reference: float, folds: Iterable[Motion] | None = None) -> ResponseCurve:
     """Return the frequency response of a branch of exact orbits; each point is propagated by the exact method, and left out if that refuses it.
+
+    A branch in another parameter has that one, over ``reference``, in place of the frequency.
 
     ``folds``: motions at the branch's folds where they are known; None: those that were met on the branch.
     """
@@ -119,7 +150,11 @@ def orbit_curve(orbits: OrbitBranch, reference: float, folds: Iterable[Motion] |
     for orbit in found:
         if isinstance(orbit, NoOrbit):
             refused[orbit.reason] = refused.get(orbit.reason, 0) + 1
-    marks = [CurvePoint(kind, motion.solution.case.omega / reference, motion.tip_max) for kind, motion in _marks(orbits, folds)]
+    marks = list[CurvePoint]()
+    for kind, motion in _marks(orbits, folds):
+        mark = CurvePoint(kind, getattr(motion.solution.case, orbits.branch.parameter) / reference, motion.tip_max, _critical(motion))
+        if not any(mark.kind == known.kind and abs(mark.omega_ratio - known.omega_ratio) < SAME for known in marks):
+            marks.append(mark)
     truths = values[:, 2:].astype(np.bool_)
     branch = orbits.branch
     return ResponseCurve(
@@ -133,7 +168,15 @@ def orbit_curve(orbits: OrbitBranch, reference: float, folds: Iterable[Motion] |
         truths[:, 0],
         truths[:, 1],
         tuple(refused.items()),
+        orbits.schedules[0].period_multiple,
+        orbits.schedules[0].symmetric,
     )
+
+
+def _critical(motion: Motion) -> tuple[complex, ...]:
+    """Return the multipliers over the schedule's span that lie on the unit circle, none where they are not finite."""
+    found = stability_of(motion).multipliers
+    return tuple(complex(m) for m in found[np.abs(np.abs(found) - 1) < ON_CIRCLE])
 
 
 def _values(orbit: Any) -> tuple[float, float, bool, bool]:

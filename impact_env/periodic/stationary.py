@@ -20,7 +20,7 @@ from impact_env.parameters import count, fraction, non_negative, positive, requi
 from impact_env.periodic.case import start_from
 from impact_env.periodic.residence import Approach, finished, hold
 from impact_env.response import History, Record, Response
-from impact_env.scene import Scene
+from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
 
 Array = NDArray[np.float64]
@@ -184,7 +184,8 @@ def window_of(scene: Scene, response: Response, omega: float) -> Window:
     period = 2 * np.pi / omega
     periods = round(float(response.drive.schedule.times[-1]) / period)
     each = (len(history.time) - 1) // periods
-    peaks = np.max(np.abs(history.tip_displacement[: periods * each]).reshape(periods, each), axis=1)
+    level = history.modal_displacement @ scene.model.level_shape
+    peaks = np.max(np.abs(level[: periods * each]).reshape(periods, each), axis=1)
     return Window(_states(scene, history, omega)[::each][: periods + 1], impacts.time / period, peaks)
 
 
@@ -210,14 +211,14 @@ def _energies(scene: Scene, history: History, account: EnergyAccount) -> Energie
     return Energies(float(np.mean(share)), float(np.max(share)), modal, impact, friction, damper)
 
 
-def stationary(scene: Scene, settled: Drive, periods: int, criteria: Criteria | None = None) -> Stationary:
-    """Return the response over ``periods`` of the force after the run ``settled``, at the frequency that it ended with.
+def stationary(scene: Scene, settled: Drive, periods: int, criteria: Criteria | None = None, initial: InitialState | None = None) -> Stationary:
+    """Return the response over ``periods`` of the force after the run ``settled`` from a state (default: rest), at the frequency that it ended with.
 
     An elastic slider begins the window without force. Raises as `simulate` does, and ParameterError for fewer than two periods.
     """
     count("window periods", periods, 2)
     omega = positive("settled frequency", float(settled.schedule.omegas[-1]))
-    end = simulate(scene, settled, record=Record(events=True)).end_state
+    end = simulate(scene, settled, initial=initial, record=Record(events=True)).end_state
     phase = settled.phase + float(settled.schedule.phase_at(float(settled.schedule.times[-1])))
     drive = Drive(settled.amplitude, constant_frequency(omega, 1.0, periods), phase)
     record = Record(level=False, events=True, series=True, energy=True, samples_per_period=SAMPLES)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +36,7 @@ class Trial:
 
     Impacts are compared one by one. A reversal that the schedule misses or invents shows in the residual: friction would push the wrong way. The
     residual is the largest difference of the state after a period (mirrored after half of one, for a symmetric orbit): displacements over the gap,
-    velocities over gap times omega. ``response``: the run, None if it broke down; ``start``: the phase it began at, in rad.
+    velocities over gap times omega. ``response``: the run, None if it broke down or there were several; ``start``: the phase it began at, in rad.
     """
 
     residual: float
@@ -65,30 +67,33 @@ def map_over(motion: AnyMotion, start: float, state: Array) -> Array:
     return np.asarray(-end if motion.solution.schedule.symmetric else end)
 
 
-def _run(motion: AnyMotion, start: float, state: Array, record: Record) -> Response:
+def _run(motion: AnyMotion, start: float, state: Array, record: Record, turn: float | None = None) -> Response:
     case, n = motion.solution.case, motion.solution.case.model.modes
     initial = InitialState(state[:n], state[n + 1 : -1], float(state[n]), float(state[-1]))
-    return simulate(case.scene, case.drive(motion.solution.schedule.turn / case.omega, start), initial=initial, record=record)
+    turn = motion.solution.schedule.turn if turn is None else turn
+    return simulate(case.scene, case.drive(turn / case.omega, start), initial=initial, record=record)
 
 
-def residual_of(motion: AnyMotion, response: Response, start: float) -> float:
-    """Return the residual of a run that began at a phase ``start`` in rad."""
+def residual_of(motion: AnyMotion, response: Response, stop: float) -> float:
+    """Return the residual of a run that came to a phase ``stop`` in rad."""
     case, n = motion.solution.case, motion.solution.case.model.modes
-    mirror = -1.0 if motion.solution.schedule.symmetric else 1.0
-    miss = np.abs(mirror * response.end_state - motion.state_at(start))
+    miss = np.abs(response.end_state - motion.state_at(stop))
     return float(max(np.max(miss[: n + 1]), np.max(miss[n + 1 :]) / case.omega) / case.gap)
 
 
-def _unlike(motion: AnyMotion, response: Response, start: float) -> str | None:
-    """Return how the events found differ from the motion's, or None; the faintest bounces of a chatter are not compared."""
-    assert response.impacts is not None
-    assert response.phases is not None
-    case, schedule = motion.solution.case, motion.solution.schedule
+def _unlike(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str | None:
+    """Return how the events of runs from ``starts`` (rad) on differ from the motion's, or None; a chatter's faintest bounces are not compared."""
+    case, schedule, start = motion.solution.case, motion.solution.schedule, float(starts[0])
+    impacted, joining = [run.impacts for run in runs if run.impacts is not None], [run.phases for run in runs if run.phases is not None]
     hits = np.array([event.is_impact for event in schedule.events])
     impacts = _mirrored(motion, start, motion.solution.phases[hits], motion.solution.impulses[hits])
-    found = np.array([case.omega * response.impacts.time, response.impacts.impulse])
+    after = starts - start
+    found = np.hstack([[case.omega * each.time + at, each.impulse] for each, at in zip(impacted, after, strict=True)])
+    begins, ends = (
+        np.concatenate([case.omega * getattr(each, name) + at for each, at in zip(joining, after, strict=True)]) for name in ("start", "end")
+    )
     if schedule.flies:
-        if len(response.phases.start) > 0:
+        if len(begins) > 0:
             return JOINS
         if found.shape != impacts.shape:
             return f"{found.shape[1]} impacts instead of {impacts.shape[1]}"
@@ -100,13 +105,13 @@ def _unlike(motion: AnyMotion, response: Response, start: float) -> str | None:
                 return "impacts at other times"
             if np.all(np.sign(others[1][near]) != np.sign(impulse)):
                 return "impacts on other walls"
-    held, seen = _held(motion, start), merged(response.phases.start * case.omega, response.phases.end * case.omega)
-    if held.shape != seen.shape:
-        return f"{seen.shape[1]} joined phases instead of {held.shape[1]}"
-    return "joined phases at other times" if seen.size and np.max(np.abs(held - seen)) > PHASE_BAR else None
+    known, seen = held(motion, start), merged(begins, ends)
+    if known.shape != seen.shape:
+        return f"{seen.shape[1]} joined phases instead of {known.shape[1]}"
+    return "joined phases at other times" if seen.size and np.max(np.abs(known - seen)) > PHASE_BAR else None
 
 
-def _held(motion: AnyMotion, start: float) -> Array:
+def held(motion: AnyMotion, start: float) -> Array:
     """Return when the joined phases of a motion begin and end in the span from a phase ``start`` (rad) on, (2, K) in rad after it."""
     schedule, phases = motion.solution.schedule, motion.solution.phases
     joined = np.array([event.regime is Regime.JOINED for event in schedule.events])
@@ -143,14 +148,34 @@ def chatters(case: Case, response: Response) -> bool:
 
 
 def trial_of(motion: AnyMotion) -> Trial:
-    """Return the trial of a motion by the exact method; a run that breaks down is a reason too."""
+    """Return the trial of a motion by the exact method; a run that breaks down is a reason too.
+
+    Over several periods of the force an unstable orbit makes what rounding leaves as many times larger as its multipliers say: there each period is
+    run from the motion's own state, and must come to its state at the next.
+    """
+    sections = _sections(motion)
     try:
-        response, start = propagated(motion, RECORD)
+        runs = [_run(motion, a, motion.state_at(a), RECORD, b - a) for a, b in pairwise(sections.tolist())]
     except IntegrationError as error:
         return Trial(float("inf"), str(error))
-    residual = residual_of(motion, response, start)
-    reason = _unlike(motion, response, start)
-    bar = CHATTER_BAR if chatters(motion.solution.case, response) else BAR
+    residual = max(residual_of(motion, run, float(stop)) for run, stop in zip(runs, sections[1:], strict=True))
+    reason = _unlike(motion, runs, sections[:-1])
+    bar = CHATTER_BAR if chatters(motion.solution.case, runs[0]) else BAR
     if reason is None and not residual <= bar:
         reason = f"the exact method comes back with a residual of {residual:.1e}, more than {bar:g}"
-    return Trial(residual, reason, response, start)
+    return Trial(residual, reason, runs[0] if len(runs) == 1 else None, float(sections[0]))
+
+
+def _sections(motion: AnyMotion) -> Array:
+    """Return the phases (rad) between which a motion is run: the middle of the longest flight, of one in each period after it, and a span later."""
+    start, schedule = motion.mid_flight()[0], motion.solution.schedule
+    span = np.array([start, start + schedule.turn])
+    if not schedule.flies or schedule.turn <= 2 * np.pi:
+        return span
+    events = np.sort((motion.solution.phases - start) % schedule.turn) + start
+    middles, lengths = 0.5 * (events[1:] + events[:-1]), np.diff(events)
+    inner = []
+    for k in range(1, round(schedule.turn / (2 * np.pi))):
+        near = np.flatnonzero(np.abs(middles - start - 2 * np.pi * k) < np.pi)
+        inner += [float(middles[near[np.argmax(lengths[near])]])] if len(near) else []
+    return np.sort(np.concatenate([span, inner]))

@@ -1,4 +1,4 @@
-"""Measured or computed modes from a Universal File: its datasets 55 with normal modes or complex ones that are nearly real."""
+"""Modes from a Universal File, its datasets 55 with normal modes or complex ones that are nearly real, and a record, its dataset 58."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ Real = NDArray[np.float64]
 NORMAL, COMPLEX = 2, (3, 7)  # kinds of analysis in a dataset 55
 SI = 1  # code of the units in a dataset 164
 COLLINEAR = 0.95  # least modal phase collinearity of a complex shape that is read as a real one
+TIME_HISTORIES = (0, 1)  # kinds of function in a dataset 58: general, time response
 DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 
 
@@ -104,3 +105,18 @@ def at(modes: list[MeasuredMode], path: Path, name: str, place: tuple[int, str])
         require(column < mode.shape.shape[1], name, direction, f"a direction that {path.name} has")
         values.append(sign * mode.shape[where[0], column])
     return np.array(values)
+
+
+def read_record(path: Path) -> tuple[Real, Real]:
+    """Return times in s and values of the one time history of a Universal File. Raises ParameterError where there is none, or more."""
+    with optional():
+        import pyuff
+    require(path.is_file(), "file", str(path), "a Universal File that exists")
+    try:
+        reader = pyuff.UFF(str(path))
+        sets = [reader.read_sets(k) for k, kind in enumerate(reader.get_set_types()) if int(kind) == 58]
+    except Exception as error:  # the library raises bare exceptions
+        raise ParameterError(f"file = {str(path)!r} is not allowed: a Universal File that can be read ({error})") from error
+    histories = [part for part in sets if int(part["func_type"]) in TIME_HISTORIES]
+    require(len(histories) == 1, f"{path.name}: time histories", len(histories), "one dataset 58 with a response over time")
+    return np.asarray(histories[0]["x"], dtype=np.float64), np.real(np.asarray(histories[0]["data"])).astype(np.float64)

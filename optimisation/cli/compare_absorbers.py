@@ -11,18 +11,23 @@ import click
 import numba
 import numpy
 import scipy
+from click.core import ParameterSource
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import available_cores
 from impact_env.modes import Structure
-from impact_env.parameters import DEFAULT_MASS_RATIO, RigidWalls
-from optimisation.cli.common import command, end_early, name_files, plain_errors
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
+from impact_env.plain_loads import read_loads
+from optimisation.cli.common import BadInput, command, end_early, name_files, plain_errors
 from optimisation.cli.structure_option import RESONANCES_HELP, read_device, read_structure, scene_option, structure_option
 from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.load_comparison import compare_loads
 from optimisation.memory import peak_memory
+from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
+from optimisation.report import load_tables
 from optimisation.report.card import write_card
 from optimisation.report.cards import comparison_card
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
@@ -61,9 +66,33 @@ def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Pa
     return files + write_card(out, comparison_card(comparison))
 
 
+def compared_under_loads(load: Path, structure: Structure | None, out: Path, given: dict[str, Any]) -> tuple[str, list[Path]]:
+    """Compare absorbers under the loads of a file, write figure, runs and summary, and return the table and the files."""
+    context = click.get_current_context()
+    for name in ("force", "percent_per_100_periods", "resonances"):
+        option = "rate" if name == "percent_per_100_periods" else name
+        if context.get_parameter_source(option) is ParameterSource.COMMANDLINE:
+            raise BadInput(f"--{option} does not go with --load: the file says what acts, and for how long")
+    model = mounted(Beam() if structure is None else structure)
+    chosen = {name: given[name] for name in ("mass_ratio", "gap", "members", "seed", "threads")}
+    found = compare_loads(model, read_loads(load, model.resonance_omega(1)), factors=given["forces"], **chosen)
+    files = [out / name for name in ("runs.csv", "summary.json", "comparison.png")]
+    write_csv(files[0], load_tables.COLUMNS, load_tables.rows(found))
+    write_json(files[1], load_tables.summary(found))
+    with replacing(files[2]) as temporary:
+        load_tables.save_figure(temporary, found)
+    return load_tables.text_table(found), files
+
+
 @command()
 @structure_option
 @scene_option
+@click.option(
+    "--load",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Other loads than one force, over their intensity (docs/loads.md).",
+)
 @click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Mass of each absorber over the structure's.")
 @click.option("--force", type=float, help="Force in N near the first of the resonances for which the design rule gives the gap.")
@@ -78,13 +107,15 @@ def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Pa
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("results/compare_absorbers"), show_default=True, help="Folder for figure and tables."
 )
-def main(structure: Path | None, scene: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
+def main(structure: Path | None, scene: Path | None, load: Path | None, quick: bool, out: Path, cluster: str | None, **given: Any) -> None:
     """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
 
     On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
     scaling law and the energy of a cycle, the linear absorber tuned to the first of the resonances. Writes comparison.png, curves.csv
     (medians and bands), runs.csv (every run), summary.json and a card with curves (card.html, card.json), and prints a table.
     Ctrl-C ends the run early and leaves what is finished.
+
+    With --load each absorber is at its own best for the loads of a file, and all are compared at --forces intensities from 0.2 to 5.
     """
     started = time.perf_counter()
     given["members"] = given["members"] or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
@@ -93,6 +124,13 @@ def main(structure: Path | None, scene: Path | None, quick: bool, out: Path, clu
     with plain_errors():
         require_writable("--out", out)
         own = None if structure is None else read_structure(structure)
+        if load is not None:
+            if scene is not None:
+                raise BadInput("--load does not go with --scene")
+            table, written = compared_under_loads(load, own, out, given)
+            click.echo(table)
+            name_files(written)
+            return
         if scene is not None:
             own, given["device"] = read_device(scene, "structure", "mass_ratio", "force", "gap")
             given |= {"mass_ratio": DEFAULT_MASS_RATIO}

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.ensemble import available_cores
+from impact_env.ensemble import Executor, available_cores
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
@@ -19,7 +19,6 @@ from optimisation.cli.structure_option import RESONANCES_HELP, is_given, read_de
 from optimisation.comparison import RESONANCES
 from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.designs import FREE, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, RESTITUTION, VARIABLES, DesignSpace, design_space
-from optimisation.evaluation import Executor
 from optimisation.executors import cluster_option, executor
 from optimisation.machine import conditions
 from optimisation.memory import peak_memory

@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from impact_env.envs.evaluation import RESAMPLES
 from impact_env.parameters import ParameterError, require
 from optimisation.cli.common import INTERRUPTED, BadInput, command
 from optimisation.files import read_json, replacing, require_writable, write_json
@@ -25,7 +26,6 @@ from optimisation.rl.ceiling import SEEDS as CEILING_SEEDS
 from optimisation.rl.ceiling import best_by_luck
 from optimisation.rl.judging import FIRST_HELD_OUT_SEED, Judged, Line, agents_for, contenders, judge, read_results, summarise, write_results
 from optimisation.rl.policies import Policy
-from optimisation.rl.statistics import RESAMPLES
 from optimisation.rl.tasks.table import GROUPS, GROUPS_HELP, TASKS, task_named
 from optimisation.rl.tasks.task import FEW_SEEDS, MANY_SEEDS
 

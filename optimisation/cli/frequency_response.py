@@ -13,6 +13,7 @@ from impact_env.drive import default_rate
 from impact_env.ensemble import Executor
 from impact_env.parameters import RigidWalls, positive, require
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
+from impact_env.periodic.orbit_branches import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.overview import Asked, Overview, overview, sliding
 from impact_env.periodic.response_curve import COLUMNS
 from impact_env.periodic.stationary import QUANTILES, StationaryRuns
@@ -106,8 +107,16 @@ def text(result: Overview) -> str:
         where = ["", ""] if peak is None else [f"{1e3 * peak.tip_max:.4f}", f"{peak.omega_ratio:.4f}"]
         rows.append([str(number), curve.method, "closed" if curve.closed else "open", str(len(curve.tip_max)), *where, folds, stable])
         notes += [f"Curve {number}: {curve.message}." if not curve.closed else ""]
-        notes += [f"Curve {number}: {points} points are no orbit: {reason}." for reason, points in curve.refused]
-    header = ("curve", "method", "", "points", "peak, mm", "at", "folds", "stable, %")
+        if curve.refused:
+            reason, most = max(curve.refused, key=lambda pair: pair[1])
+            total = sum(points for _, points in curve.refused)
+            more = "" if total == most else f", and {len(curve.refused) - 1} more reasons"
+            notes.append(f"Curve {number}: {total} points are no orbit: {reason}{more}.")
+        rows[-1] += [str(curve.period), "symmetric" if curve.symmetric else "a pair"]
+        rows[-1].append(
+            ", ".join(f"{mark.kind} {mark.omega_ratio:.6g}" for mark in curve.located if mark.kind in (TORUS, PERIOD_DOUBLING, SYMMETRY_BREAKING))
+        )
+    header = ("curve", "method", "", "points", "peak, mm", "at", "folds", "stable, %", "period", "", "loses stability at")
     blocks = [str(result.scene) + f", {result.force:g} N", "", markdown(header, rows), "", *[note for note in notes if note]]
     return "\n".join([*blocks, *(["", runs_table(result)] if result.stationary else [])])
 

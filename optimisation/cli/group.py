@@ -25,10 +25,12 @@ from optimisation.cli.common import INTERRUPTED
 HERE = Path(__file__).parent
 PAGES = Path(__file__).resolve().parents[2] / "scripts" / "studies" / "cli"  # a checkout's
 HEADINGS = {
+    "Explore": ("explore",),
     "Simulate": ("sweep", "compare_absorbers", "render_episode"),
     "Design": ("design_gap", "optimise_design", "pareto", "mass_ratios", "tune_ltva"),
     "Periodic responses": ("orbits", "frequency_response", "isola", "balance_error"),
     "Learn": ("train_sweep_agent", "tune_baselines", "evaluate_policies", "record_demonstrations"),
+    "This installation": ("doctor", "cache"),
 }
 NEEDS = re.compile(r"^# needs: *(.*)$", re.MULTILINE)
 HEAD_LINES = 40  # a command says near its top what it needs

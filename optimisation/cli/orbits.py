@@ -17,19 +17,23 @@ from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import folds, thresholds
 from impact_env.periodic.offspring import all_orbits_over
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.survey import Found, attractors, different, orbits_over
+from impact_env.periodic.orbit_branches import lies_on, orbit_branch, places_of
+from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
+from impact_env.periodic.survey import Found, attractors, closed_form_orbits, different, orbits_over
 from impact_env.periodic.validation import trials_alongside
 from optimisation.bounds import design_force
 from optimisation.cli.common import BadInput, check_target, command, end_early, json_option, plain_errors
 from optimisation.cli.structure_option import model_of, refuse_beside, structure_option
 from optimisation.files import write_json
 from optimisation.progress import stages_bar
+from optimisation.report.markdown import markdown
 from optimisation.report.orbit_tables import fold_text, orbit_table, plain_fold, plain_orbit, plain_threshold, refusals, threshold_text
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure by the design rule]"
 FROM, TO = 0.9, 1.06  # of the first resonance, the paper's range
 POINTS, AROUND, RANGE = 81, 21, 0.02  # frequencies listed, and those from which branches lead to a single one, with its neighbourhood
+ALONG = ("force", "gap", "restitution", "friction-limit")
 Told = Callable[[str, int, int], None]
 Array = NDArray[np.float64]
 
@@ -77,10 +81,46 @@ def around(case: Case, given: dict[str, Any], told: Told, found: list[Found]) ->
         found += [group for group in groups if abs(group.case.omega_ratio - at) < 1e-12]
 
 
+def along(case: Case, given: dict[str, Any], told: Told) -> Iterator[ResponseCurve]:
+    """Yield the branches of the symmetric orbits at one frequency over another parameter, each once."""
+    name, known = given["along"].replace("-", "_"), list[Array]()
+    at = case.changed(omega=given["at"] * case.omega)
+    low, high = sorted(given["over"])
+    for orbit in closed_form_orbits(at).orbits:
+        if any(lies_on(places, orbit.solution) for places in known):
+            continue
+        branch = orbit_branch(orbit.solution, name, (low, high), progress=lambda points, _value: told(f"branch {len(known) + 1}, points", points, 0))
+        known.append(places_of(branch))
+        yield orbit_curve(branch, 1.0)
+
+
+def _renamed(plain: Any, key: str) -> Any:
+    """Return a curve's plain form with its parameter by name in place of the frequency."""
+    if isinstance(plain, list):
+        return [_renamed(value, key) for value in plain]
+    if not isinstance(plain, dict):
+        return plain
+    return {key if name == "omega_ratio" else name: _renamed(value, key) for name, value in plain.items()}
+
+
+def along_text(found: list[ResponseCurve], name: str) -> str:
+    """Return a line for each branch over a parameter."""
+    rows = []
+    for number, curve in enumerate(found, 1):
+        places = ", ".join(f"{mark.kind} {mark.omega_ratio:.6g}" for mark in sorted(curve.located, key=lambda mark: mark.omega_ratio))
+        peak = "" if curve.peak is None else f"{1e3 * curve.peak.tip_max:.4f} at {curve.peak.omega_ratio:.5g}"
+        ends = f"{curve.omega_ratio.min():.5g} to {curve.omega_ratio.max():.5g}"
+        stable = "" if curve.stable is None else f"{100 * curve.stable.mean():.0f}"
+        rows.append((str(number), str(len(curve.tip_max)), ends, peak, stable, places))
+    return markdown(("branch", "points", name, "peak, mm", "stable, %", "located"), rows)
+
+
 def check(given: dict[str, Any]) -> None:
     """Raise BadInput or ParameterError, before any work is done, if options do not go together or a file cannot be written."""
     if given["folds"] and given["thresholds"]:
         raise BadInput("--folds does not go with --thresholds: the JSON file has one list")
+    if (given["along"] is None) != (given["over"] is None) or (given["along"] is not None and given["at"] is None):
+        raise BadInput("--along, --over and --at go together: a parameter, the range it is followed over, and the frequency")
     if given["at"] is not None and (given["folds"] or given["thresholds"]):
         raise BadInput("--at does not go with --folds or --thresholds: they are sought from --from to --to")
     if not 0 < given["start"] < given["stop"]:
@@ -118,6 +158,12 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
     if given["folds"]:
         located = folds(case, low, high)
         return fold_text(located), [plain_fold(fold) for fold in located if isinstance(fold.orbit, Orbit)], True
+    if given["along"] is not None:
+        with stages_bar("orbits", leave=False) as told:
+            curves = list(along(case, given, told))
+        key = {"gap": "gap_m", "force": "force_N", "friction-limit": "friction_limit_N"}.get(given["along"], given["along"])
+        plain = [_renamed(curve.to_plain(), key) for curve in curves]
+        return along_text(curves, key), [{"omega_ratio": given["at"], **one} for one in plain], True
     complete = [True]
     with stages_bar("orbits", leave=False) as told:
         found = listed(case, given, told, complete)
@@ -140,6 +186,8 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
 @click.option("--from", "start", type=float, default=FROM, show_default=True, help="First frequency over that of the first resonance.")
 @click.option("--to", "stop", type=float, default=TO, show_default=True, help="Last frequency over that of the first resonance.")
 @click.option("--at", type=float, help="One frequency only; also what runs settle to there, of any period up to eight of the force's.")
+@click.option("--along", type=click.Choice(ALONG), help="With --at: the symmetric orbits' branches over this parameter.")
+@click.option("--over", type=float, nargs=2, metavar="LOW HIGH", help="Range of that parameter, SI units.")
 @click.option("--points", type=int, default=POINTS, show_default=True, help="Frequencies listed from the first to the last.")
 @click.option("--symmetric", is_flag=True, help="Symmetric orbits only, which is quicker.")
 @click.option("--folds", is_flag=True, help="The folds of the branches at this force instead of orbits.")

@@ -13,6 +13,7 @@ from typing import Any
 import click
 import numpy as np
 
+from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import command, end_early, end_without, name_files, plain_errors
 from optimisation.cli.design_options import (
@@ -30,7 +31,6 @@ from optimisation.cli.design_options import (
 )
 from optimisation.conditions import make_conditions
 from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT
-from optimisation.evaluation import Executor
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.objectives import Objective
 from optimisation.problem import Problem

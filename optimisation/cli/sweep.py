@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import statistics
 import threading
 from collections.abc import Callable
@@ -14,10 +15,12 @@ from typing import Any, TypeVar
 import click
 
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule
-from impact_env.ensemble import Executor, Lane, draw_members, run_lanes
+from impact_env.ensemble import Executor, Lane, draw_members, drives_of, run_lanes
 from impact_env.laws import words
-from impact_env.methods import PAPER_STEPS, Method, check_supported
+from impact_env.loads import AnyDrive, Random
+from impact_env.methods import PAPER_STEPS, Method, check_load, check_supported
 from impact_env.parameters import Beam, RigidWalls, TunedAbsorber, count
+from impact_env.plain_loads import read_loads
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -48,7 +51,7 @@ MOST_PLOTTED = 2**30  # bytes of states that a figure may need
 T = TypeVar("T")
 
 
-def integration_time(scene: Scene, drive: Drive, method: Method, most_events: int | None = None) -> float:
+def integration_time(scene: Scene, drive: AnyDrive, method: Method, most_events: int | None = None) -> float:
     """Return the time in s of an integration that observes nothing, without compilation: the median of three, or one if it is long."""
     timed = Timed(scene, drive, method, most_events)
     times = [timed.run().wall_time]
@@ -79,7 +82,7 @@ def heard(work: Callable[[], T], bar: Bar) -> T:
     return results[0]
 
 
-def recorded(scene: Scene, drive: Drive, method: Method, record: Record, most_events: int | None) -> Response:
+def recorded(scene: Scene, drive: AnyDrive, method: Method, record: Record, most_events: int | None) -> Response:
     """Run the first member, with a bar in pseudo periods."""
     schedule = drive.schedule
     with Bar(total=round(schedule.periods), desc="integrating", bar_format=TIME_BAR, delay=1, leave=False) as bar:
@@ -92,7 +95,13 @@ def recorded(scene: Scene, drive: Drive, method: Method, record: Record, most_ev
 
 
 def compute(
-    scene: Scene, drives: list[Drive], method: Method, record: Record, timed: bool, most_events: int | None, executor: Executor | None
+    scene: Scene,
+    drives: list[AnyDrive],
+    method: Method,
+    record: Record,
+    timed: bool,
+    most_events: int | None,
+    executor: Executor | None,
 ) -> Result:
     """Run all members, those after the first by an executor if there is one; the first is recorded and, if ``timed``, by itself timed."""
     response, others, wall_time = recorded(scene, drives[0], method, record, most_events), None, None
@@ -140,24 +149,39 @@ def write(result: Result, given: Options, beam: Beam | None) -> None:
 def run(given: Options) -> str:
     """Do what the options ask for and return the summary. Raises BadInput or ParameterError before anything is computed or written."""
     refuse_contradictions(given)
-    given["force"] = FORCE if given["force"] is None and given["structure"] is None else given["force"]
+    given["force"] = FORCE if given["force"] is None and (given["structure"] is None or given["load"] is not None) else given["force"]
     check_target("--json", given["json"])
     check_target("--plot", given["plot"], (".png", ".pdf", ".svg"))
     (scene, beam), method = make_scene(given), make_method(given)
     check_supported(scene, method)
-    schedule = make_schedule(given, scene)
+    first = make_drive(given, scene)
+    schedule = first.schedule
+    check_load(scene, first, method)
     if count("members", given["members"], 1) == 1 and given["cluster"] is not None:
         raise BadInput("--cluster needs --members above 1: the first member runs here")
     if given["plot"] is not None:
         refuse_long_plot(scene, schedule, Record().samples_per_period)
-    first = Drive(given["force"], schedule, given["phase"])
-    drives = draw_members(given["members"], given["seed"]).drives(first.amplitude, schedule, first.phase)
+    drives = drives_of(draw_members(given["members"], given["seed"]), first)
     with workers(None, given["cluster"]) as executor:
         record = Record(events=True, energy=given["energy"], series=given["plot"] is not None)
         result = compute(scene, drives, method, record, given["time"], given["most_events"], executor)
-    result = replace(result, sweep_ratio=ratio_of(given, scene, schedule))
+    result = replace(result, sweep_ratio=ratio_of(given, scene, schedule) if given["load"] is None else None)
     write(result, given, beam)
     return summary(result, given["resonance"])
+
+
+def make_drive(given: Options, scene: Scene) -> AnyDrive:
+    """Return the force, or the loads of a file; tell of what lies above the modes."""
+    if given["load"] is None:
+        return Drive(given["force"], make_schedule(given, scene), given["phase"])
+    loads = read_loads(given["load"], scene.model.resonance_omega(given["resonance"]))
+    highest = float(scene.model.omega.max()) / (2 * math.pi)
+    for part in loads.parts:
+        if isinstance(part, Random):
+            share = part.share_above(highest)
+            if share > 0:
+                click.echo(f"warning: {100 * share:.3g} % of the random load's mean square lies above the highest mode, {highest:.4g} Hz", err=True)
+    return loads
 
 
 def default(text: str, value: object) -> str:
@@ -185,6 +209,12 @@ def default(text: str, value: object) -> str:
         "stiffness": f"{TunedAbsorber.stiffness}, with --structure tuned",
         "damping": f"{TunedAbsorber.damping}, of a tuned one with --structure tuned",
     }
+)
+@click.option(
+    "--load",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Loads other than one force, from a .toml or .json file (docs/loads.md): base, unbalance, tones, samples, random, shock.",
 )
 @click.option("--force", type=float, help=default("Amplitude of the harmonic force in N.", f"{FORCE}, with --structure by the design rule"))
 @click.option("--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad.")

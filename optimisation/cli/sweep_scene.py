@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from impact_env.drive import FrequencySchedule, constant_frequency, default_rate, linear_sweep
 from impact_env.laws import CONCEPTS, make
@@ -35,6 +36,9 @@ OPTIONS = {"damping": "absorber_damping"}  # options that are called otherwise t
 PARTS = {kind: {OPTIONS.get(name, name) for name in keys} for kind, keys in CONCEPTS.items()}
 DEFAULT_ABSORBER = "impact"
 SCENE_OPTIONS = ("absorber", "modes", "damping", *sorted(set().union(*PARTS.values())))  # what a file of a scene says
+
+
+LOAD_OPTIONS = {"force": "--force", "phase": "--phase", "start": "--from", "stop": "--to", "rate": "--rate", "periods": "--periods", "down": "--down"}
 
 
 def absorber_options(defaults: Mapping[str, str]) -> Callable[[Command], Command]:
@@ -92,11 +96,22 @@ def refuse_parts(given: Options) -> None:
             raise BadInput(f"{option_name(name)} does not go with --absorber {kind}: it is for {kinds}")
 
 
+def _refuse_loads() -> None:
+    """Raise BadInput if an option says what a file of loads says."""
+    context = click.get_current_context()
+    for name, option in LOAD_OPTIONS.items():
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise BadInput(f"{option} does not go with --load: the file says what acts, and for how long")
+
+
 def _refuse_runs(given: Options) -> None:
     if given["steps_per_period"] is not None and given["method"] == "exact":
         raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
     if given["most_events"] is not None and given["method"] != "exact":
         raise BadInput(f"--most-events does not go with --method {given['method']}: it steps through time, whatever happens")
+    if given["load"] is not None:
+        _refuse_loads()
+        return
     constant = given["start"] == given["stop"]
     if constant and given["periods"] is None:
         raise BadInput(f"--to = {given['stop']} equal to --from is a constant frequency: it needs --periods")

@@ -22,11 +22,11 @@ from optimisation.report.markdown import markdown
 from optimisation.rl.baselines import TUNED, families, load, policy
 from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for
 from optimisation.rl.policies import Constant, Random
-from optimisation.rl.runs import Evaluation, Run, collect, find_runs, read_learning, run_folder
+from optimisation.rl.runs import Evaluation, Run, collect, find_runs, read_learning, run_folder, ship
 from optimisation.rl.tasks.baseline import RANDOM
-from optimisation.rl.tasks.table import GROUPS, GROUPS_HELP, TASKS, task_named
+from optimisation.rl.tasks.table import TASKS, TRAINED, TRAINED_GROUPS, TRAINED_HELP, task_named
 
-BOTH = "both"
+BOTH, DEFAULT = "both", "active_friction"  # a task that is learnt in minutes
 SEEDS, CONSTANTS = 10, 17
 QUICK_SHARE, QUICK_LEGS, QUICK_CONSTANTS = 0.25, 10, 5
 OUT = Path("results/train_sweep_agent")
@@ -37,7 +37,7 @@ def plan(task: str, given: dict[str, Any]) -> list[Any]:
     from optimisation.rl.training import Job, check_folder  # torch is slow to import
     from optimisation.rl.training_runs import Planned
 
-    env_id = task_named(task).env_id
+    env_id = TRAINED[task]
     algorithms = recipes(env_id) if given["algorithm"] == BOTH else [given["algorithm"]]
     runs = []
     for seed in range(given["seeds"]):
@@ -58,7 +58,7 @@ def beside(task: str, job: Any, count: int, folder: Path) -> dict[str, float]:
     from optimisation.rl.training import evaluate
 
     file = folder / f"{task}_baselines.json"
-    if file.exists():
+    if task in TASKS and file.exists():
         stored, arguments = load(file, task)
         if arguments == job.arguments:
             kinds = families(task, arguments)
@@ -88,7 +88,7 @@ def write(out: Path, task: str, baselines: dict[str, float], runs: list[Run]) ->
     """Write figure and tables of a task's runs, and print the table."""
     from optimisation.report.learning_report import COLUMNS, HEADER, learning_rows, save_learning_curve, table_rows  # matplotlib is slow to import
 
-    env_id = task_named(task).env_id
+    env_id = TRAINED[task]
     write_csv(out / f"learning_{task}.csv", COLUMNS, learning_rows(runs))
     write_json(out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})})
     with replacing(out / f"learning_{task}.png") as temporary:
@@ -139,7 +139,7 @@ def redraw(task: str, out: Path) -> None:
 
 
 @command()
-@click.option("--task", type=click.Choice([*TASKS, *GROUPS]), default="sweep", show_default=True, help=GROUPS_HELP)
+@click.option("--task", type=click.Choice([*TRAINED, *TRAINED_GROUPS]), default=DEFAULT, show_default=True, help=TRAINED_HELP)
 @click.option(
     "--algorithm",
     type=click.Choice([*ALGORITHMS, BOTH]),
@@ -162,6 +162,7 @@ def redraw(task: str, out: Path) -> None:
     help="Folder of TASK_baselines.json to compare with.  [default: this package's]",
 )
 @click.option("--collect", "target", type=click.Path(path_type=Path), metavar="FOLDER", help="Copy curves and typical agents there at the end.")
+@click.option("--ship", type=click.Path(path_type=Path), metavar="FOLDER", help="Write typical agents there, each as the one file that ships.")
 @click.option("--redraw", is_flag=True, help="Figures and tables again from the learning curves in --out; nothing is trained.")
 def main(**given: Any) -> None:
     """Train agents, seed by seed, and draw their learning curves.
@@ -180,11 +181,15 @@ def main(**given: Any) -> None:
         require_writable("--out", given["out"])
         if given["target"] is not None:
             require_writable("--collect", given["target"])
-        for task in GROUPS.get(given["task"], (given["task"],)):
+        if given["ship"] is not None:
+            require_writable("--ship", given["ship"])
+        for task in TRAINED_GROUPS.get(given["task"], (given["task"],)):
             if given["redraw"]:
                 redraw(task, given["out"])
             else:
                 finished = finished and train_task(task, given)
+        if finished and given["ship"] is not None:
+            click.echo(f"{len(ship(given['out'], given['ship']))} agents written to {given['ship']}")
         if finished and given["target"] is not None:
             click.echo(f"{len(collect(given['out'], given['target']))} files copied to {given['target']}")
     except ParameterError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +11,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env.parameters import CompliantWalls, RigidWalls, SlidingAbsorber
+from impact_env.periodic.branch import FOLD
+from impact_env.periodic.orbit_branches import GRAZING, PERIOD_DOUBLING, PULLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, ResponseCurve
 from impact_env.periodic.stationary import QUANTILES
@@ -17,6 +20,8 @@ from optimisation.report.written_figure import write_figure
 
 MM = 1e3
 DPI = 160
+MARKS = {FOLD: "o", TORUS: "^", PERIOD_DOUBLING: "s", SYMMETRY_BREAKING: "D", GRAZING: "v", PULLING: "<"}
+MARKED: dict[str, Any] = {"ms": 5.0, "mfc": "white", "mec": "black", "mew": 0.9}
 STABLE, FAST, SLOW, BALANCE, UP, DOWN, RUNS = "#0072B2", "#56B4E9", "#D55E00", "#555555", "#009E73", "#CC79A7", "#E69F00"
 LOOKS = {  # exact orbits: colour, dashes, width, label
     "stable": (STABLE, "-", 2.4, "exact orbit, stable"),
@@ -27,7 +32,7 @@ LOOKS = {  # exact orbits: colour, dashes, width, label
 
 def save_figure(path: Path, overview: Overview) -> None:
     """Draw the largest displacement of the tip over the frequency; the ending of ``path`` chooses the format."""
-    figure = Figure(figsize=(10, 6), layout="constrained")
+    figure = Figure(figsize=(12, 6), layout="constrained")
     axes = figure.subplots()
     _sweeps(axes, overview)
     _stationary(axes, overview)
@@ -44,7 +49,7 @@ def save_figure(path: Path, overview: Overview) -> None:
     tops += [float(np.max(at.tip_max)) for at in overview.stationary]
     axes.set(xlim=(low, high), ylim=(0, 1.15 * MM * max([*tops, _gap(overview)], default=float(np.max(overview.linear.alone)))))
     axes.set_xlabel(f"frequency of the force over {overview.reference / (2 * np.pi):.2f} Hz")
-    axes.set_ylabel("largest displacement of the tip in mm")
+    axes.set_ylabel(f"largest displacement {overview.where} in mm")
     axes.set_title(f"{overview.scene}, {overview.force:g} N", fontsize=10)
     axes.grid(True, color="0.9", lw=0.6)
     axes.set_axisbelow(True)
@@ -95,8 +100,8 @@ def _exact(axes: Axes, curve: ResponseCurve) -> None:
         colour, dashes, width, _ = LOOKS[str(kinds[begin])]
         part = slice(begin, min(end + 1, len(kinds)))
         axes.plot(curve.omega_ratio[part], MM * curve.tip_max[part], color=colour, ls=dashes, lw=width, zorder=4)
-    for fold in curve.folds:
-        axes.plot(fold.omega_ratio, MM * fold.tip_max, "o", ms=4.5, mfc="white", mec="black", mew=0.9, zorder=5)
+    for mark in curve.located:
+        axes.plot(mark.omega_ratio, MM * mark.tip_max, MARKS.get(mark.kind, "x"), **MARKED, zorder=5)
 
 
 def _legend(axes: Axes, overview: Overview) -> None:
@@ -106,6 +111,6 @@ def _legend(axes: Axes, overview: Overview) -> None:
             axes.plot([], [], color=colour, ls=dashes, lw=width, label=label)
     if any(curve.method != EXACT for curve in overview.curves):
         axes.plot([], [], color=BALANCE, lw=1.0, label="harmonic balance")
-    if any(curve.method == EXACT and curve.folds for curve in overview.curves):
-        axes.plot([], [], "o", ms=4.5, mfc="white", mec="black", mew=0.9, ls="", label="fold")
-    axes.legend(loc="upper right", fontsize=8.5, framealpha=0.95)
+    for kind in sorted({mark.kind for curve in overview.curves if curve.method == EXACT for mark in curve.located}):
+        axes.plot([], [], MARKS.get(kind, "x"), **MARKED, ls="", label=kind)
+    axes.figure.legend(loc="outside right upper", fontsize=8.5)  # beside the curves, not over them

@@ -67,7 +67,7 @@ def _map(axes: Axes, found: IsolaMap, name: str) -> None:
     if any(level is not None and level.refused for cell in cells for level in cell.pair):
         axes.plot([], [], "ks", ms=4, mfc="white", label="open: no orbit, by the exact method")
     axes.set(xlabel=ALONG[name], ylabel="force in N", ylim=(0, None))
-    axes.set_title(f"{ALONG[other]} {fixed:g}", fontsize=9)
+    axes.set_title(f"{ALONG[other].removesuffix(' in N')} {fixed:g}{' N' if other == 'friction_limit' else ''}", fontsize=9)
     axes.legend(fontsize=8)
     axes.grid(True, color="0.9", lw=0.6)
 

@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.periodic.case import case_of
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import LocatedFold, Threshold
-from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.orbit import Orbit, shot_orbit
+from impact_env.periodic.validation import held
+from impact_env.plain import from_scene, to_scene
 from optimisation.report.markdown import markdown
 
 
@@ -20,7 +23,10 @@ def pairs(values: np.ndarray) -> list[list[float]]:
 
 def plain_orbit(orbit: Orbit) -> dict[str, Any]:
     """The contract of the JSON file: these names do not change."""
-    schedule, motion = orbit.schedule, orbit.motion
+    schedule, motion, case = orbit.schedule, orbit.motion, orbit.case
+    phase, state = motion.mid_flight()
+    n, events = case.model.modes, zip(schedule.events, orbit.solution.phases, strict=True)
+    begins, ends = held(motion, phase)
     return {
         "omega_ratio": orbit.case.omega_ratio,
         "period_multiple": schedule.period_multiple,
@@ -31,7 +37,27 @@ def plain_orbit(orbit: Orbit) -> dict[str, Any]:
         "half_multipliers" if schedule.symmetric else "multipliers": pairs(orbit.stability.multipliers),
         "stable": orbit.stability.stable,
         "residual": orbit.residual,
+        "scene": from_scene(case.scene),
+        "force_N": case.force,
+        "omega_rad_s": case.omega,
+        "period_s": schedule.period_multiple * case.period,
+        "events": [{"phase_rad": float(at), "regime": event.regime.value, "wall": event.wall} for event, at in events],
+        "held_rad": [[float(begin + phase), float(end + phase)] for begin, end in zip(begins, ends, strict=True)],
+        "start": {
+            "phase_rad": phase,
+            "modal_displacement": state[:n].tolist(),
+            "modal_velocity": state[n + 1 : -1].tolist(),
+            "absorber_displacement_m": float(state[n]),
+            "absorber_velocity_m_s": float(state[-1]),
+        },
     }
+
+
+def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
+    """Return the orbit of a JSON file's entry, confirmed anew by shooting from its ``start``; KeyError or ParameterError if it is something else."""
+    scene, start = to_scene(plain["scene"]), plain["start"]
+    state = [*start["modal_displacement"], start["absorber_displacement_m"], *start["modal_velocity"], start["absorber_velocity_m_s"]]
+    return shot_orbit(case_of(scene, plain["force_N"], plain["omega_rad_s"]), start["phase_rad"], state, plain["symmetric"], plain["period_multiple"])
 
 
 def plain_fold(fold: LocatedFold) -> dict[str, Any]:

@@ -13,10 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
+from impact_env.envs.evaluation import interval
 from optimisation.report.comparison_figure import DPI, MM
 from optimisation.report.written_figure import write_figure
 from optimisation.rl.judging import Judged
-from optimisation.rl.statistics import interval, profile
+from optimisation.rl.statistics import profile
 from optimisation.rl.tasks.baseline import (
     BEST_CONSTANT,
     BEST_GAP,

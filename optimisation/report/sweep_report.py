@@ -8,6 +8,7 @@ import numpy as np
 
 from impact_env.ensemble import LaneLevels
 from impact_env.laws import modes_in_words, words
+from impact_env.loads import Loads, amplitude_in_words
 from impact_env.parameters import Beam
 from impact_env.plain import from_scene
 from impact_env.response import Response
@@ -65,6 +66,9 @@ def contract(result: Result, beam: Beam | None) -> dict[str, object]:
 def describe_run(response: Response, resonance: int) -> str:
     """Say in a line how the run was driven and with which method."""
     schedule, modes = response.drive.schedule, response.scene.model.modes
+    if isinstance(response.drive, Loads):
+        told = f"{amplitude_in_words(response.drive)} for {float(schedule.times[-1]):g} s"
+        return f"{told}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} rad/s, {modes_in_words(modes)}, {response.method}"
     ratios = schedule.omegas / schedule.reference
     frequency = f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"
     where = f"{frequency} times resonance {resonance} ({schedule.reference:.6g} rad/s)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
@@ -18,6 +19,7 @@ from optimisation.files import replacing
 
 AGENT_FORMAT = 1
 FINAL = "final.npz"
+TRAINED = Path(__file__).with_name("trained")  # TASK_ALGORITHM.zip, the middle one of its seeds by the last evaluation
 Map = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 ACTIVATIONS: dict[str, Map] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0))}
 SQUASHES: dict[str, Map] = {"clip": lambda x: np.clip(x, np.float32(-1), np.float32(1)), "tanh": np.tanh}
@@ -125,10 +127,29 @@ def save_agent(path: Path, agent: Agent) -> None:
         np.savez(temporary, about=np.array(text), **arrays)  # type: ignore[arg-type]
 
 
-def load_agent(path: Path) -> Agent:
-    """Return the agent of a file that `save_agent` wrote. Raises ParameterError for any other file."""
+def packaged_file(task: str, algorithm: str = "ppo") -> Path:
+    """Return the file of an agent that ships with the package, which stable-baselines3 goes on from: ``PPO.load(file, env=...)``.
+
+    It holds critic and optimiser, too, and beside them the small file that needs no torch. Raises ParameterError if there is none.
+    """
+    known: dict[str, list[str]] = {}
+    for path in sorted(TRAINED.glob("*.zip")):
+        of, _, by = path.stem.rpartition("_")
+        known.setdefault(of, []).append(by)
+    require(task in known, "task", task, f"one of {', '.join(known)}")
+    require(algorithm in known[task], "algorithm", algorithm, f"one of {', '.join(known[task])}")
+    return TRAINED / f"{task}_{algorithm}.zip"
+
+
+def load_agent(place: Path | str, algorithm: str = "ppo") -> Agent:
+    """Return the agent of a file that `save_agent` wrote, or, for the name of a task, the one that ships with the package.
+
+    Raises ParameterError for any other file, task or algorithm.
+    """
+    path = place if isinstance(place, Path) else packaged_file(place, algorithm)
     try:
-        with np.load(path, allow_pickle=False) as file:
+        source = io.BytesIO(zipfile.ZipFile(path).read(FINAL)) if path.suffix == ".zip" else path
+        with np.load(source, allow_pickle=False) as file:
             about = json.loads(str(file["about"]))
             require(about.pop("format") == AGENT_FORMAT, "agent", str(path), f"a file of format {AGENT_FORMAT}, which this version reads")
             layers = [(file[f"weights{k}"], file[f"biases{k}"]) for k in range(sum(name.startswith("weights") for name in file.files))]

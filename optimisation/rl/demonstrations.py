@@ -68,7 +68,7 @@ def record(policy: Policy, env_id: str, seeds: Sequence[int], arguments: Mapping
                 rows[lane][2].append(float(rewards[lane]))
             ended |= going & terminated
             going &= ~(terminated | truncated)
-            env.unwrapped.task.runs.idle = ~going
+            env.unwrapped.rest(~going)
     finally:
         env.close()
     observations, done, earned = ([np.array(row[part]) for row in rows] for part in range(3))

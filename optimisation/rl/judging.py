@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.envs.evaluation import RESAMPLES, difference, interquartile_mean, interval
 from impact_env.parameters import ParameterError, require
 from optimisation.files import replacing
 from optimisation.rl.agents import FINAL, Agent, find_agents, load_agent
 from optimisation.rl.play import play
 from optimisation.rl.policies import Policy
-from optimisation.rl.statistics import RESAMPLES, Array, difference, improvement, interquartile_mean, interval, normalised
+from optimisation.rl.statistics import Array, improvement, normalised
 from optimisation.rl.tasks.table import task_named
 
 FIRST_HELD_OUT_SEED = 2_000_000

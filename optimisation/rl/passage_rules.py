@@ -14,6 +14,7 @@ from optimisation.rl.policies import Observations
 
 IMPACTS, TIME_LEFT = 4, 7  # columns of the observation
 FEW = 0.25  # of the feature "impacts": one in two pseudo periods; above the noise of a sensor, below what a sustained response has
+LAST = 0.15  # share of the time budget at which the small rule leaves
 # shares of the range of frequencies, from its low end to its high one; actions
 WAY = ("entry from", "entry to", "action at entry", "slow from", "action when slow", "back at", "action back")
 
@@ -74,3 +75,24 @@ class BlindTries(TriedPassage):
         self.memory = self.memory + (turns & ~self._turning)
         self._turning = turns
         return actions
+
+
+class SmallRule:
+    """Haste to a frequency; then slow while there are impacts and time is left, and back from another frequency on; else haste. Four numbers."""
+
+    informed = False
+    names = ("slow from", "action when slow", "back at", "action back")
+    start = (0.46, 0.2, 0.4, -0.28)  # ratios 0.976 and 0.970 of the default range
+
+    def __init__(self, rates: Rates) -> None:
+        self.rates = rates
+
+    def begin(self, lanes: int) -> None:
+        """Do nothing: there is no memory."""
+
+    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
+        """Return the actions (L,)."""
+        slow_from, slow, back_at, back = parameters.T
+        share = self.rates.share(observations)
+        waits = (share <= slow_from) & (observations[:, IMPACTS] >= FEW) & (observations[:, TIME_LEFT] > LAST)
+        return np.where(waits, np.where(share <= back_at, back, slow), 1.0)

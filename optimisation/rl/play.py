@@ -81,7 +81,7 @@ def _play(policy: Policy, env: Any, seeds: list[int], record: Sequence[str]) -> 
         for key in known:
             last[key][going] = now[key][going]
         going &= ~over
-        env.unwrapped.task.runs.idle = ~going
+        env.unwrapped.rest(~going)
     return Episodes(tuple(seeds), scores, steps, last, {key: np.stack(values) for key, values in rows.items()})
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -119,6 +120,25 @@ def collect(source: Path, target: Path) -> list[Path]:
         with replacing(copy) as temporary:
             shutil.copyfile(file, temporary)
     return list(files.values())
+
+
+def ship(source: Path, target: Path) -> list[Path]:
+    """Write the `typical` run of each task and algorithm under ``source`` as one file, stable-baselines3's with the agent's own in it."""
+    groups: dict[tuple[str, str], list[Run]] = {}
+    for run in find_runs(source):
+        if run.finished:
+            groups.setdefault((run.folder.parent.parent.name, run.algorithm), []).append(run)
+    files = []
+    for (task, algorithm), runs in groups.items():
+        folder, file = typical(runs).folder, target / f"{task}_{algorithm}.zip"
+        model = max((folder / "checkpoints").glob("*/model.zip"))
+        target.mkdir(parents=True, exist_ok=True)
+        with replacing(file) as temporary:
+            shutil.copyfile(model, temporary)
+            with zipfile.ZipFile(temporary, "a") as archive:
+                archive.write(folder / FINAL, FINAL)
+        files.append(file)
+    return files
 
 
 def read_learning(file: Path) -> list[Run]:

@@ -21,12 +21,9 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import first_of_each
 from impact_env.extras import optional
-from impact_env.families import kernel_key
-from impact_env.methods import Exact
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
 from optimisation.differences import difference
-from optimisation.measures import Chunk, measure
 from optimisation.sources import fingerprint
 
 with optional():
@@ -46,7 +43,7 @@ class ClusterError(ParameterError):
 
 
 class Workers:
-    """The workers of the scheduler at ``address`` (host:port), as an `optimisation.evaluation.Executor`; use it in a ``with`` statement."""
+    """The workers of the scheduler at ``address`` (host:port), as an `impact_env.ensemble.Executor`; use it in a ``with`` statement."""
 
     def __init__(self, address: str, patience: float = PATIENCE) -> None:
         self._address, self._patience = address, patience
@@ -61,10 +58,6 @@ class Workers:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         with suppress(TimeoutError, OSError):
             self._client.close(timeout=self._patience)
-
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
-        """See `optimisation.evaluation.Executor`."""
-        return self.each(measure, chunks, [(kernel_key(chunk.lanes[0].scene, Exact()), chunk.record) for chunk in chunks])
 
     def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
         """See `impact_env.ensemble.Executor`. The first item of each kind is done here, which compiles its kernels before workers need them.

@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from impact_env.ensemble import Executor
 from optimisation.designs import WITH_IMPACTS
-from optimisation.evaluation import Clocked, Executor, Threads
+from optimisation.evaluation import Clocked, Threads
 from optimisation.problem import Problem
 from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdict
 from optimisation.search.ledger import Ledger, remembering

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from impact_env.curve import BAND
-from impact_env.ensemble import Members
+from impact_env.ensemble import Executor, Members
 from impact_env.parameters import Beam, count, require
 from optimisation.designs import Design
-from optimisation.evaluation import Executor, Progress, evaluate
+from optimisation.evaluation import Progress, evaluate
 from optimisation.insight import Levels
 from optimisation.measures import LEVEL
 from optimisation.objectives import Condition, Score

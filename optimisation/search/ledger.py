@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.ensemble import Executor
 from optimisation.differences import difference
-from optimisation.evaluation import Executor
 from optimisation.files import append
 from optimisation.measures import Chunk
 from optimisation.search.journal import StudyError, alone, line_of, repair
@@ -40,13 +41,14 @@ class Ledger:
     known: dict[str, Array] = field(default_factory=dict)
     runs: int = 0
 
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
-        """See `optimisation.evaluation.Executor`; raises OSError if the file cannot take more, which it then holds as it was."""
+    def each(self, function: Callable[[Any], Any], items: Sequence[Any], kinds: Sequence[Hashable]) -> Generator[tuple[int, Any], None, None]:
+        """See `impact_env.ensemble.Executor`; raises OSError if the file cannot take more, which it then holds as it was."""
         same: dict[str, list[int]] = {}
-        for k, chunk in enumerate(chunks):
+        for k, chunk in enumerate(items):
             same.setdefault(key_of(chunk), []).append(k)
         new = [key for key in same if key not in self.known]
-        for i, values in self.executor.run([chunks[same[key][0]] for key in new]) if new else ():
+        first = [same[key][0] for key in new]
+        for i, values in self.executor.each(function, [items[k] for k in first], [kinds[k] for k in first]) if new else ():
             self.runs += len(values)
             self.known[new[i]] = values
             if self.path is not None:

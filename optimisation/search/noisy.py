@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
+from impact_env.ensemble import Executor
 from impact_env.parameters import count, require
 from optimisation.designs import WITH_IMPACTS, Design
-from optimisation.evaluation import Executor, evaluate
+from optimisation.evaluation import evaluate
 from optimisation.objectives import Score
 from optimisation.problem import Problem
 from optimisation.search.told import Evaluated

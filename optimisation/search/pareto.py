@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from optimisation.evaluation import Executor
+from impact_env.ensemble import Executor
 from optimisation.measures import LEVEL
 from optimisation.objectives import Objective
 from optimisation.problem import Problem

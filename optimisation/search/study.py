@@ -22,11 +22,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.ensemble import Executor
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from optimisation.designs import Design
 from optimisation.differences import difference
-from optimisation.evaluation import Executor, evaluate
+from optimisation.evaluation import evaluate
 from optimisation.files import append
 from optimisation.objectives import Score
 from optimisation.problem import Problem

@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "machines.md"
 HEADER = ("machine", "Python", "packages", "settings", "passed", "failed", "skipped", "peak of a process", "made")
 VARIED = ("numpy", "scipy", "numba", "gymnasium")
-LAYERS = ("main", "test", "files", "optimise", "env", "cluster", "peers", "offline", "rl", "clients")
+LAYERS = ("main", "test", "files", "optimise", "env", "docs", "cluster", "peers", "offline", "rl", "clients", "explore", "browser")
 TORCH = ("rl", "clients")
 
 

@@ -3,7 +3,11 @@
 
 root="$(CDPATH='' cd -- "$(dirname -- "${BASH_SOURCE[0]}")/../.." && pwd -P)"
 environment="$root/.venv"
-python="$environment/bin/python"
+# in Windows' bash (Git's) programs are elsewhere, and Python wants the paths of Windows; not tried
+case "$OSTYPE" in
+msys* | cygwin*) root="$(cygpath -m "$root")" environment="$root/.venv" python="$root/.venv/Scripts/python.exe" ;;
+*) python="$environment/bin/python" ;;
+esac
 export MPLBACKEND=Agg
 
 # The stamp of a layer is a copy of all that it was made from, in the order that set_up.py writes it.
@@ -20,7 +24,7 @@ kernels_are_warm() {
 
 find_python() {
     local candidate
-    for candidate in ${PYTHON:+"$PYTHON"} python3 python3.13 python3.12 python3.11 python3.14; do
+    for candidate in ${PYTHON:+"$PYTHON"} python3 python3.13 python3.12 python3.11 python3.14 python; do
         if "$candidate" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' >/dev/null 2>&1; then
             printf '%s\n' "$candidate"
             return

@@ -6,7 +6,6 @@ Only the standard library is used, as this runs before anything is installed.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import subprocess
@@ -16,13 +15,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
 ROOT = Path(__file__).resolve().parents[2]
+PYTHON = "Scripts/python.exe" if sys.platform == "win32" else "bin/python"  # in a virtual environment
 EXPECTED = {
     "main": "half a minute to two minutes",
     "test": "about half a minute",
     "files": "a few seconds",
     "env": "a few seconds",
     "clients": "a few seconds",
+    "explore": "a few seconds",
+    "browser": "half a minute",
     "rl": "several minutes, as torch is large",
     "offline": "half a minute",
     "optimise": "about a minute",
@@ -39,18 +46,29 @@ def stamp_text(root: Path, layer: str) -> bytes:
     """Return what a layer is made from; environment.sh compares the same bytes."""
     layers = ["main"] if layer == "main" else ["main", layer]
     files = [root / "pyproject.toml", *(root / "requirements" / f"{name}.txt" for name in layers)]
-    return os.fsencode(root) + b"\n" + b"".join(file.read_bytes() for file in files)
+    return os.fsencode(root.as_posix()) + b"\n" + b"".join(file.read_bytes() for file in files)
+
+
+def hold(file: int) -> bool:
+    """Lock a file for this process, if no other one has; the system lets go of it when the process ends, however it ends."""
+    try:
+        if sys.platform == "win32":
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        else:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 @contextmanager
 def lock(root: Path) -> Iterator[None]:
-    """Hold the checkout's lock; the system drops it when the process ends, however it ends."""
+    """Hold the checkout's lock."""
     with (root / ".venv.lock").open("w") as handle:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not hold(handle.fileno()):
             say("Another call is setting up the environment; waiting for it ...")
-            fcntl.flock(handle, fcntl.LOCK_EX)
+            while not hold(handle.fileno()):
+                time.sleep(0.2)
         yield
 
 
@@ -60,14 +78,14 @@ class SetUp:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.folder = root / ".venv"
-        self.python = self.folder / "bin" / "python"
+        self.python = self.folder / PYTHON
         self.stamps = self.folder / "stamps"
         self.incomplete = self.folder / "incomplete"
 
     def usable(self) -> bool:
         """Tell whether the folder can be built upon: complete, at its place, and its Python still there."""
         main = self.stamps / "main"
-        moved = main.exists() and not main.read_bytes().startswith(os.fsencode(self.root) + b"\n")
+        moved = main.exists() and not main.read_bytes().startswith(os.fsencode(self.root.as_posix()) + b"\n")
         return os.access(self.python, os.X_OK) and not self.incomplete.exists() and not moved
 
     def is_current(self, layer: str) -> bool:

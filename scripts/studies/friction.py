@@ -15,10 +15,11 @@ import numpy as np
 
 from impact_env.curve import BAND
 from impact_env.drive import PAPER_DAMPING
+from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
 from optimisation.branches import Branches, branches
 from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT, Design, design_space
-from optimisation.evaluation import Executor, Progress
+from optimisation.evaluation import Progress
 from optimisation.insight import SHOWN
 from optimisation.machine import sources
 from optimisation.objectives import Condition

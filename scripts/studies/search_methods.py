@@ -12,9 +12,9 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
 from optimisation.designs import design_space
-from optimisation.evaluation import Executor
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.search.find import QUIET, Bars, Plan, find

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optimisation.evaluation import Executor
+from impact_env.ensemble import Executor
 from optimisation.machine import sources
 from optimisation.page import DOCS, published
 from optimisation.report.markdown import markdown

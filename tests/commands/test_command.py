@@ -26,8 +26,10 @@ BALANCE = "--modes 2 --method balance --harmonics 3 --no-sweeps"
 STEEP = "--quick --modes 2 --rate 20 --members 2"
 QUICK = {  # the shortest form of each command
     "balance_error": "--modes 2 --harmonics 10 --weights 50 --no-branches",
+    "cache": "info",
     "compare_absorbers": "--quick",
     "design_gap": "--quick --force 3.5",
+    "doctor": "",
     "evaluate_policies": "--quick --without-agents --task sweep",
     "frequency_response": BALANCE,
     "isola": "--modes 1 --from 0.93",

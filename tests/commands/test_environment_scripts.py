@@ -66,6 +66,7 @@ def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.Monkey
             environments.single,
             lambda seconds, advance: environments.vector("native vector", "vector_entry_point", 64, seconds, advance),
             lambda seconds, advance: environments.vector("Gymnasium's SyncVectorEnv", "sync", 2, seconds, advance),
+            lambda seconds, advance: environments.task("ImpactAbsorber/ActiveGap-v0", seconds, advance),
         ],
     )
     target, page = tmp_path / "speed.json", tmp_path / "page.md"
@@ -81,4 +82,5 @@ def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.Monkey
     assert f"<!-- speeds -->\n{shown}\n\n" in page.read_text()
     assert f" {native / own:.1f} |" in shown
     assert native > own
+    assert f" {speeds['ActiveGap-v0']['steps_per_s'] / 4:,.0f} |" in shown  # four steps are a pseudo period
     assert 0 < values["make_and_first_step_s"] < 60

@@ -10,9 +10,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from impact_env import Drive, InitialState, constant_frequency, simulate
+from impact_env.periodic import Orbit
+from impact_env.plain import to_scene
 from optimisation.cli import orbits
+from optimisation.report.orbit_tables import orbit_of
 
 KEYS = {"omega_ratio", "period_multiple", "symmetric", "impacts", "tip_max_m", "tip_rms_m", "stable", "residual"}
+KEYS |= {"scene", "force_N", "omega_rad_s", "period_s", "events", "held_rad", "start"}
 PAPER = ["--modes", "3", "--friction-limit", "0.01", "--restitution", "1", "--force", "1.5"]
 ONE_MODE = ["--modes", "1", "--restitution", "0.75", "--force", "1.5"]
 
@@ -43,6 +48,30 @@ def test_the_orbits_over_a_range_have_exactly_the_promised_keys(tmp_path: Path) 
         assert orbit["residual"] < 1e-10
         assert 0 < orbit["tip_rms_m"] < orbit["tip_max_m"]
     assert "4 orbits, 0 of them stable." in output
+
+
+def test_an_orbit_of_a_file_can_be_read_back_and_run_again(tmp_path: Path) -> None:
+    _, found = listed(tmp_path, *PAPER, "--at", "0.95", "--symmetric")
+    for plain in found:
+        orbit = orbit_of(plain)
+        assert isinstance(orbit, Orbit)
+        assert orbit.motion.tip_max == pytest.approx(plain["tip_max_m"], rel=1e-9)
+        struck = [event for event in plain["events"] if event["wall"]]
+        assert all(any(abs(event["phase_rad"] - impact["phase_rad"]) < 1e-9 for impact in plain["impacts"]) for event in struck)
+        scene, start = to_scene(plain["scene"]), plain["start"]
+        run = Drive(plain["force_N"], constant_frequency(plain["omega_rad_s"], 1.0, plain["period_multiple"]), start["phase_rad"])
+        first = InitialState(start["modal_displacement"], start["modal_velocity"], start["absorber_displacement_m"], start["absorber_velocity_m_s"])
+        end = simulate(scene, run, initial=first).end_state
+        assert end == pytest.approx(first.vector(scene), abs=1e-9)
+
+
+def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:
+    """Low and high orbits of one frequency lie on one branch over the force, which turns where its fold force is."""
+    _, (branch,) = listed(tmp_path, "--modes", "2", "--force", "3", "--at", "0.95", "--along", "force", "--over", "1", "6")
+    assert max(branch["force_N"]) == pytest.approx(6, rel=1e-6)
+    (fold,) = (mark for mark in branch["located"] if mark["kind"] == "fold")
+    _, levels = listed(tmp_path, "--modes", "2", "--force", f"{fold['force_N']:.9f}", "--folds", "--from", "0.94", "--to", "0.96")
+    assert min(abs(level["omega_ratio"] - 0.95) for level in levels) < 1e-5
 
 
 def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:

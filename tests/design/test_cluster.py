@@ -4,7 +4,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -15,9 +14,8 @@ pytest.importorskip("optuna")
 
 import distributed
 from cluster_check import problem
-from design_studies import Array
 
-from optimisation.measures import Chunk
+from optimisation.evaluation import run_chunks
 from optimisation.search.cluster import ClusterError, Workers
 
 
@@ -38,7 +36,7 @@ def test_no_scheduler_and_no_worker_are_clear_errors() -> None:
         given = problem()
         chunks = given.chunks(given.space.default, given.ensemble, given.rate)
         with Workers(empty.scheduler_address, patience=1.0) as workers, pytest.raises(ClusterError, match="one or more workers"):
-            list(workers.run(chunks))
+            list(run_chunks(chunks, workers))
 
 
 def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(tmp_path: Path) -> None:
@@ -59,7 +57,7 @@ def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(tm
         worker = subprocess.Popen(command, env=environment, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             with Workers(address, patience=120.0) as workers, pytest.raises(ClusterError, match=r"worker = tcp://.* same version .*sources\.code is"):
-                list(workers.run(chunks))
+                list(run_chunks(chunks, workers))
         finally:
             worker.kill()
             worker.wait()
@@ -70,8 +68,8 @@ class Closing(Workers):
 
     cluster: object = None
 
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
-        for count, result in enumerate(super().run(chunks)):
+    def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+        for count, result in enumerate(super().each(function, chunks, kinds)):
             if count == 2:
                 self.cluster.close()  # type: ignore[attr-defined]
             yield result
@@ -84,4 +82,4 @@ def test_scheduler_that_dies_is_a_clear_error() -> None:
     with Closing(local.scheduler_address, patience=2.0) as workers:
         workers.cluster = local
         with pytest.raises(ClusterError, match="the study keeps what is finished"):
-            list(workers.run(chunks))
+            list(run_chunks(chunks, workers))

@@ -22,8 +22,8 @@ class Backwards(Threads):
 
     lost = ()
 
-    def run(self, chunks):  # type: ignore[no-untyped-def]
-        for k, values in reversed(list(super().run(chunks))):
+    def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+        for k, values in reversed(list(super().each(function, chunks, kinds))):
             gap = chunks[k].lanes[0].scene.absorber.walls.gap
             yield k, np.full_like(values, np.nan) if any(abs(gap - x) < 1e-9 for x in self.lost) else values
 

@@ -19,8 +19,8 @@ pytest.importorskip("cmaes")
 
 from design_studies import Bowl, Model, problem, settings
 
+from impact_env.ensemble import Executor
 from optimisation.designs import design_space
-from optimisation.evaluation import Executor
 from optimisation.problem import Problem
 from optimisation.search.find import Plan, find
 from optimisation.search.journal import StudyError

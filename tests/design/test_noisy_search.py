@@ -30,8 +30,8 @@ from studies.search_methods import Trial, standings, winner
 class Noisy(Model):
     """The formula of the tests' studies, with one in five members on an upper branch."""
 
-    def run(self, chunks):  # type: ignore[no-untyped-def]
-        for k, values in super().run(chunks):
+    def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+        for k, values in super().each(function, chunks, kinds):
             phase = chunks[k].lanes[0].drive.phase
             yield k, values * np.exp(0.3 * (np.sin(1e5 * phase) > 0.8) + 0.05 * np.sin(3e5 * phase))
 
@@ -73,8 +73,8 @@ def test_search_follows_from_its_seed_and_keeps_what_an_interrupt_leaves() -> No
 
 def test_failed_runs_cost_a_design_and_not_the_search() -> None:
     class Failing(Noisy):
-        def run(self, chunks):  # type: ignore[no-untyped-def]
-            for k, values in super().run(chunks):
+        def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+            for k, values in super().each(function, chunks, kinds):
                 yield k, np.full_like(values, np.nan) if self.seen[-1][1] > 0.6 else values
 
     one = problem(conditions=(Condition(1, 3.5),), members=4)

@@ -95,8 +95,8 @@ def test_broken_constraints_cannot_win() -> None:
 
 def test_failed_runs_cost_a_design_and_not_the_study() -> None:
     class Failing(Model):
-        def run(self, chunks):  # type: ignore[no-untyped-def]
-            for k, values in super().run(chunks):
+        def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+            for k, values in super().each(function, chunks, kinds):
                 yield k, np.full_like(values, np.nan) if self.seen[-1][1] > 0.6 else values
 
     with opened(problem(), settings()) as study:

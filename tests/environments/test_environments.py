@@ -21,14 +21,14 @@ from gymnasium.utils.env_checker import check_env
 from impact_env.envs import ENVIRONMENTS, register_environments
 from impact_env.envs.settings import Settings
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
+pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_gymnasium_has_nothing_to_say(name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", message=".*SweepRate-v0 is out of date")
+        warnings.filterwarnings("ignore", message=".*-v0 is out of date")
         check_env(make(name).unwrapped, skip_render_check=True)
         check_env(make(name, render_mode="rgb_array", raw_state=True, observation_noise=0.1, observation_delay=2).unwrapped)
 

@@ -11,7 +11,7 @@ gymnasium = pytest.importorskip("gymnasium")
 
 from optimisation.friction_rule import PAPER_FRICTION, paper_share
 
-FRICTION, PASSIVE = "ImpactAbsorber/FrictionChoice-v0", "ImpactAbsorber/Passive-v0"
+FRICTION, PASSIVE = "ImpactAbsorber/FrictionChoice-v1", "ImpactAbsorber/Passive-v0"
 WAY: dict[str, Any] = {"limits": (0.98, 1.01), "rate": 4.0}
 
 

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 
 from impact_env.envs import ENVIRONMENTS
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
+pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
 
 
 @pytest.mark.parametrize("extra", [{}, {"observation_noise": 0.05, "observation_delay": 2, "raw_state": True}])

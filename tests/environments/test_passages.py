@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("gymnasium")
 from environment_cases import ADAPTIVE, SWEEP, V1, make
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
+pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
 
 
 def test_backward_rates_go_back_but_not_beyond_the_start() -> None:

@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from impact_env.envs.evaluation import interquartile_mean, interval
 from impact_env.parameters import ParameterError
-from optimisation.rl.statistics import improvement, interquartile_mean, interval, normalised, profile
+from optimisation.rl.statistics import improvement, normalised, profile
 
 
 def test_interquartile_mean_leaves_the_outer_quarters_out() -> None:

@@ -13,7 +13,7 @@ from gymnasium.error import ResetNeeded
 
 from impact_env import ParameterError
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
+pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
 
 
 def test_order_of_calls_is_enforced() -> None:
@@ -92,7 +92,7 @@ def test_impossible_passive_actions_are_refused(bad: Any) -> None:
         (SWEEP, {"beam": {"modes": 3}}, "beam"),
         (SWEEP, {"render_mode": "ansi"}, "render_mode"),
         (SWEEP, {"threads": 0}, "threads = 0"),
-        (GAP, {"absorber": "tuned", "absorber_options": {}}, "absorber = 'tuned'"),
+        (GAP, {"absorber": "tuned", "absorber_options": {}}, "absorber = "),
         (GAP, {"absorber_options": {"contact_stiffness": 1e5}}, "absorber"),
         (GAP, {"hold": (-1.0, 5.0)}, "hold"),
         (PASSIVE, {"rate": 0.0}, "rate = 0.0"),

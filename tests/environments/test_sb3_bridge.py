@@ -26,7 +26,7 @@ SHORT: dict[str, Any] = {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0,
 def test_stable_baselines_has_nothing_to_say(name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", message=".*SweepRate-v0 is out of date")
+        warnings.filterwarnings("ignore", message=".*-v0 is out of date")
         check_env(gymnasium.make(name, modes=2, absorber_options={"friction_limit": 0.025}).unwrapped)
 
 

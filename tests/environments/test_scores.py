@@ -11,7 +11,7 @@ from environment_cases import GAP, PASSIVE, RUBBING, SWEEP, actions, make
 from impact_env import Drive, FrequencySchedule, simulate
 from impact_env.envs.reference import passage
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")  # gymnasium says so of everything with a later version
+pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
 
 
 def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:

@@ -30,7 +30,7 @@ FRESH = range(7_000_000, 7_000_192)  # neither trained, tuned nor judged on
 RATES = Rates(0.05, 4.0, 0.93, 1.03, 4.0, 0.98, 0.0125)
 WAY = [0.9, 0.8, 0.5, 0.5, 0.1, 0.35, -0.6]  # entry 1.02 to 1.01, slow from 0.98, back at 0.965
 # Bounds on means over seeds lie six of their standard deviations off, as found with six eigenbases that differ by rounding.
-pytestmark = pytest.mark.filterwarnings("ignore:.*SweepRate-v0 is out of date")
+pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
 
 
 def seen(ratio: float, impacts: float, left: float = 1.0) -> np.ndarray:

@@ -19,7 +19,7 @@ import impact_env
 from impact_env import ParameterError
 from impact_env.plain import from_scene, to_scene
 
-V1, ADAPTIVE, GAP = "ImpactAbsorber/SweepRate-v1", "ImpactAbsorber/SweepAndGap-v0", "ImpactAbsorber/GapChoice-v0"
+V1, ADAPTIVE, GAP = "ImpactAbsorber/SweepRate-v1", "ImpactAbsorber/SweepAndGap-v1", "ImpactAbsorber/GapChoice-v1"
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}
 PASSAGE = {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0, "observation_noise": 0.1}
 SHORT: dict[str, Any] = {

@@ -38,6 +38,7 @@ IMPORTS = {
     "impact_env.envs.gap_choice": ("gymnasium", "env"),
     "impact_env.envs.passive": ("gymnasium", "env"),
     "impact_env.envs.drawing": ("PIL", "env"),
+    "optimisation.explore.server": ("uvicorn", "explore"),
     "studies.accuracy.heyoka_peer": ("heyoka", "peers"),
     "reference.digits": ("mpmath", "peers"),
 }

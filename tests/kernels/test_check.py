@@ -64,9 +64,9 @@ class Bench:
         assert mass is not None
         tip_shape = np.array(scene.model.tip_shape)
         self.free, self.joined, reach = rigid_regimes(scene, 20.0 / omega)
-        schedule = Schedule(np.array([0.0, 2.0 / omega]), np.full(2, omega), np.array([0.0, 2.0]), 20.0, reach)
+        schedule = Schedule(np.array([0.0, 2.0 / omega]), np.full(2, omega), np.array([0.0, 2.0]), 20.0, reach, None)
         self.window, self.walls, self.limit = window_of(schedule, 0, 0, 1), Walls(GAP, 1.0, None), limit
-        contact = Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape, self.walls, limit)
+        contact = Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape, self.walls, limit, None)
         rigid = Rigid(self.free, self.joined, contact, Losses(tip_shape, tip_shape, tip_shape, 0.0))
         self.room = new_room(self.free, self.joined, np.zeros(8))
         solve_free(rigid, self.window, self.room)
@@ -124,7 +124,7 @@ def test_a_joint_that_gives_too_much_is_seen() -> None:
     swing = np.zeros(8)
     swing[4] = 0.05  # m/s of the first mode, so that the joint is loaded more and more
     to_slots(bench.joined.into, swing, bench.z)
-    found = end_of_hold(bench.joined.slots, bench.room.joined_forced, bench.window, limit, bench.body, 2 * bench.window.half)
+    found = end_of_hold(bench.joined.slots, bench.room.joined_forced, bench.window, limit, 0.0, bench.body, 2 * bench.window.half)
     assert 0 < found.offset < 2 * bench.window.half
     assert bench.see_hold(found.offset) == [1, 0]
     assert bench.see_hold(1.001 * found.offset) == [2, 1]

@@ -206,7 +206,7 @@ def test_a_motion_that_is_no_orbit_fails_its_trial() -> None:
 def test_the_residual_is_measured_where_nothing_happens() -> None:
     orbit = many_reversals()
     response, start = propagated(orbit.motion, Record(level=False, events=True))
-    assert residual_of(orbit.motion, response, start) == orbit.residual
+    assert residual_of(orbit.motion, response, start + orbit.schedule.turn) == orbit.residual
     assert np.min(np.abs(np.mod(orbit.solution.phases - start, np.pi))) > 1e-3
 
 

@@ -7,9 +7,9 @@ import pytest
 import scipy.stats
 
 from impact_env import Beam, ParameterError, beam_scene, impact_absorber
-from impact_env.ensemble import Lane, each_lane
+from impact_env.ensemble import Lane, draw_members, each_lane
 from impact_env.periodic.case import case_of
-from impact_env.periodic.jump import Range, hazard, jumps
+from impact_env.periodic.jump import Jumps, Range, hazard, jumps
 from impact_env.periodic.residence import Approach, ExitRate, Stays, exit_rate, first_silence, hold, passage, stay_of, stays
 from impact_env.periodic.stationary import Criteria, Kind, Window, classify, envelope, longest_pause, modulation_depth, stationary_members
 from impact_env.periodic.survey import closed_form_orbits
@@ -174,6 +174,35 @@ def test_integral_of_the_rate() -> None:
     assert low < value < high
     turned = hazard([0.95, 0.97, 0.98], rates_of([0, 40, 0]))
     assert turned.value == pytest.approx(found.value)
+
+
+def test_factor_of_a_moving_frequency_is_found_from_counts() -> None:
+    """Runs that leave at a rate in time and at another in frequency: survival is the product of both, drawn run by run."""
+    drawn, rate, moved = np.random.default_rng(5), 1 / 700, 0.05
+    told = hazard([0.98, 0.97], [ExitRate(4000, 4000 / rate, rate, 0.97 * rate, 1.03 * rate)] * 2)
+    measured = {}
+    for slowness in (20.0, 100.0, 300.0, 900.0):
+        at = np.minimum(drawn.exponential(1 / (slowness * rate), 5000), drawn.exponential(1 / moved, 5000))  # percent of frequency passed
+        measured[slowness] = Jumps(int(np.sum(at > 1)), 5000, 5000)
+    found = told.with_sweeps(measured)
+    assert found.factor_low < np.exp(-moved) < found.factor_high
+    assert found.factor_high - found.factor_low < 0.02
+    assert (found.value, told.factor) == (told.value, 1.0)
+    for slowness, jumped in measured.items():
+        value, low, high = found.probability(slowness)
+        assert value == pytest.approx(found.factor * told.probability(slowness)[0])
+        assert low < jumped.share + 3 * np.sqrt(jumped.share / 5000)
+        assert high > jumped.share - 3 * np.sqrt(jumped.share / 5000)
+
+
+def test_sweeps_up_keep_what_sweeps_down_lose() -> None:
+    """The motion of the frequency carries runs over the border of the regime, or away from it: fewer leave the same range upwards."""
+    scene, approach = paper()
+    phases = draw_members(1200, 3, "phase").phases.tolist()
+    down = jumps(scene, 1.5, approach, Range(0.974, 0.972, 0.958, 0.946), 100.0, phases)
+    up = jumps(scene, 1.5, approach, Range(0.956, 0.958, 0.972, 0.984), 100.0, phases)
+    assert len(down.left) > len(up.left) + 3 * np.sqrt(len(up.left))  # of 1,200: 68 to 90 and 31 to 44
+    assert all(0.958 <= ratio < 0.972 for ratio in (*down.left, *up.left))
 
 
 def paper() -> tuple:

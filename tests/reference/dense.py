@@ -7,7 +7,7 @@ at most once, which the grid's fineness makes likely and nothing proves. Where t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +39,26 @@ MOST_EVENTS = 50  # between two samples
 HUMP = np.linspace(0, 1, 65)[1:-1]
 
 Step = tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """A load as functions of time: force in N, the base's acceleration in m/s^2, between ``breaks`` (K,) in s smooth; ``highest`` in rad/s."""
+
+    force: Callable[[Array], Array]
+    base: Callable[[Array], Array]
+    breaks: Array
+    highest: float
+
+
+def harmonic(drive: Drive) -> Inputs:
+    """Return the inputs of one force."""
+    schedule = drive.schedule
+
+    def force(times: Array) -> Array:
+        return np.asarray(drive.amplitude * np.cos(schedule.phase_at(times) + drive.phase))
+
+    return Inputs(force, np.zeros_like, schedule.times, float(np.max(schedule.omegas)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +95,7 @@ def _exponential(matrix: Array, length: float, x: Array) -> Array:
 class Walk:
     """A reference under way: what `contact` asks for, and steps from event to event."""
 
-    def __init__(self, scene: Scene, drive: Drive, initial: InitialState, most_events: int = MOST_EVENTS, long_steps: bool = False) -> None:
+    def __init__(self, scene: Scene, drive: Inputs, initial: InitialState, most_events: int = MOST_EVENTS, long_steps: bool = False) -> None:
         self.mechanics, self.drive, self.most_events, self.long_steps = Mechanics(scene), drive, most_events, long_steps
         self.mobility = self.mechanics.mobility
         self.x, self.time = self.mechanics.state(initial.vector(scene)), 0.0
@@ -95,9 +115,9 @@ class Walk:
         return float(self.mechanics.gaps[which] @ self.x), float(self.mechanics.speeds[which] @ self.x)
 
     def pull(self) -> Array:
-        """Return the accelerations (n,) in m/s^2 of the absorbers' places if no absorber pushed."""
-        m = self.mechanics
-        return np.asarray(m.shapes @ (m.unforced @ self.x + m.model.force_shape * self._force(self.time)))
+        """Return the accelerations (n,) in m/s^2 of the absorbers' places relative to the absorbers, if none pushed."""
+        m, now = self.mechanics, self._inputs(np.array([self.time]))[:, 0]
+        return np.asarray(m.shapes @ (m.unforced @ self.x + m.driven @ now) - m.carried @ now - m.falling)
 
     def strike(self, which: int, restitution: float) -> None:
         """Turn the relative velocity of an absorber into -restitution times itself."""
@@ -109,8 +129,8 @@ class Walk:
 
     # --- motion
 
-    def _force(self, times: Array | float) -> Array:
-        return np.asarray(self.drive.amplitude * np.cos(self.drive.schedule.phase_at(times) + self.drive.phase))
+    def _inputs(self, times: Array) -> Array:
+        return np.stack([self.drive.force(times), self.drive.base(times)])
 
     def _linear(self, regimes: tuple[Regime, ...]) -> tuple[Linear, float]:
         """Return the equations of regimes and their fastest rate in 1/s."""
@@ -131,7 +151,7 @@ class Walk:
 
     def to(self, end: float) -> bool:
         """Advance to a time in s; return False where the reference cannot go on."""
-        before, breaks = self.events, self.drive.schedule.times
+        before, breaks = self.events, self.drive.breaks
         while self.time < end:
             stop = breaks[(breaks > self.time) & (breaks < end)]
             if self.events - before > self.most_events or not self._stretch(float(stop[0]) if len(stop) else end):
@@ -160,7 +180,7 @@ class Walk:
         self.steps += count
         whole, columns, nodes = self._step(regimes, linear, h, calm)
         times = np.asarray(self.time + h * np.arange(count + 1), dtype=np.float64)
-        pushes = columns @ self._force(times[:-1] + nodes[:, None])
+        pushes = np.einsum("sum,umk->sk", columns, self._inputs(times[:-1] + nodes[:, None]))
         xs = np.empty((len(self.x), count + 1))
         xs[:, 0] = self.x
         for k in range(count):
@@ -178,7 +198,7 @@ class Walk:
         return True
 
     def _rate(self, fastest: float, calm: bool) -> float:
-        return max(fastest, (1.0 if calm else FORCE_WEIGHT) * float(np.max(self.drive.schedule.omegas)))
+        return max(fastest, (1.0 if calm else FORCE_WEIGHT) * self.drive.highest)
 
     def _fresh(self, which: int, number: int) -> bool:
         """Return whether a guard is one that the last event has just left behind."""
@@ -186,14 +206,14 @@ class Walk:
         return self.contacts.zeros[which][number] > 0 or (self.slipped and guard.event == HOLD)
 
     def _step(self, regimes: tuple[Regime, ...], linear: Linear, h: float, calm: bool) -> Step:
-        """Return the exponential of a step of h s, the columns (S, nodes) that weigh the force at its nodes, and the nodes in s."""
+        """Return the exponential of a step of h s, the columns (S, 2, nodes) that weigh the inputs at its nodes, and the nodes in s."""
         known = self._kept
         if known is None or known[0] != regimes or abs(known[1] - h) > SAME_STEP * h:
             places, weights = CALM_NODES if calm else NODES
             nodes = 0.5 * h * (1 + places)
             flow = _exponential if calm else _flow
             flows = [flow(linear.matrix, h - t, linear.column) for t in nodes]
-            columns = np.array([0.5 * h * w * each for w, each in zip(weights, flows, strict=True)]).T
+            columns = np.array([0.5 * h * w * each for w, each in zip(weights, flows, strict=True)]).transpose(1, 2, 0)
             known = self._kept = regimes, h, (scipy.linalg.expm(linear.matrix * h), columns, nodes)
         return known[2]
 
@@ -201,8 +221,8 @@ class Walk:
         """Return the state ``length`` (less than a step) later, by Taylor series."""
         after = _flow(linear.matrix, length, x)
         nodes = 0.5 * length * (1 + NODES[0])
-        for node, weight, force in zip(nodes, 0.5 * length * NODES[1], self._force(time + nodes), strict=True):
-            after = after + weight * force * _flow(linear.matrix, length - node, linear.column)
+        for node, weight, inputs in zip(nodes, 0.5 * length * NODES[1], self._inputs(time + nodes).T, strict=True):
+            after = after + weight * _flow(linear.matrix, length - node, linear.column @ inputs)
         return after
 
     # --- events
@@ -210,7 +230,7 @@ class Walk:
     def _value(self, which: int, guard: Guard, linear: Linear, xs: Array, times: Array) -> Array:
         row, push = self.mechanics.guard(which, guard, linear)
         values = row @ xs
-        return np.asarray(values + push * self._force(times) if push else values)
+        return np.asarray(values + push @ self._inputs(times) if np.any(push) else values)
 
     def _first(self, linear: Linear, xs: Array, times: Array, h: float) -> list[tuple[int, int, int]]:
         """Return absorber, number of the guard and step of the guards that are passed in the first step in which any is."""
@@ -277,7 +297,7 @@ def _dips(values: Array, slopes: Array, h: float) -> NDArray[np.bool_]:
 
 def follow(
     scene: Scene,
-    drive: Drive,
+    drive: Drive | Inputs,
     initial: InitialState | None,
     times: Array,
     most_impacts: int | None = None,
@@ -290,7 +310,8 @@ def follow(
     to one another that the grid cannot tell them apart. ``long_steps`` are quicker where nothing ends a regime; a force far above all modes
     then loses digits.
     """
-    walk = Walk(scene, drive, InitialState() if initial is None else initial, most_events, long_steps)
+    inputs = harmonic(drive) if isinstance(drive, Drive) else drive
+    walk = Walk(scene, inputs, InitialState() if initial is None else initial, most_events, long_steps)
     rows, seen = [walk.x], [walk.seen()]
     for time in times[1:]:
         if not walk.to(float(time)) or (most_impacts is not None and len(walk.impacts) > most_impacts):

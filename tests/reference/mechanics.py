@@ -1,6 +1,7 @@
 """The equations of motion of a scene as dense matrices, from nothing but the modal model and the regimes of `contact`.
 
-Modes: u' = -omega^2 q - 2 D omega u + force_shape f - sum_a shape_a lambda_a; absorbers: m_a q_a'' = lambda_a (paper, Eq. eqmmod).
+Modes: u' = -omega^2 q - 2 D omega u + force_shape f - Gamma a_b - sum_a shape_a lambda_a; absorbers: m_a q_a'' = lambda_a - m_a (r a_b + g) (paper,
+Eq. eqmmod; a base with acceleration a_b, to which all is relative, and gravity g along the absorbers' motion).
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """x' = matrix x + column f for a state x (S,), and the absorbers' forces in N: forces x + pushes f.
+    """x' = matrix x + column u for a state x (S,) and inputs u (2,), and the absorbers' forces in N: forces x + pushes u.
 
-    ``matrix`` (S, S), ``column`` (S,), ``forces`` (n, S), ``pushes`` (n,).
+    ``matrix`` (S, S), ``column`` (S, 2), ``forces`` (n, S), ``pushes`` (n, 2). Inputs are the force in N and the base's acceleration in m/s^2.
     """
 
     matrix: Array
@@ -56,6 +57,12 @@ class Mechanics:
         self.unforced[:, : self.modes] = -np.diag(model.omega)
         self.unforced[:, self.half : self.half + self.modes] = -np.diag(2 * model.damping_ratio * model.omega)
 
+        base = np.zeros(self.modes) if model.base_participation is None else -model.base_participation
+        self.driven = np.stack([model.force_shape, base], axis=1)
+        self.carried = np.array([[0.0, 0.0 if scene.absorber is None else -model.base_at_absorber]] * self.places)
+        every = getattr(scene.absorber, "absorbers", (scene.absorber,))
+        self.falling = -np.array([getattr(one, "gravity", 0.0) for one in every])
+
     def state(self, vector: Array) -> Array:
         """Return the state (S,) of displacements and velocities (2 N_m + 2 n,)."""
         return np.concatenate([vector[: self.half] * self.scale, vector[self.half :], [1.0]])
@@ -66,7 +73,7 @@ class Mechanics:
 
     def linear(self, regimes: Sequence[Regime]) -> Linear:
         """Return the equations while each absorber is in a regime."""
-        forces, pushes = np.zeros((self.places, self.size)), np.zeros(self.places)
+        forces, pushes = np.zeros((self.places, self.size)), np.zeros((self.places, 2))
         for a, regime in enumerate(regimes):
             if not regime.joined:
                 forces[a] = -(regime.stiffness + regime.slider) * self.gaps[a] - regime.damping * self.speeds[a]
@@ -75,20 +82,22 @@ class Mechanics:
         if joined:
             # the places' accelerations under the others' forces; in the mobility places and masses are side by side
             pull = self.shapes[joined] @ (self.unforced - self.shapes.T @ forces)
+            pull[:, -1] -= self.falling[joined]
             coupling = self.mobility[np.ix_(joined, joined)]
             forces[joined] = np.linalg.solve(coupling, pull)
-            pushes[joined] = np.linalg.solve(coupling, self.shapes[joined] @ self.model.force_shape)
-        matrix, column = np.zeros((self.size, self.size)), np.zeros(self.size)
+            pushes[joined] = np.linalg.solve(coupling, self.shapes[joined] @ self.driven - self.carried[joined])
+        matrix, column = np.zeros((self.size, self.size)), np.zeros((self.size, 2))
         matrix[: self.half, self.half : -1] = np.diag(self.scale)
         matrix[self.half : -1] = np.concatenate([self.unforced - self.shapes.T @ forces, forces / self.masses[:, None]])
-        column[self.half : -1] = np.concatenate([self.model.force_shape - self.shapes.T @ pushes, pushes / self.masses])
+        matrix[self.half + self.modes : -1, -1] += self.falling
+        column[self.half : -1] = np.concatenate([self.driven - self.shapes.T @ pushes, pushes / self.masses[:, None] + self.carried])
         return Linear(matrix, column, forces, pushes)
 
-    def guard(self, which: int, guard: Guard, linear: Linear) -> tuple[Array, float]:
-        """Return the row (S,) and the factor of the drive's force that make a guard's value."""
+    def guard(self, which: int, guard: Guard, linear: Linear) -> tuple[Array, Array]:
+        """Return the row (S,) and the factors (2,) of the inputs that make a guard's value."""
         row = guard.y_weight * self.gaps[which] + guard.gamma_weight * self.speeds[which] + guard.force_weight * linear.forces[which]
         row[-1] += guard.constant - guard.y_weight * float(guard.rest)
-        return row, guard.force_weight * float(linear.pushes[which])
+        return row, guard.force_weight * linear.pushes[which]
 
     def impulse(self, state: Array, which: Sequence[int], changes: Array) -> None:
         """Change relative velocities (m/s) by impulses on the absorbers, in place."""

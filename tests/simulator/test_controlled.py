@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import threading
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -109,6 +111,34 @@ def test_lanes_do_not_depend_on_threads_or_neighbours(monkeypatch: pytest.Monkey
         runs.close()
     for other in results[1:]:
         np.testing.assert_array_equal(other, results[0])
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+@pytest.mark.parametrize("first", [True, False], ids=["in the calling thread", "in a helper"])
+def test_a_call_that_breaks_off_leaves_nobody_at_work(error: type[BaseException], first: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("impact_env.controlled.FEWEST", 1)
+    runs = ControlledRuns(scene_of(), 8, 100.0, 1.0, samples_per_period=SAMPLES, threads=2)
+    runs.advance()
+    me, done, both = threading.get_ident(), np.zeros(8, dtype=int), threading.Barrier(2)
+
+    def take(low: int, high: int) -> None:
+        both.wait(10.0)  # two threads are at work
+        if (threading.get_ident() == me) == first:
+            raise error
+        time.sleep(0.02)
+        done[low:high] += 1
+
+    monkeypatch.setattr(runs, "_take", take)
+    with pytest.raises(error):
+        runs.advance()
+    assert done.sum() == 4  # the other thread's part was waited for
+    monkeypatch.undo()
+    monkeypatch.setattr(runs, "_take", lambda low, high: done.__setitem__(slice(low, high), done[low:high] + 1))
+    for _ in range(100):
+        runs.advance()
+    assert done.sum() == 804
+    runs.close()
+    runs.close()
 
 
 def test_amplitudes_are_those_of_the_linear_response() -> None:

@@ -90,9 +90,9 @@ def test_scaling_compares_one_worker_with_two(findings: ModuleType, monkeypatch:
     from studies.findings import measured
 
     class Slow(measured.Threads):
-        def run(self, chunks):  # type: ignore[no-untyped-def]
+        def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
             time.sleep(0.2 / self.threads)
-            return super().run(chunks)
+            return super().each(function, chunks, kinds)
 
     @contextmanager
     def cluster(workers: int) -> Iterator[object]:

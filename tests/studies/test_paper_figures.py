@@ -251,7 +251,8 @@ def test_claims_of_the_operating_ranges(monkeypatch: pytest.MonkeyPatch, tmp_pat
     monkeypatch.setattr(oprange, "_members", lambda _: 2)
     found = measured(oprange.PART, settings(tmp_path))
     claims = {own.name: own for own in oprange.claims(found)}
-    assert len(claims) == 6
+    assert len(claims) == 7
+    assert claims["oprange_step"].verdict is Verdict.NOT  # with one mode a step is a twentieth of the force's period
     for name in ("linear_range", "saturation", "quasi_linear", "sustained", "linear_limit"):
         assert claims[f"oprange_{name}"].verdict is Verdict.HOLDS, claims[f"oprange_{name}"]
     ranges = ranges_of(curve_of(found.values["absorber"]))

@@ -17,8 +17,8 @@ from impact_env.parameters import ParameterError
 from optimisation.files import read_json
 from studies.cli import reproduce_paper
 from studies.paper import study
-from studies.paper.claim import Claim, Verdict, from_plain, judged
-from studies.paper.claims import CLAIMS, claims_part, reasons, table
+from studies.paper.claim import Claim, Verdict, chance, from_plain, judged
+from studies.paper.claims import CLAIMS, REFUTED, SUMMARY, claims_part, reasons, summary, table
 from studies.paper.frame import figure_part, in_turn, marker
 from studies.paper.settings import Settings
 from studies.study import Json, Measured, Steps
@@ -72,7 +72,7 @@ def figures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Figures:
     monkeypatch.setattr(study, "STUDY", replace(study.STUDY, parts=tuple(module.PART for module in modules)))
     monkeypatch.setattr(study, "CLAIMS", replace(study.CLAIMS, parts=(claims_part(modules),)))
     page = tmp_path / "paper.md"
-    page.write_text("".join(f"<!-- {marker(name)} -->\n<!-- /{marker(name)} -->\n" for name in ("one", "two", CLAIMS)))
+    page.write_text("".join(f"<!-- {marker(name)} -->\n<!-- /{marker(name)} -->\n" for name in ("one", "two", SUMMARY, REFUTED, CLAIMS)))
     return made
 
 
@@ -102,9 +102,9 @@ def test_one_figure_alone_and_the_claims_that_it_decides(figures: Figures, tmp_p
     assert result.exit_code == 0, result.output
     assert figures.measured == ["two first", "two second"]
     (claim,) = claims_in(tmp_path)
-    assert set(claim) == {"name", "statement", "section", "computed", "verdict", "figure", "why"}
+    assert set(claim) == {"name", "statement", "section", "computed", "verdict", "figure", "why", "definitional"}
     assert (claim["verdict"], claim["figure"], claim["why"]) == ("holds", "two", "")
-    assert "1 statements; 1 holds." in (tmp_path / "paper.md").read_text()
+    assert "**1 substantive statements** were tested: 1 holds." in (tmp_path / "paper.md").read_text()
     assert not (tmp_path / "paper" / "one.json.gz").exists()
 
 
@@ -128,6 +128,25 @@ def test_verdicts_of_intervals() -> None:
     assert judged(1.0, 2.0, 2.5, 3.0) is Verdict.NOT
     with pytest.raises(ParameterError, match="interval"):
         judged(2.0, 1.0, 0.0, 3.0)
+
+
+def test_verdicts_on_one_run_go_by_the_share_of_runs() -> None:
+    assert [chance(*interval) for interval in ((0.96, 1.0), (0.3, 0.4), (0.9, 0.99), (0.0, 0.04))] == [
+        Verdict.HOLDS, Verdict.SPREAD, Verdict.SPREAD, Verdict.NOT,
+    ]  # fmt: skip
+
+
+def test_summary_counts_substantive_and_definitional_claims_apart() -> None:
+    claims = [
+        Claim("a", "x grows", "3", "1", Verdict.HOLDS, "one"),
+        Claim("b", "y falls", "3", "2", Verdict.NOT, "one", "It grows."),
+        Claim("c", "z is 3", "2", "3", Verdict.HOLDS, "one", definitional=True),
+    ]
+    lines = summary(claims, {"one": "What z is: three."}).splitlines()
+    assert lines[0] == "1. **2 substantive statements** were tested: 1 holds, 1 does not hold."
+    assert lines[1].endswith("linear structure: 1 holds.")
+    assert lines[2] == "3. **What does not hold:** y falls."
+    assert lines[-1] == "5. **What z is:** three."
 
 
 def test_a_claim_that_does_not_hold_says_why() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
 import distributed
@@ -17,7 +16,6 @@ from impact_env.ensemble import LaneLevels
 from optimisation.comparison import compare as absorbers
 from optimisation.designs import design_space
 from optimisation.evaluation import Threads, evaluate
-from optimisation.measures import Chunk
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.search.cluster import Workers
@@ -35,8 +33,8 @@ class Murderous(Workers):
     victim: int | None = None
     mercy = 2
 
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
-        for count, result in enumerate(super().run(chunks)):
+    def each(self, function, items, kinds):  # type: ignore[no-untyped-def]
+        for count, result in enumerate(super().each(function, items, kinds)):
             if count == self.mercy and self.victim is not None:
                 os.kill(self.victim, signal.SIGKILL)
                 self.victim = None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -51,7 +50,7 @@ class Model:
     log: Path | None = None
     seen: list[tuple[object, ...]] = field(default_factory=list)
 
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
+    def each(self, _function, chunks, _kinds):  # type: ignore[no-untyped-def]
         for k, chunk in enumerate(chunks):
             if self.stop is not None and len(self.seen) == self.stop:
                 raise KeyboardInterrupt
@@ -78,7 +77,7 @@ class Bowl:
     stop: int | None = None
     seen: list[tuple[object, ...]] = field(default_factory=list)
 
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
+    def each(self, _function, chunks, _kinds):  # type: ignore[no-untyped-def]
         for k, chunk in enumerate(chunks):
             if self.stop is not None and len(self.seen) == self.stop:
                 raise KeyboardInterrupt

@@ -9,7 +9,25 @@ import numpy as np
 
 from impact_env.envs import ENVIRONMENTS
 
-SWEEP, GAP, PASSIVE, V1, NOISY, DELAYED, ADAPTIVE, FRICTION = ENVIRONMENTS
+(
+    SWEEP,
+    GAP,
+    PASSIVE,
+    V1,
+    NOISY,
+    DELAYED,
+    OPEN_ADAPTIVE,
+    OPEN_FRICTION,
+    HARD,
+    GAP1,
+    ADAPTIVE,
+    FRICTION,
+    ACTIVE_FRICTION,
+    ACTIVE_GAP,
+    LIMITED,
+    STRUCTURES,
+) = ENVIRONMENTS
+PAIRS = (OPEN_ADAPTIVE, ADAPTIVE, LIMITED)  # which take two numbers
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}  # one kind of scene for most tests: one kernel to compile
 SHORT = {
     SWEEP: RUBBING | {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "force": (1.0, 2.0), "time_budget": 60.0},
@@ -19,6 +37,9 @@ SHORT = {
 BRIEF = {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0}
 SHORT |= dict.fromkeys((V1, NOISY, DELAYED), BRIEF) | {ADAPTIVE: BRIEF | RUBBING}
 SHORT |= {FRICTION: {"limits": (0.96, 0.98), "direction": "random", "friction_range": (0.01, 5.0)}}
+SHORT |= {ACTIVE_FRICTION: {"time_budget": 5.0}, ACTIVE_GAP: {"time_budget": 5.0}}
+SHORT |= {LIMITED: {"limits": (0.97, 0.99), "scenes": 3}, STRUCTURES: {"time_budget": 5.0, "structures": 5}}
+SHORT |= {OPEN_FRICTION: SHORT[FRICTION], OPEN_ADAPTIVE: SHORT[ADAPTIVE], HARD: SHORT[SWEEP], GAP1: SHORT[GAP]}
 
 
 def make(name: str, **arguments: Any) -> Any:
@@ -32,4 +53,4 @@ def vector(name: str, lanes: int, **arguments: Any) -> Any:
 def actions(name: str, steps: int, lanes: int) -> np.ndarray:
     if name == PASSIVE:
         return np.zeros((steps, lanes), dtype=np.int64)
-    return np.random.default_rng(5).uniform(-1, 1, (steps, lanes, 2 if name == ADAPTIVE else 1)).astype(np.float32)
+    return np.random.default_rng(5).uniform(-1, 1, (steps, lanes, 2 if name in PAIRS else 1)).astype(np.float32)

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from design_studies import Array, Model, problem, settings
+from design_studies import Model, problem, settings
 
-from optimisation.measures import Chunk
 from optimisation.search.study import opened
 
 
 class Slow(Model):
     """The model with a pause after each chunk."""
 
-    def run(self, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Array]]:
-        for result in super().run(chunks):
+    def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+        for result in super().each(function, chunks, kinds):
             yield result
             time.sleep(0.002)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from optimisation.rl.families import Array, ConstantAction, Family, FrequencyWindow, Rates
-from optimisation.rl.passage_rules import BlindTries, TryAgain
+from optimisation.rl.passage_rules import BlindTries, SmallRule, TryAgain
 from optimisation.rl.play import ACTION, DELAYED, NOISY, PASSAGE
 from optimisation.rl.tasks.baseline import BEST_CONSTANT, BEST_SCHEDULE, BLIND, FEEDBACK, WINDOW, Baseline
 from optimisation.rl.tasks.effort import Effort, grid, spent
@@ -27,7 +27,13 @@ WINDOW_STARTS = ((0.35, 0.5, 0.05, 1.0), (0.33, 0.47, 0.1, 1.0))
 def kinds(behind: Any) -> dict[str, Family]:
     """Return the kinds of policies by name."""
     rates = Rates.of(behind)
-    return {"constant": ConstantAction(), "window": FrequencyWindow(rates), "blind": BlindTries(rates), "feedback": TryAgain(rates)}
+    return {
+        "constant": ConstantAction(),
+        "window": FrequencyWindow(rates),
+        "blind": BlindTries(rates),
+        "feedback": TryAgain(rates),
+        "small": SmallRule(rates),
+    }
 
 
 def search(kinds: Kinds, rest: Rest, effort: Effort, advance: Progress | None) -> list[Baseline]:

@@ -7,7 +7,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,10 @@ PASSIVE, SWEEP = "ImpactAbsorber/Passive-v0", "ImpactAbsorber/SweepRate-v0"
 PASSAGE: dict[str, Any] = {"modes": 3, "force": 1.5, "interval": 1.0, "direction": "up", "limits": (0.98, 1.06)}
 SCENE = "3 modes, 1.5 N, e = 1, no friction; up from 0.98 times the first resonance at 1 % per 100 pseudo periods; one pseudo period a step"
 NATIVE, OWN, BRIDGE, TRAINED = (64, 256, 1024, 16384), 64, 1024, 256
+TRAINED_ON = (
+    *("ActiveFriction-v0", "ActiveGap-v0", "Structures-v0", "Passage-v0"),
+    *("FrictionChoice-v1", "SweepAndGap-v1", "SweepRate-v1", "GapChoice-v1"),
+)
 SETTLE = 60  # steps before the clock starts: from rest to steady impacts
 SECONDS, QUICK_SECONDS, REPEATS = 4.0, 0.4, 3
 FIRST_STEP = (
@@ -35,12 +40,13 @@ FIRST_STEP = (
 
 @dataclass(frozen=True)
 class Speed:
-    """Environment steps per second over all lanes: the median of the repeats, and each of them."""
+    """Environment steps per second over all lanes: the median of the repeats, and each of them; ``interval`` of a step in pseudo periods."""
 
     name: str
     lanes: int
     steps_per_s: float
     each: tuple[float, ...]
+    interval: float = PASSAGE["interval"]
 
 
 def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, advance: Callable[[], object]) -> Speed:
@@ -84,6 +90,18 @@ def vector(name: str, mode: str, lanes: int, seconds: float, advance: Callable[[
         return timed(name, lanes, lambda: env.step(actions), seconds, advance)
     finally:
         env.close()
+
+
+def task(name: str, seconds: float, advance: Callable[[], object]) -> Speed:
+    """Time a task that people train on, as it is, under random actions."""
+    with optional():
+        import gymnasium
+    env: Any = gymnasium.make_vec(name, num_envs=BRIDGE)
+    env.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1, 1, env.action_space.shape).astype(np.float32)
+    speed = timed(name.split("/")[1], BRIDGE, lambda: env.step(actions), seconds, advance)
+    env.close()
+    return replace(speed, interval=env.unwrapped.task.interval)
 
 
 def bridge(seconds: float, advance: Callable[[], object]) -> Speed:
@@ -149,14 +167,19 @@ def cases() -> list[Callable[[float, Callable[[], object]], Speed]]:
         *map(asynchronous, sorted({cores, 4 * cores})),
         bridge,
         training,
+        *(partial(task, f"ImpactAbsorber/{name}") for name in TRAINED_ON),
     ]
 
 
 def table(speeds: Sequence[Json]) -> str:
     """Return a line for each kind and number of environments."""
     best = max(speed["steps_per_s"] for speed in speeds if speed["name"].startswith("Gymnasium"))
-    rows = [(speed["name"], f"{speed['lanes']:,}", f"{speed['steps_per_s']:,.0f}", f"{speed['steps_per_s'] / best:.1f}") for speed in speeds]
-    return markdown(("environment", "lanes", "steps/s", "over Gymnasium's best"), rows)
+    rows = []
+    for speed in speeds:
+        rate, interval = speed["steps_per_s"], speed["interval"]
+        over = f"{rate / best:.1f}" if speed["name"] not in TRAINED_ON else "-"
+        rows.append((speed["name"], f"{speed['lanes']:,}", f"{rate:,.0f}", f"{rate * interval:,.0f}", over))
+    return markdown(("environment", "lanes", "steps/s", "pseudo periods/s", "over Gymnasium's best"), rows)
 
 
 def _measure(seconds: float) -> Json:

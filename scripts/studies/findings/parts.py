@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from impact_env.drive import PAPER_RATE
+from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError, RigidWalls
 from optimisation.bounds import design_force, design_gap
 from optimisation.conditions import make_conditions
 from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, SEVERAL, TUNED, VARIABLES, Design, design_space
-from optimisation.evaluation import Executor
 from optimisation.files import read_json
 from optimisation.friction_rule import best_friction
 from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps

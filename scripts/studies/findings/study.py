@@ -8,8 +8,8 @@ from pathlib import Path
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_RATE
+from impact_env.ensemble import Executor
 from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
-from optimisation.evaluation import Executor
 from optimisation.machine import sources
 from optimisation.memory import peak_memory
 from optimisation.page import published

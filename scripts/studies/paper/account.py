@@ -26,7 +26,8 @@ class Account:
 
     ``loss`` (N,): dissipated in each mode in J (paper, Eq. edmi). ``contacts`` in each pseudo period. ``passed`` (N,): mean energy that a
     contact gives to a mode, over what the first mode has before it. ``left`` (N,): share of a mode's energy after a contact that it still has before
-    the next, both summed over all of them. ``single`` (C,): what each contact gives to the second mode, over what the first has before it.
+    the next, both summed over all of them. ``single`` (C,): what each contact gives to the second mode, over what the first has before it. ``tip``
+    (N,): RMS of each mode's part in the tip's displacement in m.
     """
 
     level: float
@@ -36,6 +37,7 @@ class Account:
     passed: Array
     left: Array
     single: Array
+    tip: Array
 
     @property
     def shares(self) -> Array:
@@ -49,9 +51,11 @@ def accounted(lane: Lane) -> Account:
     assert level is not None
     response = window_around(lane, level.time)
     assert response.energy is not None
-    contacts, *rest = _contacts(response)
+    contacts, passed, left, single = _contacts(response)
     periods = response.drive.schedule.periods
-    return Account(level.value, level.frequency_ratio, response.energy.modal_loss, contacts / periods, *rest)
+    assert response.history is not None
+    tip = np.sqrt(np.mean((response.history.modal_displacement * response.history.tip_shape) ** 2, axis=0))
+    return Account(level.value, level.frequency_ratio, response.energy.modal_loss, contacts / periods, passed, left, single, tip)
 
 
 def window_around(lane: Lane, time: float, samples: int = SAMPLES) -> Response:

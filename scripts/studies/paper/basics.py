@@ -88,7 +88,8 @@ def tuned_numbers() -> Json:
     tunings = {"paper": PAPER, "modal mass of one": paper_rule(model), "Den Hartog": den_hartog(model), "smallest peak": minimax(model)}
     for name, absorber in tunings.items():
         heights = [height / free for height, _ in peaks(model, absorber)]
-        own = {"relative": max(heights), "at": peak(model, absorber)[1], "peaks": heights}
+        swept = highest_amplitude(model, absorber, 1, *PAPER_LIMITS)[0] / free
+        own = {"relative": max(heights), "at": peak(model, absorber)[1], "peaks": heights, "within_limits": swept}
         found[name] = {"stiffness": absorber.stiffness, "damping": absorber.damping, **own}
     mass = PAPER.mass_ratio * model.beam_mass
     undamped = TunedAbsorber(PAPER.mass_ratio, PAPER.stiffness, 0.0)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 
 from impact_env.parameters import Beam
-from studies.paper.frame import figure_part
+from studies.paper.frame import figure_part, shortened
 from studies.paper.second_mode import FORCE, measured, table
 from studies.paper.settings import Settings
-from studies.study import Json, Measured, Part, Saver, Steps
+from studies.study import Json, Measured, Part, Saver, Steps, Table
 
 
 def name(number: float) -> str:
@@ -58,7 +58,7 @@ class Changed:
 
     def part(self) -> Part[Settings]:
         """Return the figure's part."""
-        return figure_part(self.label, self.title, self._measure, self._words, self._figures)
+        return figure_part(self.label, self.title, self._measure, self._words, self._figures, lambda values: (self._table(values),))
 
     def _measure(self, settings: Settings, known: Json) -> Steps:
         beams = {name(number): self.beam(number) for number in self.numbers(settings)}
@@ -72,7 +72,11 @@ class Changed:
         if not numbers:
             return "Not finished."
         names = [name(number) for number in numbers]
-        return f"{self.about(len(values[names[0]]['relative']))}\n\n{table(values, names, self._scaled(numbers), self.column)}"
+        return f"{self.about(len(values[names[0]]['relative']))}\n\n{shortened(self._table(values))}"
+
+    def _table(self, values: Json) -> Table:
+        numbers = points(values)
+        return table(values, [name(number) for number in numbers], self._scaled(numbers), self.column, self.label)
 
     def _figures(self, found: Measured) -> dict[str, Saver]:
         from studies.paper.figures.second_mode import save  # matplotlib is slow to import

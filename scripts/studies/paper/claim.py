@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 from impact_env.parameters import require
+from studies.paper.tolerances import OFTEN, RARE
 
 
 class Verdict(StrEnum):
@@ -22,6 +23,7 @@ class Verdict(StrEnum):
 class Claim:
     """A statement in short words of our own, the ``section`` of the paper, what was ``computed`` (with its interval), and the ``figure``.
 
+    ``definitional``: it follows from the definition of the model, or from the structure without contact, by arithmetic.
     ``why``: for a verdict other than "holds", a paragraph on the reason with its evidence; the page leaves it out where the statement holds.
     """
 
@@ -32,6 +34,7 @@ class Claim:
     verdict: Verdict
     figure: str
     why: str = ""
+    definitional: bool = False
 
     def __post_init__(self) -> None:
         for field in ("name", "statement", "section", "computed", "figure"):
@@ -41,7 +44,8 @@ class Claim:
     def to_plain(self) -> dict[str, Any]:
         """Return a dict of strings; ``why`` is empty where the statement holds."""
         named = {name: getattr(self, name) for name in ("name", "statement", "section", "computed")}
-        return {**named, "verdict": self.verdict.value, "figure": self.figure, "why": "" if self.verdict is Verdict.HOLDS else self.why}
+        why = "" if self.verdict is Verdict.HOLDS else self.why
+        return {**named, "verdict": self.verdict.value, "figure": self.figure, "why": why, "definitional": self.definitional}
 
 
 def from_plain(plain: dict[str, Any]) -> Claim:
@@ -55,3 +59,8 @@ def judged(low: float, high: float, least: float, most: float) -> Verdict:
     if least <= low and high <= most:
         return Verdict.HOLDS
     return Verdict.SPREAD if low <= most and least <= high else Verdict.NOT
+
+
+def chance(low: float, high: float) -> Verdict:
+    """Return how the interval of a share of runs stands to a statement on one run (`tolerances`)."""
+    return Verdict.HOLDS if low >= OFTEN else Verdict.SPREAD if high > RARE else Verdict.NOT

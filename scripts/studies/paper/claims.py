@@ -1,4 +1,4 @@
-"""The table of claims: what all figures that are there decide, as a part that is read from their files."""
+"""What the paper says, read from the figures' files: a summary of eight lines, what does not hold with the reasons, and the rest."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from functools import partial
 from studies.paper.claim import Claim, Verdict, from_plain
 from studies.paper.frame import PaperFigure, marker
 from studies.paper.settings import Settings
+from studies.paper.tolerances import RULE
 from studies.runner import load
 from studies.study import Json, Measured, Part, Place, Steps, Study
 
-CLAIMS = "claims"
+CLAIMS, SUMMARY, REFUTED = "claims", "summary", "refuted"
 HEADER = ("the paper says", "section", "computed", "verdict", "figure")
 
 
@@ -22,13 +23,13 @@ def claims_part(modules: Sequence[PaperFigure]) -> Part[Settings]:
         CLAIMS,
         "what the paper says, and what was computed",
         measure=partial(_collected, modules=modules),
-        markers=(marker(CLAIMS),),
-        sections=lambda measured: {marker(CLAIMS): table(of(measured)) + reasons(of(measured))},
+        markers=tuple(map(marker, (SUMMARY, REFUTED, CLAIMS))),
+        sections=lambda measured: {marker(SUMMARY): summary(of(measured), measured.values.get("answers", {})), **_tables(of(measured))},
     )
 
 
 def _collected(settings: Settings, _known: Json, modules: Sequence[PaperFigure]) -> Steps:
-    place, found, missing = Place(settings.folder), list[Claim](), list[str]()
+    place, found, missing, answers = Place(settings.folder), list[Claim](), list[str](), dict[str, str]()
     for module in modules:
         path = place.numbers(module.PART.name)
         measured = load(Study((module.PART,)), module.PART, place, "--out") if path is not None and path.exists() else None
@@ -36,7 +37,9 @@ def _collected(settings: Settings, _known: Json, modules: Sequence[PaperFigure])
             missing.append(module.PART.name)
         else:
             found += module.claims(measured)
-    yield {"claims": [claim.to_plain() for claim in found], "missing": missing}
+            if answer := getattr(module, "answer", None):
+                answers[module.PART.name] = answer(measured)
+    yield {"claims": [claim.to_plain() for claim in found], "answers": answers, "missing": missing}
 
 
 def of(measured: Measured) -> list[Claim]:
@@ -44,13 +47,46 @@ def of(measured: Measured) -> list[Claim]:
     return [from_plain(plain) for plain in measured.values["claims"]]
 
 
-def table(claims: Sequence[Claim]) -> str:
-    """Return how many there are of each verdict, and a row for each claim."""
+def _tables(claims: Sequence[Claim]) -> dict[str, str]:
+    """Return the section of what does not simply hold, with its reasons, and the folded one of the rest with the rule of tolerances."""
+    left = [claim for claim in claims if claim.verdict is not Verdict.HOLDS]
+    rest = [claim for claim in claims if claim.verdict is Verdict.HOLDS]
+    rule = "\n".join(f"| {words} | {allowed} |" for words, allowed in (("words", "allowed"), ("---", "---"), *RULE))
+    folded = [(f"{len(rest)} statements that hold", table(rest)), ("The rule of tolerances", rule)]
+    return {
+        marker(REFUTED): f"{table(left)}{reasons(left)}",
+        marker(CLAIMS): "\n\n".join(f"<details><summary>{title}</summary>\n\n{text}\n\n</details>" for title, text in folded),
+    }
+
+
+def counted(claims: Sequence[Claim]) -> str:
+    """Return how many there are of each verdict, in words."""
     counts = Counter(claim.verdict for claim in claims)
-    said = "".join(f"; {counts[verdict]} {verdict.value}" for verdict in Verdict if counts[verdict])
+    return ", ".join(f"{counts[verdict]} {_plural(verdict, counts[verdict])}" for verdict in Verdict if counts[verdict])
+
+
+def _plural(verdict: Verdict, count: int) -> str:
+    return verdict.value if count == 1 else verdict.value.replace("holds", "hold").replace("does not", "do not")
+
+
+def summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
+    """Return the page's first lines: counts, the substantive statements that do not hold, and the answer to each open question."""
+    own, given = ([claim for claim in claims if claim.definitional is definitional] for definitional in (False, True))
+    failed = "; ".join(claim.statement for claim in own if claim.verdict is Verdict.NOT)
+    lines = [
+        f"**{len(own)} substantive statements** were tested: {counted(own)}.",
+        f"{len(given)} more follow from definitions or from the linear structure: {counted(given)}." if given else "",
+        f"**What does not hold:** {failed}." if failed else "",
+        "**In single runs much is chance:** what holds within spread only is true of some members and not of others.",
+        *(f"**{answer.partition(': ')[0]}:** {answer.partition(': ')[2]}" for answer in answers.values()),
+    ]
+    return "\n".join(f"{number}. {line}" for number, line in enumerate(filter(None, lines), 1))
+
+
+def table(claims: Sequence[Claim]) -> str:
+    """Return a row for each claim."""
     rows = [(claim.statement, claim.section, claim.computed, f"**{claim.verdict.value}**", claim.figure) for claim in claims]
-    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in (HEADER, ("---",) * len(HEADER), *rows)]
-    return f"{len(claims)} statements{said}.\n\n" + "\n".join(lines)
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in (HEADER, ("---",) * len(HEADER), *rows))
 
 
 def reasons(claims: Sequence[Claim]) -> str:

@@ -12,12 +12,11 @@ from impact_env.curve import CurveCase, PerformanceCurve
 from impact_env.methods import Exact, Method, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, friction_damper, impact_absorber
 from impact_env.scene import Scene, beam_scene
-from optimisation.report.markdown import markdown
 from studies.paper.conv_claims import claims as claims
-from studies.paper.frame import figure_part, has, in_turn
+from studies.paper.frame import figure_part, has, in_turn, shortened
 from studies.paper.settings import Settings
 from studies.paper.words import spread
-from studies.study import Json, Measured, Saver, Steps
+from studies.study import Json, Measured, Saver, Steps, Table
 
 LABEL = "conv"
 BEAM = Beam(modes=3)
@@ -99,18 +98,22 @@ def _measure(settings: Settings, known: Json) -> Steps:
     return in_turn(groups, known)
 
 
-def _words(values: Json) -> str:
-    blocks = []
+def _table(values: Json) -> Table:
+    """Return a row for each stiffness and one for rigid contact: levels of walls and of the damper, and those over rigid contact."""
+    columns, rows = ["stiffness over 3EI/l^3"], [[f"{k:.3g}"] for k in values[WALLS]["stiffness"]] + [["rigid"]]
     for kind, said in ((WALLS, "walls, k_n"), (FRICTION, "friction, k_t")):
-        if has(values, kind):
-            part = values[kind]
-            rows = [
-                (f"{k:.3g}", spread(level, "{:.3f}", 1e3), _ratio(level, part["rigid_m"]))
-                for k, level in zip(part["stiffness"], part["level_m"], strict=True)
-            ]
-            rows.append(("rigid", spread(part["rigid_m"], "{:.3f}", 1e3), "1"))
-            blocks.append(markdown((f"{said} over 3EI/l^3", f"level at {FORCE:g} N, mm", "over rigid"), rows))
-    return "\n\n".join(blocks)
+        columns += [f"{said}: level at {FORCE:g} N, mm", "over rigid"]
+        for row, level in zip(rows, [*values[kind]["level_m"], values[kind]["rigid_m"]], strict=True):
+            row += [spread(level, "{:.3f}", 1e3), _ratio(level, values[kind]["rigid_m"])]
+    return Table(f"{LABEL}_stiffness", columns, rows)
+
+
+def _long(values: Json) -> list[Table]:
+    return [_table(values)] if has(values, WALLS, FRICTION) else []
+
+
+def _words(values: Json) -> str:
+    return "\n\n".join(map(shortened, _long(values)))
 
 
 def _ratio(level: Sequence[float], rigid: Sequence[float]) -> str:
@@ -125,4 +128,4 @@ def _figures(measured: Measured) -> dict[str, Saver]:
     return {LABEL: lambda path: conv.save(path, measured.values, (LOW, HIGH))}
 
 
-PART = figure_part(LABEL, "compliant contact", _measure, _words, _figures)
+PART = figure_part(LABEL, "compliant contact", _measure, _words, _figures, _long)

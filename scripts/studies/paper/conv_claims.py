@@ -6,6 +6,7 @@ import numpy as np
 
 from impact_env.curve import BAND, quantiles
 from studies.paper.claim import Claim, Verdict, judged
+from studies.paper.tolerances import LITTLE, SAME
 from studies.paper.words import middle, spread
 from studies.study import Json, Measured
 
@@ -49,19 +50,19 @@ def _converges(part: Json, kind: str) -> Claim:
     return Claim(
         f"convergence, {kind}", f"with growing {WORDS[kind]} the level at 4 N approaches that of rigid contact", SECTION,
         f"median within {100 * worst:.1f} % of it from {STIFF:g} static stiffnesses on, {100 * off[0]:+.0f} % at {stiffness[0]:g}; half the band of "
-        f"rigid members {100 * width:.1f} %", judged(worst, worst, 0.0, max(0.03, width)), FIGURE,
+        f"rigid members {100 * width:.1f} %", judged(worst, worst, 0.0, max(SAME, width)), FIGURE,
         "The medians of compliant contact keep away from that of rigid contact by more than the members of either scatter.",
     )  # fmt: skip
 
 
 def _alike(values: Json) -> Claim:
-    walls, friction = (_from(values[kind], 0.05) for kind in ("walls", "friction"))
+    walls, friction = (_from(values[kind], SAME) for kind in ("walls", "friction"))
     apart = abs(float(np.log10(walls / friction)))
     return Claim(
         "alike", "both converge very similarly", SECTION,
         f"within 5 % from {walls:.3g} static stiffnesses on for the walls, from {friction:.3g} on for friction",
-        judged(apart, apart, 0.0, 1.0), FIGURE,
-        "One needs a spring more than ten times as stiff as the other for the same closeness.",
+        judged(apart, apart, 0.0, float(np.log10(1 + LITTLE))), FIGURE,
+        "One needs a stiffer spring than the other for the same closeness.",
     )  # fmt: skip
 
 
@@ -72,7 +73,7 @@ def _curves(curves: Json, kind: str) -> Claim:
     inside = _overlap(high, rigid)
     worst = int(np.argmax(off["high"]))
     symbol, _, device = WORDS[kind].partition(" of the ")
-    close = off["high"][worst] < 0.03 or (bool(inside.all()) and off["high"][worst] < 0.1)
+    close = off["high"][worst] < SAME
     return Claim(
         f"curves, {kind}", f"with stiff {symbol} ({device}) the curve is that of rigid contact at all forces", SECTION,
         f"medians differ by {100 * np.median(off['high']):.1f} % in the median and {100 * off['high'][worst]:.0f} % at most, at "
@@ -100,8 +101,8 @@ def _optimum(curves: Json) -> Claim:
         "same optimum", "what was found with rigid contact holds for slightly compliant contact", SECTION,
         f"best force of a member {spread(best['high'], '{:.2f}')} N with stiff, {spread(best['rigid'], '{:.2f}')} N with rigid, "
         f"{spread(best['low'], '{:.2f}')} N with soft walls",
-        Verdict.HOLDS if abs(np.median(best["high"]) / np.median(best["rigid"]) - 1) < 0.1 else Verdict.SPREAD if a <= d and c <= b else Verdict.NOT,
-        FIGURE, "The best force of stiff walls differs from that of rigid ones by more than a tenth in the median.",
+        Verdict.HOLDS if abs(np.median(best["high"]) / np.median(best["rigid"]) - 1) < SAME else Verdict.SPREAD if a <= d and c <= b else Verdict.NOT,
+        FIGURE, "The best force of stiff walls differs from that of rigid ones by more than 5 % in the median.",
     )  # fmt: skip
 
 
@@ -115,6 +116,6 @@ def _steps(values: Json) -> Claim:
     return Claim(
         "twenty samples", "20 samples of the shortest period and of a contact resolve compliant contact", SECTION,
         f"medians of the Runge-Kutta method at that step differ from exact ones by {100 * np.median(np.abs(apart)):.1f} % in the median and "
-        f"{100 * worst:.1f} % at most", judged(worst, worst, 0.0, 0.1), FIGURE,
+        f"{100 * worst:.1f} % at most", judged(worst, worst, 0.0, SAME), FIGURE,
         "The few members of the stepped runs fall on either side of the exact median.",
     )  # fmt: skip

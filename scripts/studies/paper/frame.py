@@ -5,15 +5,17 @@ A module measures in groups of plain values and says them in words; lines, bands
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from optimisation.machine import sources
+from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim
 from studies.paper.settings import Settings
-from studies.study import Json, Measured, Part, Saver, Steps
+from studies.study import Json, Measured, Part, Saver, Steps, Table
 
 NAME = "paper"
+ROWS = 7  # of a long table that the page shows
 POINTS = 2  # two numbers are a pair, not points
 
 
@@ -44,10 +46,12 @@ def figure_part(
     measure: Callable[[Settings, Json], Steps],
     words: Callable[[Json], str],
     figures: Callable[[Measured], Mapping[str, Saver]],
+    tables: Callable[[Json], Sequence[Table]] = lambda _: (),
 ) -> Part[Settings]:
     """Return the part of a figure with the paper's ``label``.
 
-    Between its markers stand the figures, ``words`` of its values, and what they were measured by.
+    Between its markers stand the figures, ``words`` of its values, and what they were measured by. ``tables``: those too long for the page, as CSV
+    files, of which `shortened` shows some rows.
     """
 
     def sections(measured: Measured) -> dict[str, str]:
@@ -61,7 +65,18 @@ def figure_part(
 
         return {name: styled(save) for name, save in figures(measured).items()}
 
-    return Part(label, title, measure=measure, markers=(marker(label),), sections=sections, figures=drawn)
+    return Part(
+        label, title, measure=measure, markers=(marker(label),), sections=sections, figures=drawn,
+        tables=lambda measured: tables(measured.values) if measured.complete else (),
+    )  # fmt: skip
+
+
+def shortened(whole: Table) -> str:
+    """Return some rows of a table, its first and last among them, and where all are."""
+    rows = list(whole.rows)
+    kept = sorted({round(k * (len(rows) - 1) / (ROWS - 1)) for k in range(ROWS)}) if len(rows) > ROWS else range(len(rows))
+    cells = [tuple(map(str, rows[k])) for k in kept]
+    return f"{markdown(whole.columns, cells)}\n\nAll {len(rows)} rows: [{whole.name}.csv]({NAME}/{whole.name}.csv)."
 
 
 def amounts(conditions: Json) -> str:

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from impact_env.curve import CurveCase
+from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import Lane, draw_members
+from impact_env.frequency import tip_response
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.periodic.case import case_of
@@ -19,13 +21,14 @@ from impact_env.periodic.isolas import thresholds
 from impact_env.periodic.residence import Approach, hold
 from impact_env.periodic.stationary import Stationary, stationary
 from impact_env.response import Record
-from impact_env.scene import Scene, beam_scene
+from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
 from studies.paper.frame import figure_part, has, in_turn
 from studies.paper.high_low_claims import claims as claims
 from studies.paper.responses import HARMONICS, balance, responses
 from studies.paper.settings import Settings
+from studies.paper.watched import Chaos
 from studies.paper.words import between
 from studies.study import Json, Measured, Saver, Steps
 
@@ -34,6 +37,7 @@ MODES, FRICTION, FORCES = 3, 0.01, {"medium": 1.5, "high": 3.0}  # N: limit of f
 LOW, HIGH, FAR = 0.9, 1.06, 1.2  # frequencies over the first resonance; the inset reaches farther
 MORE = 40  # harmonics, beside the paper's
 PLACES = {"high branch": (3.0, 0.955), "at resonance, 1.5 N": (1.5, 1.0), "at resonance, 3 N": (3.0, 1.0)}  # N, ratio
+PERIODS = (2000, 200)  # of the force, for a Lyapunov exponent
 SETTLE, WINDOW = 1000.0, 200  # pseudo periods, periods of the force
 
 
@@ -116,6 +120,45 @@ def _stationary(settings: Settings) -> Json:
     return result
 
 
+@dataclass(frozen=True, eq=False)
+class Started(Lane):
+    """A lane that begins at a state of its own."""
+
+    initial: InitialState
+
+
+def _kind_from(lane: Lane) -> str:
+    """Return the kind of what a `Started` lane settles to."""
+    assert isinstance(lane, Started)
+    return stationary(lane.scene, lane.drive, WINDOW, initial=lane.initial).found.kind.value
+
+
+def _basin(settings: Settings) -> Json:
+    """Return how many of runs from random states settle to each kind at the resonance under the medium force.
+
+    The first mode begins anywhere within the ellipse of its own resonance without absorber, the absorber anywhere in its cavity at the tip's speed.
+    """
+    own, number = scene(), settings.size(200, 4)
+    omega, generator = own.model.resonance_omega(1), np.random.default_rng([settings.seed, 29])
+    most = FORCES["medium"] * float(np.abs(tip_response(own.model, None, np.array([omega])))[0]) / abs(own.model.tip_shape[0])
+    lanes = []
+    for size, angle, place, phase in generator.uniform((0, 0, -1, 0), (1, 2 * np.pi, 1, 2 * np.pi), (number, 4)):
+        q, v = (np.eye(MODES)[0] * most * np.sqrt(size) * x for x in (np.cos(angle), omega * np.sin(angle)))
+        tip, speed = float(own.model.tip_shape @ q), float(own.model.tip_shape @ v)
+        schedule = constant_frequency(omega, 1.0, SETTLE)
+        lanes.append(Started(own, Drive(FORCES["medium"], schedule, float(phase)), InitialState(q, v, tip + 1e-3 * float(place), speed)))
+    kinds = settings.each(f"{LABEL}: basin", lanes, _kind_from)
+    return {kind: kinds.count(kind) for kind in sorted(set(kinds))}
+
+
+def _exponents(settings: Settings) -> Json:
+    """Return the largest Lyapunov exponent at each of the places, from the paper's own phase."""
+    own = scene()
+    approach = Approach(own.model.resonance_omega(1), 1.0)
+    lanes = [Lane(own, hold(approach, force, ratio, SETTLE)) for force, ratio in PLACES.values()]
+    return dict(zip(PLACES, settings.each(f"{LABEL}: exponents", lanes, Chaos(settings.size(*PERIODS))), strict=True))
+
+
 def _levels(settings: Settings) -> Json:
     """Return levels over the force, relative to no absorber."""
     force = np.array(forces(settings))
@@ -132,6 +175,8 @@ def _measure(settings: Settings, known: Json) -> Steps:
     groups["no_damper"] = partial(_isola, HARMONICS, 0.0)
     groups["stationary"] = partial(_stationary, settings)
     groups["levels"] = partial(_levels, settings)
+    groups["exponents"] = partial(_exponents, settings)
+    groups["basin"] = partial(_basin, settings)
     return in_turn(groups, known)
 
 
@@ -152,10 +197,24 @@ def _words(values: Json) -> str:
             kinds = ", ".join(f"{kind} {found['kinds'].count(kind)}" for kind in dict.fromkeys(found["kinds"]))
             exact, stepped = (np.array(found[f"rhythm {method}"]) for method in ("Exact", "Moreau"))
             counts = (between(exact[:, 0], "{:.2f}"), between(exact[:, 1], "{:.2f}"), between(stepped[:, 0], "{:.2f}"))
-            rows.append((name, f"{found['force_n']:g}", f"{found['omega_ratio']:g}", kinds, *counts, between(found["depth"], "{:.2f}")))
-        columns = ("impacts a period", "visits to a wall", "impacts at the paper's step", "modulation depth")
+            rows.append(
+                (
+                    name,
+                    f"{found['force_n']:g}",
+                    f"{found['omega_ratio']:g}",
+                    kinds,
+                    *counts,
+                    between(found["depth"], "{:.2f}"),
+                    _exponent(values, name),
+                )
+            )
+        columns = ("impacts a period", "visits to a wall", "impacts at the paper's step", "modulation depth", "largest exponent a period (95 %)")
         text += "\n\n" + markdown(("stationary", "force, N", "frequency ratio", "members", *columns), rows)
     return text
+
+
+def _exponent(values: Json, name: str) -> str:
+    return "{:.3f} ({:.3f} to {:.3f})".format(*values["exponents"][name]) if "exponents" in values else ""
 
 
 def _figures(measured: Measured) -> dict[str, Saver]:

@@ -38,6 +38,7 @@ def claim(
     form: str = "{:.2f}",
     unit: str = "",
     at_step: float | None = None,
+    definitional: bool = False,
 ) -> Claim:
     """Return a claim on a number: ``values`` of the members, judged by their 5 to 95 %. ``about`` says what the number is.
 
@@ -45,4 +46,4 @@ def claim(
     """
     low, high = (float(x) for x in quantiles(np.asarray(values, dtype=float).ravel(), BAND))
     said = f"{about}{interval(values, form, unit)}" + ("" if at_step is None else f"; {form.format(at_step)}{unit} at the paper's step")
-    return Claim(f"{figure}_{name}", statement, section, said, verdict(low, high, *allowed, at_step), figure, why)
+    return Claim(f"{figure}_{name}", statement, section, said, verdict(low, high, *allowed, at_step), figure, why, definitional)

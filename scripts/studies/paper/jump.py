@@ -226,23 +226,27 @@ def _measure(settings: Settings, known: Json) -> Steps:
     return in_turn({**groups, "drift": partial(_drift, settings), "levels": partial(_levels, settings)}, known)
 
 
-def hazard_of(rates: Sequence[Json]) -> Hazard | None:
-    """Return the integral of the rates of leaving, None where fewer than two frequencies have one."""
-    known = [row for row in rates if row["rate"] is not None]
+def hazard_of(values: Json) -> Hazard | None:
+    """Return the integral of the rates of leaving, with the factor of the exact sweeps; None where fewer than two frequencies have a rate."""
+    known = [row for row in values["rates"] if row["rate"] is not None]
     if len(known) < 2:
         return None
     counts = [ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"]) for row in known]
-    return hazard([row["omega_ratio"] for row in known], counts)
+    found = hazard([row["omega_ratio"] for row in known], counts)
+    sweeps = {row["periods_per_percent"]: Jumps(row["reached"], row["runs"], row["runs"]) for row in values.get(f"jumps, {EVERY}", ())}
+    told = any(0 < one.jumped < one.runs for one in sweeps.values())
+    return found.with_sweeps(sweeps) if told else found
 
 
 def _words(values: Json) -> str:
     blocks = []
-    found = hazard_of(values["rates"]) if has(values, "rates") else None
+    found = hazard_of(values) if has(values, "rates") else None
     if found is not None:
         inverses = [f"{1 / x:.0f}" if x > 0 else "no end" for x in (found.value, found.high, found.low)]
         blocks.append(
-            f"Integral of the rate of leaving from {found.first:g} to {found.last:g}: P(jump) = exp(-N/{inverses[0]}) "
-            f"(95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per 1 %."
+            f"Integral of the rate of leaving from {found.first:g} to {found.last:g}, at {len(values['rates'])} frequencies: P(jump) = A exp(-N/"
+            f"{inverses[0]}) (95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per 1 %, A = {found.factor:.2f} ({found.factor_low:.2f} to "
+            f"{found.factor_high:.2f}) from the exact sweeps. The same case with more frequencies and runs: [regimes](regimes.md)."
         )
     if has(values, *(f"jumps, {name}" for name in METHODS)):
         lines = []
@@ -279,7 +283,7 @@ def _figures(measured: Measured) -> dict[str, Saver]:
         return {}
     from studies.paper.figures import jump  # matplotlib is slow to import
 
-    return {LABEL: lambda path: jump.save(path, measured.values, hazard_of(measured.values["rates"]), EDGES, tuple(METHODS))}
+    return {LABEL: lambda path: jump.save(path, measured.values, hazard_of(measured.values), EDGES, tuple(METHODS))}
 
 
 PART = figure_part(LABEL, "sweeps through resonance, and the jump", _measure, _words, _figures)

@@ -15,6 +15,7 @@ from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim, Verdict
 from studies.paper.frame import figure_part, in_turn
 from studies.paper.settings import Settings
+from studies.paper.tolerances import SAME
 from studies.study import Json, Measured, Saver, Steps
 
 LABEL = "modes_needed"
@@ -24,7 +25,6 @@ OPTIMUM = {1: 3.5, 2: 35.0}  # N, the paper's
 MODES, QUICK_MODES = (5, 7, 10, 15, 20, 30), (5, 10, 20)
 MEMBERS = (16, 3)
 PAPER_MODES = 10
-NEAR = 0.05  # of a level: what counts as converged
 
 
 def parameters(settings: Settings) -> Json:
@@ -107,7 +107,7 @@ def _enough(values: Json, resonance: int, most: int, name: str, section: str) ->
     force = max(off, key=lambda f: abs(off[f]))
     ten, many = at(values, PAPER_MODES, resonance, force), at(values, most, resonance, force)
     apart = ten[1] > many[2] or many[1] > ten[2]
-    verdict = Verdict.HOLDS if abs(off[force]) < NEAR else Verdict.NOT if apart else Verdict.SPREAD
+    verdict = Verdict.HOLDS if abs(off[force]) < SAME else Verdict.NOT if apart else Verdict.SPREAD
     shown = dict.fromkeys((OPTIMUM[resonance], force))
     cells = [
         f"{_cell(values, PAPER_MODES, resonance, f)} with {PAPER_MODES}, {_cell(values, most, resonance, f)} with {most} at {f:g} N" for f in shown
@@ -118,6 +118,16 @@ def _enough(values: Json, resonance: int, most: int, name: str, section: str) ->
     )
     said = f"level in % of no absorber: {'; '.join(cells)}"
     return Claim(f"modes_needed_{name}", f"ten modes are enough at the {name} resonance", section, said, verdict, LABEL, why)
+
+
+def answer(measured: Measured) -> str:
+    """Say in a line how far ten modes are from the most."""
+    values, said = measured.values, []
+    most = max(numbers(values))
+    for resonance, name in ((1, "first"), (2, "second")):
+        off = [100 * (at(values, PAPER_MODES, resonance, f)[0] / at(values, most, resonance, f)[0] - 1) for f in forces_of(values, resonance)]
+        said.append(f"{min(off):+.0f} to {max(off):+.0f} % at the {name}")
+    return f"How many modes the second resonance needs: with {PAPER_MODES} the level is off that with {most} by {' and '.join(said)} resonance."
 
 
 def forces_of(values: Json, resonance: int) -> list[float]:

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive, constant_frequency
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
-from impact_env.parameters import Beam, impact_absorber
+from impact_env.frequency import tip_response
+from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.periodic.case import start_from
 from impact_env.periodic.stationary import window_of
 from impact_env.response import Record
@@ -33,17 +34,23 @@ from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim, Verdict
 from studies.paper.frame import figure_part, has, in_turn
 from studies.paper.settings import Settings
+from studies.paper.watched import Chaos
 from studies.study import Json, Measured, Saver, Steps
 
 LABEL = "modulation"
 FORCE = 1.5  # N, the paper's for the strongly modulated response
-MODES, QUICK_MODES = (1, 2, 3, 4, 5, 7, 10, 15, 20, 30), (1, 3, 10, 20)
-RESTITUTIONS, QUICK_RESTITUTIONS = tuple(np.linspace(0, 1, 11).round(2).tolist()), (0.0, 0.25, 0.5, 0.75, 1.0)
+MODES, QUICK_MODES = (1, 2, 3, 4, 5, 7, 10, 11, 12, 13, 14, 15, 20, 30), (1, 3, 10, 20)
+RESTITUTIONS, QUICK_RESTITUTIONS = (
+    tuple(np.unique([*np.linspace(0, 1, 11), *np.linspace(0.02, 0.18, 9)]).round(2).tolist()),
+    (0.0, 0.25, 0.5, 0.75, 1.0),
+)
 SETTLE = 200  # pseudo periods before the window
 PERIODS = (1000, 300)  # of the window, in full and quick
 MEMBERS = (8, 3)
 ENDS = (0.05, 0.95)  # quantiles of the periods' peaks that the depth is taken between: a largest peak would grow with the window
 
+BEGUN, ABOVE = (1, 3, 10), (1.01, 1.03, 1.1, 1.3)  # modes, and forces over that at which the first impacts come
+MOST_FOLLOWED = 14  # modes up to which a tangent vector is followed
 FAST = 4  # modes from which on most of what an impact scatters is gone before the next
 RECORD = Record(level=False, events=True, series=True, energy=True)
 
@@ -112,8 +119,30 @@ def measure(settings: Settings, known: Json) -> Steps:
         "modes": partial(_rows, settings, many, equivalents),
         "equivalent": partial(_rows, settings, [_one_mode(e) for e in equivalents], equivalents),
         "one mode": partial(_rows, settings, [_one_mode(e) for e in one], list(one)),
+        "exponents": partial(_exponents, settings, [scene for scene in many if scene.model.modes <= MOST_FOLLOWED]),
+        "begins": partial(_begins, settings, [scene for scene in many if scene.model.modes in BEGUN]),
     }
     return in_turn(groups, known)
+
+
+def _exponents(settings: Settings, scenes: list[Scene]) -> list[Json]:
+    """Return the largest Lyapunov exponent of each scene's response, from the paper's own phase."""
+    lanes = [Lane(scene, Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE))) for scene in scenes]
+    found = settings.each(f"{LABEL}: exponents", lanes, Chaos(settings.size(*PERIODS)))
+    return [{"modes": scene.model.modes, "exponent": list(exponent)} for scene, exponent in zip(scenes, found, strict=True)]
+
+
+def _begins(settings: Settings, scenes: list[Scene]) -> list[Json]:
+    """Return the largest exponent at forces just above that at which the free tip fills the gap, by numbers of modes."""
+    lanes, rows = [], list[Json]()
+    for scene in scenes:
+        omega = scene.model.resonance_omega(1)
+        least = RigidWalls.gap / float(np.abs(tip_response(scene.model, None, np.array([omega])))[0])
+        for share in ABOVE:
+            lanes.append(Lane(scene, Drive(share * least, constant_frequency(omega, 1.0, SETTLE))))
+            rows.append({"modes": scene.model.modes, "over": share, "force_n": share * least})
+    found = settings.each(f"{LABEL}: begins", lanes, Chaos(settings.size(*PERIODS) // 2))
+    return [{**row, "exponent": list(exponent)} for row, exponent in zip(rows, found, strict=True)]
 
 
 def _one_mode(restitution: float) -> Scene:
@@ -146,13 +175,35 @@ def _words(values: Json) -> str:
         "one mode with $e_1$",
         "absorber's energy, %",
         "impacts a period",
+        "largest exponent a period (95 %)",
     )
     body = []
+    exponents = {row["modes"]: "{:.2f} ({:.2f} to {:.2f})".format(*row["exponent"]) for row in values.get("exponents", ())}
     for row, other in zip(values.get("modes", ()), values.get("equivalent", ()), strict=False):
         cells = (_interval(row["depth"]), _interval(other["depth"]), _interval(row["taken"], 100, 0), _interval(other["taken"], 100, 0))
-        body.append((f"{row['modes']}", f"{row['restitution']:.2f}", *cells, _interval(row["absorber"], 100, 0), _interval(row["impacts"])))
+        body.append(
+            (
+                f"{row['modes']}",
+                f"{row['restitution']:.2f}",
+                *cells,
+                _interval(row["absorber"], 100, 0),
+                _interval(row["impacts"]),
+                exponents.get(row["modes"], ""),
+            )
+        )
     text = markdown(header, body)
-    return text + ("\n\n" + _answer(values) if has(values, "modes", "equivalent") else "")
+    blocks = [text, *([_answer(values)] if has(values, "modes", "equivalent") else []), *([_begun(values)] if has(values, "begins") else [])]
+    return "\n\n".join(blocks)
+
+
+def _begun(values: Json) -> str:
+    """Say how the exponent begins above the first impacts."""
+    said = []
+    for modes in dict.fromkeys(row["modes"] for row in values["begins"]):
+        own = [row for row in values["begins"] if row["modes"] == modes]
+        said.append(f"{', '.join('{:.2f} ({:.2f} to {:.2f})'.format(*row['exponent']) for row in own)} with {modes} mode{'s' if modes > 1 else ''}")
+    shares = ", ".join(f"{row['over']:g}" for row in own)
+    return f"How it begins: at {shares} times the force at which the free tip fills the gap the largest exponent is {'; '.join(said)}."
 
 
 def _interval(found: list[float], scale: float = 1.0, digits: int = 2) -> str:
@@ -163,16 +214,30 @@ def _interval(found: list[float], scale: float = 1.0, digits: int = 2) -> str:
 def _answer(values: Json) -> str:
     """Say how far apart many modes and one mode with the equivalent restitution are, over all and where scattering is fast."""
     pairs = list(zip(values["modes"], values["equivalent"], strict=True))
-    correlation = float(np.corrcoef([row["depth"][0] for row, _ in pairs], [other["depth"][0] for _, other in pairs])[0, 1])
-    found = [f"The depths have a correlation of {correlation:.3f}."]
-    for few, words in ((1, "Over all"), (FAST, f"From {FAST} modes on")):
-        some = [(row, other) for row, other in pairs if row["modes"] >= few]
+    worst = max(pairs, key=lambda pair: abs(pair[0]["depth"][0] - pair[1]["depth"][0]))
+    rest = [pair for pair in pairs if pair is not worst]
+    row, other = worst
+    first = (
+        f"They differ most at {row['modes']} modes, whose $e_1$ is {other['restitution']:.3f}: the depths are {_interval(row['depth'])} and "
+        f"{_interval(other['depth'])}, and one mode has {_interval(other['impacts'])} impacts a period."
+    )
+    found = [first]
+    for few, words in ((1, "Else"), (FAST, f"and from {FAST} modes on")):
+        some = [(row, other) for row, other in rest if row["modes"] >= few]
         depths, shares = (max(abs(row[name][0] - other[name][0]) for row, other in some) for name in ("depth", "taken"))
         level = max(abs(row["rms_m"][0] / other["rms_m"][0] - 1) for row, other in some)
-        found.append(
-            f"{words} they differ by {depths:.2f} at most, the shares taken by {100 * shares:.0f} points, the levels by {100 * level:.0f} %."
-        )
-    return " ".join(found)
+        found.append(f"{words} the depths by {depths:.2f} at most, the shares taken by {100 * shares:.0f} points, the levels by {100 * level:.0f} %")
+    return f"{found[0]} {found[1]}, {found[2]}."
+
+
+def answer(measured: Measured) -> str:
+    """Say in a line what makes the modulation less obvious, and where that falls short."""
+    pairs = list(zip(measured.values["modes"], measured.values["equivalent"], strict=True))
+    row, other = max(pairs, key=lambda pair: abs(pair[0]["depth"][0] - pair[1]["depth"][0]))
+    return (
+        f"What makes the modulation less obvious: energy that impacts scatter for good; one mode with a restitution that takes as much has nearly "
+        f"the same depth, except at {row['modes']} modes, {row['depth'][0]:.2f} against {other['depth'][0]:.2f}."
+    )
 
 
 def figures(measured: Measured) -> Mapping[str, Saver]:

@@ -21,12 +21,13 @@ from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.periodic.overview import exact_curves, linear_curves
 from impact_env.scene import Scene, beam_scene
 from optimisation.report.markdown import markdown
-from studies.paper.claim import Claim
+from studies.paper.claim import Claim, Verdict
 from studies.paper.curve import Curve, curve_of, curves, force_grid, watched_curve
 from studies.paper.frame import figure_part, has, in_turn
 from studies.paper.judging import claim, interval
 from studies.paper.ranges import ranges_of
 from studies.paper.settings import Settings
+from studies.paper.tolerances import MUCH, PLACE, SAME, within
 from studies.paper.watched import Envelope
 from studies.study import Json, Measured, Saver, Steps
 
@@ -176,32 +177,49 @@ def claims(measured: Measured) -> list[Claim]:
     said = partial(claim, LABEL)
     star = f"at f* = {force:.3g} N "
     return [
-        said("noneffective", "one mode and conservative contact: the level is that without absorber", "4.1", relative[ONE][impacting], (0.9, 1.1),
+        said("noneffective", "one mode and conservative contact: the level is that without absorber", "4.1", relative[ONE][impacting], within(SAME),
              "The lowest members are those near the first impacts, where the sweep does not always catch the high response.",
              about="over no absorber, all forces with impacts: "),
-        said("maximum_at", "one mode, conservative: the largest response lies at 0.95 of omega_1, in the sweep down", "4.1", down, (0.94, 0.96),
+        said("maximum_at", "one mode, conservative: the largest response lies at 0.95 of omega_1, in the sweep down", "4.1", down,
+             (0.95 - PLACE, 0.95 + PLACE),
              "It lies elsewhere, or comes with the sweep up in some members.", about=f"{star}at ", form="{:.3f}",
              at_step=float(step[ONE].at[at, 0])),
         said("resonance_itself", "one mode, conservative: at omega_1 itself the vibration is well suppressed all the same", "4.1", _near(values, ONE),
-             (0.0, 0.7), f"Within {NEAR:g} of omega_1, the largest displacement over that without absorber.",
+             (0.0, MUCH), f"Within {NEAR:g} of omega_1, the largest displacement over that without absorber.",
              about=f"{star}largest displacement within {NEAR:g} of omega_1, over no absorber "),
-        said("lossy_not_high", "one mode, e = 0.75: the high response is not reached at f*", "4.1", relative[LOSSY][at], (0.0, 0.7),
+        said("lossy_not_high", "one mode, e = 0.75: the high response is not reached at f*", "4.1", relative[LOSSY][at], (0.0, MUCH),
              f"{100 * read[LOSSY].sustained[at]:.0f} % of the members have sustained impacts around their maximum.",
              about=f"{star}over no absorber ", at_step=float(step[LOSSY].level[at, 0] / read[NONE].level[at, 0])),
         said("lossy_first_impacts", "one mode, e = 0.75: the largest response is that of the first impacts, where |q_tip| reaches the gap", "4.1",
-             read[LOSSY].tip[at] / RigidWalls.gap, (0.97, 1.03),
+             read[LOSSY].tip[at] / RigidWalls.gap, within(SAME),
              "The largest displacement is not the gap in all members: in some the impacts come first and the response grows after them.",
              about=f"{star}largest displacement over the gap ", form="{:.3f}"),
-        said("scattering", "three modes and conservative contact: a similar effect by scattering", "4.1", relative[THREE][at], (0.0, 0.7),
+        said("scattering", "three modes and conservative contact: a similar effect by scattering", "4.1", relative[THREE][at], (0.0, MUCH),
              f"{100 * read[THREE].sustained[at]:.0f} % of the members have sustained impacts around their maximum.",
              about=f"{star}over no absorber ", at_step=float(step[THREE].level[at, 0] / read[NONE].level[at, 0])),
         said("isola", "three modes: the high response is an isola, well apart from the main branch at f*", "4.1",
-             [gap_of_isola(values[f"orbits, {THREE}"])], (0.01, 1.0), "No closed branch of symmetric orbits, or one that reaches the others.",
+             [gap_of_isola(values[f"orbits, {THREE}"])], (PLACE, 1.0), "No closed branch of symmetric orbits, or one that reaches the others.",
              about=f"{star}the exact orbits' closed branch ends below the next one by, of omega_1, ", form="{:.3f}"),
         said("reduced_branch", "three modes: scattering lowers the high branch itself", "4.1",
-             [_highest(values[f"orbits, {THREE}"]) / _highest(values[f"orbits, {ONE}"])], (0.0, 0.95),
+             [_highest(values[f"orbits, {THREE}"]) / _highest(values[f"orbits, {ONE}"])], (0.0, 1.0),
              "The highest orbit of three modes against that of one.", about=f"{star}highest orbit, three modes over one "),
+        said("single_frequency", "one frequency, omega_1, underestimates the critical level", "3.3", _near(values, ONE) / relative[ONE][at].mean(),
+             (0.0, MUCH), "In some members the largest displacement near omega_1 is nearly that of the whole sweep.",
+             about=f"one mode, e = 1, {star}largest displacement near omega_1 over that of the sweeps, both over no absorber "),
+        _no_primary(read[ONE]),
     ]  # fmt: skip
+
+
+def _no_primary(own: Curve) -> Claim:
+    """Judge whether the first impacts are the last that pause."""
+    found = ranges_of(own)
+    first, last = found.first_impacts, found.transition
+    holds = first is not None and last is not None and last.low <= first.high
+    said = " and ".join("not found" if border is None else f"between {border.low:.3g} and {border.high:.3g} N" for border in (first, last))
+    return Claim(
+        f"{LABEL}_no_primary", "one mode and conservative contact: practically no primary range", "4.2",
+        f"first impacts and secondary range begin {said}", Verdict.HOLDS if holds else Verdict.NOT, LABEL, "There are forces between them.",
+    )  # fmt: skip
 
 
 def _highest(orbits: Json) -> float:

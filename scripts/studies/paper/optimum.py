@@ -15,11 +15,11 @@ from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.scene import Scene
 from optimisation.bounds import design_force, reach
 from optimisation.gap_check import sweep_limits
-from optimisation.report.markdown import markdown
-from studies.paper.claim import Claim, Verdict
-from studies.paper.frame import figure_part, in_turn
+from studies.paper.claim import Claim, Verdict, judged
+from studies.paper.frame import figure_part, in_turn, shortened
 from studies.paper.settings import Settings
-from studies.study import Json, Measured, Saver, Steps
+from studies.paper.tolerances import MUCH
+from studies.study import Json, Measured, Saver, Steps, Table
 
 LABEL = "optimum"
 MASSES, QUICK_MASSES = (0.005, 0.01, 0.02, 0.03, 0.05), (0.01, 0.02, 0.05)
@@ -85,7 +85,7 @@ def rows_of(values: Json) -> list[Json]:
     return found
 
 
-def _words(values: Json) -> str:
+def _table(values: Json) -> Table:
     header = ("mass ratio, %", "restitution", "rule's force, N", "best force, N", "best over rule's", "level there, %", "at the rule's, %")
     body = [
         (
@@ -99,7 +99,11 @@ def _words(values: Json) -> str:
         )
         for row in rows_of(values)
     ]
-    return markdown(header, body) + "\n\n" + _summary(rows_of(values))
+    return Table(f"{LABEL}_best", header, body)
+
+
+def _words(values: Json) -> str:
+    return f"{shortened(_table(values))}\n\n{_summary(rows_of(values))}"
 
 
 def _summary(rows: list[Json]) -> str:
@@ -115,6 +119,16 @@ def _summary(rows: list[Json]) -> str:
         best = f"{min(powers):.2f} to {max(powers):.2f}"
         text += f" The rule's force grows with the mass to the power {_power(rows, 'rule_n'):.2f}, the best one to {best}."
     return text
+
+
+def answer(measured: Measured) -> str:
+    """Say in a line where the best force goes."""
+    rows = rows_of(measured.values)
+    light, heavy = ([row["ratio"][0] for row in rows if row["mass"] == pick(row["mass"] for row in rows)] for pick in (min, max))
+    return (
+        f"Where the best operating point goes: with the mass as the design rule says, {min(light):.2f} to {max(light):.2f} times its force for the "
+        f"lightest and {min(heavy):.2f} to {max(heavy):.2f} times for the heaviest absorber; restitution moves that of light ones only."
+    )
 
 
 def _power(rows: list[Json], name: str) -> float:
@@ -135,6 +149,7 @@ def claims(measured: Measured) -> list[Claim]:
     heaviest = max(row["restitution"] for row in rows)
     by_mass = [(row["mass"], row["level"], row["level_band"]) for row in rows if row["restitution"] == heaviest]
     falls = all(after[1] < before[1] for before, after in pairwise(by_mass))
+    lightest = by_mass[0]
     said = ", ".join(f"{100 * mass:g} %: {100 * level:.0f} ({100 * low:.0f} to {100 * high:.0f})" for mass, level, (low, high) in by_mass)
     return [
         Claim(
@@ -145,8 +160,18 @@ def claims(measured: Measured) -> list[Claim]:
             Verdict.HOLDS if falls else Verdict.NOT,
             LABEL,
             "" if falls else "The level at the best force does not fall from each mass to the next.",
-        )
+        ),
+        Claim(
+            "optimum_light",
+            "an absorber of less than 1 % without losses at its contact reduces the level considerably",
+            "1",
+            f"{100 * lightest[0]:g} %, e = {heaviest:g}: {100 * lightest[1]:.0f} ({100 * lightest[2][0]:.0f} to {100 * lightest[2][1]:.0f}) % of no "
+            "absorber at its best force",
+            judged(lightest[2][0], lightest[2][1], 0.0, MUCH),
+            LABEL,
+            "Members differ.",
+        ),
     ]
 
 
-PART = figure_part(LABEL, "where the best operating point goes with mass and restitution", measure, _words, figures)
+PART = figure_part(LABEL, "where the best operating point goes with mass and restitution", measure, _words, figures, lambda values: (_table(values),))

@@ -16,6 +16,7 @@ from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
 from impact_env.methods import Exact, Method, Moreau
+from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.periodic.stationary import modulation_depth
 from impact_env.phase_lag import phase_lag
@@ -35,6 +36,8 @@ SETTLE, SHOWN, STRETCH = 500, 30, 25  # pseudo periods: left out, drawn, and in 
 HALF = 3  # pseudo periods to either side without a larger share than that of a transfer
 TRANSFER = 0.8  # of the energy: a share that counts as a transfer to the absorber
 METHODS: dict[str, Method] = {"exact": Exact(), "paper's step": Moreau()}
+RESONANCES, ANYWHERE = (1, 2, 3, 4), "other resonances"  # of a beam of `MODES`, each under `FORCE` times what its free tip asks for
+MODES = 10
 COUNTS = {  # what is counted in the periods of all members, over which edges
     "tip": np.linspace(0, 1.2e-3, 31),
     "lag, high": np.linspace(-np.pi, np.pi, 37),
@@ -59,7 +62,14 @@ def sizes(settings: Settings) -> tuple[int, int]:
 def parameters(settings: Settings) -> Json:
     """Return what the numbers depend on."""
     edges = {name: values.tolist() for name, values in COUNTS.items()}
-    return {"scene": str(scene()), "force": FORCE, "periods": [SETTLE, SHOWN, STRETCH, HALF, TRANSFER], "sizes": sizes(settings), "edges": edges}
+    return {
+        "scene": str(scene()),
+        "force": FORCE,
+        "periods": [SETTLE, SHOWN, STRETCH, HALF, TRANSFER],
+        "sizes": sizes(settings),
+        "edges": edges,
+        "resonances": RESONANCES,
+    }
 
 
 @dataclass(frozen=True)
@@ -94,12 +104,19 @@ class Modulated:
             "lag_width": {name: float(np.quantile(lags[k], 0.95) - np.quantile(lags[k], 0.05)) for name, k in thirds.items()},
             "lag_at_transfer": float(np.median(np.abs(lag[share > TRANSFER]))),
             "lag_at_all": float(np.median(np.abs(lag))),
+            "lag_at_energy": _lag_at_energy(lag, energy.absorber[rows]),
             "energy_and_lag": float(np.corrcoef(energy.absorber[rows].reshape(self.periods, -1).mean(axis=1), np.abs(lags))[0, 1]),
             "share": largest.tolist(),
             "waits": _waits(share.max(axis=1)),
             "counts": {name: np.histogram(counted[name], edges)[0].tolist() for name, edges in COUNTS.items()},
             "record": _record(history, first, lag, energy.modal[rows, 0], energy.absorber[rows]),
         }
+
+
+def _lag_at_energy(lag: Array, absorber: Array) -> float:
+    """Return the mean size of the lag (rad) at the instants at which the absorber's energy (S,) is in its largest third, over that at all of them."""
+    size = np.abs(np.angle(np.exp(1j * lag.ravel())))
+    return float(np.mean(size[absorber > np.quantile(absorber, 2 / 3)]) / np.mean(size))
 
 
 def _waits(share: Array) -> list[int]:
@@ -133,6 +150,40 @@ def _members(settings: Settings, name: str) -> Json:
     return {**kept, **{key: [x for one in found for x in one[key]] for key in several}, "counts": counts, "record": found[0]["record"]}
 
 
+@dataclass(frozen=True)
+class Shares:
+    """The absorber's largest share of the energy in each `STRETCH` of a lane's ``periods`` after it has settled."""
+
+    periods: int
+
+    def __call__(self, lane: Lane) -> list[float]:
+        """Return them."""
+        history = simulate(lane.scene, lane.drive, record=Record(level=False, events=True, series=True)).history
+        assert history is not None
+        share = mechanical_energy(lane.scene, history).absorber_share[SETTLE * DEFAULT_SAMPLES :]
+        return share[: self.periods // STRETCH * STRETCH * DEFAULT_SAMPLES].reshape(-1, STRETCH * DEFAULT_SAMPLES).max(axis=1).tolist()
+
+
+def _elsewhere(settings: Settings) -> list[Json]:
+    """Return the largest shares in the absorber with the resonant mode alone, at each of several resonances of the beam."""
+    members, periods = settings.size((4, 500), (2, 100))
+    whole, drawn, rows = modal_model(Beam(modes=MODES)), draw_members(members, settings.seed), []
+    for resonance in RESONANCES:
+        k = slice(resonance - 1, resonance)
+        model = ModalModel(whole.omega[k], whole.damping_ratio[k], whole.force_shape[k], whole.tip_shape[k], whole.beam_mass)
+        own = Scene(model, impact_absorber())
+        force = FORCE * _free_force(own.model) / _free_force(scene().model)
+        schedule = constant_frequency(model.resonance_omega(1), 1.0, SETTLE + periods)
+        found = settings.each(f"{LABEL}: resonance {resonance}", [Lane(own, drive) for drive in drawn.drives(force, schedule)], Shares(periods))
+        rows.append({"resonance": resonance, "force_n": force, "share": [x for one in found for x in one]})
+    return rows
+
+
+def _free_force(model: ModalModel) -> float:
+    """Return the force in N at which the tip fills the gap at the first resonance without absorber."""
+    return 1e-3 / float(np.abs(tip_response(model, None, np.array([model.resonance_omega(1)])))[0])
+
+
 def _linear() -> Json:
     own = scene()
     amplitude = FORCE * abs(complex(tip_response(own.model, None, np.array([own.model.resonance_omega(1)]))[0]))
@@ -141,7 +192,7 @@ def _linear() -> Json:
 
 def _measure(settings: Settings, known: Json) -> Steps:
     groups: dict[str, Callable[[], Any]] = {name: partial(_members, settings, name) for name in METHODS}
-    return in_turn({"linear": _linear, **groups}, known)
+    return in_turn({"linear": _linear, **groups, ANYWHERE: partial(_elsewhere, settings)}, known)
 
 
 def _words(values: Json) -> str:

@@ -19,17 +19,16 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
-from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim, Verdict
-from studies.paper.frame import figure_part, in_turn
+from studies.paper.frame import figure_part, in_turn, shortened
 from studies.paper.settings import Settings
-from studies.study import Json, Measured, Saver, Steps
+from studies.paper.tolerances import SAME
+from studies.study import Json, Measured, Saver, Steps, Table
 
 LABEL = "starts"
 CHOICES = ("paper's", "position", "frequency", "both")  # what is drawn at random
 FORCES, QUICK_FORCES = (0.6, 0.8, 1.0, 1.5, 2.5, 3.5, 5.0, 10.0), (0.8, 1.5, 3.5, 5.0)  # N
 MEMBERS = (16, 4)
-NEAR = 0.05  # of a level: what counts as the same
 Array = NDArray[np.float64]
 
 
@@ -113,7 +112,7 @@ def bands(group: Json, choice: str) -> Array:
     return quantiles(relative(group, choice), (BAND[0], 0.5, BAND[1]))
 
 
-def _words(values: Json) -> str:
+def _table(values: Json) -> Table:
     header = ("absorber", "force, N", *CHOICES)
     rows = []
     for name, group in values.items():
@@ -121,8 +120,12 @@ def _words(values: Json) -> str:
         for k, force in enumerate(group["forces_n"]):
             cells = [f"{found[choice][1, k]:.2f} ({found[choice][0, k]:.2f} to {found[choice][2, k]:.2f})" for choice in CHOICES]
             rows.append((name, f"{force:g}", *cells))
+    return Table(f"{LABEL}_levels", header, rows)
+
+
+def _words(values: Json) -> str:
     text = "Level over the median of the paper's start, median (5 to 95 %) of the members; what is named is drawn at random."
-    return "\n\n".join([text, markdown(header, rows), *(_summary(values, choice) for choice in CHOICES[1:])])
+    return "\n\n".join([text, shortened(_table(values)), *(_summary(values, choice) for choice in CHOICES[1:])])
 
 
 def _summary(values: Json, choice: str) -> str:
@@ -143,14 +146,20 @@ def claims(measured: Measured) -> list[Claim]:
     """Return whether the centred start is the conservative one."""
     worst, name, force = _largest(measured.values, "position", 1)
     top, top_name, top_force = _largest(measured.values, "position", 2)
-    holds = max(worst, top) < 1 + NEAR
-    verdict = Verdict.HOLDS if holds else Verdict.SPREAD if worst < 1 + NEAR else Verdict.NOT
+    holds = max(worst, top) < 1 + SAME
+    verdict = Verdict.HOLDS if holds else Verdict.SPREAD if worst < 1 + SAME else Verdict.NOT
     least, least_name, least_force = _least(measured.values, "position")
     middles = f"{least:.2f} ({least_name}, {least_force:g} N) to {worst:.2f} ({name}, {force:g} N)"
     said = f"level from a random place over that from the middle: medians {middles}, 95 % quantiles up to {top:.2f}"
     why = f"From a random place the 95 % quantile of the members is up to {top:.2f} times that from the middle ({top_name}, {top_force:g} N)."
     statement = "the absorber in the middle of its cavity is the conservative start"
     return [Claim("starts_position", statement, "3.3", said, verdict, LABEL, "" if holds else why)]
+
+
+def answer(measured: Measured) -> str:
+    """Say in a line what a start that nobody chose does."""
+    worst, best = (_largest(measured.values, "both", 1)[0], _least(measured.values, "both")[0])
+    return f"Starts that nobody chose: place and frequency at random give {best:.2f} to {worst:.2f} times the median level of the paper's start."
 
 
 def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, float]]:
@@ -170,4 +179,4 @@ def _least(values: Json, choice: str) -> tuple[float, str, float]:
     return min(_ratios(values, choice, 1))
 
 
-PART = figure_part(LABEL, "starts that nobody chose", measure, _words, figures)
+PART = figure_part(LABEL, "starts that nobody chose", measure, _words, figures, lambda values: (_table(values),))

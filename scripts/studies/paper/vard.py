@@ -12,6 +12,7 @@ from studies.paper.claim import Claim
 from studies.paper.judging import claim
 from studies.paper.second_mode import row
 from studies.paper.settings import Settings
+from studies.paper.tolerances import LEFT, SAME, about
 from studies.study import Measured
 
 LABEL = "vard"
@@ -52,14 +53,14 @@ def claims(found: Measured) -> list[Claim]:
     contacts = np.median(np.concatenate([row(values, name(damping), "contacts") for damping in high]))
     return [
         said("improvement", "more damping of the second mode lowers the level as a higher frequency does", "4.2",
-             100 * (1 - np.concatenate([relative[d] for d in high])), (15, 25),
+             100 * (1 - np.concatenate([relative[d] for d in high])), about(20),
              f"Members at D_2 of {100 * high[0]:g} % and more.", about="less than no absorber by ", form="{:.0f}", unit=" %",
              at_step=100 * (1 - float(np.mean([values[name(d)]["step"] for d in high])))),
         said("lower", "the level at high damping is below that of the nominal 1 %", "4.2", 100 * gain, (0.0, 100.0),
              "Single members spread by as much as the gain.", about="lower, in % of no absorber, by ", form="{:.1f}"),
-        said("dissipated", "at high damping nearly all that an impact passes on is dissipated before the next", "4.2", left, (0.0, 0.1),
+        said("dissipated", "at high damping nearly all that an impact passes on is dissipated before the next", "4.2", left, (0.0, LEFT),
              f"Up to a tenth may be left; there are {contacts:.1f} contacts a pseudo period, not evenly spaced.",
              about="share of the second mode's energy that is left before the next contact "),
-        said("saturates", "the level saturates at high damping", "4.2", relative[high[0]] - relative[high[-1]], (-0.05, 0.05),
+        said("saturates", "the level saturates at high damping", "4.2", relative[high[0]] - relative[high[-1]], (-SAME, SAME),
              "A band of 5 % of no absorber is asked for.", about=f"from {100 * high[0]:g} to {100 * high[-1]:g} %, of no absorber, ", form="{:.3f}"),
     ]  # fmt: skip

@@ -15,6 +15,7 @@ from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Lane
 from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel, level_of, read_level
 from impact_env.methods import Method
+from impact_env.periodic.lyapunov import largest_exponent
 from impact_env.periodic.stationary import longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from impact_env.sweep import simulate
@@ -74,6 +75,18 @@ class Contacts:
         pause = longest_pause(inside, length)
         before = middle - times[0] if len(times) else np.nan
         return Seen(level.value, level.frequency_ratio, level.max_tip, len(times), len(inside) / length, pause, float(before))
+
+
+@dataclass(frozen=True)
+class Chaos:
+    """Measures the largest Lyapunov exponent of what a lane settles to, over ``periods`` of the force: value, and the ends of its interval."""
+
+    periods: int
+
+    def __call__(self, lane: Lane) -> tuple[float, float, float]:
+        """Return that of the lane, per period of the force."""
+        found = largest_exponent(lane.scene, lane.drive, self.periods)
+        return found.value, found.low, found.high
 
 
 @dataclass(frozen=True)

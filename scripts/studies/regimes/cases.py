@@ -23,6 +23,7 @@ class Case:
 
     ``stay_ratios``: where rates of leaving are measured; ``kind_ratios``: where responses are classified; ``slownesses`` of sweeps, in pseudo periods
     per percent, over ``sweep`` (None: no sweeps). ``approach_ratio``: where runs come into impact. ``high_level`` in m, to compare with; None: not.
+    ``both_ways``: ratios between which sweeps down and up are compared, None: not.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Case:
     sweep: Range | None = None
     kind_ratios: tuple[float, ...] = ()
     high_level: float | None = None
+    both_ways: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         finite("force", self.force)
@@ -60,7 +62,7 @@ class Settings:
     stay_periods: float = 8000.0
     burn_in: float = 100.0
     silence: float = 100.0
-    sweep_members: int = 200
+    sweep_members: int = 2000
     kind_members: int = 40
     settle: float = 1500.0
     window: int = 300
@@ -108,6 +110,7 @@ def cases() -> tuple[Case, ...]:
             Range(1.0, 0.988, 0.952, 0.9),
             grid(0.9, 1.06, 65),
             0.75e-3,
+            (0.972, 0.958),
         ),
         Case(
             STRIP,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from impact_env.periodic.stationary import Kind
 from optimisation.report.written_figure import write_figure
 from studies.regimes.measured import RESPONSE, STAY, Row
-from studies.regimes.tables import NAMES, hazard_of, names, of_case, slownesses
+from studies.regimes.tables import NAMES, hazard_of, names, of_case, slownesses, with_sweeps
 
 COLOURS = {Kind.LINEAR: "#BBBBBB", Kind.PERIODIC: "#0072B2", Kind.SUSTAINED: "#E69F00", Kind.MODULATED: "#CC3311"}
 DPI = 110
@@ -43,11 +43,12 @@ def _rates(panel: Axes, rows: list[Row]) -> None:
 
 
 def _jumps(panel: Axes, sweeps: list[Row], stays: list[Row]) -> None:
-    measured, found = [row for row in sweeps if row["share"] is not None], hazard_of(stays)
+    measured, found = [row for row in sweeps if row["share"] is not None], with_sweeps(hazard_of(stays), sweeps)
     if measured and found is not None:
         n = np.geomspace(measured[0]["at"] / 2, measured[-1]["at"] * 2, 200)
-        panel.plot(n, np.exp(-n * found.value), color="0.2", lw=1.2, label="exp(-integral of the rate), nothing fitted")
-        panel.fill_between(n, np.exp(-n * found.high), np.exp(-n * found.low), color="0.85", lw=0)
+        told = np.array([found.probability(each) for each in n]).T
+        panel.plot(n, told[0], color="0.2", lw=1.2, label=f"{found.factor:.3f} exp(-N integral of the rate)")
+        panel.fill_between(n, told[1], told[2], color="0.85", lw=0)
     if measured:
         _bars(panel, [row["at"] for row in measured], measured, "share", "measured, 95 %")
         panel.legend(frameon=False)

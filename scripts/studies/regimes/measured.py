@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 
 from impact_env.ensemble import draw_members
-from impact_env.periodic.jump import jumps
+from impact_env.periodic.jump import Range, jumps
 from impact_env.periodic.residence import exit_rate, stays
 from impact_env.periodic.stationary import QUANTILES, Kind, envelope, stationary_members
 from studies.regimes.cases import Case, Settings
 
 Row = dict[str, Any]
 Key = tuple[str, str, float]
-STAY, SWEEP, RESPONSE = "stay", "sweep", "response"
+STAY, SWEEP, RESPONSE, WAYS = "stay", "sweep", "response", ("down", "up")
+BEFORE, AFTER = 0.002, 0.012  # of the resonance, that sweeps either way begin before their range and go on after it
+BOTH_WAYS = 100.0, 300.0  # pseudo periods per percent
 
 
 def key(row: Row) -> Key:
@@ -28,7 +30,14 @@ def jump_cases(settings: Settings) -> Mapping[Key, Callable[[], list[Row]]]:
     """Return what measures stays at each frequency and sweeps at each slowness."""
     stay = {(STAY, case.name, ratio): partial(_stay, case, ratio, settings) for case in settings.cases for ratio in case.stay_ratios}
     sweep = {(SWEEP, case.name, slow): partial(_sweep, case, slow, settings) for case in settings.cases if case.sweep for slow in case.slownesses}
-    return {**stay, **sweep}
+    ways = {
+        (way, case.name, slow): partial(_one_way, case, way, slow, settings)
+        for case in settings.cases
+        if case.both_ways
+        for slow in BOTH_WAYS
+        for way in WAYS
+    }
+    return {**stay, **sweep, **ways}
 
 
 def kind_cases(settings: Settings) -> Mapping[Key, Callable[[], list[Row]]]:
@@ -64,6 +73,20 @@ def _sweep(case: Case, slowness: float, settings: Settings) -> list[Row]:
     low, high = found.interval()
     counts = {"runs": found.runs, "present": found.present, "jumped": found.jumped, "high_level": found.high}
     return [{"what": SWEEP, "case": case.name, "at": slowness, **counts, "share": _plain(found.share), "low": low, "high": high}]
+
+
+def _one_way(case: Case, way: str, slowness: float, settings: Settings) -> list[Row]:
+    """Return how many of twice the members leave between the two ratios in a sweep down or up; before one up they come down to its start."""
+    assert case.both_ways is not None
+    high, low = case.both_ways
+    over = Range(high + BEFORE, high, low, low - AFTER) if way == WAYS[0] else Range(low - BEFORE, low, high, high + AFTER)
+    drawn = _phases(2 * settings.sweep_members, settings.seed + 2)
+    found = jumps(
+        case.scene, case.force, case.approach, over, slowness, drawn, settings.silence, threads=settings.threads, executor=settings.executor
+    )
+    return [
+        {"what": way, "case": case.name, "at": slowness, "first": over.first, "last": over.last, "present": found.present, "left": len(found.left)}
+    ]
 
 
 def _responses(case: Case, ratio: float, settings: Settings) -> list[Row]:

@@ -8,8 +8,8 @@ from typing import Any
 
 from optimisation.page import published
 from studies.regimes.cases import Settings
-from studies.regimes.measured import RESPONSE, STAY, Row, jump_cases, key, kind_cases
-from studies.regimes.tables import about, hazard_of, kind_table, names, of_case, slownesses, stay_table, sweep_table
+from studies.regimes.measured import RESPONSE, STAY, WAYS, Row, jump_cases, key, kind_cases
+from studies.regimes.tables import about, hazard_of, kind_table, names, of_case, slownesses, stay_table, sweep_table, ways_table, with_sweeps
 from studies.study import Json, Measured, Part, Place, Saver, Steps, Study, Table, beside, left, rows_by_case
 
 NAME = "regimes"
@@ -28,8 +28,11 @@ def _jump_words(measured: Measured) -> dict[str, str]:
     rows, blocks = measured.values["rows"], []
     for case in names(rows):
         stays, sweeps = of_case(rows, STAY, case), slownesses(rows, case)
-        found = hazard_of(stays)
-        blocks += [f"**{case}.** {about(found)}"] + ([sweep_table(sweeps, found)] if sweeps else []) + ([stay_table(stays)] if stays else [])
+        found = with_sweeps(hazard_of(stays), sweeps)
+        blocks.append(f"**{case}.** {about(found)}")
+        blocks += [
+            table for table in (sweep_table(sweeps, found) if sweeps else "", ways_table(rows, case), stay_table(stays) if stays else "") if table
+        ]
     return {f"{NAME}:{JUMP}": "\n\n".join([*blocks, _made(measured)])}
 
 
@@ -48,7 +51,7 @@ def _made(measured: Measured) -> str:
 def _tables(measured: Measured, name: str) -> list[Table]:
     rows: list[Row] = measured.values["rows"]
     found = []
-    for what in dict.fromkeys(row["what"] for row in rows):
+    for what in dict.fromkeys(row["what"] for row in rows if row["what"] not in WAYS):
         own = [row for row in rows if row["what"] == what]
         columns = [column for column in own[0] if column != "what"]
         found.append(Table(f"{name}_{what}", columns, [[_cell(row[column]) for column in columns] for row in own]))

@@ -6,11 +6,11 @@ from itertools import groupby
 
 import numpy as np
 
-from impact_env.periodic.jump import Hazard, hazard
+from impact_env.periodic.jump import Hazard, Jumps, hazard
 from impact_env.periodic.residence import ExitRate
 from impact_env.periodic.stationary import Kind
 from optimisation.report.markdown import markdown
-from studies.regimes.measured import SWEEP, Row
+from studies.regimes.measured import STAY, SWEEP, WAYS, Row
 
 NAMES = {Kind.LINEAR: "no impacts", Kind.PERIODIC: "periodic", Kind.SUSTAINED: "sustained", Kind.MODULATED: "strongly modulated"}
 
@@ -75,7 +75,32 @@ def about(found: Hazard | None) -> str:
     reach = f"Integral of the rate from {found.first:g} to {found.last:g}: "
     if found.value == 0:
         return f"{reach}no run left."
-    return f"{reach}P(jump) = exp(-N/{1 / found.value:.0f}) (95 %: {1 / found.high:.0f} to {1 / found.low:.0f})."
+    inverse, interval = f"exp(-N/{1 / found.value:.0f})", f"(95 %: {1 / found.high:.0f} to {1 / found.low:.0f})"
+    if found.factor == 1:
+        return f"{reach}P(jump) = {inverse} {interval}."
+    factor = f"A = {found.factor:.3f} (95 %: {found.factor_low:.3f} to {found.factor_high:.3f}) from the sweeps"
+    return f"{reach}P(jump) = A {inverse} {interval}, {factor}."
+
+
+def with_sweeps(found: Hazard | None, sweeps: list[Row]) -> Hazard | None:
+    """Return the hazard with the factor that sweeps show; as it is where none of them tells."""
+    measured = {row["at"]: Jumps(row["jumped"], row["present"], row["runs"]) for row in sweeps}
+    told = [one for one in measured.values() if 0 < one.jumped < one.present]
+    return found.with_sweeps(measured) if found is not None and told else found
+
+
+def ways_table(rows: list[Row], case: str) -> str:
+    """Return a line for each slowness and way of sweeps through one range, beside what constant frequencies say; empty if there are none."""
+    lines = []
+    for row in (row for way in WAYS for row in of_case(rows, way, case)):
+        high, low = max(row["first"], row["last"]), min(row["first"], row["last"])
+        rates = hazard_of(of_case(rows, STAY, case), high, low)
+        share = row["left"] / row["present"]
+        told, measured, error = 0.0 if rates is None else row["at"] * rates.value, -np.log1p(-share), np.sqrt(share / (1 - share) / row["present"])
+        cells = (f"{told:.4f}", f"{measured:.4f}", f"{measured - told:+.4f} +- {error:.4f}")
+        lines.append((f"{row['what']}, {row['first']:g} to {row['last']:g}", f"{row['at']:g}", f"{row['left']} of {row['present']}", *cells))
+    header = ("sweep", "pseudo periods per 1 %", "left", "exits told by the rates", "measured, -log of the share that stays", "more than told")
+    return markdown(header, lines) if lines else ""
 
 
 def pattern(row: Row) -> str:

@@ -62,8 +62,9 @@ def _rates(axes: Axes, rates: Sequence[Json]) -> None:
 def _shares(axes: Axes, values: Json, found: Hazard | None, methods: Sequence[str]) -> None:
     n = np.geomspace(80, 4000, 200)
     if found is not None:
-        axes.plot(n, np.exp(-n * found.value), color="black", lw=0.9, label="predicted from rates")
-        axes.fill_between(n, np.exp(-n * found.high), np.exp(-n * found.low), color="0.8", lw=0)
+        told = np.array([found.probability(float(each)) for each in n]).T
+        axes.plot(n, told[0], color="black", lw=0.9, label="from the rates, times A")
+        axes.fill_between(n, told[1], told[2], color="0.8", lw=0)
     for k, name in enumerate(methods):
         rows = values.get(f"jumps, {name}", ())
         x, y, low, high = (np.array([row[column] for row in rows]) for column in ("periods_per_percent", "share", "low", "high"))

@@ -9,6 +9,8 @@ import numpy as np
 from studies.paper.style import FAINT, LOOKS, finish, line, panels
 from studies.study import Json
 
+NAMED = (1, 2, 3, 4, 5, 7, 10, 12, 30)  # numbers of modes that stand beside their points
+
 
 def save(path: Path, values: Json) -> None:
     """Draw depth and energies over the number of modes, beside one mode with the equivalent restitution; and the depth over that."""
@@ -31,7 +33,7 @@ def save(path: Path, values: Json) -> None:
     over.lines[-1].set(ls="", marker=LOOKS[0].marker, label="$N_m$ modes at their $e_1$")
     for e in dict.fromkeys(row["restitution"] for row in many):
         own = [row for row in many if row["restitution"] == e]  # several that are set to 0
-        words, height = ", ".join(str(row["modes"]) for row in own), max(row["depth"][0] for row in own)
+        words, height = ", ".join(str(row["modes"]) for row in own if row["modes"] in NAMED), max(row["depth"][0] for row in own)
         over.annotate(words, (e, height), xytext=(2, 4), textcoords="offset points", fontsize=6.5, color=FAINT)
     depth.set(ylabel="depth of the modulation", ylim=(0, None))
     energy.set(ylabel="share in %", ylim=(0, 125), yticks=range(0, 101, 20))

@@ -20,7 +20,7 @@ def save(path: Path, own: Curve, none: Curve, stuck: Curve, step: Curve | None, 
     figure, grid = panels(1, 1, 4.2)
     axes = grid[0, 0]
     shown = own.forces <= 12.0
-    draw_ranges(axes, found, float(own.forces[0]), 12.0)
+    draw_ranges(axes, found, 0.0, 12.0)
     line(axes, none.forces[shown], MM * none.median[shown], REFERENCE, "no absorber")
     low, high = own.band
     line(
@@ -30,27 +30,23 @@ def save(path: Path, own: Curve, none: Curve, stuck: Curve, step: Curve | None, 
     if step is not None:
         axes.plot(step.forces[shown], MM * step.level[shown, 0], "x", color=LOOKS[1].colour, ms=4, label="one run at the paper's step")
     axes.set(
-        xscale="log",
-        yscale="log",
-        xlim=(own.forces[0], 12.0),
-        ylim=(0.8 * MM * float(np.min(own.median)), 1.1 * MM * float(np.max(none.median[shown]))),
+        xlim=(0.0, 12.0),
+        ylim=(0.0, 1.05 * MM * float(np.max(none.median[shown]))),
     )
     axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
-    force_axis(axes.xaxis)
-    force_axis(axes.yaxis)
     axes.legend(loc="upper left")
     _inset(axes, own, none, stuck)
     finish(grid, path, figure)
 
 
-def draw_ranges(axes: Axes, found: Ranges, low: float, high: float, names: bool = True) -> None:
+def draw_ranges(axes: Axes, found: Ranges, low: float, high: float) -> None:
     """Shade the linear, the primary and the secondary range between two forces in N."""
     edges = sorted({low, high, *(border.force for border in (found.first_impacts, found.transition) if border is not None)})
     words = ["linear"] + (["primary"] if _apart(found.first_impacts, found.transition) else []) + (["secondary"] if found.transition else [])
     for name, begin, end, shade in zip(words, edges, edges[1:], SHADES, strict=False):
         axes.axvspan(begin, end, color=shade, lw=0, zorder=0)
-        if names:
-            axes.text(np.sqrt(begin * end), 0.02, name, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8, color="0.3")
+        own, place = axes.get_xaxis_transform(), min((begin + end) / 2, begin + 3.0)
+        axes.text(place, 0.16, name, transform=own, ha="center", va="bottom", fontsize=8, color="0.3", rotation=90)
 
 
 def _apart(first: Border | None, last: Border | None) -> bool:
@@ -58,7 +54,7 @@ def _apart(first: Border | None, last: Border | None) -> bool:
 
 
 def _inset(axes: Axes, own: Curve, none: Curve, stuck: Curve) -> None:
-    small = axes.inset_axes((0.66, 0.13, 0.32, 0.38))
+    small = axes.inset_axes((0.62, 0.1, 0.36, 0.28))
     relative = np.quantile(own.relative(none), (0.05, 0.5, 0.95), axis=1)
     small.fill_between(own.forces, relative[0], relative[2], color=LOOKS[0].colour, alpha=0.18, lw=0)
     small.plot(own.forces, relative[1], color=LOOKS[0].colour)

@@ -31,7 +31,7 @@ def save(path: Path, values: Json) -> None:
 
 def _levels(axes: Axes, values: Json) -> None:
     modes = known_modes(values, "level")
-    for look, key, name in ((LOOKS[0], "relative", "5 N, whole sweep"), (LOOKS[1], "near", "1.5 N, around $\\omega_1$")):
+    for look, key, name in ((LOOKS[0], "relative", "5 N, whole sweep"), (LOOKS[1], "near_rms", "1.5 N, around $\\omega_1$")):
         rows = np.array([values[f"level, {n}"][key] for n in modes])
         low, middle, high = np.quantile(rows, (0.05, 0.5, 0.95), axis=1)
         line(axes, modes, middle, look, name, band=(low, high), nominal=rows[:, 0])

@@ -1,0 +1,257 @@
+"""Control within a period: an absorber whose friction or whose walls are set every quarter of a period, at one frequency, from rest."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.envs.friction_task import Grip, limits_in_newtons, place_of
+from impact_env.envs.observation import DISTANCE, FREQUENCY, IMPACTS, TIME_LEFT, VELOCITY, Feature
+from impact_env.envs.reference import stationary_amplitude
+from impact_env.envs.settings import FORCES, Range, Settings, span
+from impact_env.envs.sweep_gap_task import Cavity, require_cavity
+from impact_env.envs.task import IMPACTS_SCALE, Array, Mask, Task
+from impact_env.kernels.interval import spread
+from impact_env.level import require_samples
+from impact_env.parameters import non_negative, positive, require
+
+COSTS = ("level", "time", "fatigue", "actuator", "contact force")
+CYCLE = (
+    Feature("tip displacement", True),
+    Feature("tip velocity", True),
+    DISTANCE,
+    VELOCITY,
+    IMPACTS,
+    Feature("cosine of the force's phase", False),
+    Feature("sine of the force's phase", False),
+    FREQUENCY,
+    TIME_LEFT,
+    Feature("RMS of the last period", True),
+)
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """Arguments of control within a period; `ActiveFrictionEnv` describes them."""
+
+    frequency_ratio: float | Range = (0.96, 1.02)
+    time_budget: float = 40.0
+    fatigue_exponent: float = 5.0
+    price: float = 0.0
+
+    def __post_init__(self) -> None:
+        low, high = span("frequency_ratio", self.frequency_ratio)
+        require(low > 0, "frequency_ratio", self.frequency_ratio, "(low, high), ratios to the resonance above 0")
+        object.__setattr__(self, "frequency_ratio", (low, high))
+        positive("time_budget", self.time_budget)
+        positive("fatigue_exponent", self.fatigue_exponent)
+        non_negative("price", self.price)
+
+
+class ActiveTask(Task):
+    """Lanes at one frequency each, whose absorber is set anew in every interval.
+
+    ``costs`` (L, 5) of the last interval, each of which a score of its own would sum up: RMS over the stationary RMS without absorber, and time, both
+    over the number of intervals; mean of (|q|/g0)^m; what the actuator moved; mean force of wall and friction on the absorber over the amplitude of
+    the force.
+    """
+
+    level_name = "RMS of a period over the scene's half-clearance"
+
+    def __init__(self, settings: Settings, cycle: Cycle, lanes: int) -> None:
+        low, high = span("frequency_ratio", cycle.frequency_ratio)
+        require_samples(settings.samples_per_period, high)
+        self.cycle = cycle
+        super().__init__(settings, lanes, max(1, math.ceil(cycle.time_budget / settings.interval - 1e-9)), cycle.fatigue_exponent)
+        self.options = {"force": FORCES, "frequency_ratio": (low, high)}
+        self.costs, self._scale = np.zeros((lanes, len(COSTS))), np.ones(lanes)
+        self.squares = np.zeros((lanes, max(1, round(1 / settings.interval))))
+        self._speed, self._moved = np.zeros(lanes), np.zeros(lanes)
+
+    def draw(self, lane: int, generator: np.random.Generator) -> None:
+        """Draw frequency, force and phase."""
+        low, high = span("frequency_ratio", self.cycle.frequency_ratio)
+        self.ratio[lane] = self.drawn("frequency_ratio", lane, low if low == high else generator.uniform(low, high))
+        self.force[lane] = self.draw_force(lane, generator)
+        self._scale[lane] = stationary_amplitude(self.model(lane), self.ratio[lane] * self.omega) * self.force[lane] / math.sqrt(2)
+        self.costs[lane] = self.squares[lane] = self._speed[lane] = self._moved[lane] = 0.0  # type: ignore[index]
+        self.draw_phase(lane, generator)
+
+    @abstractmethod
+    def act(self, action: Array) -> None:
+        """Order what the absorber is to be in the next interval, for actions (L,) from -1 to 1."""
+
+    @abstractmethod
+    def moved(self) -> Array:
+        """Return how far the actuator moved (L,) in the unit of its price."""
+
+    def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
+        """Order what is chosen, and stay at the frequency."""
+        self.act(actions[:, 0].astype(np.float64))
+        return np.full(self.lanes, self.interval), self.ratio.copy(), np.zeros(self.lanes, dtype=np.bool_)
+
+    def reward(self) -> Array:
+        """Return minus the interval's share of the mean relative RMS, less the price of what was moved."""
+        reports, costs = self.runs.reports, self.costs
+        assert costs is not None
+        self.squares = np.concatenate([self.squares[:, 1:], reports["mean_square"][:, None]], axis=1)
+        costs[:, 0] = np.sqrt(reports["mean_square"]) / self._scale / self.steps
+        costs[:, 1] = 1 / self.steps
+        costs[:, 2] = reports["damage"] / (self.interval * self.settings.samples_per_period)
+        self._moved = costs[:, 3] = self.moved()
+        speed, mass = self.runs.state[:, -1].copy(), self.scene.absorber_mass
+        assert mass is not None  # what is set is an absorber's
+        costs[:, 4] = np.abs(speed - self._speed) * (mass / (self.interval * self._period)) / self.force
+        self._speed = speed
+        return -costs[:, 0] - self.cycle.price * self._moved
+
+    def level(self) -> Array:
+        """Return the RMS of the last period in half-clearances of the scene."""
+        total = np.zeros(self.lanes)
+        for square in self.squares.T:
+            total = total + square
+        return np.sqrt(total / self.squares.shape[1]) / self.length
+
+    def expected_amplitude(self) -> Array:
+        """Return the amplitude without absorber (L,) in m."""
+        return math.sqrt(2) * self._scale
+
+    def values(self) -> Array:
+        """Return the scaled features (L, features): the state at the interval's end."""
+        reports, state, phase = self.runs.reports, self.runs.state, self.runs.orders["phase"]
+        values, modes = np.zeros((self.lanes, len(self.features))), self.scene.model.modes
+        for column, first in enumerate((0, modes + 1)):
+            for mode in range(modes):
+                values[:, column] += self.tip_shape(mode) * state[:, first + mode]
+        per_velocity = 1 / (self.omega * self.length)
+        values[:, 0] /= self.length
+        values[:, 1] *= per_velocity
+        values[:, 2] = reports["distance"] / self.length
+        values[:, 3] = reports["relative_velocity"] * per_velocity
+        values[:, 4] = np.minimum(reports["impact_count"] / (self.interval * IMPACTS_SCALE), self.settings.impacts_limit)
+        values[:, 5], values[:, 6] = np.cos(phase), np.sin(phase)
+        values[:, 7] = (self.ratio - self.frequency_origin) / self.frequency_unit
+        values[:, 8] = 1.0 - self.elapsed / self.steps
+        values[:, 9] = self.level()
+        return values
+
+    def tip_shape(self, mode: int) -> Any:
+        """Return the shape of a mode where the level is read: one number, or one for each lane."""
+        return self.scene.model.level_shape[mode]
+
+    def describe(self) -> dict[str, Any]:
+        """Return the environment's arguments as plain values."""
+        return super().describe() | asdict(self.cycle)
+
+    def info(self) -> dict[str, NDArray[Any]]:
+        """Return what info says of each lane."""
+        info = super().info()
+        info["rms"] = np.sqrt(self.runs.reports["mean_square"])
+        return info
+
+
+class ActiveFrictionTask(ActiveTask):
+    """Lanes with a friction limit that is set: ``friction`` (L,) in N and ``place`` (L,) in the range, from -1 to 1, are those in use."""
+
+    features: Sequence[Feature] = (*CYCLE, Feature("friction limit in use", False))
+
+    def __init__(self, settings: Settings, cycle: Cycle, grip: Grip, lanes: int) -> None:
+        self.grip = grip
+        self.limits, self._begin = limits_in_newtons(settings, grip)
+        super().__init__(settings, cycle, lanes)
+        self.friction, self.place, self._before = (np.zeros(lanes) for _ in range(3))
+
+    def draw(self, lane: int, generator: np.random.Generator) -> None:
+        """Draw what all draw; the friction starts as the scene has it."""
+        super().draw(lane, generator)
+        self.friction[lane], self.place[lane] = self._begin, place_of(self._begin, self.limits)
+        self._before[lane] = self.place[lane]
+
+    def act(self, action: Array) -> None:
+        """Order the friction limits."""
+        self._before, self.place = self.place, action
+        self.runs.orders["limit"] = self.friction = spread(0.5 * (action + 1), *self.limits)
+
+    def moved(self) -> Array:
+        """Return the way over the range of limits, which is 2 wide."""
+        return np.abs(self.place - self._before)
+
+    def values(self) -> Array:
+        """Return the scaled features (L, features)."""
+        values = super().values()
+        values[:, len(CYCLE)] = self.place
+        return values
+
+    def describe(self) -> dict[str, Any]:
+        """Return the environment's arguments as plain values."""
+        return super().describe() | asdict(self.grip)
+
+    def info(self) -> dict[str, NDArray[Any]]:
+        """Return what info says of each lane."""
+        return super().info() | {"friction_limit": self.friction.copy()}
+
+
+@dataclass(frozen=True)
+class Drive(Cavity):
+    """Arguments of walls that are moved: `Cavity`'s, speed in m a pseudo period, and lag in pseudo periods; `ActiveGapEnv` describes them."""
+
+    gap_speed: float = 0.3e-3
+    gap_lag: float = 0.1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("gap_speed", self.gap_speed)
+        non_negative("gap_lag", self.gap_lag)
+
+    def towards(self, wanted: Array, gap: Array, interval: float) -> Array:
+        """Return the half-clearances (L,) an interval (pseudo periods) later: a lag of first order, no faster than the speed."""
+        share = -math.expm1(-interval / self.gap_lag) if self.gap_lag > 0 else 1.0
+        most = self.gap_speed * interval
+        return gap + np.clip((wanted - gap) * share, -most, most)
+
+
+class ActiveGapTask(ActiveTask):
+    """Lanes with walls that are moved."""
+
+    features: Sequence[Feature] = (*CYCLE, Feature("half-clearance in use", False))
+
+    def __init__(self, settings: Settings, cycle: Cycle, drive: Drive, lanes: int) -> None:
+        require_cavity(settings.scene.absorber)
+        self.drive = drive
+        super().__init__(settings, cycle, lanes)
+        self._before = np.zeros(lanes)
+
+    def draw(self, lane: int, generator: np.random.Generator) -> None:
+        """Draw what all draw; the cavity starts as the scene has it."""
+        super().draw(lane, generator)
+        self.runs.orders["gap"][lane] = self.length
+
+    def act(self, action: Array) -> None:
+        """Order half-clearances on the way to those wanted."""
+        self._before = self.runs.orders["gap"].copy()
+        wanted = spread(0.5 * (action + 1), *self.drive.gap_limits)
+        self.runs.orders["gap"] = self.drive.towards(wanted, self._before, self.interval)
+
+    def moved(self) -> Array:
+        """Return the walls' way in half-clearances of the scene."""
+        return np.abs(self.runs.orders["gap"] - self._before) / self.length
+
+    def values(self) -> Array:
+        """Return the scaled features (L, features)."""
+        values = super().values()
+        values[:, len(CYCLE)] = self.runs.orders["gap"] / self.length
+        return values
+
+    def describe(self) -> dict[str, Any]:
+        """Return the environment's arguments as plain values."""
+        return super().describe() | asdict(self.drive)
+
+    def info(self) -> dict[str, NDArray[Any]]:
+        """Return what info says of each lane."""
+        return super().info() | {"gap": self.runs.orders["gap"].copy()}

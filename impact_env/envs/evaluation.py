@@ -1,0 +1,171 @@
+"""Judging a policy on seeds that are fixed for all: ``impact_env.evaluate``. Scores by seed, bootstrap intervals, paired differences, a table.
+
+Splits are ranges of seeds, which do not meet. To tune on ``train`` and ``validation`` and to look at ``test`` once is left to the reader's honour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import trim_mean
+
+from impact_env.envs.registration import ENVIRONMENTS
+from impact_env.extras import optional
+from impact_env.parameters import count, one_of, require
+
+Array = NDArray[np.float64]
+Statistic = Callable[..., Any]
+SPLITS = {"train": range(1_000_000), "validation": range(1_000_000, 2_000_000), "test": range(2_000_000, 2_500_000)}
+EPISODES, RESAMPLES, COVERED = 256, 1000, 0.95
+
+
+def interquartile_mean(scores: Array) -> float:
+    """Return the mean of the middle half of all scores."""
+    return float(trim_mean(np.ravel(scores), 0.25))
+
+
+def difference(scores: Array, others: Array) -> float:
+    """Return how much higher the mean of ``scores`` is; with `interval`, which resamples the seeds of both together, a paired comparison."""
+    return float(scores.mean() - others.mean())
+
+
+def interval(statistic: Statistic, *scores: Array, resamples: int = RESAMPLES, covered: float = COVERED, seed: int = 0) -> Array:
+    """Return (low, high) of a statistic of one or several score arrays by the bootstrap, (2, *shape of the statistic).
+
+    Scores are arrays (R, E): R training runs (1 for a policy that is not trained), E evaluation seeds, the same for all. Both are resampled,
+    the runs of each policy among themselves and the seeds in common (A. B. Owen 2007, "The pigeonhole bootstrap"), so that neither many episodes of
+    one run nor many runs on one seed pass for independent evidence. Raises ParameterError unless all have the same number of seeds.
+    """
+    columns = scores[0].shape[1]
+    require(all(s.ndim == 2 and s.shape[1] == columns for s in scores), "scores", [s.shape for s in scores], "arrays (runs, evaluation seeds)")
+    generator = np.random.default_rng(seed)
+    values = []
+    for _ in range(resamples):
+        chosen = generator.integers(columns, size=columns)
+        values.append(statistic(*(s[generator.integers(len(s), size=len(s))][:, chosen] for s in scores)))
+    tail = (1 - covered) / 2
+    return np.quantile(np.asarray(values), [tail, 1 - tail], axis=0)
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A policy on the seeds: ``scores`` (E,), their mean, its interval (low, high), the mean of their middle half."""
+
+    name: str
+    scores: Array
+    mean: float
+    interval: tuple[float, float]
+    middle: float
+
+    @classmethod
+    def of(cls, name: str, scores: Array) -> Scored:
+        """Return what the scores (E,) of a policy say."""
+        low, high = interval(np.mean, scores[None])
+        return cls(name, scores, float(scores.mean()), (float(low), float(high)), interquartile_mean(scores))
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What `evaluate` returns; ``str()`` of it is a table.
+
+    ``policy``: how it did on the ``seeds`` of the ``split``. ``others`` and ``differences``: by name, what it was compared with, and how much higher
+    its mean score is than theirs, with the interval (mean, low, high) of the differences seed by seed.
+    """
+
+    env_id: str
+    split: str
+    seeds: tuple[int, ...]
+    policy: Scored
+    others: dict[str, Scored] = field(default_factory=dict)
+    differences: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    @property
+    def scores(self) -> Array:
+        """The policy's scores (E,)."""
+        return self.policy.scores
+
+    def __str__(self) -> str:
+        lines = [f"{self.env_id}, {self.split}: {len(self.seeds)} episodes, seeds {self.seeds[0]} to {self.seeds[-1]}"]
+        lines.append(f"{'policy':<24}{'mean score':>11}{'95 % interval':>20}{'middle half':>13}{'policy is better by':>28}")
+        for row in (self.policy, *self.others.values()):
+            better = self.differences.get(row.name)
+            told = "" if better is None else f"{better[0]:.4f} [{better[1]:.4f}, {better[2]:.4f}]"
+            lines.append(f"{row.name:<24}{row.mean:>11.4f}{f'[{row.interval[0]:.4f}, {row.interval[1]:.4f}]':>20}{row.middle:>13.4f}{told:>28}")
+        return "\n".join(lines)
+
+
+class _Player:
+    """Any kind of policy as one call: a function, a model of stable-baselines3, something with ``start`` and ``act``, or a constant action."""
+
+    def __init__(self, policy: Any, shape: tuple[int, ...]) -> None:
+        constant = isinstance(policy, int | float | Sequence | np.ndarray) and not isinstance(policy, str | bool)
+        known = constant or any(callable(getattr(policy, name, None)) for name in ("predict", "act", "__call__"))
+        require(known, "policy", policy, "a function of observations (L, features), a stable-baselines3 model, an agent, or a constant action")
+        self.policy, self.shape, self.constant = policy, shape, constant
+        self.memory: Any = None
+        self.fresh = np.ones(shape[0], dtype=np.bool_)
+        if hasattr(policy, "start"):
+            policy.start(shape[0])
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[Any]:
+        """Return the actions of all lanes."""
+        if self.constant:
+            actions = np.tile(np.atleast_1d(np.asarray(self.policy, dtype=np.float32)), (self.shape[0], 1))
+        elif hasattr(self.policy, "predict"):
+            actions, self.memory = self.policy.predict(observations, state=self.memory, episode_start=self.fresh, deterministic=True)
+            self.fresh = np.zeros_like(self.fresh)
+        else:
+            actions = (self.policy.act if hasattr(self.policy, "act") else self.policy)(observations)
+        require(np.shape(actions) == self.shape, "actions", np.shape(actions), f"an array of shape {self.shape} from the policy")
+        return np.asarray(actions)
+
+
+def _play(policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any]) -> Array:
+    with optional():
+        import gymnasium
+    env: Any = gymnasium.make_vec(env_id, num_envs=len(seeds), vectorization_mode="vector_entry_point", autoreset_mode="DISABLED", **arguments)
+    try:
+        observations, _ = env.reset(seed=list(seeds))
+        player, scores, over = _Player(policy, env.action_space.shape), np.zeros(len(seeds)), np.zeros(len(seeds), dtype=np.bool_)
+        while not over.all():
+            observations, rewards, terminated, truncated, _ = env.step(player.act(observations))
+            scores += rewards
+            over = over | terminated | truncated
+            env.rest(over)
+    finally:
+        env.close()
+    return scores
+
+
+def evaluate(
+    policy: Any,
+    env_id: str,
+    split: str = "test",
+    against: Any = None,
+    *,
+    episodes: int = EPISODES,
+    arguments: Mapping[str, Any] | None = None,
+) -> Evaluation:
+    """Play one episode on each of the first seeds of a split and return scores, intervals and differences.
+
+    ``policy``: a function of observations (L, features) that returns actions (L, A), a model of stable-baselines3 (its deterministic action), an
+    agent of `load_agent`, or a constant action. ``against``: another one, or several by name, played on the same seeds. ``split``: "train",
+    "validation" or "test", handed on to environments that have an argument of that name. ``arguments`` of the environment; scores of others than
+    its defaults are not comparable with those that are published. Needs gymnasium. Raises ParameterError for what is not allowed.
+    """
+    require(env_id in ENVIRONMENTS, "env_id", env_id, f"one of {', '.join(ENVIRONMENTS)}")
+    one_of("split", split, SPLITS)
+    seeds = SPLITS[split][: count("episodes", episodes, 2, len(SPLITS[split]))]
+    given = ({"split": split} if ENVIRONMENTS[env_id].has_split else {}) | dict(arguments or {})
+    own = Scored.of(str(getattr(policy, "name", "policy")), _play(policy, env_id, seeds, given))
+    rivals = dict(against) if isinstance(against, Mapping) else {} if against is None else {str(getattr(against, "name", "rival")): against}
+    others = {name: Scored.of(name, _play(rival, env_id, seeds, given)) for name, rival in rivals.items()}
+    differences = {}
+    for name, other in others.items():
+        low, high = interval(difference, own.scores[None], other.scores[None])
+        differences[name] = (own.mean - other.mean, float(low), float(high))
+    return Evaluation(env_id, split, tuple(seeds), own, others, differences)

@@ -1,0 +1,179 @@
+"""A passage of which much is drawn, with walls that move slowly and have their price, and friction that is free."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.controlled import ControlledRuns, PooledRuns
+from impact_env.envs.active_task import Drive
+from impact_env.envs.friction_task import Grip, limits_in_newtons
+from impact_env.envs.observation import FREQUENCY, STATE, TIME_LEFT, Feature
+from impact_env.envs.reference import passage
+from impact_env.envs.settings import FORCES, Range, Settings, span
+from impact_env.envs.sweep_gap_task import require_cavity
+from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask
+from impact_env.envs.task import Array, Mask
+from impact_env.kernels.interval import spread
+from impact_env.parameters import RigidWalls, SlidingAbsorber, count, non_negative, require
+from impact_env.scene import Scene
+
+DIGITS = 1e-12
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Arguments of what is drawn for a passage; `PassageEnv` describes them."""
+
+    limits: Range = (0.93, 1.03)
+    start_spread: float = 0.01
+    sweep_rates: Range = (2.0, 6.0)
+    gap_starts: Range = (0.3e-3, 2e-3)
+    damping: Range = (0.005, 0.02)
+    restitution: Range = (0.6, 1.0)
+    scenes: int = 12
+    price: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name, lowest, highest in (
+            ("limits", DIGITS, math.inf),
+            ("sweep_rates", DIGITS, math.inf),
+            ("gap_starts", DIGITS, math.inf),
+            ("damping", 1e-4, 0.5),
+            ("restitution", 0.0, 1.0),
+        ):
+            low, high = span(name, getattr(self, name))
+            require(lowest <= low and high <= highest, name, getattr(self, name), f"(low, high), from {lowest:g} to {highest:g}")
+            object.__setattr__(self, name, (low, high))
+        non_negative("start_spread", self.start_spread)
+        room = 0.5 * (self.limits[1] - self.limits[0])
+        require(self.start_spread < room, "start_spread", self.start_spread, f"less than half the width of limits, {room:g}")
+        count("scenes", self.scenes, 1, 1000)
+        non_negative("price", self.price)
+
+    def pool(self, scene: Scene) -> list[Scene]:
+        """Return the scenes that episodes draw from: another damping and another restitution each, the same ones always."""
+        absorber = scene.absorber
+        assert isinstance(absorber, SlidingAbsorber)
+        assert isinstance(absorber.walls, RigidWalls)
+        shares = np.random.default_rng(0).permutation((np.arange(self.scenes) + 0.5) / self.scenes)
+        made = []
+        for k, share in enumerate(shares.tolist()):
+            damping = self.damping[0] * (self.damping[1] / self.damping[0]) ** ((k + 0.5) / self.scenes)
+            model = replace(scene.model, damping_ratio=np.full(scene.model.modes, damping))
+            walls = replace(absorber.walls, restitution=self.restitution[0] + share * (self.restitution[1] - self.restitution[0]))
+            made.append(replace(scene, model=model, absorber=replace(absorber, walls=walls)))
+        return made
+
+
+class LimitedPassageTask(SweepTask):
+    """Lanes that pass through a resonance, each in a scene of a pool, at a rate of its own."""
+
+    features: Sequence[Feature] = (
+        *(feature for feature in STATE[:-1] if feature not in (FREQUENCY, TIME_LEFT)),
+        FREQUENCY,
+        TIME_LEFT,
+        Feature("RMS of the last interval", True),
+        Feature("way left", False),
+        Feature("half-clearance in use", False),
+        Feature("friction limit in use", False),
+        Feature("rate of the frequency", False),
+    )
+
+    def __init__(self, settings: Settings, drawn: Drawn, drive: Drive, grip: Grip, lanes: int) -> None:
+        require_cavity(settings.scene.absorber)
+        self.limits, self._begin = limits_in_newtons(settings, grip)
+        self.own, self.drive, self.grip = drawn, drive, grip
+        self.scenes = drawn.pool(settings.scene)
+        low, high = drawn.limits
+        budget = (high - low) / (drawn.sweep_rates[0] * PER_PERIOD)
+        way = Passage(
+            direction="random",
+            limits=drawn.limits,
+            rates=drawn.sweep_rates,
+            time_price=0.0,
+            frequency_unit=0.05,
+            level_unit="gap",
+            time_budget=1.01 * budget + 1,
+        )
+        super().__init__(settings, way, lanes)
+        self.level_name = "RMS of an interval over the scene's half-clearance"
+        self.options = {"force": FORCES, "scene": (0, drawn.scenes - 1)}
+        self._levels: dict[tuple[int, bool], float] = {}
+        self.rates, self._before, self.friction, self.place = (np.zeros(lanes) for _ in range(4))
+
+    def make_runs(self, **arguments: Any) -> ControlledRuns:
+        """Return lanes in a pool of scenes."""
+        return PooledRuns(self.scenes, **arguments)
+
+    def _reference(self, number: int, down: bool) -> float:
+        """Return the level (m) for 1 N of a scene's beam without absorber over the whole range."""
+        if (number, down) not in self._levels:
+            ends = self._ends[int(down)].tolist()
+            yardstick = (self.settings.samples_per_period, 0.0, self.length)
+            self._levels[number, down] = passage(self.scenes[number], self.settings.resonance, *ends, *yardstick)[0]
+        return self._levels[number, down]
+
+    def draw(self, lane: int, generator: np.random.Generator) -> None:
+        """Draw scene, direction, start, rate, gap, force and phase."""
+        own = self.own
+        assert isinstance(self.runs, PooledRuns)
+        self.runs.which[lane] = number = int(self.drawn("scene", lane, float(generator.integers(len(self.scenes)))))
+        down = bool(generator.integers(2))
+        start, self.far[lane] = self._ends[int(down)]
+        self.sign[lane] = -1.0 if down else 1.0
+        self.ratio[lane] = start + self.sign[lane] * own.start_spread * generator.uniform()
+        self.rates[lane] = generator.uniform(*own.sweep_rates)
+        low, high = own.gap_starts
+        self.runs.orders["gap"][lane] = self._before[lane] = low * (high / low) ** generator.uniform()
+        self.friction[lane] = self._begin
+        self.place[lane] = 2 * math.log(self._begin / self.limits[0]) / math.log(self.limits[1] / self.limits[0]) - 1
+        self.force[lane] = force = self.draw_force(lane, generator)
+        self.level_scale[lane] = self._reference(number, down) * force
+        self._potential[lane] = 0.0
+        self.draw_phase(lane, generator)
+
+    def rate(self, actions: NDArray[Any]) -> Array:  # noqa: ARG002 - it is drawn
+        """Return the rates (L,) in % per 100 pseudo periods."""
+        return self.rates
+
+    def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
+        """Order walls and friction, and go on."""
+        shares = 0.5 * (actions.astype(np.float64) + 1)
+        self._before = self.runs.orders["gap"].copy()
+        wanted = spread(np.ascontiguousarray(shares[:, 0]), *self.drive.gap_limits)
+        self.runs.orders["gap"] = self.drive.towards(wanted, self._before, self.interval)
+        self.place = actions[:, 1].astype(np.float64)
+        self.runs.orders["limit"] = self.friction = spread(np.ascontiguousarray(shares[:, 1]), *self.limits)
+        return super().decide(actions)
+
+    def reward(self) -> Array:
+        """Return that of the passage, less the price of the walls' way."""
+        return super().reward() - self.own.price * np.abs(self.runs.orders["gap"] - self._before) / self.length
+
+    def level(self) -> Array:
+        """Return the RMS of the last interval in half-clearances."""
+        return np.sqrt(self.runs.reports["mean_square"]) / self.length
+
+    def values(self) -> Array:
+        """Return the scaled features (L, features)."""
+        values = super().values()
+        values[:, 10] = self.runs.orders["gap"] / self.length
+        values[:, 11] = self.place
+        values[:, 12] = self.rates / 4
+        return values
+
+    def describe(self) -> dict[str, Any]:
+        """Return the environment's arguments as plain values."""
+        return self.settings.describe() | asdict(self.own) | asdict(self.drive) | asdict(self.grip)
+
+    def info(self) -> dict[str, NDArray[Any]]:
+        """Return what info says of each lane."""
+        assert isinstance(self.runs, PooledRuns)
+        own = {"gap": self.runs.orders["gap"].copy(), "friction_limit": self.friction.copy(), "scene": self.runs.which.copy()}
+        return super().info() | own

@@ -1,0 +1,587 @@
+"""Loads as machines have them: unbalance, a base that moves, several tones, records, random spectra and shocks; and several of them at once.
+
+Every load is one record of pieces (`Pieces`), which the kernels take (`kernels/loads.py`): between two breakpoints it is
+Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the first of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import FASTEST, SLOWEST, Drive, FrequencySchedule
+from impact_env.parameters import count, finite, instance, listed, non_negative, one_of, positive, require, row
+from impact_env.scene import InitialState, Scene
+
+Array = NDArray[np.float64]
+FORCE, BASE = "force", "base_acceleration"
+QUANTITIES = (FORCE, BASE)  # N at the structure's force place, m/s^2 of its base
+PULSES = ("half-sine", "triangle", "trapezoid")
+MOST_SAMPLES = 2**22  # of a record: a piece of each is 80 bytes
+RANDOM_SAMPLES = 20  # of a random record, in a period of its highest frequency
+SAME_TIME = 1e-12  # of the duration: breakpoints closer than this are one
+EVEN = 1e-6  # of the sampling interval
+STARTS = ("middle", "lower-wall", "base-mean-rest")
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """A load between breakpoints ``times`` (K,) in s from 0: ``rows`` (K - 1, 9).
+
+    A row has frequency (rad/s), its rate (rad/s^2), phase at the start (rad), then real and imaginary parts of c0, c1 and c2, in N, or in m/s^2
+    where the load is of the kind that ``moves_base``.
+    """
+
+    times: Array
+    rows: Array
+    moves_base: bool
+
+
+@dataclass(frozen=True)
+class Member:
+    """What a member of an ensemble has of its own.
+
+    ``number``, 0 for the load itself, draws records and tones' phases; ``phase`` in rad is added to that of a load with a schedule; ``factor``
+    multiplies the amplitude.
+    """
+
+    number: int = 0
+    phase: float = 0.0
+    factor: float = 1.0
+
+
+@runtime_checkable
+class Load(Protocol):
+    """A load: how long it lasts in s, its pieces, and others of its kind."""
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces, a record for each tone."""
+
+    def member(self, other: Member) -> Load:
+        """Return the load of a member of an ensemble."""
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 whose mean is zero, 0 for a force."""
+
+
+class Still:
+    """A load that does not move the base."""
+
+    def base_velocity(self) -> float:
+        """Return 0."""
+        return 0.0
+
+
+def schedule_in(load: Load) -> FrequencySchedule | None:
+    """Return a load's frequency over time, None where it has none."""
+    found: FrequencySchedule | None = getattr(load, "schedule", None)
+    return found
+
+
+def _schedule_pieces(schedule: FrequencySchedule, order: float, phase: float, coefficients: Array, moves_base: bool) -> Pieces:
+    """Return what turns ``order`` times as fast as a schedule; ``coefficients`` (K - 1, 6) as in `Pieces`."""
+    omegas, steps = order * schedule.omegas, np.diff(schedule.times)
+    phases = phase + order * schedule.phase_at(schedule.times)
+    return Pieces(schedule.times, np.column_stack([omegas[:-1], np.diff(omegas) / steps, phases[:-1], coefficients]), moves_base)
+
+
+def _constant(schedule: FrequencySchedule, amplitude: float) -> Array:
+    coefficients = np.zeros((len(schedule.times) - 1, 6))
+    coefficients[:, 0] = amplitude
+    return coefficients
+
+
+def _squared(schedule: FrequencySchedule, factor: float) -> Array:
+    """Return the coefficients of ``factor`` omega(t)^2."""
+    coefficients, omega = np.zeros((len(schedule.times) - 1, 6)), schedule.omegas[:-1]
+    rate = np.diff(schedule.omegas) / np.diff(schedule.times)
+    coefficients[:, 0], coefficients[:, 2], coefficients[:, 4] = factor * omega**2, 2 * factor * omega * rate, factor * rate**2
+    return coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class Force(Still):
+    """The harmonic force of a `Drive`, beside other loads."""
+
+    drive: Drive
+
+    def __post_init__(self) -> None:
+        instance("drive", self.drive, Drive)
+
+    @property
+    def schedule(self) -> FrequencySchedule:
+        """Return its frequency over time."""
+        return self.drive.schedule
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return float(self.schedule.times[-1])
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces."""
+        return [_schedule_pieces(self.schedule, 1.0, self.drive.phase, _constant(self.schedule, self.drive.amplitude), False)]
+
+    def member(self, other: Member) -> Force:
+        """Return the load of a member of an ensemble."""
+        return Force(replace(self.drive, amplitude=other.factor * self.drive.amplitude, phase=self.drive.phase + other.phase))
+
+
+@dataclass(frozen=True, eq=False)
+class Unbalance(Still):
+    """A rotor's unbalance U (kg m) at the force's place: U omega(t)^2 cos(integral of omega + phase), a run-up or a run-down.
+
+    The tangential part, U times the rate of omega, is left out: it is smaller by rate over omega^2.
+    """
+
+    unbalance: float
+    schedule: FrequencySchedule
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "unbalance", finite("unbalance", self.unbalance))
+        object.__setattr__(self, "phase", finite("phase", self.phase))
+        instance("schedule", self.schedule, FrequencySchedule)
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return float(self.schedule.times[-1])
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces."""
+        return [_schedule_pieces(self.schedule, 1.0, self.phase, _squared(self.schedule, self.unbalance), False)]
+
+    def member(self, other: Member) -> Unbalance:
+        """Return the load of a member of an ensemble."""
+        return replace(self, unbalance=other.factor * self.unbalance, phase=self.phase + other.phase)
+
+
+@dataclass(frozen=True, eq=False)
+class ShakenBase:
+    """A base whose ``acceleration`` (m/s^2) or ``displacement`` (m) is that amplitude times cos(integral of omega + phase)."""
+
+    schedule: FrequencySchedule
+    acceleration: float | None = None
+    displacement: float | None = None
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        instance("schedule", self.schedule, FrequencySchedule)
+        given = [name for name in ("acceleration", "displacement") if getattr(self, name) is not None]
+        require(len(given) == 1, "acceleration", self.acceleration, "given, or a displacement in its place: one of the two")
+        for name in (*given, "phase"):
+            object.__setattr__(self, name, finite(name, getattr(self, name)))
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return float(self.schedule.times[-1])
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces; of a displacement U cos(phase) the acceleration is -U (omega^2 cos(phase) + rate sin(phase))."""
+        if self.acceleration is not None:
+            return [_schedule_pieces(self.schedule, 1.0, self.phase, _constant(self.schedule, self.acceleration), True)]
+        assert self.displacement is not None
+        coefficients = _squared(self.schedule, -self.displacement)
+        coefficients[:, 1] = self.displacement * np.diff(self.schedule.omegas) / np.diff(self.schedule.times)
+        return [_schedule_pieces(self.schedule, 1.0, self.phase, coefficients, True)]
+
+    def member(self, other: Member) -> ShakenBase:
+        """Return the load of a member of an ensemble."""
+        amplitude = {name: other.factor * getattr(self, name) for name in ("acceleration", "displacement") if getattr(self, name) is not None}
+        return replace(self, phase=self.phase + other.phase, **amplitude)
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        omega = float(self.schedule.omegas[0])
+        if self.displacement is not None:
+            return float(-self.displacement * omega * np.sin(self.phase))
+        assert self.acceleration is not None
+        require(omega > 0, "omegas", omega, "above 0 at the start, for a base whose mean is at rest")
+        return float(self.acceleration / omega * np.sin(self.phase))
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A tone: ``amplitude`` in N or m/s^2, ``phase`` in rad, and either ``frequency`` in Hz or, of a schedule, ``order``."""
+
+    amplitude: float
+    frequency: float | None = None
+    order: float | None = None
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "phase"):
+            object.__setattr__(self, name, finite(name, getattr(self, name)))
+        require((self.frequency is None) != (self.order is None), "frequency", self.frequency, "given, or an order in its place: one of the two")
+        if self.frequency is not None:
+            object.__setattr__(self, "frequency", positive("frequency", self.frequency))
+        if self.order is not None:
+            object.__setattr__(self, "order", positive("order", self.order))
+
+
+@dataclass(frozen=True, eq=False)
+class Tones:
+    """Several tones at once: of fixed frequencies for a ``duration`` in s, or all of them orders of a ``schedule``."""
+
+    tones: tuple[Tone, ...]
+    length: float | None = None
+    schedule: FrequencySchedule | None = None
+    quantity: str = FORCE
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tones", tuple(instance("tones", tone, Tone) for tone in listed("tones", self.tones)))
+        require(len(self.tones) > 0, "tones", self.tones, "one or more")
+        one_of("quantity", self.quantity, QUANTITIES)
+        instance("schedule", self.schedule, FrequencySchedule | None)
+        for tone in self.tones:
+            require((tone.order is None) == (self.schedule is None), "tones", tone, "an order for each with a schedule, else a frequency for each")
+        if self.schedule is None:
+            require(self.length is not None, "length", self.length, "given, in s, for tones of fixed frequencies")
+            object.__setattr__(self, "length", positive("length", self.length))
+        else:
+            require(self.length is None, "length", self.length, "left out beside a schedule")
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        if self.schedule is not None:
+            return float(self.schedule.times[-1])
+        assert self.length is not None
+        return self.length
+
+    def pieces(self) -> list[Pieces]:
+        """Return the pieces of each tone."""
+        return [_schedule_pieces(*self._turning(tone), tone.phase, self._size(tone), self.quantity == BASE) for tone in self.tones]
+
+    def _turning(self, tone: Tone) -> tuple[FrequencySchedule, float]:
+        if self.schedule is not None:
+            assert tone.order is not None
+            return self.schedule, tone.order
+        assert tone.frequency is not None
+        omega = 2 * np.pi * tone.frequency
+        return FrequencySchedule(np.array([0.0, self.duration]), np.full(2, omega), 2 * np.pi / self.duration), 1.0
+
+    def _size(self, tone: Tone) -> Array:
+        return _constant(self._turning(tone)[0], tone.amplitude)
+
+    def member(self, other: Member) -> Tones:
+        """Return the load of a member of an ensemble: every tone has a phase of its own."""
+        drawn = np.random.default_rng([other.number, len(self.tones)]).uniform(0, 2 * np.pi, len(self.tones))
+        phases = drawn if other.number > 0 else np.zeros(len(self.tones))
+        tones = (
+            replace(tone, amplitude=other.factor * tone.amplitude, phase=tone.phase + float(p)) for tone, p in zip(self.tones, phases, strict=True)
+        )
+        return replace(self, tones=tuple(tones))
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        if self.quantity == FORCE:
+            return 0.0
+        speeds = [float(schedule.omegas[0]) * order for schedule, order in map(self._turning, self.tones)]
+        require(min(speeds) > 0, "schedule", min(speeds), "frequencies above 0 at the start, for a base whose mean is at rest")
+        return float(sum(tone.amplitude / speed * np.sin(tone.phase) for tone, speed in zip(self.tones, speeds, strict=True)))
+
+
+def _lines(times: Array, values: Array, moves_base: bool) -> Pieces:
+    """Return straight lines between values (K,) at times (K,), which may have one time twice: a jump."""
+    steps = np.diff(times)
+    kept = steps > 0
+    rows = np.zeros((int(np.sum(kept)), 9))
+    rows[:, 3] = values[:-1][kept]
+    rows[:, 5] = (np.diff(values)[kept]) / steps[kept]
+    return Pieces(np.append(times[:-1][kept], times[-1]), rows, moves_base)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A record: ``values`` (K,) in N or m/s^2 at even ``times`` (K,) in s from 0, with straight lines between them."""
+
+    times: Array
+    values: Array
+    quantity: str = FORCE
+
+    def __post_init__(self) -> None:
+        one_of("quantity", self.quantity, QUANTITIES)
+        size = np.size(self.times)
+        allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {size}: cut the record, or take every second one"
+        require(size <= MOST_SAMPLES, "samples", size, allowed)
+        times, values = row("times", self.times, "two or more finite times in s"), row("values", self.values, "finite numbers, one for each time")
+        require(len(times) >= 2 and len(times) == len(values), "times", f"{len(times)} times and {len(values)} values", "as many, two or more")
+        steps = np.diff(times)
+        require(times[0] == 0 and bool(np.all(steps > 0)), "times", times[: min(4, len(times))].tolist(), "strictly rising from 0")
+        step = float(times[-1]) / len(steps)
+        odd = np.flatnonzero(np.abs(times - step * np.arange(len(times))) > EVEN * step)
+        where = int(odd[0]) if len(odd) else 0
+        require(len(odd) == 0, f"times[{where}]", float(times[where]), f"even steps of {step:g} s, here {where * step:g}: resample the record")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "values", values)
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return float(self.times[-1])
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces."""
+        return [_lines(self.times, self.values, self.quantity == BASE)]
+
+    def member(self, other: Member) -> Samples:
+        """Return the load of a member of an ensemble: the record is the same."""
+        return replace(self, values=other.factor * self.values)
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        if self.quantity == FORCE:
+            return 0.0
+        steps, a = np.diff(self.times), self.values
+        change = np.concatenate([[0.0], np.cumsum(steps * (a[1:] + a[:-1]) / 2)])
+        area = np.sum(steps * (change[:-1] + steps * (2 * a[:-1] + a[1:]) / 6))  # of a parabola in each step
+        return float(-area / self.duration)
+
+
+@dataclass(frozen=True, eq=False)
+class Random:
+    """A random record of a one-sided ``spectrum`` (P, 2): Hz, and N^2/Hz or (m/s^2)^2/Hz; between points log-log straight, outside zero.
+
+    A Gaussian record that repeats after its ``duration`` in s: lines at whole multiples of 1/duration, whose amplitudes and phases are drawn by
+    ``seed`` and ``number`` of the record. It is sampled at `RANDOM_SAMPLES` times its highest frequency; straight lines between samples lower a line
+    of frequency f by sinc(f/rate)^2, by which each is raised.
+    """
+
+    spectrum: Array
+    length: float
+    seed: int = 0
+    quantity: str = FORCE
+    number: int = 0
+    factor: float = 1.0
+
+    def __post_init__(self) -> None:
+        one_of("quantity", self.quantity, QUANTITIES)
+        object.__setattr__(self, "length", positive("length", self.length))
+        count("seed", self.seed, 0)
+        allowed = "two or more pairs [Hz, value], frequencies strictly rising from above 0, values above 0"
+        spectrum = row("spectrum", self.spectrum, allowed, axes=2)
+        require(spectrum.shape[1] == 2 and len(spectrum) >= 2 and bool(np.all(spectrum > 0)), "spectrum", self.spectrum, allowed)
+        require(bool(np.all(np.diff(spectrum[:, 0]) > 0)), "spectrum", self.spectrum, allowed)
+        object.__setattr__(self, "spectrum", spectrum)
+        require(len(self.lines) > 0, "spectrum", self.spectrum.tolist(), f"a band with a multiple of {1 / self.length:g} Hz, one over the duration")
+        samples = self._samples
+        allowed = f"at most {MOST_SAMPLES} samples, {80 * MOST_SAMPLES / 2**20:.0f} MiB, not {samples}: a shorter one, or a lower band"
+        require(samples <= MOST_SAMPLES, "length", self.length, allowed)
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return self.length
+
+    @property
+    def _samples(self) -> int:
+        return int(np.ceil(RANDOM_SAMPLES * float(self.spectrum[-1, 0]) * self.length))
+
+    @property
+    def lines(self) -> NDArray[np.int64]:
+        """Return the numbers of the lines, multiples of 1/duration."""
+        low, high = self.spectrum[[0, -1], 0] * self.length
+        return np.arange(int(np.ceil(low * (1 - 1e-12))), int(np.floor(high * (1 + 1e-12))) + 1)
+
+    def amplitudes(self) -> NDArray[np.complex128]:
+        """Return the complex amplitude of each line."""
+        frequency = np.clip(self.lines / self.length, self.spectrum[0, 0], self.spectrum[-1, 0])
+        density = np.exp(np.interp(np.log(frequency), *np.log(self.spectrum.T)))
+        drawn = np.random.default_rng([self.seed, self.number]).standard_normal((2, len(frequency)))
+        return np.asarray(self.factor * np.sqrt(density / self.length) * (drawn[0] + 1j * drawn[1]))
+
+    def record(self) -> Samples:
+        """Return the sampled record."""
+        n, lines = self._samples, self.lines
+        whole = np.zeros(n // 2 + 1, complex)
+        whole[lines] = self.amplitudes() / np.sinc(lines / n) ** 2
+        values = np.fft.irfft(whole * n / 2, n)
+        return Samples(np.asarray(self.length / n * np.arange(n + 1)), np.append(values, values[0]), self.quantity)
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces."""
+        return self.record().pieces()
+
+    def share_above(self, frequency: float) -> float:
+        """Return which share of the mean square lies above a frequency in Hz."""
+        sizes = np.abs(self.amplitudes()) ** 2
+        return float(np.sum(sizes[self.lines > frequency * self.length]) / np.sum(sizes))
+
+    def member(self, other: Member) -> Random:
+        """Return the load of a member of an ensemble: another record."""
+        return replace(self, number=self.number + other.number, factor=other.factor * self.factor)
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        return self.record().base_velocity()
+
+
+@dataclass(frozen=True, eq=False)
+class Shock(Still):
+    """A pulse of a ``peak`` in N or m/s^2 that takes ``width`` seconds, then nothing until ``length``; a trapezoid rises and falls in ``rise`` s.
+
+    A base is at rest before it.
+    """
+
+    pulse: str
+    peak: float
+    width: float
+    length: float
+    rise: float | None = None
+    quantity: str = FORCE
+
+    def __post_init__(self) -> None:
+        one_of("pulse", self.pulse, PULSES), one_of("quantity", self.quantity, QUANTITIES)
+        object.__setattr__(self, "peak", finite("peak", self.peak))
+        object.__setattr__(self, "width", positive("width", self.width))
+        object.__setattr__(self, "length", positive("length", self.length))
+        require(self.width <= self.length, "length", self.length, f"{self.width:g} s or more, as long as the pulse")
+        require((self.rise is not None) == (self.pulse == "trapezoid"), "rise", self.rise, "given for a trapezoid, else left out")
+        if self.rise is not None:
+            object.__setattr__(self, "rise", non_negative("rise", self.rise, self.width / 2))
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return self.length
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces."""
+        base, end, peak, width = self.quantity == BASE, self.length, self.peak, self.width
+        if self.pulse == "half-sine":
+            times = np.array([0.0, width] + [end] * (end > width))
+            rows = np.zeros((len(times) - 1, 9))
+            rows[0, :4] = np.pi / width, 0.0, -np.pi / 2, peak
+            return [Pieces(times, rows, base)]
+        rise = width / 2 if self.rise is None else self.rise
+        times = np.array([0.0, rise, width - rise, width, end])
+        return [_lines(times, np.array([0.0, peak, peak, 0.0, 0.0]), base)]
+
+    def member(self, other: Member) -> Shock:
+        """Return the load of a member of an ensemble: the pulse is the same."""
+        return replace(self, peak=other.factor * self.peak)
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Loads that act together, of one duration; ``reference`` in rad/s defines the pseudo period, and is a schedule's where there is one.
+
+    ``start`` is the state at time 0, in coordinates relative to the base. "middle": all at rest relative to the base, the absorber in the middle of
+    its cavity; "lower-wall": the same, the absorber on its lower wall; "base-mean-rest": the base already moves about a mean at rest, and structure
+    and absorber are at rest in space, undeformed.
+    """
+
+    parts: tuple[Load, ...]
+    reference: float | None = None
+    start: str | InitialState = STARTS[0]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", tuple(instance("loads", part, Load) for part in listed("loads", self.parts)))
+        require(len(self.parts) > 0, "loads", self.parts, "one or more")
+        durations = [part.duration for part in self.parts]
+        ok = max(durations) - min(durations) <= SAME_TIME * max(durations)
+        require(ok, "duration", durations, "the same for all loads that act together")
+        known = [found for found in map(schedule_in, self.parts) if found is not None]
+        if self.reference is None:
+            require(len(known) > 0, "reference", None, "given, in rad/s, for loads without a schedule")
+            object.__setattr__(self, "reference", known[0].reference)
+        object.__setattr__(self, "reference", positive("reference frequency", self.reference, SLOWEST, FASTEST))
+        if not isinstance(self.start, InitialState):
+            one_of("start", self.start, STARTS)
+
+    @property
+    def schedule(self) -> FrequencySchedule:
+        """Return the frequency over time that responses are told by: the first schedule, else the reference for as long as the loads last."""
+        assert self.reference is not None
+        for found in map(schedule_in, self.parts):
+            if found is not None:
+                return FrequencySchedule(found.times, found.omegas, self.reference)
+        return FrequencySchedule(np.array([0.0, self.parts[0].duration]), np.full(2, self.reference), self.reference)
+
+    @property
+    def moves_base(self) -> bool:
+        """Return whether the base moves."""
+        return any(piece.moves_base for piece in self._pieces)
+
+    @property
+    def _pieces(self) -> list[Pieces]:
+        return [piece for part in self.parts for piece in part.pieces()]
+
+    def member(self, other: Member) -> Loads:
+        """Return the loads of a member of an ensemble."""
+        return replace(self, parts=tuple(part.member(other) for part in self.parts))
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        return sum(part.base_velocity() for part in self.parts)
+
+    def initial(self, scene: Scene) -> InitialState:
+        """Return the state at time 0 that ``start`` says. Raises ParameterError where a scene has no such start."""
+        if isinstance(self.start, InitialState) or self.start == "middle":
+            return self.start if isinstance(self.start, InitialState) else InitialState()
+        if self.start == "lower-wall":
+            walls = scene.cavity(0)
+            require(walls is not None, "start", self.start, "one of the others without rigid walls: there is none to rest on")
+            assert walls is not None
+            return InitialState(absorber_displacement=-walls.gap)
+        participation = scene.model.base_participation
+        require(self.moves_base and participation is not None, "start", self.start, "one of the others where the base does not move")
+        assert participation is not None
+        speed = self.base_velocity()
+        return InitialState(modal_velocity=-speed * participation, absorber_velocity=-scene.model.base_at_absorber * speed)
+
+    def on_one_clock(self) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.bool_]]:
+        """Return breakpoints (K,) in s, all pieces (P, 10), a time and a row of `Pieces`, which act (K - 1, n), and which loads move the base."""
+        sources = self._pieces
+        times = np.unique(np.concatenate([source.times for source in sources]))
+        near = np.append(np.diff(times) > SAME_TIME * times[-1], True)
+        times = times[near]
+        times[0] = 0.0
+        middles = (times[1:] + times[:-1]) / 2
+        first, rows, which = 0, [], []
+        for source in sources:
+            rows.append(np.column_stack([source.times[:-1], source.rows]))
+            which.append(first + np.clip(np.searchsorted(source.times, middles, side="right") - 1, 0, len(source.rows) - 1))
+            first += len(source.rows)
+        return times, np.vstack(rows), np.column_stack(which).astype(np.int64), np.array([source.moves_base for source in sources])
+
+
+AnyDrive = Drive | Loads
+
+
+def largest(drive: AnyDrive) -> float:
+    """Return the highest frequency (rad/s) of a drive at which it has a share, 0 for none."""
+    if isinstance(drive, Drive):
+        return float(np.max(drive.schedule.omegas)) if drive.amplitude != 0 else 0.0
+    highest = 0.0
+    for piece in drive._pieces:
+        steps, rows = np.diff(piece.times), piece.rows
+        acts = np.any(rows[:, 3:] != 0, axis=1)
+        ends = np.maximum(rows[:, 0], rows[:, 0] + rows[:, 1] * steps)
+        highest = max(highest, float(np.max(ends[acts], initial=0.0)))
+    return highest
+
+
+def members_of(drive: AnyDrive, phases: Sequence[float], factors: Sequence[float]) -> list[AnyDrive]:
+    """Return the drive of each member of an ensemble."""
+    if isinstance(drive, Drive):
+        return [Drive(drive.amplitude * float(f), drive.schedule, drive.phase + float(p)) for p, f in zip(phases, factors, strict=True)]
+    return [drive.member(Member(k, float(p), float(f))) for k, (p, f) in enumerate(zip(phases, factors, strict=True))]
+
+
+def amplitude_in_words(drive: AnyDrive, *, phase: bool = True) -> str:
+    """Return a drive's size for people."""
+    if isinstance(drive, Drive):
+        return f"{drive.amplitude:g} N{f', phase {drive.phase:g} rad' if phase else ''}"
+    return " and ".join(type(part).__name__.lower() for part in drive.parts)

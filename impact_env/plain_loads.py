@@ -1,0 +1,321 @@
+"""Loads as plain data: `[load]`, or `[[load]]` several times, of a TOML or JSON file, and the records that they name. docs/loads.md is the form.
+
+Names of other files are relative to the folder of the file. Everything that does not fit is a ParameterError with key, value and what is allowed.
+"""
+
+from __future__ import annotations
+
+import csv
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io.wavfile
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive, FrequencySchedule
+from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form, require_keys
+from impact_env.loads import (
+    BASE,
+    FORCE,
+    QUANTITIES,
+    STARTS,
+    Force,
+    Load,
+    Loads,
+    Random,
+    Samples,
+    ShakenBase,
+    Shock,
+    Tone,
+    Tones,
+    Unbalance,
+    schedule_in,
+)
+from impact_env.parameters import ParameterError, finite, instance, one_of, positive, require
+from impact_env.plain import SCHEDULE
+from impact_env.plain_files import read_plain
+from impact_env.plain_structures import TEXT
+from impact_env.scene import InitialState
+from impact_env.structures.universal import read_record
+
+Array = NDArray[np.float64]
+CLIPPED = 8  # samples in a row at a record's largest or smallest value: what a converter gives beyond its range
+UNEVEN = 1e-3  # of the sampling interval: what written times are rounded to
+
+
+def _tones(keys: Keys) -> Callable[[str, Any], tuple[Tone, ...]]:
+    sort = form(Tone, keys)
+
+    def read(path: str, plain: Any) -> tuple[Tone, ...]:
+        require(isinstance(plain, list | tuple), path, plain, f"a list of tables with the keys {', '.join(keys)}")
+        return tuple(sort.read(f"{path}[{i}]", part) for i, part in enumerate(plain))
+
+    return read
+
+
+def _sizes(quantity: str) -> str:
+    return "amplitude_n" if quantity == FORCE else "amplitude_m_s2"
+
+
+def _tone_keys(quantity: str, name: str, key: str) -> Keys:
+    return {_sizes(quantity): ("amplitude", NUMBER), key: (name, NUMBER), "phase_rad": ("phase", NUMBER)}
+
+
+def _read_tones(path: str, plain: Mapping[str, Any], quantity: str) -> Tones:
+    fixed = Sort(_tones(_tone_keys(quantity, "frequency", "frequency_hz")), list)
+    ordered = Sort(_tones(_tone_keys(quantity, "order", "order")), list)
+    keys: Keys = {"tones": ("tones", fixed), "duration_s": ("length", NUMBER)}
+    if "orders" in plain or "schedule" in plain:
+        keys = {"orders": ("tones", ordered), "schedule": ("schedule", SCHEDULE)}
+        require_keys(path, plain, keys, ("orders", "schedule"))
+    found: Tones = _made(Tones, path, plain, keys, quantity=quantity)
+    return found
+
+
+def _made(make: Callable[..., Any], path: str, plain: Mapping[str, Any], keys: Keys, **fixed: Any) -> Any:
+    """Return what ``make`` gives for a table with these keys, and ``fixed`` arguments."""
+
+    def fill(**given: Any) -> Any:
+        return make(**given, **fixed)
+
+    fill.__signature__ = _without(make, fixed)  # type: ignore[attr-defined]
+    return form(fill, keys).read(path, plain)
+
+
+def _without(make: Callable[..., Any], fixed: Mapping[str, Any]) -> Any:
+    signature = inspect.signature(make)
+    return signature.replace(parameters=[p for name, p in signature.parameters.items() if name not in fixed])
+
+
+def _force(amplitude: float, schedule: FrequencySchedule, phase: float = 0.0) -> Force:
+    return Force(Drive(amplitude, schedule, phase))
+
+
+def _unit(quantity: str, force: str, base: str) -> str:
+    return force if quantity == FORCE else base
+
+
+def _read_random(path: str, plain: Mapping[str, Any], quantity: str) -> Random:
+    keys: Keys = {"spectrum": ("spectrum", ROWS), "duration_s": ("length", NUMBER), "seed": ("seed", WHOLE)}
+    found: Random = _made(Random, path, plain, keys, quantity=quantity)
+    return found
+
+
+def _read_shock(path: str, plain: Mapping[str, Any], quantity: str) -> Shock:
+    keys: Keys = {
+        "pulse": ("pulse", TEXT),
+        _unit(quantity, "peak_n", "peak_m_s2"): ("peak", NUMBER),
+        "pulse_s": ("width", NUMBER),
+        "rise_s": ("rise", NUMBER),
+        "duration_s": ("length", NUMBER),
+    }
+    found: Shock = _made(Shock, path, plain, keys, quantity=quantity)
+    return found
+
+
+SAMPLE_KEYS = ("file", "scale", "sample_rate_hz", "resample")
+
+
+def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Path) -> Samples:
+    require_keys(path, plain, dict.fromkeys(SAMPLE_KEYS), ("file",))
+    file = folder / TEXT.read(f"{path}.file", plain["file"])
+    reader = RECORDS.get(file.suffix.lower())
+    if reader is None:
+        raise ParameterError(f"{path}.file = {plain['file']!r} is not allowed: a name that ends in {', '.join(RECORDS)}")
+    rate = None if "sample_rate_hz" not in plain else positive(f"{path}.sample_rate_hz", plain["sample_rate_hz"])
+    allowed = f"given for {file.name}, in N or m/s^2 for full scale: a sound has no unit"
+    require("scale" in plain or file.suffix.lower() != ".wav", f"{path}.scale", None, allowed)
+    try:
+        times, values = reader(file, rate)
+        times, values = _evened(file, times, values, plain.get("resample", False))
+        _refuse_clipped(file, values)
+        return Samples(times, finite("scale", plain.get("scale", 1.0)) * values, quantity)
+    except OSError as error:
+        raise ParameterError(f"{path}.file = {plain['file']!r} is not allowed: a file that can be read ({error.strerror or error})") from error
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from error
+
+
+def _evened(file: Path, times: Array, values: Array, resample: Any) -> tuple[Array, Array]:
+    """Return a record from time 0 at even steps; one that is not even is refused unless it is to be resampled, by straight lines."""
+    require(len(times) >= 2, f"{file.name}: rows", len(times), "two samples or more")
+    times, header = times - times[0], 1 if file.suffix.lower() == ".csv" else 0
+    steps = np.diff(times)
+    step = float(np.median(steps))
+
+    def place(sample: int) -> str:
+        return f"{file.name}: time in row {sample + 2 + header}"
+
+    for k in np.flatnonzero(~(steps > 0))[:1]:
+        require(False, place(k), float(times[k + 1]), "later than that in the row before")
+    odd = np.flatnonzero(np.abs(steps - step) > UNEVEN * step)
+    if len(odd) == 0:
+        return np.asarray(float(times[-1]) / len(steps) * np.arange(len(times))), values
+    if instance(f"{file.name}: resample", resample, bool):
+        even = np.linspace(0, float(times[-1]), 1 + round(float(times[-1]) / step))
+        return even, np.asarray(np.interp(even, times, values))
+    k = int(odd[0])
+    allowed = f"steps of {step:g} s as elsewhere, not {steps[k]:g} s; resample = true takes straight lines between samples"
+    raise ParameterError(f"{place(k)} = {times[k + 1]:g} is not allowed: {allowed}")
+
+
+def _refuse_clipped(file: Path, values: Array) -> None:
+    """Refuse a record that stays at its largest or smallest value: it was cut off."""
+    for extreme in (float(np.max(values)), float(np.min(values))):
+        at = np.flatnonzero(values == extreme)
+        runs = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
+        longest = max(runs, key=len)
+        if extreme != 0 and CLIPPED <= len(longest) < len(values):
+            allowed = f"fewer than {CLIPPED} samples in a row at the record's limit: it is clipped from row {int(longest[0]) + 1} on"
+            raise ParameterError(f"{file.name}: value = {extreme:g} is not allowed: {allowed}")
+
+
+def _clock(file: Path, rate: float | None, count: int) -> Array:
+    require(rate is not None, "sample_rate_hz", rate, f"given for {file.name}, which has no times")
+    assert rate is not None
+    return np.arange(count) / rate
+
+
+def _checked(file: Path, values: Any) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    bad = np.argwhere(~np.isfinite(array))
+    where = f"{file.name}: row {int(bad[0][0]) + 1}" if len(bad) else file.name
+    require(len(bad) == 0, where, float(array[tuple(bad[0])]) if len(bad) else 0.0, "a finite number, no gap")
+    return array
+
+
+def _read_csv(file: Path, rate: float | None) -> tuple[Array, Array]:
+    """Return times and values of a table with a header: time in s, value; or values alone, which need a rate."""
+    rows = []
+    with file.open(newline="", encoding="utf-8") as text:
+        lines = csv.reader(text)
+        header = next(lines, [])
+        try:
+            [float(cell) for cell in header]
+        except ValueError:
+            pass
+        else:
+            raise ParameterError(f"{file.name}: row 1 = {header!r} is not allowed: a header, as time_s,value")
+        for number, cells in enumerate(lines, 2):
+            if not cells:
+                continue
+            try:
+                found = [float(cell) for cell in cells]
+            except ValueError:
+                raise ParameterError(f"{file.name}: row {number} = {cells!r} is not allowed: numbers, no gap") from None
+            require(
+                len(found) == len(header) <= 2 and all(map(math.isfinite, found)), f"{file.name}: row {number}", cells, "time in s and a finite value"
+            )
+            rows.append(found)
+    table = np.array(rows).reshape(len(rows), len(header))
+    if len(header) == 1:
+        return _clock(file, rate, len(table)), table[:, 0]
+    require(rate is None, "sample_rate_hz", rate, f"left out for {file.name}, which has times")
+    return table[:, 0], table[:, 1]
+
+
+def _read_wav(file: Path, rate: float | None) -> tuple[Array, Array]:
+    """Return times and values of the one channel of a sound file, whose full scale is 1."""
+    require(rate is None, "sample_rate_hz", rate, f"left out for {file.name}, which has its own")
+    try:
+        own, values = scipy.io.wavfile.read(file)
+    except ValueError as error:
+        raise ParameterError(f"file = {file.name!r} is not allowed: a WAV file that can be read ({error})") from error
+    require(values.ndim == 1, f"{file.name}: channels", values.shape[-1] if values.ndim > 1 else 1, "one")
+    full, middle = (1.0, 0.0) if values.dtype.kind == "f" else (float(np.iinfo(values.dtype).max) + 1, 0.0)
+    if values.dtype == np.uint8:
+        full, middle = 128.0, 128.0
+    return np.arange(len(values)) / own, (_checked(file, values) - middle) / full
+
+
+def _read_npy(file: Path, rate: float | None) -> tuple[Array, Array]:
+    """Return times and values of an array (K, 2), or of values (K,) that need a rate."""
+    try:
+        values = _checked(file, np.load(file, allow_pickle=False))
+    except ValueError as error:
+        if isinstance(error, ParameterError):
+            raise
+        raise ParameterError(f"file = {file.name!r} is not allowed: an array of numbers ({error})") from error
+    if values.ndim == 1:
+        return _clock(file, rate, len(values)), values
+    require(values.ndim == 2 and values.shape[1] == 2, f"{file.name}: shape", values.shape, "(K,) values, or (K, 2) times and values")
+    require(rate is None, "sample_rate_hz", rate, f"left out for {file.name}, which has times")
+    return values[:, 0], values[:, 1]
+
+
+def _read_uff(file: Path, rate: float | None) -> tuple[Array, Array]:
+    """Return times and values of the one record of a Universal File, data set 58."""
+    require(rate is None, "sample_rate_hz", rate, f"left out for {file.name}, which has its own")
+    times, values = read_record(file)
+    return times, _checked(file, values)
+
+
+Reader = Callable[[Path, float | None], tuple[Array, Array]]
+RECORDS: dict[str, Reader] = {".csv": _read_csv, ".wav": _read_wav, ".npy": _read_npy, ".uff": _read_uff, ".unv": _read_uff}
+WITH_SCHEDULE: Keys = {"phase_rad": ("phase", NUMBER), "schedule": ("schedule", SCHEDULE)}
+
+
+def _read_base(path: str, plain: Mapping[str, Any], folder: Path) -> Load:
+    """Return a base that moves: harmonic, or the tones, samples, spectrum or pulse of another kind with this quantity."""
+    kinds: dict[str, Callable[..., Load]] = {"tones": _read_tones, "orders": _read_tones, "spectrum": _read_random, "pulse": _read_shock}
+    for key, read in kinds.items():
+        if key in plain:
+            return read(path, plain, BASE)
+    if "file" in plain:
+        return _read_samples(path, plain, BASE, folder)
+    keys: Keys = {"acceleration_m_s2": ("acceleration", NUMBER), "displacement_m": ("displacement", NUMBER), **WITH_SCHEDULE}
+    found: ShakenBase = form(ShakenBase, keys).read(path, plain)
+    return found
+
+
+def _read_one(path: str, plain: Any, folder: Path) -> Load:
+    require(isinstance(plain, Mapping), path, plain, f"a table whose kind is one of {', '.join(KINDS)}")
+    kind = one_of(f"{path}.kind", plain.get("kind"), KINDS)
+    rest = {key: value for key, value in plain.items() if key not in ("kind", "quantity")}
+    if "quantity" in plain:
+        require(kind not in ("force", "unbalance"), f"{path}.quantity", plain["quantity"], f"left out of a load of the kind {kind}")
+    quantity = one_of(f"{path}.quantity", plain.get("quantity", BASE if kind == "base" else FORCE), QUANTITIES)
+    require(kind != "base" or quantity == BASE, f"{path}.quantity", quantity, f"{BASE}, or left out, of a base")
+    if kind in ("force", "unbalance"):
+        make, key, name = (_force, "amplitude_n", "amplitude") if kind == "force" else (Unbalance, "unbalance_kg_m", "unbalance")
+        found: Load = form(make, {key: (name, NUMBER), **WITH_SCHEDULE}).read(path, rest)
+        return found
+    if kind == "base":
+        return _read_base(path, rest, folder)
+    if kind == "samples":
+        return _read_samples(path, rest, quantity, folder)
+    read: dict[str, Callable[..., Load]] = {"tones": _read_tones, "random": _read_random, "shock": _read_shock}
+    return read[kind](path, rest, quantity)
+
+
+KINDS = ("force", "unbalance", "base", "tones", "samples", "random", "shock")
+START_KEYS: Keys = {
+    "modal_displacement": ("modal_displacement", ROW),
+    "modal_velocity": ("modal_velocity", ROW),
+    "absorber_displacement_m": ("absorber_displacement", NUMBER),
+    "absorber_velocity_m_s": ("absorber_velocity", NUMBER),
+}
+
+
+def to_loads(plain: Mapping[str, Any], reference: float, folder: Path | None = None) -> Loads:
+    """Return the loads of a plain form, a table ``load`` or a list of them, with its ``start``, one of `loads.STARTS` or a state.
+
+    ``reference``: frequency in rad/s of the pseudo period where no load has a schedule. Raises ParameterError for all that does not fit.
+    """
+    require_keys("load file", plain, dict.fromkeys(("load", "start")), ("load",))
+    several = isinstance(plain["load"], list | tuple)
+    every = plain["load"] if several else [plain["load"]]
+    parts = tuple(_read_one(f"load[{i}]" if several else "load", one, folder or Path()) for i, one in enumerate(every))
+    start = plain.get("start", STARTS[0])
+    if isinstance(start, Mapping):
+        start = form(InitialState, START_KEYS).read("start", start)
+    return Loads(parts, None if any(schedule_in(part) for part in parts) else reference, start)
+
+
+def read_loads(path: Path, reference: float) -> Loads:
+    """Return the loads of a file; ``reference`` and errors as of `to_loads`."""
+    return to_loads(read_plain(path), reference, path.parent)

@@ -1,0 +1,93 @@
+"""Kernels that are not kept yet are compiled by a process of its own, so that who needs them can wait, show how long, or do something else."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+
+from impact_env.alongside import is_kept
+from impact_env.drive import Drive, constant_frequency
+from impact_env.families import kernel_key
+from impact_env.kernels.jit import COMPILED
+from impact_env.methods import Exact, Method
+from impact_env.parameters import instance, non_negative
+from impact_env.response import Record
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
+
+FORCE, PERIODS = 1e-3, 1.0  # N, pseudo periods: nothing needs to happen, only to be compiled
+CHILD = "import pickle, sys; sys.path[:] = {path!r}; from impact_env.first_use import quiet\nwith quiet(): pickle.load(sys.stdin.buffer)()"
+
+
+def short_run(scene: Scene, method: Method | None = None, record: Record | None = None) -> None:
+    """Make the shortest run that needs the kernels of a scene, a method and a record."""
+    simulate(scene, Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, PERIODS)), method, record=record)
+
+
+def is_ready(scene: Scene, method: Method | None = None, record: Record | None = None) -> bool:
+    """Return whether `simulate` with these compiles nothing (and load what is kept, in up to half a second).
+
+    Raises ParameterError if the method (default: Exact) cannot do the scene.
+    """
+    _checked(scene, method, record)
+    return not COMPILED or is_kept(partial(short_run, scene, method, record))
+
+
+class Preparation:
+    """Kernels on their way: a process that does ``job``, which can be pickled, and ends."""
+
+    def __init__(self, job: Callable[[], object]) -> None:
+        self._began = time.monotonic()
+        self._took: float | None = None
+        code = CHILD.format(path=[str(folder) for folder in sys.path])
+        self._process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        assert self._process.stdin is not None
+        with self._process.stdin as pipe:
+            pipe.write(pickle.dumps(job))
+
+    @property
+    def elapsed(self) -> float:
+        """Time in s since it began, to its end at most."""
+        if self._took is None and self.done:
+            self._took = time.monotonic() - self._began
+        return time.monotonic() - self._began if self._took is None else self._took
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended, in whatever way."""
+        return self._process.poll() is not None
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait for its end, ``timeout`` s at most (None: as long as it takes); return whether the kernels are there."""
+        try:
+            return self._process.wait(None if timeout is None else non_negative("timeout", timeout)) == 0
+        except subprocess.TimeoutExpired:
+            return False
+
+    def cancel(self) -> None:
+        """End it. Kernels are kept whole or not at all."""
+        self._process.terminate()
+        self._process.wait()
+
+
+def prepare(scene: Scene, method: Method | None = None, record: Record | None = None) -> Preparation:
+    """Begin to compile what `simulate` needs for a scene, a method (default: Exact) and a record (default: the level), and return at once.
+
+    A process of its own does so, up to a minute long; this one computes meanwhile what is ready. What is kept already takes it two seconds. It begins
+    anew, without the module of the caller, so scripts need no guard. Raises ParameterError if the method cannot do the scene.
+
+    >>> from impact_env import beam_scene, impact_absorber, is_ready, prepare
+    >>> scene = beam_scene(absorber=impact_absorber())
+    >>> ready = is_ready(scene) or prepare(scene).wait()
+    """
+    _checked(scene, method, record)
+    return Preparation(partial(short_run, scene, method, record))
+
+
+def _checked(scene: Scene, method: Method | None, record: Record | None) -> None:
+    instance("record", record, Record | None)
+    kernel_key(instance("scene", scene, Scene), Exact() if method is None else instance("method", method, Method))

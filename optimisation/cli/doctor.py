@@ -1,0 +1,93 @@
+"""Tell what runs here: versions, extras, processor, threads, and where compiled kernels are kept."""
+
+from __future__ import annotations
+
+import importlib.util
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import numba
+
+import impact_env
+from impact_env.ensemble import available_cores
+from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
+from optimisation.cli.common import check_target, command, json_option, plain_errors
+from optimisation.files import write_json
+from optimisation.kept_kernels import kept, parents
+from optimisation.machine import processor, versions
+
+SHOWN = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "gymnasium", "torch")
+
+
+def extras() -> dict[str, list[str]]:
+    """Return the packages that each extra lacks here."""
+    names = sorted(set(EXTRAS.values()))
+    return {extra: [name for name, brings in EXTRAS.items() if brings == extra and importlib.util.find_spec(name) is None] for extra in names}
+
+
+def found() -> dict[str, Any]:
+    """Return what there is, as plain data; sizes in bytes."""
+    places = parents()
+    return {
+        "package": {"name": DISTRIBUTION, "version": impact_env.__version__, "folder": str(Path(impact_env.__file__).parent)},
+        "python": {"version": platform.python_version(), "program": sys.executable},
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "processor": processor(),
+        "cores": available_cores(),
+        "numba_threads": numba.get_num_threads(),
+        "compiles": not vars(numba.config)["DISABLE_JIT"],
+        "versions": versions(SHOWN),
+        "extras": extras(),
+        "cache": [
+            {
+                "folder": str(place),
+                "written": k == 0,
+                "kept": [{"name": one.folder.name, "kernels": one.kernels, "size": one.size, "current": one.current} for one in kept(place)],
+            }
+            for k, place in enumerate(places)
+        ],
+    }
+
+
+def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the same as a name and a text for each line."""
+    missing = {extra: packages for extra, packages in about["extras"].items() if packages}
+    told = [
+        (about["package"]["name"], f"{about['package']['version']} in {about['package']['folder']}"),
+        ("Python", f"{about['python']['version']}, {about['python']['program']}"),
+        ("system", about["system"]),
+        ("processor", about["processor"]),
+        ("threads", f"{about['cores']} cores may be used, numba takes up to {about['numba_threads']}"),
+        *about["versions"].items(),
+        ("extras", ", ".join(extra for extra in about["extras"] if extra not in missing) or "none"),
+        *((f"no {extra}", f"lacks {', '.join(packages)}; it comes with: {how_to_install(extra)}") for extra, packages in missing.items()),
+    ]
+    if not about["compiles"]:
+        told.append(("compiled", "nothing: NUMBA_DISABLE_JIT is set, and kernels run in plain Python"))
+    elif not about["cache"]:
+        told.append(("compiled", "kept nowhere: no folder can be written to, and each process compiles anew; IMPACT_ENV_CACHE names one"))
+    for place in about["cache"]:
+        current = [one for one in place["kept"] if one["current"]]
+        others = sum(one["size"] for one in place["kept"] if not one["current"])
+        count, size = sum(one["kernels"] for one in current), sum(one["size"] for one in current)
+        text = f"{place['folder']}{'' if place['written'] else ' (only read)'}: {count} kernels of today's sources, {size / 1e6:.1f} MB"
+        told.append(("compiled", text + (f", and {others / 1e6:.1f} MB of others" if others else "")))
+    return told
+
+
+@command()
+@json_option("Also write it to this JSON file.")
+def main(json: Path | None) -> None:
+    """Tell what runs here: versions, extras, processor, threads, and where compiled kernels are kept. It belongs into a report of an error."""
+    with plain_errors():
+        check_target("--json", json, (".json",))
+        about = found()
+        told = lines(about)
+        width = max(len(name) for name, _ in told)
+        for name, text in told:
+            click.echo(f"{name:<{width}}  {text}")
+        if json is not None:
+            write_json(json, about)

@@ -1,0 +1,44 @@
+"""A page in the browser to move sliders on: curve, sweep, frequency response and motion of one absorber, at once."""
+
+# needs: explore
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+
+import click
+
+from impact_env.parameters import Beam
+from optimisation.cli.common import BadInput, command, plain_errors
+from optimisation.cli.structure_option import read_structure, structure_option
+
+PORT = 8651
+
+
+@command()
+@structure_option
+@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="Port of the page; 0: any that is free.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address of the page. Any but this one lets others on the network use it.")
+@click.option("--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser.")
+def main(structure: Path | None, port: int, host: str, browser: bool) -> None:
+    """Explore absorbers on the paper's beam, or another structure, on a page of this machine, until Ctrl-C.
+
+    The page needs no network. What a kind of absorber has to be compiled for is compiled once, while the page says so.
+    """
+    with plain_errors():
+        own = Beam() if structure is None else read_structure(structure)
+        from optimisation.explore.server import bound, serve  # needs the extra
+
+        try:
+            listening = bound(host, port)
+        except OSError as error:
+            raise BadInput(f"--port = {port} is not allowed: one that is free at {host} ({error.strerror})") from error
+        place = f"http://{f'[{host}]' if ':' in host else host}:{listening.getsockname()[1]}/"
+
+        def started() -> None:
+            click.echo(f"{place}  (Ctrl-C ends it)")
+            if browser:
+                webbrowser.open(place)
+
+        serve(own, "the paper's beam" if structure is None else structure.name, host, listening, started)

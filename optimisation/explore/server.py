@@ -1,0 +1,301 @@
+"""The explorer's server: one page and a socket for each tab of it, on this machine only. A tab's newest setting is what its thread works on."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import socket
+import threading
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from impact_env.extras import optional
+from impact_env.modes import Structure
+from impact_env.parameters import ParameterError
+from impact_env.plain import Plain
+from impact_env.sweep import IntegrationError, Stopped
+from optimisation.explore.advice import recommended
+from optimisation.explore.settings import Asked, Refused, asked, described, scene_file
+from optimisation.explore.waiting import Kernels, Newer
+from optimisation.explore.work import Message, Work
+
+with optional():
+    import uvicorn
+    from starlette.applications import Starlette
+    from starlette.requests import Request
+    from starlette.responses import JSONResponse, PlainTextResponse, Response
+    from starlette.routing import Mount, Route, WebSocketRoute
+    from starlette.staticfiles import StaticFiles
+    from starlette.types import ASGIApp, Receive, Scope, Send
+    from starlette.websockets import WebSocket, WebSocketDisconnect
+
+LOG = logging.getLogger("optimisation.explore")
+ASSETS = Path(__file__).parent / "assets"
+LOOPBACK = "127.0.0.1"
+MOST_TABS, MOST_BYTES = 8, 16384  # of a message
+FIRST_PASS = 0.4  # s that a first pass may take once a newer setting is there: a drag shows something, and does not lag behind
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-cache",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+class Guard:
+    """Lets through only what a browser asks of this server by a name of its own, and from its own page.
+
+    Another site's page that reaches the port, by its address or by a name that was bound to it anew, has another Origin or Host.
+    """
+
+    def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
+        self.app, self.hosts = app, hosts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on, or refuse with 403."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        headers = [(name.lower(), value.decode("latin-1")) for name, value in scope["headers"]]
+        hosts = [value for name, value in headers if name == b"host"]
+        origins = [value for name, value in headers if name == b"origin"]
+        own = len(hosts) == 1 and hosts[0].lower() in self.hosts and origins in ([], [f"http://{hosts[0]}"])
+        if scope["type"] == "websocket":
+            if not own or not origins:
+                await send({"type": "websocket.close", "code": 1008})  # before it is accepted: an answer 403
+                return
+        elif not own:
+            await PlainTextResponse("this page answers only to its own address", 403)(scope, receive, send)
+            return
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], *((name.lower().encode(), value.encode()) for name, value in HEADERS.items())]
+            await send(message)
+
+        await self.app(scope, receive, with_headers)
+
+
+class Outbox:
+    """Messages on their way to a page. One of a sort that has not gone yet is replaced by a newer one, so that it never grows."""
+
+    def __init__(self) -> None:
+        self._loop, self._lock, self._waiting = asyncio.get_running_loop(), threading.Lock(), asyncio.Event()
+        self._messages: dict[tuple[Any, ...], Message] = {}
+
+    def put(self, message: Message) -> None:
+        """Take a message from any thread."""
+        with self._lock:
+            self._messages[message["type"], message.get("which"), message.get("what")] = message
+        with suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(self._waiting.set)
+
+    async def get(self) -> list[Message]:
+        """Wait for messages and return them, oldest first."""
+        await self._waiting.wait()
+        self._waiting.clear()
+        with self._lock:
+            messages, self._messages = list(self._messages.values()), {}
+        return messages
+
+
+class Tab:
+    """One open page: its newest setting, and the thread that works on it."""
+
+    def __init__(self, structure: Structure, kernels: Kernels, outbox: Outbox) -> None:
+        self.structure, self.kernels, self.outbox = structure, kernels, outbox
+        self._changed, self._ended = threading.Condition(), False
+        self._next: tuple[int, Asked, bool] | None = None
+        self._work: Work | None = None
+        self._known: dict[tuple[Any, ...], list[Message]] = {}
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def take(self, plain: Any) -> None:
+        """Take what a page says: ``{"number": n, "values": {...}}``, with ``"recommend": true`` for advice in place of a picture."""
+        ok = isinstance(plain, dict) and isinstance(plain.get("number"), int) and abs(plain["number"]) < 2**53
+        if not ok:
+            self.outbox.put({"type": "refused", "number": -1, "errors": {"": "a message is a table with number and values"}})
+            return
+        number = plain["number"]
+        try:
+            values = asked(plain.get("values"), self.structure)
+            file = scene_file(values, self.structure)
+        except Refused as refused:
+            self.outbox.put({"type": "refused", "number": number, "errors": refused.errors})
+            return
+        except ParameterError as error:
+            self.outbox.put({"type": "refused", "number": number, "errors": {"": str(error)}})
+            return
+        self.outbox.put({"type": "taken", "number": number, "scene": file, "command": command_of(values)})
+        with self._changed:
+            self._next = number, values, plain.get("recommend") is True
+            self._hurry()
+            self._changed.notify()
+
+    def _hurry(self) -> None:
+        """Stop what is under way; its first pass, which would leave nothing to see, only if it takes long."""
+        work = self._work
+        if work is None:
+            return
+        work.stop.give()
+        if work.rough_done:
+            work.first.give()
+        else:
+            timer = threading.Timer(FIRST_PASS, work.first.give)
+            timer.daemon = True
+            timer.start()
+
+    def end(self) -> None:
+        """Stop everything; the thread ends."""
+        with self._changed:
+            self._ended = True
+            if self._work is not None:
+                self._work.stop.give()
+                self._work.first.give()
+            self._changed.notify()
+
+    def join(self) -> None:
+        """Wait for the thread."""
+        self._thread.join(5.0)
+
+    def _serve(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._next is not None or self._ended)
+                if self._ended or self._next is None:
+                    return
+                (number, values, advice), self._next = self._next, None
+                try:
+                    work = self._work = Work(values, self.structure, self.kernels)
+                except ParameterError as error:
+                    self.outbox.put({"type": "refused", "number": number, "errors": {"": str(error)}})
+                    continue
+            try:
+                self._do(number, work, advice)
+            except (Newer, Stopped):
+                pass
+            except (ParameterError, IntegrationError) as error:
+                self.outbox.put({"type": "failed", "number": number, "error": str(error)})
+            except Exception:  # the page goes on, and so does its thread
+                LOG.exception("the explorer could not compute %s", values)
+                self.outbox.put({"type": "failed", "number": number, "error": "an error of the explorer's own, told where it was started"})
+
+    def _do(self, number: int, work: Work, advice: bool) -> None:
+        if advice:
+            told = time.monotonic()
+
+            def tell(done: int, total: int) -> None:
+                nonlocal told
+                if time.monotonic() - told > 0.1:
+                    told = time.monotonic()
+                    self.outbox.put({"type": "advice", "number": number, "done": done, "total": total})
+
+            for message in work.before_advice():
+                self.outbox.put(message | {"number": number})
+            self.outbox.put({"type": "advice", "number": number, **recommended(work.values, work.alone, work.stop, tell)})
+            return
+        for message in work.pieces(self._known):
+            self.outbox.put(message | {"number": number})
+
+
+def command_of(values: Asked) -> str:
+    """Return the command that makes the same sweep and level from the scene's file."""
+    words = f"impact-absorber sweep --scene scene.json --force {values['force']:.17g} --resonance {values.resonance} --members {values.members}"
+    return f"{words} --energy --plot sweep.png" + (" --down" if values.direction == "down" else "")
+
+
+def make_app(structure: Structure, name: str, hosts: frozenset[str], started: Callable[[], object] = lambda: None) -> Starlette:
+    """Return the application for a structure of a ``name``; ``hosts``: what a Host header may say; ``started`` is called once it serves."""
+    kernels, tabs = Kernels(), set[Tab]()
+
+    async def page(_request: Request) -> Response:
+        return Response((ASSETS / "index.html").read_bytes(), media_type="text/html")
+
+    async def table(_request: Request) -> Response:
+        plain: Plain = described(structure, name)
+        return JSONResponse(plain)
+
+    async def talk(page: WebSocket) -> None:
+        await page.accept()
+        if len(tabs) >= MOST_TABS:
+            await page.close(1013, f"at most {MOST_TABS} tabs: close another one, and load this one again")
+            return
+        outbox = Outbox()
+        tab = Tab(structure, kernels, outbox)
+        tabs.add(tab)
+
+        async def post() -> None:
+            while True:
+                for message in await outbox.get():
+                    await page.send_text(json.dumps(message, allow_nan=False))
+
+        posting = asyncio.create_task(post())
+        try:
+            while True:
+                text = await page.receive_text()
+                if len(text) > MOST_BYTES:
+                    await page.close(1009)
+                    break
+                try:
+                    plain = json.loads(text, parse_constant=float)
+                except (ValueError, RecursionError):
+                    plain = None
+                tab.take(plain)
+        except (WebSocketDisconnect, KeyError, RuntimeError):  # closed, or what it sent is no text
+            pass
+        finally:
+            posting.cancel()
+            tab.end()
+            tabs.discard(tab)
+
+    @asynccontextmanager
+    async def life(_app: Starlette) -> AsyncIterator[None]:
+        started()
+        yield
+        for tab in list(tabs):
+            tab.end()
+        for tab in list(tabs):
+            await asyncio.to_thread(tab.join)
+        kernels.cancel()
+
+    routes = [Route("/", page), Route("/controls", table), WebSocketRoute("/socket", talk), Mount("/assets", StaticFiles(directory=ASSETS))]
+    app = Starlette(routes=routes, lifespan=life)
+    app.add_middleware(Guard, hosts=hosts)
+    return app
+
+
+def bound(host: str, port: int) -> socket.socket:
+    """Return a socket that listens at an address; port 0 is any that is free. Raises OSError if it is taken."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    made = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((host, port))
+        made.listen(64)
+    except OSError:
+        made.close()
+        raise
+    return made
+
+
+def hosts_of(host: str, port: int) -> frozenset[str]:
+    """Return what a browser may call the server."""
+    names = {host, "localhost", LOOPBACK} if host in (LOOPBACK, "localhost") else {host}
+    return frozenset(f"[{name}]:{port}" if ":" in name else f"{name.lower()}:{port}" for name in names)
+
+
+def serve(structure: Structure, name: str, host: str, listening: socket.socket, started: Callable[[], object]) -> None:
+    """Serve until Ctrl-C, on a socket that listens."""
+    app = make_app(structure, name, hosts_of(host, listening.getsockname()[1]), started)
+    config = uvicorn.Config(
+        app, log_level="warning", ws_max_size=MOST_BYTES, ws="websockets-sansio", timeout_graceful_shutdown=1, limit_concurrency=64
+    )
+    with listening, suppress(KeyboardInterrupt):
+        uvicorn.Server(config).run(sockets=[listening])

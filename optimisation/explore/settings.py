@@ -1,0 +1,227 @@
+"""What can be set on the explorer's page: one table of controls, and from their values to a scene. What a page sends is checked, never evaluated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+
+from impact_env.modes import Structure, modal_model
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    Absorber,
+    Beam,
+    ParameterError,
+    RigidWalls,
+    TunedAbsorber,
+    count,
+    friction_damper,
+    impact_absorber,
+    number,
+    one_of,
+    require,
+)
+from impact_env.plain import Plain, from_scene
+from impact_env.scene import Scene
+from impact_env.shared_mass import impact_absorbers
+from optimisation.bounds import design_force
+from optimisation.mounting import scene_on
+
+CONCEPTS = {
+    "impact": "impact absorber",
+    "friction": "friction damper",
+    "tuned": "tuned absorber",
+    "two": "two impact absorbers",
+    "none": "no absorber",
+}
+DIRECTIONS = {"both": "larger of up and down", "up": "up", "down": "down"}
+MOST_MEMBERS, MOST_MODES, MOST_RESONANCE = 64, 40, 6  # each costs time in proportion, and a page is no place for long runs
+PAPER_FORCE = 3.5  # N
+
+
+@dataclass(frozen=True)
+class Control:
+    """One number: its value in SI units lies from ``low`` to ``high``; the page shows it times ``per`` in ``unit``.
+
+    ``log``: its slider is logarithmic; ``zero``: with 0 at the left end. ``concepts``: those that it is for, empty for all.
+    """
+
+    name: str
+    label: str
+    low: float
+    high: float
+    value: float
+    unit: str = ""
+    per: float = 1.0
+    log: bool = False
+    zero: bool = False
+    whole: bool = False
+    concepts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a page asks for, checked; SI units. ``instant``: time into the sweep in s around which it is looked at, None for the level's own."""
+
+    concept: str
+    direction: str
+    numbers: Mapping[str, float]
+    instant: float | None
+
+    def __getitem__(self, name: str) -> float:
+        return self.numbers[name]
+
+    @property
+    def resonance(self) -> int:
+        """Resonance, counted from 1."""
+        return int(self.numbers["resonance"])
+
+    @property
+    def members(self) -> int:
+        """Number of runs of each point."""
+        return int(self.numbers["members"])
+
+
+class Refused(ParameterError):  # noqa: N818 - an answer
+    """Values that are not allowed: ``errors`` says why, by control ("" for several at once)."""
+
+    def __init__(self, errors: dict[str, str]) -> None:
+        super().__init__("; ".join(errors.values()))
+        self.errors = errors
+
+
+def _own_values(structure: Structure) -> tuple[Beam | None, float]:
+    """Return the beam, None for other structures, and the force in N at which the page begins."""
+    beam = structure if isinstance(structure, Beam) else None
+    if beam == Beam():
+        return beam, PAPER_FORCE
+    model = modal_model(structure)
+    try:
+        return beam, float(f"{design_force(model, DEFAULT_MASS_RATIO * model.beam_mass, RigidWalls.gap):.3g}")
+    except ParameterError:  # the absorber's own place is a node
+        return beam, 1.0
+
+
+def controls(structure: Structure) -> tuple[Control, ...]:
+    """Return the controls of a structure, in the order of the page."""
+    beam, force = _own_values(structure)
+    modes, tuned, walls = (beam or modal_model(structure)).modes, TunedAbsorber(), RigidWalls()
+    cavity = ("impact", "two")
+    table = [
+        Control("force", "Force", force / 100, force * 30, force, "N", log=True),
+        Control("resonance", "Resonance", 1, min(MOST_RESONANCE, modes), 1, whole=True),
+        Control("gap", "Gap to either wall", walls.gap / 50, 50 * walls.gap, walls.gap, "mm", 1e3, log=True, concepts=cavity),
+        Control("second_gap", "Gap of the second", walls.gap / 50, 50 * walls.gap, walls.gap / 2, "mm", 1e3, log=True, concepts=("two",)),
+        Control("restitution", "Restitution", 0.0, 1.0, 0.7, concepts=cavity),
+        Control("friction", "Friction limit", 1e-4, 20.0, 0.0, "N", log=True, zero=True, concepts=cavity),
+        Control("damper_friction", "Friction limit", 1e-4, 100.0, 0.5, "N", log=True, concepts=("friction",)),
+        Control("stiffness", "Spring", tuned.stiffness / 1e3, tuned.stiffness * 1e3, tuned.stiffness, "N/m", log=True, concepts=("tuned",)),
+        Control("damper", "Damper", tuned.damping / 1e3, tuned.damping * 1e3, tuned.damping, "N s/m", log=True, zero=True, concepts=("tuned",)),
+        Control("mass_ratio", "Mass", 1e-3, 0.2, DEFAULT_MASS_RATIO, "% of the structure's", 100, log=True, concepts=tuple(CONCEPTS)[:-1]),
+    ]
+    alone = tuple(name for name in CONCEPTS if name != "two")
+    if beam is not None:
+        place = beam.absorber_position
+        table.append(Control("place", "Place", 0.05, 1.0, place, "of the length", concepts=alone[:-1]))
+        table.append(Control("first_place", "Place of the first", 0.05, 1.0, 1.0, "of the length", concepts=("two",)))
+        table.append(Control("second_place", "Place of the second", 0.05, 1.0, 0.6, "of the length", concepts=("two",)))
+        if isinstance(beam.damping_ratio, int | float):
+            table.append(Control("damping", "Damping ratio", 1e-4, 0.1, float(beam.damping_ratio), "%", 100, log=True))
+        table.append(Control("modes", "Modes", 1, MOST_MODES, modes, whole=True))
+    else:
+        places = len(modal_model(structure).places)
+        table.append(Control("place", "Place, its number", 1, places, 1, whole=True, concepts=alone[:-1]))
+        table.append(Control("first_place", "Place of the first", 1, places, 1, whole=True, concepts=("two",)))
+        table.append(Control("second_place", "Place of the second", 1, places, min(2, places), whole=True, concepts=("two",)))
+    table.append(Control("members", "Members", 1, MOST_MEMBERS, 4, whole=True))
+    return tuple(control for control in table if control.low < control.high)
+
+
+def described(structure: Structure, name: str) -> Plain:
+    """Return what a page needs to draw its controls."""
+    return {
+        "structure": name,
+        "beam_mass_kg": modal_model(structure).beam_mass,
+        "concepts": CONCEPTS,
+        "directions": DIRECTIONS,
+        "controls": [asdict(control) for control in controls(structure)],
+    }
+
+
+def asked(plain: object, structure: Structure) -> Asked:
+    """Return what a page asks for; raises Refused with all that is wrong. What is left out has its default."""
+    errors: dict[str, str] = {}
+    table = {control.name: control for control in controls(structure)}
+    given = dict(plain) if isinstance(plain, Mapping) else {}
+    strange = [str(name)[:40] for name in given if name not in table and name not in ("concept", "direction", "instant")]
+    if strange or given is plain or not isinstance(plain, Mapping):
+        errors[""] = f"values = {', '.join(strange)} is not allowed: a table of the page's controls"
+    found = {}
+    for name, control in table.items():
+        try:
+            found[name] = _number(control, given.get(name, control.value))
+        except ParameterError as error:
+            errors[name] = str(error)
+    words = {}
+    for name, known in (("concept", CONCEPTS), ("direction", DIRECTIONS)):
+        try:
+            words[name] = one_of(name, given.get(name, next(iter(known))), known)
+        except ParameterError as error:
+            errors[name] = str(error)[:200]
+    instant = given.get("instant")
+    if instant is not None and not 0 <= number(instant) <= 1e12:
+        errors["instant"] = "instant is not allowed: a time in s, 0 or above"
+    if "modes" in found and "resonance" in found and found["resonance"] > found["modes"]:
+        errors["resonance"] = f"resonance = {found['resonance']:g} is not allowed: a mode of the model, 1 to {found['modes']:g}"
+    if errors:
+        raise Refused(errors)
+    return Asked(words["concept"], words["direction"], found, None if instant is None else number(instant))
+
+
+def _number(control: Control, value: object) -> float:
+    if control.whole:
+        return count(control.name, int(value) if isinstance(value, float) and value.is_integer() else value, int(control.low), int(control.high))
+    low, high = 0.0 if control.zero else control.low, control.high
+    slack = 1e-9 * high
+    shown = value if isinstance(value, int | float) else f"{value!r:.40}"
+    allowed = f"{low * control.per:g} to {high * control.per:g} {control.unit}".rstrip()
+    require(low - slack <= number(value) <= high + slack, control.label, shown, allowed)
+    return min(max(number(value), low), high)
+
+
+def structure_of(values: Asked, structure: Structure) -> Structure:
+    """Return the structure with the page's modes and damping, if it is a beam."""
+    if not isinstance(structure, Beam):
+        return structure
+    own = {"modes": int(values["modes"])} | ({"damping_ratio": values["damping"]} if "damping" in values.numbers else {})
+    return replace(structure, **own)  # type: ignore[arg-type]
+
+
+def absorber_of(values: Asked) -> Absorber | None:
+    """Return the absorber."""
+    mass = values["mass_ratio"]
+    if values.concept == "impact":
+        return impact_absorber(values["gap"], values["restitution"], values["friction"], mass)
+    if values.concept == "friction":
+        return friction_damper(values["damper_friction"], mass)
+    if values.concept == "tuned":
+        return TunedAbsorber(mass, values["stiffness"], values["damper"])
+    if values.concept == "two":
+        gaps, places = (values["gap"], values["second_gap"]), (values["first_place"], values["second_place"])
+        return impact_absorbers(gaps, places, values["restitution"], values["friction"], mass)
+    return None
+
+
+def places_of(values: Asked) -> tuple[float, ...]:
+    """Return the absorbers' places."""
+    names = ("first_place", "second_place") if values.concept == "two" else ("place",)
+    return tuple(values.numbers.get(name, 1.0) for name in names)
+
+
+def scene_of(values: Asked, structure: Structure) -> Scene:
+    """Return the scene; raises ParameterError where the values do not go together."""
+    return scene_on(structure_of(values, structure), absorber_of(values), *places_of(values))
+
+
+def scene_file(values: Asked, structure: Structure) -> Plain:
+    """Return the scene in the form of `docs/scenes.md`."""
+    return from_scene(scene_of(values, structure))

@@ -1,0 +1,99 @@
+"""Absorbers of one mass compared under loads: each concept at its own best for the loads as they are, then over their intensity.
+
+The tuned absorber's spring and damper, the friction damper's limit and the impact absorber's gap make the measure smallest (`load_measures`), in the
+mean over the members; the tuned one by a simplex search, the others on a grid. All concepts meet the same records and phases: ratios are paired.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from impact_env.ensemble import Lane, draw_members, drives_of, each_lane
+from impact_env.loads import AnyDrive, Loads, Member
+from impact_env.methods import Exact, check_load
+from impact_env.modes import ModalModel
+from impact_env.parameters import Absorber, TunedAbsorber, count, friction_damper, impact_absorber, positive
+from impact_env.scene import Scene
+from optimisation.load_measures import free_rms, measure_of, measured
+from optimisation.tuned import minimax
+
+Array = NDArray[np.float64]
+GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's RMS at the absorber
+LIMITS = np.geomspace(0.05, 51.2, 16)  # of absorber mass times first frequency squared times that RMS; higher modes want larger ones
+SPAN = (0.2, 5.0)  # of the loads' intensity
+RESTITUTION = 0.7
+TOLERANCE, MOST_TRIALS = 1e-3, 120  # of the simplex search, in logarithms of stiffness and damping
+
+
+@dataclass(frozen=True, eq=False)
+class LoadComparison:
+    """Measures ``values`` (F, M) of each concept over the ``factors`` (F,) of intensity and M members; the absorbers, and the free RMS (m)."""
+
+    loads: Loads
+    measure: str
+    factors: Array
+    absorbers: dict[str, Absorber | None]
+    values: dict[str, Array]
+    free_rms: float
+
+    def ratio(self, concept: str) -> Array:
+        """Return what a concept leaves of the measure without absorber, (F, M), member by member."""
+        return np.asarray(self.values[concept] / self.values["none"])
+
+
+def _lanes(model: ModalModel, absorber: Absorber | None, drives: Sequence[AnyDrive]) -> list[Lane]:
+    scene = Scene(model, absorber)
+    return [Lane(scene, drive) for drive in drives]
+
+
+def _all(lanes: list[Lane], threads: int | None) -> Array:
+    found = each_lane(lanes, measured, threads=threads)
+    if None in found:
+        raise KeyboardInterrupt
+    return np.array(found, dtype=np.float64)
+
+
+def _best(model: ModalModel, candidates: list[Absorber], drives: Sequence[AnyDrive], threads: int | None) -> Absorber:
+    """Return the candidate with the least mean over the drives."""
+    lanes = [lane for candidate in candidates for lane in _lanes(model, candidate, drives)]
+    return candidates[int(np.argmin(np.mean(_all(lanes, threads).reshape(len(candidates), -1), axis=1)))]
+
+
+def tuned_for(model: ModalModel, mass_ratio: float, drives: Sequence[AnyDrive], threads: int | None = None) -> TunedAbsorber:
+    """Return the spring and damper with the least mean of the measure; the search begins at the tuning for the first resonance's peak."""
+    first = minimax(model, mass_ratio)
+
+    def of(shifts: Array) -> TunedAbsorber:
+        stiffness, damping = np.exp(shifts) * [first.stiffness, first.damping]
+        return TunedAbsorber(mass_ratio, float(stiffness), float(damping))
+
+    def mean(shifts: Array) -> float:
+        return float(np.mean(_all(_lanes(model, of(shifts), drives), threads)))
+
+    options = {"xatol": TOLERANCE, "fatol": 0.0, "maxfev": MOST_TRIALS, "initial_simplex": [[0, 0], [0.1, 0], [0, 0.3]]}
+    return of(scipy.optimize.minimize(mean, np.zeros(2), method="Nelder-Mead", options=options).x)
+
+
+def compare_loads(
+    model: ModalModel, loads: Loads, *, mass_ratio: float, gap: float | None, factors: int, members: int, seed: int, threads: int | None = None
+) -> LoadComparison:
+    """Return the comparison over a number of ``factors`` of the loads' intensity; a ``gap`` in m is taken instead of the best one."""
+    none = Scene(model, None)
+    check_load(none, loads, Exact())
+    drives = drives_of(draw_members(count("members", members, 1), seed), loads)
+    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
+    rms = float(np.mean([free_rms(Lane(none, drive)) for drive in drives]))
+    gaps = rms * GAPS if gap is None else [positive("gap", gap)]
+    impact = _best(model, [impact_absorber(float(g), RESTITUTION, None, mass_ratio) for g in gaps], drives, threads)
+    scale = mass * float(model.omega[0]) ** 2 * rms
+    friction = _best(model, [friction_damper(float(scale * share), mass_ratio) for share in LIMITS], drives, threads)
+    absorbers = {"none": None, "impact": impact, "friction": friction, "tuned": tuned_for(model, mass_ratio, drives, threads)}
+    found = np.geomspace(*SPAN, factors)
+    grid = [drive.member(Member(factor=float(factor))) for factor in found for drive in drives if isinstance(drive, Loads)]
+    values = {name: _all(_lanes(model, one, grid), threads).reshape(factors, members) for name, one in absorbers.items()}
+    return LoadComparison(loads, measure_of(loads), found, absorbers, values, rms)

@@ -1,0 +1,73 @@
+"""What is read from a response under loads: one definition for each kind of load, smaller is better.
+
+- level: loads with a schedule, which sweep. The paper's response level, as everywhere.
+- rms: records, random loads and fixed tones. Root mean square of the displacement (relative to the base) where the level is read, after a start that
+  is left out: `SETTLING` time constants 1/(D omega) of the first mode, at most half of the record.
+- decay: shocks. The integral of the structure's energy from the end of the pulse on over its value there, in s: 1/(2 D omega) where it decays as
+  exp(-2 D omega t).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from impact_env.energy import mechanical_energy
+from impact_env.ensemble import Lane
+from impact_env.loads import Loads, Shock, schedule_in
+from impact_env.response import Record, Response
+from impact_env.sweep import simulate
+
+LEVEL, RMS, DECAY = "level", "rms", "decay"
+UNITS = {LEVEL: "m", RMS: "m", DECAY: "s"}
+SETTLING = 5.0
+SAMPLES = 64  # a pseudo period
+
+
+def measure_of(loads: Loads) -> str:
+    """Return which measure belongs to loads."""
+    if any(schedule_in(part) for part in loads.parts):
+        return LEVEL
+    return DECAY if any(isinstance(part, Shock) for part in loads.parts) else RMS
+
+
+def _level(response: Response) -> float:
+    assert response.level is not None
+    return response.level.value
+
+
+def _rms(response: Response) -> float:
+    model, history = response.scene.model, response.history
+    assert history is not None
+    start = min(SETTLING / float(model.damping_ratio[0] * model.omega[0]), float(history.time[-1]) / 2)
+    late = (history.modal_displacement @ model.level_shape)[history.time >= start]
+    return float(np.sqrt(np.mean(late**2)))
+
+
+def _decay(response: Response) -> float:
+    history = response.history
+    assert history is not None
+    pulse = max(part.width for part in response.drive.parts if isinstance(part, Shock))
+    energy = np.sum(mechanical_energy(response.scene, history).modal, axis=1)[history.time >= pulse]
+    return float(np.trapezoid(energy, dx=history.time[1]) / energy[0])
+
+
+MEASURES: dict[str, tuple[Callable[[Response], float], Record]] = {
+    LEVEL: (_level, Record()),
+    RMS: (_rms, Record(level=False, series=True, samples_per_period=SAMPLES)),
+    DECAY: (_decay, Record(level=False, series=True, samples_per_period=SAMPLES)),
+}
+
+
+def measured(lane: Lane) -> float:
+    """Return the measure of a lane's loads."""
+    read, record = MEASURES[measure_of(lane.drive)]
+    return read(simulate(lane.scene, lane.drive, record=record))
+
+
+def free_rms(lane: Lane) -> float:
+    """Return the root mean square of the motion of the absorber's place over the whole run (m): what gaps are measured by."""
+    found = simulate(lane.scene, lane.drive, record=MEASURES[RMS][1]).history
+    assert found is not None
+    return float(np.sqrt(np.mean(found.tip_displacement**2)))

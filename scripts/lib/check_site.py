@@ -1,0 +1,60 @@
+"""A built site: each link inside it leads to a file and a place in it, and nothing is fetched from elsewhere when a page is opened."""
+
+from __future__ import annotations
+
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+FETCHED = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src"}
+POINTED_AT = ("canonical", "alternate", "search", "next", "prev", "index", "author", "help")  # <link> that fetches nothing
+
+
+class Page(HTMLParser):
+    """What a page links to, what it fetches, and the names of its places."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.fetched: list[str] = []
+        self.places: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value or "" for name, value in attrs}
+        self.places.update(given[name] for name in ("id", "name") if name in given)
+        if tag == "a" and given.get("href"):
+            self.links.append(given["href"])
+        if tag in FETCHED and given.get(FETCHED[tag]) and not (tag == "link" and given.get("rel") in POINTED_AT):
+            self.fetched.append(given[FETCHED[tag]])
+
+
+def problems(site: Path) -> list[str]:
+    """Return a line for each link of a site's pages that leads nowhere, and for each thing that is fetched from elsewhere."""
+    pages = {file.resolve(): Page(file.read_text(encoding="utf-8")) for file in site.rglob("*.html")}
+    found = []
+    for file, page in pages.items():
+        name = file.relative_to(site.resolve())
+        found += [f"{name}: fetches {address}" for address in page.fetched if urlsplit(address).netloc]
+        for address in (*page.links, *page.fetched):
+            parts = urlsplit(address)
+            if parts.scheme or parts.netloc:
+                continue
+            target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
+            if not target.is_file():
+                found.append(f"{name}: {address} leads to no file")
+            elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].places:
+                found.append(f"{name}: {address} leads to no place in that page")
+    return found if pages else [f"{site}: no pages"]
+
+
+def main(site: Path) -> int:
+    """Print what is wrong; the exit code is 1 then."""
+    found = problems(site)
+    print("\n".join(found), end="\n" * bool(found), file=sys.stderr)
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))

@@ -1,0 +1,70 @@
+"""Execute notebooks and keep what they show: docs/notebooks/*.ipynb, each in a kernel of its own, from its own folder.
+
+What stands on stderr (progress, what is being compiled) and times of execution are left out, figures get a palette: a notebook that says the same is
+the same file but for digits of figures. With names of files as arguments only those.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import nbformat
+from nbclient import NotebookClient
+from PIL import Image
+
+from optimisation.files import replacing
+from optimisation.report.written_figure import few_colours
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "docs" / "notebooks"
+TIMEOUT = 3600  # s for one cell: the first one of its kind compiles
+INLINE = "module://matplotlib_inline.backend_inline"  # figures into the notebook, also where a shell's setting is another
+VOLATILE = ("execution", "widgets", "language_info")
+
+
+def executed(file: Path) -> Any:
+    """Return a notebook with the outputs of today's code; raises nbclient's CellExecutionError where a cell fails."""
+    notebook = nbformat.read(file, as_version=4)  # type: ignore[no-untyped-call]
+    client = NotebookClient(notebook, timeout=TIMEOUT, kernel_name="python3", resources={"metadata": {"path": str(file.parent)}})
+    client.execute(env=os.environ | {"MPLBACKEND": INLINE})
+    return tidy(notebook)
+
+
+def tidy(notebook: Any) -> Any:
+    """Leave out what differs from run to run without saying anything, and make figures small."""
+    for part in (notebook, *notebook.cells):
+        for name in VOLATILE:
+            part.metadata.pop(name, None)
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
+            for output in cell.outputs:
+                if "image/png" in output.get("data", {}):
+                    output.data["image/png"] = small(output.data["image/png"])
+    return notebook
+
+
+def small(image: str) -> str:
+    """Return a PNG, in base64, with a palette of 256 colours."""
+    drawn = io.BytesIO()
+    few_colours(Image.open(io.BytesIO(base64.b64decode(image)))).save(drawn, format="png", optimize=True)
+    return base64.b64encode(drawn.getvalue()).decode()
+
+
+def main(names: list[str]) -> int:
+    """Execute and write."""
+    for file in [Path(name).resolve() for name in names] or sorted(FOLDER.glob("*.ipynb")):
+        print(f"{file.name} ...", file=sys.stderr, flush=True)
+        notebook = executed(file)
+        with replacing(file) as temporary:
+            temporary.write_text(nbformat.writes(notebook) + "\n", encoding="utf-8")  # type: ignore[no-untyped-call]
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

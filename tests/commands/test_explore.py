@@ -1,0 +1,245 @@
+"""The explorer's server, without a browser: what it computes, what it refuses, who it answers to."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from places import EXAMPLES, ROOT
+
+pytest.importorskip("starlette")
+pytest.importorskip("httpx")
+from starlette.testclient import TestClient, WebSocketTestSession
+from starlette.websockets import WebSocketDisconnect
+
+from impact_env import Beam, Drive, Record, load_structure, performance_curve, simulate
+from impact_env.curve import CurveCase
+from impact_env.plain import to_scene
+from optimisation.comparison import force_grid
+from optimisation.explore.server import MOST_BYTES, MOST_TABS, hosts_of, make_app
+from optimisation.explore.settings import Refused, absorber_of, asked, controls, scene_of
+from optimisation.explore.waiting import Kernels
+from optimisation.explore.work import Work
+
+HOST = "127.0.0.1:8651"
+OWN = {"host": HOST, "origin": f"http://{HOST}"}
+VALUES = {"modes": 3, "friction": 0.1, "members": 2}
+BEAM = Beam()
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[TestClient]:
+    with TestClient(make_app(BEAM, "the paper's beam", hosts_of("127.0.0.1", 8651)), base_url=f"http://{HOST}") as client:
+        yield client
+
+
+def until(session: WebSocketTestSession, *kinds: str) -> list[dict[str, Any]]:
+    """Return the messages up to the first of some kinds."""
+    messages = []
+    while not messages or messages[-1]["type"] not in kinds:
+        messages.append(json.loads(session.receive_text()))
+    return messages
+
+
+def test_the_page_brings_all_that_it_needs(client: TestClient) -> None:
+    page = client.get("/")
+    assert page.status_code == 200
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    for name in ("main.js", "figure.js", "motion.js", "uplot.js", "uplot.css", "style.css", "icon.svg", "uplot-LICENSE.txt"):
+        answer = client.get(f"/assets/{name}")
+        assert answer.status_code == 200
+        foreign = answer.text.replace("http://www.w3.org/2000/svg", "").replace("ws://${location.host}", "")
+        assert "://" not in foreign.replace("https://github.com/leeoniya/uPlot", ""), name
+    assert client.get("/assets/../server.py").status_code == 404
+    table = client.get("/controls").json()
+    assert {control["name"] for control in table["controls"]} >= {"force", "gap", "restitution", "modes", "members"}
+    assert all(control["low"] <= control["value"] <= control["high"] or control["zero"] for control in table["controls"])
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [{"host": "evil.example:8651"}, {"host": "127.0.0.1:9"}, {"host": HOST, "origin": "http://evil.example"}, {"host": HOST, "origin": "null"}],
+    ids=["rebound name", "other port", "foreign page", "no page"],
+)
+def test_others_are_refused(client: TestClient, headers: dict[str, str]) -> None:
+    assert client.get("/", headers=headers).status_code == 403
+    assert client.get("/controls", headers=headers).status_code == 403
+    with pytest.raises(WebSocketDisconnect), client.websocket_connect("/socket", headers=headers):
+        pass
+
+
+def test_a_socket_needs_an_origin(client: TestClient) -> None:
+    with pytest.raises(WebSocketDisconnect), client.websocket_connect("/socket", headers={"host": HOST}):
+        pass
+
+
+def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
+    with client.websocket_connect("/socket", headers=OWN) as session:
+        session.send_text(json.dumps({"number": 1, "values": VALUES}))
+        messages = until(session, "done", "failed", "refused")
+    assert messages[-1]["type"] == "done"
+    assert {message["number"] for message in messages} == {1}
+    taken = messages[0]
+    scene = to_scene(taken["scene"])
+    kinds = [message["type"] for message in messages if message["type"] != "compiling"]
+    curves = [message for message in messages if message["type"] == "curve"]
+    assert curves[-1]["complete"]
+    assert not curves[-1]["rough"]
+    wanted = performance_curve(scene, curves[-1]["force"], members=2)
+    assert curves[-1]["both"] == wanted.median.tolist()
+    (card,) = (message for message in messages if message["type"] == "card")
+    here = performance_curve(scene, [card["force"]], members=2)
+    assert (card["force"], card["level"], card["band"]) == (3.5, here.median[0], here.band[:, 0].tolist())
+    assert card["without"] == pytest.approx(performance_curve(to_scene({"beam": {"modes": 3}}), [3.5], members=1).median[0], rel=1e-12)
+    (sweep,) = (message for message in messages if message["type"] == "sweep")
+    run = simulate(scene, Drive(3.5, CurveCase(scene, [3.5]).schedules()[0]), record=Record(events=True, series=True))  # type: ignore[arg-type]
+    assert run.level is not None
+    assert run.history is not None
+    assert (sweep["level"], sweep["at"], sweep["impacts"]) == (run.level.value, run.level.time, run.impact_count)
+    assert max(x for x in sweep["high"] if x is not None) == pytest.approx(run.history.tip_displacement.max(), rel=1e-5)
+    assert {message["which"] for message in messages if message["type"] == "line"} == {"none", "limit", "friction", "tuned"}
+    assert kinds.index("curve") < kinds.index("sweep") < kinds.index("card") < kinds.index("response")
+
+
+def test_the_command_makes_the_same(client: TestClient, tmp_path: Path) -> None:
+    with client.websocket_connect("/socket", headers=OWN) as session:
+        session.send_text(json.dumps({"number": 1, "values": VALUES | {"direction": "down", "members": 1}}))
+        messages = until(session, "sweep", "failed")
+    taken, sweep = messages[0], messages[-1]
+    (tmp_path / "scene.json").write_text(json.dumps(taken["scene"]))
+    words = taken["command"].removeprefix("impact-absorber ").replace("--energy --plot sweep.png", "--json result.json").split()
+    code = "from optimisation.cli.start import main; main()"
+    subprocess.run([sys.executable, "-c", code, *words], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True, capture_output=True)
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert (result["response_level_m"][0], result["impacts"]) == (sweep["level"], sweep["impacts"])
+
+
+@pytest.mark.parametrize(
+    ("sent", "control", "told"),
+    [
+        ({"number": 2, "values": {"gap": -1}}, "gap", "Gap to either wall = -1 is not allowed: 0.02 to 50 mm"),
+        ({"number": 2, "values": {"restitution": 1.5}}, "restitution", "0 to 1"),
+        ({"number": 2, "values": {"modes": 10**9}}, "modes", "from 1 to 40"),
+        ({"number": 2, "values": {"members": 65}}, "members", "from 1 to 64"),
+        ({"number": 2, "values": {"members": 2.5}}, "members", "whole number"),
+        ({"number": 2, "values": {"force": "__import__('os')"}}, "force", "is not allowed"),
+        ({"number": 2, "values": {"force": None}}, "force", "is not allowed"),
+        ({"number": 2, "values": {"modes": 2, "resonance": 3}}, "resonance", "1 to 2"),
+        ({"number": 2, "values": {"concept": "rubber"}}, "concept", "one of"),
+        ({"number": 2, "values": {"surprise": 1}}, "", "surprise is not allowed"),
+        ({"number": 2, "values": [1]}, "", "a table of the page's controls"),
+        ({"number": "2", "values": {}}, "", "a message is a table"),
+        ("no table", "", "a message is a table"),
+    ],
+)
+def test_bad_values_are_told_beside_their_control(client: TestClient, sent: Any, control: str, told: str) -> None:
+    with client.websocket_connect("/socket", headers=OWN) as session:
+        session.send_text(json.dumps(sent))
+        (answer,) = until(session, "refused", "taken")
+    assert answer["type"] == "refused"
+    assert told in answer["errors"][control]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "NaN", "[" * 8000, '{"number": 1e999}', '{"number": 3, "values": {"gap": NaN}}', '{"number": 3, "values": {"gap": 1e999}}']
+)
+def test_what_is_no_message_is_refused(client: TestClient, text: str) -> None:
+    with client.websocket_connect("/socket", headers=OWN) as session:
+        session.send_text(text)
+        assert until(session, "refused", "taken")[-1]["type"] == "refused"
+
+
+def test_messages_and_tabs_are_limited(client: TestClient) -> None:
+    with client.websocket_connect("/socket", headers=OWN) as session:
+        session.send_text("x" * (MOST_BYTES + 1))
+        with pytest.raises(WebSocketDisconnect) as told:
+            session.receive_text()
+        assert told.value.code == 1009
+    with ExitStack() as tabs:
+        for _ in range(MOST_TABS):
+            tabs.enter_context(client.websocket_connect("/socket", headers=OWN))
+        with pytest.raises(WebSocketDisconnect) as told, client.websocket_connect("/socket", headers=OWN) as session:
+            session.receive_text()
+        assert told.value.code == 1013
+
+
+def test_a_newer_setting_ends_the_work_on_an_older_one(client: TestClient) -> None:
+    with client.websocket_connect("/socket", headers=OWN) as session:
+        for number in range(1, 6):
+            session.send_text(json.dumps({"number": number, "values": VALUES | {"members": 64, "gap": 1e-3 * (1 + number / 100)}}))
+        session.send_text(json.dumps({"number": 6, "values": VALUES}))
+        messages = until(session, "done", "failed")
+    numbers = [message["number"] for message in messages if message["type"] not in ("taken", "compiling")]
+    assert numbers == sorted(numbers)
+    assert numbers[-1] == 6
+    assert not [m for m in messages if m["number"] < 6 and m["type"] in ("card", "response", "line")]
+
+
+def test_a_moved_force_keeps_the_curve() -> None:
+    kernels, known = Kernels(), dict[Any, Any]()
+    first = list(Work(asked(VALUES, BEAM), BEAM, kernels).pieces(known))
+    again = list(Work(asked(VALUES | {"force": 3.0}, BEAM), BEAM, kernels).pieces(known))
+    last = [[m for m in messages if m["type"] == "curve"][-1] for messages in (first, again)]
+    assert last[0] == last[1]
+    assert len([m for m in again if m["type"] == "curve"]) < len([m for m in first if m["type"] == "curve"])
+    assert next(m for m in again if m["type"] == "sweep")["force"] == 3.0
+
+
+@pytest.mark.parametrize("concept", ["friction", "tuned", "none"])
+def test_each_concept_is_drawn(concept: str) -> None:
+    values = asked({"modes": 3, "members": 1, "concept": concept}, BEAM)
+    messages = list(Work(values, BEAM, Kernels()).pieces({}))
+    assert json.loads(json.dumps(messages, allow_nan=False)) == messages
+    assert {m["type"] for m in messages} - {"compiling", "line"} == {"curve", "sweep", "motion", "card", "response", "done"}
+
+
+def test_a_structure_from_a_file_has_its_own_controls() -> None:
+    steel, frame = (load_structure(EXAMPLES / name) for name in ("steel_beam.toml", "frame.toml"))
+    assert {"damping", "modes"} <= {c.name for c in controls(steel)}
+    names = {c.name for c in controls(frame)}
+    assert "modes" not in names
+    values = asked({}, frame)
+    scene = scene_of(values, frame)
+    assert scene.absorber == absorber_of(values)
+    assert scene.model.modes == frame.modes
+    with pytest.raises(Refused):
+        asked({"modes": 3}, frame)
+
+
+def test_the_middle_of_the_curve_is_the_rules_force() -> None:
+    work = Work(asked(VALUES, BEAM), BEAM, Kernels())
+    np.testing.assert_allclose(work.case().forces, force_grid(work.middle(), 24))
+    assert 3.0 < work.middle() < 4.0
+
+
+def test_ctrl_c_ends_the_command_and_leaves_nothing(tmp_path: Path) -> None:
+    code = "from optimisation.cli.start import main; main()"
+    words = [sys.executable, "-c", code, "explore", "--port", "0", "--no-browser"]
+    with subprocess.Popen(words, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line.startswith("http://127.0.0.1:")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_taken_port_is_one_error(tmp_path: Path) -> None:
+    from optimisation.explore.server import bound
+
+    with bound("127.0.0.1", 0) as taken:
+        words = ["explore", "--port", str(taken.getsockname()[1]), "--no-browser"]
+        code = "from optimisation.cli.start import main; main()"
+        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        done = subprocess.run([sys.executable, "-c", code, *words], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert "one that is free at 127.0.0.1" in done.stderr

@@ -1,0 +1,228 @@
+"""Golden cases and every kind of load through the command sweep, from files; and what a file of loads is refused for."""
+
+from __future__ import annotations
+
+import json
+import warnings
+import wave
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import call, sweep
+from load_cases import FORCE_SHAPE, GRAVITY, MASS, OMEGA, PARTICIPATION, TIP_SHAPE, TONES, cantilever
+
+from impact_env.controlled import ControlledRuns
+from impact_env.drive import Drive, constant_frequency
+from impact_env.loads import Loads, Samples
+from impact_env.methods import Moreau
+from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber
+from impact_env.periodic.case import case_of
+from impact_env.plain_loads import read_loads, to_loads
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
+from optimisation.cli.group import imported
+
+MODEL = f"""
+[model]
+omega_rad_s = {list(OMEGA)}
+damping_ratio = [0.01, 0.01, 0.01]
+force_shape_per_sqrt_kg = {list(FORCE_SHAPE)}
+tip_shape_per_sqrt_kg = {list(TIP_SHAPE)}
+beam_mass_kg = {MASS}
+"""
+HERTZ = [omega / (2 * np.pi) for omega in OMEGA]
+TONES_LOAD = f"""
+[load]
+kind = "tones"
+tones = [{{ amplitude_n = 2, frequency_hz = {HERTZ[0]} }}, {{ amplitude_n = 20, frequency_hz = {HERTZ[1]}, phase_rad = 0.5 }}]
+duration_s = 0.0555
+"""
+SCHEDULE = "schedule = {{ times_s = [0, {0}], omegas_rad_s = [240.0, 265.0], reference_rad_s = 252.3 }}"
+GRAVITY_LOAD = f"""
+[load]
+kind = "force"
+amplitude_n = 3.0
+schedule = {{ times_s = [0, 0.089], omegas_rad_s = [{OMEGA[0]}, {OMEGA[0]}], reference_rad_s = {OMEGA[0]} }}
+"""
+GOLDEN = {"tones": ("restitution = 0.7", TONES_LOAD, TONES), "gravity": ("restitution = 0.6\ngravity_m_s2 = 9.81", GRAVITY_LOAD, GRAVITY)}
+
+
+def written(folder: Path, absorber: str, load: str, base: bool = False) -> list[object]:
+    """Write a scene and a load, and return the options of sweep."""
+    known = f"base_participation_sqrt_kg = {[float(x) for x in PARTICIPATION]}\n" if base else ""
+    (folder / "scene.toml").write_text(MODEL + known + f'[absorber]\nkind = "impact"\ngap = 1e-3\n{absorber}\n')
+    (folder / "load.toml").write_text(load)
+    return ["--scene", folder / "scene.toml", "--load", folder / "load.toml", "--method", "exact", "--json", folder / "out.json"]
+
+
+@pytest.mark.parametrize("case", GOLDEN)
+def test_golden_cases_from_files(case: str, tmp_path: Path) -> None:
+    absorber, load, golden = GOLDEN[case]
+    result = sweep(*written(tmp_path, absorber, load))
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "out.json").read_text())
+    times, speeds = np.array(found["impact_time_s"]), np.array(found["impact_relative_velocity_m_s"])
+    assert len(times) == 10
+    error = np.abs(times - [time for time, _ in golden])
+    assert error[0] < 1e-12
+    assert np.max(error) < 1e-10
+    np.testing.assert_allclose(speeds, [speed for _, speed in golden], atol=1e-8)
+
+
+KINDS = {
+    "unbalance": 'kind = "unbalance"\nunbalance_kg_m = 5e-5\n' + SCHEDULE.format(0.2),
+    "base": 'kind = "base"\nacceleration_m_s2 = 8.0\n' + SCHEDULE.format(0.2),
+    "base tones": 'kind = "base"\ntones = [{ amplitude_m_s2 = 5.0, frequency_hz = 40.0 }]\nduration_s = 0.2',
+    "orders": 'kind = "tones"\norders = [{ amplitude_n = 2.0, order = 1 }, { amplitude_n = 5.0, order = 6.27 }]\n' + SCHEDULE.format(0.2),
+    "samples": 'kind = "samples"\nfile = "record.csv"\nquantity = "base_acceleration"\nscale = 9.81',
+    "random": 'kind = "random"\nspectrum = [[20.0, 4.0], [60.0, 4.0]]\nduration_s = 0.2\nseed = 1',
+    "base random": 'kind = "base"\nspectrum = [[20.0, 4.0], [60.0, 4.0]]\nduration_s = 0.2',
+    "shock": 'kind = "shock"\npulse = "half-sine"\npeak_n = 60.0\npulse_s = 0.01\nduration_s = 0.2',
+    "base shock": 'kind = "base"\npulse = "trapezoid"\npeak_m_s2 = 60.0\npulse_s = 0.01\nrise_s = 0.001\nduration_s = 0.2',
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_sweeps(kind: str, tmp_path: Path) -> None:
+    times = np.arange(201) / 1000
+    (tmp_path / "record.csv").write_text("time_s,g\n" + "".join(f"{t:.4f},{np.sin(250 * t):.9f}\n" for t in times))
+    result = sweep(*written(tmp_path, "restitution = 0.7", f"[[load]]\n{KINDS[kind]}\n", base=True))
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "out.json").read_text())
+    assert found["response_level_m"][0] > 0
+    assert found["pseudo_periods"] == pytest.approx(0.2 * (252.3 if "schedule" in KINDS[kind] else OMEGA[0]) / (2 * np.pi))
+
+
+def sine(folder: Path) -> None:
+    np.save(folder / "even.npy", np.sin(np.arange(50.0)))
+
+
+def clipped(folder: Path) -> None:
+    np.save(folder / "even.npy", np.minimum(np.sin(0.1 * np.arange(100.0)), 0.5))
+
+
+def gap(folder: Path) -> None:
+    np.save(folder / "even.npy", np.array([0.0, 1.0, np.nan, 2.0]))
+
+
+def sound(folder: Path) -> None:
+    with wave.open(str(folder / "a.wav"), "wb") as file:
+        file.setnchannels(1), file.setsampwidth(2), file.setframerate(1000)
+        file.writeframes(np.array([0, 16384, -16384, 0], "<i2").tobytes())
+
+
+def table(text: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / "a.csv").write_text(text) and None
+
+
+PULSE = "[[load]]\nkind = 'shock'\npulse = 'triangle'\npeak_n = 1\npulse_s = 1\nduration_s = {}\n"
+BAD: dict[str, tuple[Callable[[Path], None], str, str]] = {
+    "no load": (sine, "start = 'middle'", "load must be given"),
+    "kind": (sine, "[load]\nkind = 'wind'", r"load\.kind = 'wind' is not allowed: one of force, unbalance, base"),
+    "key": (sine, "[load]\nkind = 'shock'\npeak = 3", r"load\.peak = 3 is not allowed: only the keys pulse, peak_n"),
+    "start": (sine, "start = 'above'\n[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100", "start = 'above' is not allowed"),
+    "rate": (sine, "[load]\nkind = 'samples'\nfile = 'even.npy'", r"sample_rate_hz = None .*given for even\.npy"),
+    "clipped": (clipped, "[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100", r"value = 0\.5 .*clipped from row 7 on"),
+    "NaN": (gap, "[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100", r"even\.npy: row 3 = nan .*no gap"),
+    "gap in a table": (table("t,f\n0,1\n0.1,\n0.2,3\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: row 3 = \['0\.1', ''\] .*no gap"),
+    "header": (table("0,1\n0.1,2\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: row 1 = .*a header"),
+    "uneven": (table("t,f\n0,1\n1,2\n2,3\n3.4,1\n4.4,2\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"time in row 5 = 3\.4 .*resample = true"),
+    "backwards": (table("t,f\n0,1\n1,2\n0.5,3\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: time in row 4 = 0\.5"),
+    "sound without a scale": (sound, "[load]\nkind = 'samples'\nfile = 'a.wav'", r"load\.scale = None .*a sound has no unit"),
+    "no file": (sine, "[load]\nkind = 'samples'\nfile = 'b.csv'", r"load\.file = 'b\.csv' .*can be read"),
+    "no reader": (sine, "[load]\nkind = 'samples'\nfile = 'b.txt'", r"load\.file = 'b\.txt' .*ends in \.csv"),
+    "displacement samples": (sine, "[load]\nkind = 'samples'\nquantity = 'base_displacement'\nfile = 'even.npy'", "quantity = 'base_displacement'"),
+    "empty band": (sine, "[load]\nkind = 'random'\nspectrum = [[1.1, 1], [1.2, 1]]\nduration_s = 1.0", r"spectrum = .*a multiple of 1 Hz"),
+    "falling band": (sine, "[load]\nkind = 'random'\nspectrum = [[2, 1], [1, 1]]\nduration_s = 1.0", r"spectrum = .*strictly rising"),
+    "zero in a spectrum": (sine, "[load]\nkind = 'random'\nspectrum = [[1, 0], [2, 1]]\nduration_s = 1.0", r"spectrum = .*above 0"),
+    "too long": (sine, "[load]\nkind = 'random'\nspectrum = [[1, 1], [2e3, 1]]\nduration_s = 1e4", r"duration_s = 10000\.0 .*320 MiB"),
+    "pulse": (sine, "[load]\nkind = 'shock'\npulse = 'sinc'\npeak_n = 1\npulse_s = 1\nduration_s = 2", r"load\.pulse = 'sinc' .*half-sine"),
+    "rise": (sine, "[load]\nkind = 'shock'\npulse = 'triangle'\npeak_n = 1\npulse_s = 1\nrise_s = 0.1\nduration_s = 2", r"load\.rise_s = 0\.1"),
+    "both amplitudes": (
+        sine,
+        "[load]\nkind = 'base'\nacceleration_m_s2 = 1\ndisplacement_m = 1\n" + SCHEDULE.format(1),
+        r"load\.acceleration_m_s2 = 1 .*one of the two",
+    ),
+    "durations": (
+        sine,
+        PULSE.format(2) + PULSE.format(3),
+        r"duration = \[2\.0, 3\.0\] .*the same",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_files_are_refused_by_name(case: str, tmp_path: Path) -> None:
+    make, text, message = BAD[case]
+    make(tmp_path)
+    (tmp_path / "load.toml").write_text(text)
+    with pytest.raises(ParameterError, match=message):
+        read_loads(tmp_path / "load.toml", 250.0)
+
+
+def record(folder: Path, name: str, more: str = "") -> Samples:
+    (folder / "load.toml").write_text(f"[load]\nkind = 'samples'\nfile = '{name}'\n{more}")
+    (part,) = read_loads(folder / "load.toml", 250.0).parts
+    assert isinstance(part, Samples)
+    return part
+
+
+def test_records_of_each_format(tmp_path: Path) -> None:
+    pyuff = pytest.importorskip("pyuff")
+    values, times = np.array([0.0, 0.5, -0.5, 0.0]), np.arange(4) / 1000
+    (tmp_path / "a.csv").write_text("time_s,force\n" + "".join(f"{t},{v}\n" for t, v in zip(times, values, strict=True)))
+    np.save(tmp_path / "a.npy", np.column_stack([times, values]))
+    sound(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        about = {"rsp_ent_name": "NONE", "ref_ent_name": "NONE", "rsp_node": 1, "rsp_dir": 3, "ref_node": 1, "ref_dir": 3, "id1": "record"}
+        about |= {f"{axis}_spec_data_type": code for axis, code in (("abscissa", 17), ("ordinate", 13), ("orddenom", 0), ("z_axis", 0))}
+        part = pyuff.prepare_58(func_type=1, binary=0, data=values, x=times, **about)
+        pyuff.UFF(str(tmp_path / "a.uff")).write_sets(part, "overwrite")
+    for name in ("a.csv", "a.npy", "a.wav", "a.uff"):
+        found = record(tmp_path, name, "scale = 3.0")
+        np.testing.assert_allclose(found.values, 3 * values, atol=1e-6)
+        np.testing.assert_allclose(found.times, times, atol=1e-9)
+
+
+def test_an_uneven_record_is_resampled_when_asked(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,f\n0,0\n1,1\n2,2\n3.5,3.5\n4,4\n")
+    found = record(tmp_path, "a.csv", "resample = true")
+    np.testing.assert_allclose(found.values, found.times, atol=1e-12)
+
+
+def test_base_motion_needs_a_participation_and_walls_a_place_to_rest(tmp_path: Path) -> None:
+    base = '[load]\nkind = "base"\nacceleration_m_s2 = 1.0\n' + SCHEDULE.format(0.01)
+    result = sweep(*written(tmp_path, "restitution = 0.7", base))
+    assert result.exit_code == 2
+    assert "participation of the modes" in result.output
+    options = written(tmp_path, "contact_stiffness = 1e6", base, base=True)
+    assert "for that Exact, and a scene without absorber" in sweep(*options).output
+    options = written(tmp_path, "contact_stiffness = 1e6\ngravity_m_s2 = 9.81", TONES_LOAD)
+    assert "gravity = 9.81 is not allowed: 0 with Exact() and compliant contact" in sweep(*options).output
+    result = call(imported("sweep"), "--absorber", "none", "--load", tmp_path / "load.toml", "--force", 3)
+    assert "--force does not go with --load" in result.output
+    assert not (tmp_path / "out.json").exists()
+
+
+def test_what_knows_no_weight_refuses_it() -> None:
+    scene = Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.7), gravity=9.81))
+    runs = {
+        "intervals": lambda: ControlledRuns(scene, 1, OMEGA[0], 1.0, samples_per_period=16),
+        "periodic": lambda: case_of(scene, 1.0, OMEGA[0]),
+        "Moreau": lambda: simulate(scene, Drive(1.0, constant_frequency(OMEGA[0], 1.0, 1.0)), Moreau()),
+    }
+    for word, run in runs.items():
+        with pytest.raises(ParameterError, match=rf"gravity = 9\.81 is not allowed: 0 .*{word}"):
+            run()
+
+
+def test_a_state_to_start_from() -> None:
+    load = {"kind": "shock", "pulse": "triangle", "peak_n": 1.0, "pulse_s": 0.1, "duration_s": 0.2}
+    found = to_loads({"load": load, "start": {"modal_velocity": [0.1, 0.0, 0.0]}}, 250.0)
+    assert isinstance(found, Loads)
+    assert not isinstance(found.start, str)
+    assert found.start.modal_velocity is not None
+    assert found.start.modal_velocity.tolist() == [0.1, 0.0, 0.0]

@@ -1,0 +1,221 @@
+"""Tasks within a period: what they score, what their actuators can do, what a step costs, and what a reset may choose."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium")
+from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, GAP1, LIMITED, STRUCTURES, SWEEP, actions, make
+
+from impact_env import ParameterError
+from optimisation.friction_rule import PAPER_FRICTION, paper_share
+
+SCENE: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.1}, "interval": 0.25, "time_budget": 10.0}
+
+
+def walls(gap: float) -> float:
+    """Return the action of a target from 0.1 mm to 3 mm."""
+    return 2 * math.log(gap / 1e-4) / math.log(30) - 1
+
+
+def test_walls_that_stay_score_as_those_of_the_choice_of_the_gap() -> None:
+    """The same motion, looked at by a task with its own reference."""
+    own, other = gymnasium.make(ACTIVE_GAP, **SCENE), gymnasium.make(GAP1, force=2.0, frequency_ratio=0.985, hold=1e4, **SCENE)
+    own.reset(seed=0, options={"force": 2.0, "frequency_ratio": 0.985})
+    other.reset(seed=0)
+    own.unwrapped.task.runs.orders["phase"] = other.unwrapped.task.runs.orders["phase"] = 1.0
+    for _ in range(40):
+        info, wanted = (env.step(np.array([action]))[4] for env, action in ((own, walls(1e-3)), (other, 2 * 0.9 / 2.9 - 1)))
+    assert info["impacts"] >= 0
+    assert info["score"] == pytest.approx(wanted["score"], rel=1e-6)
+    assert info["score"] < -0.1
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.5])
+def test_walls_move_no_faster_than_they_can(lag: float) -> None:
+    env = gymnasium.make(ACTIVE_GAP, gap_lag=lag, time_budget=40.0)
+    env.reset(seed=1)
+    gaps = [1e-3] + [env.step(np.ones(1))[4]["gap"] for _ in range(60)]
+    steps = np.diff(gaps)
+    assert steps.max() == pytest.approx(0.075e-3)
+    assert np.all(np.abs(steps) <= 0.075e-3 * (1 + 1e-12))
+    if lag == 0:
+        assert gaps[-1] == 3e-3
+    else:
+        left = 3e-3 - np.array(gaps[-20:])
+        np.testing.assert_allclose(left[1:] / left[:-1], math.exp(-0.5), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "price"), [(ACTIVE_FRICTION, 1e-3), (ACTIVE_GAP, 1e-2)])
+@pytest.mark.filterwarnings("ignore:.*reward returned by")  # gymnasium's checker knows rewards that are numbers
+def test_the_score_is_what_level_and_actuator_cost(name: str, price: float) -> None:
+    generator = np.random.default_rng(0)
+    env, priced, vector = make(name), make(name, price=price), make(name, vector_reward=True)
+    for one in (env, priced, vector):
+        one.reset(seed=2)
+    total = np.zeros(5)
+    for _ in range(20):
+        action = generator.uniform(-1, 1, 1).astype(np.float32)
+        info, other = env.step(action)[4], priced.step(action)
+        _, rewards, _, _, same = vector.step(action)
+        total += info["costs"]
+        np.testing.assert_array_equal(rewards, -info["costs"])
+        np.testing.assert_array_equal(same["costs"], info["costs"])
+        assert other[1] == pytest.approx(-info["costs"][0] - price * info["costs"][3], rel=1e-12)
+        assert vector.unwrapped.reward_space.contains(rewards)
+    assert total[1] == pytest.approx(1.0)
+    assert total[3] > 1
+    assert np.all(total > 0)
+
+
+def test_the_contact_force_is_what_a_held_absorber_needs() -> None:
+    """Held to the beam, the absorber is moved by m_a times the beam's acceleration alone."""
+    env = gymnasium.make(ACTIVE_FRICTION, raw_state=True, time_budget=5.0)
+    _, info = env.reset(seed=0)
+    scene, speeds, forces = env.unwrapped.task.settings.scene, [0.0], []
+    for _ in range(20):
+        info = env.step(np.ones(1))[4]
+        speeds.append(float(info["state"][3:5] @ scene.model.tip_shape))
+        forces.append(info["costs"][4])
+    period = 0.25 * scene.model.pseudo_period()
+    np.testing.assert_allclose(forces, np.abs(np.diff(speeds)) * scene.absorber_mass / period / info["force"], rtol=1e-9)
+
+
+def test_friction_is_in_units_of_any_structure() -> None:
+    env = gymnasium.make(ACTIVE_FRICTION, friction_range=(paper_share(), 10 * paper_share()))
+    env.reset(seed=0)
+    assert env.step(-np.ones(1))[4]["friction_limit"] == pytest.approx(PAPER_FRICTION, rel=1e-12)
+
+
+def test_a_reset_may_choose_what_would_be_drawn() -> None:
+    env, many = make(ACTIVE_FRICTION), gymnasium.make_vec(ACTIVE_FRICTION, num_envs=3)
+    drawn = env.reset(seed=4)[1]
+    chosen = env.reset(seed=4, options={"force": 3.0})[1]
+    assert chosen["force"] == 3.0
+    assert chosen["frequency_ratio"] == drawn["frequency_ratio"]
+    info = many.reset(seed=4, options={"force": [1.0, 2.0, 3.0], "frequency_ratio": 1.0})[1]
+    np.testing.assert_array_equal(info["force"], [1, 2, 3])
+    np.testing.assert_array_equal(info["frequency_ratio"], 1.0)
+    assert many.reset(seed=4)[1]["force"][0] == drawn["force"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"force": 0.0}, "options['force'] = 0"),
+        ({"frequency_ratio": 2.0}, "0.96 to 1.02"),
+        ({"force": "much"}, "force"),
+        ({"structure": 1}, "only force"),
+    ],
+)
+def test_what_no_reset_can_choose_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ParameterError) as error:
+        make(ACTIVE_FRICTION).reset(options=options)
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "words"),
+    [
+        (ACTIVE_GAP, {"gap_speed": 0.0}, "gap_speed = 0.0"),
+        (ACTIVE_GAP, {"gap_lag": -1.0}, "gap_lag = -1.0"),
+        (ACTIVE_GAP, {"absorber": "stuck", "absorber_options": {}}, "rigid walls"),
+        (ACTIVE_FRICTION, {"price": -1.0}, "price = -1.0"),
+        (ACTIVE_FRICTION, {"frequency_ratio": (1.0, 0.9)}, "frequency_ratio"),
+        (ACTIVE_FRICTION, {"fatigue_exponent": 0.0}, "fatigue_exponent = 0.0"),
+        (ACTIVE_FRICTION, {"vector_reward": 1}, "vector_reward = 1"),
+        (ACTIVE_FRICTION, {"absorber": "none", "absorber_options": {}}, "rigid friction"),
+        (LIMITED, {"damping": (0.0, 0.1)}, "damping = (0.0, 0.1)"),
+        (LIMITED, {"restitution": 1.5}, "restitution = 1.5"),
+        (LIMITED, {"start_spread": 0.06}, "start_spread = 0.06"),
+        (LIMITED, {"scenes": 0}, "scenes = 0"),
+        (LIMITED, {"price": -0.1}, "price = -0.1"),
+        (STRUCTURES, {"split": "exam"}, "split = 'exam'"),
+        (STRUCTURES, {"structures": 0}, "structures = 0"),
+        (STRUCTURES, {"observe_structure": 1}, "observe_structure = 1"),
+        (STRUCTURES, {"modes": 3}, "modes = 3"),
+        (SWEEP, {"vector_reward": True}, "without a vector of costs"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
+def test_impossible_arguments_are_named(name: str, arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises(ParameterError) as error:
+        gymnasium.make(name, **arguments)
+    assert words in str(error.value)
+
+
+def test_lanes_of_a_pool_do_what_each_scene_does_by_itself() -> None:
+    """Structure by structure, chosen by a reset, against an environment whose only structure it is."""
+    many = gymnasium.make_vec(STRUCTURES, num_envs=6, time_budget=5.0, structures=3)
+    task, numbers = many.unwrapped.task, [2, 0, 1, 2, 0, 1]
+    many.reset(seed=0, options={"structure": numbers, "force": 2.0, "frequency_ratio": 0.99})
+    phases = task.runs.orders["phase"].copy()
+    total = np.zeros(6)
+    for action in actions(STRUCTURES, 19, 6):
+        total += many.step(action)[1]
+    for lane, number in enumerate(numbers):
+        scene = dataclasses.replace(task.settings.scene, model=task.models[number])
+        one = gymnasium.make(ACTIVE_FRICTION, whole_scene=scene, time_budget=5.0)
+        one.reset(seed=0, options={"force": task.force[lane], "frequency_ratio": 0.99})
+        one.unwrapped.task.runs.orders["phase"] = phases[lane]
+        score = sum(one.step(action[lane])[1] for action in actions(STRUCTURES, 19, 6))
+        assert total[lane] == pytest.approx(score, rel=1e-9)
+
+
+def test_structures_are_in_units_of_the_default_beam_and_splits_have_others() -> None:
+    drawn = {split: gymnasium.make(STRUCTURES, split=split).unwrapped.task for split in ("train", "validation", "test")}
+    for task in drawn.values():
+        scene = task.settings.scene
+        for model in task.models:
+            assert model.omega[0] == pytest.approx(scene.model.omega[0], rel=1e-12)
+            assert model.beam_mass == scene.model.beam_mass
+            assert np.all((model.damping_ratio >= 0.005) & (model.damping_ratio <= 0.02))
+    ratios = {split: {round(model.omega[1] / model.omega[0], 3) for model in task.models} for split, task in drawn.items()}
+    cantilever, hinged, clamped = 6.267, 4.0, 2.757  # R. D. Blevins 1979
+    assert cantilever in ratios["train"]
+    assert hinged in ratios["validation"]
+    assert clamped in ratios["test"]
+    assert not {cantilever, hinged} & ratios["test"]
+    assert clamped not in ratios["train"] | ratios["validation"]
+
+
+def test_the_force_moves_every_structure_as_far() -> None:
+    many = gymnasium.make_vec(STRUCTURES, num_envs=5, structures=5)
+    many.reset(seed=0, options={"structure": [0, 1, 2, 3, 4], "force": 1.5, "frequency_ratio": 1.0})
+    task = many.unwrapped.task
+    np.testing.assert_allclose(task.expected_amplitude(), task.expected_amplitude()[0], rtol=1e-9)
+    for lane, model in enumerate(task.models):
+        omega = model.omega[0]
+        reached = abs(sum(model.tip_shape * model.force_shape / (model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega)))
+        assert task.expected_amplitude()[lane] == pytest.approx(reached * task.force[lane], rel=1e-9)
+
+
+def test_a_passage_draws_what_it_says_and_its_walls_have_a_price() -> None:
+    many, free = gymnasium.make_vec(LIMITED, num_envs=400), gymnasium.make_vec(LIMITED, num_envs=400, price=0.0)
+    _, info = many.reset(seed=0)
+    free.reset(seed=0)
+    task = many.unwrapped.task
+    assert set(info["scene"]) == set(range(12))
+    assert set(task.sign) == {-1.0, 1.0}
+    starts = np.abs(info["frequency_ratio"] - np.where(task.sign > 0, 0.93, 1.03))
+    for values, low, high in ((starts, 0, 0.01), (task.rates, 2, 6), (info["gap"], 0.3e-3, 2e-3), (info["force"], 0.5, 6)):
+        assert low <= values.min() < low + 0.1 * (high - low)
+        assert high - 0.1 * (high - low) < values.max() <= high
+    damping = [scene.model.damping_ratio[0] for scene in task.scenes]
+    restitution = [scene.absorber.walls.restitution for scene in task.scenes]
+    assert 0.005 < min(damping) < 0.006 < 0.018 < max(damping) < 0.02
+    assert 0.6 < min(restitution) < 0.65 < 0.95 < max(restitution) < 1
+    before, fastest = info["gap"], 0.0
+    for action in actions(LIMITED, 5, 400):
+        (_, rewards, _, _, info), wanted = many.step(action), free.step(action)[1]
+        moved = np.abs(info["gap"] - before)
+        fastest = max(fastest, float(moved[moved < 0.1e-3].max()))
+        np.testing.assert_allclose(wanted - rewards, 0.01 * moved / 1e-3, atol=1e-12)
+        before = info["gap"]
+    assert fastest == pytest.approx(0.05e-3)
+    assert many.reset(seed=1, options={"scene": 3})[1]["scene"].tolist() == [3] * 400

@@ -1,0 +1,121 @@
+"""Admission: rules of eight numbers begin at those of four, copies of lanes do what the lanes do, and a planner is above its rule."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium")
+pytest.importorskip("cmaes")
+from commands import call
+from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, LIMITED, STRUCTURES
+
+from optimisation.files import read_json
+from optimisation.rl.active_rules import ACTIVE, PAIRS, Switch
+from optimisation.rl.admission import QUICK, Held, admit, room
+from optimisation.rl.families import policy_of
+from optimisation.rl.oracle import Planner, copy_lanes, disturb, plan
+from optimisation.rl.play import play
+from studies.cli import admit_tasks
+
+RULE = (-0.22, -0.14, -0.6, 0.4, -0.29, 0.09, 2.3, 0.09)
+BRIEF: dict[str, Any] = {"time_budget": 10.0}
+
+
+@pytest.mark.parametrize("family", [*ACTIVE, *PAIRS])
+def test_a_rule_of_four_is_one_of_eight_and_rules_are_even(family: Any) -> None:
+    """The scene and its mirror image get the same action: displacements, velocities and the force's phase with other signs."""
+    generator = np.random.default_rng(0)
+    numbers, seen = generator.normal(size=(20, 4)), np.abs(generator.normal(size=(20, 13))).astype(np.float32)
+    rest = np.tile(family.neutral[4:], (20, 1))
+    four, eight = Held(family()).act(numbers, seen, {}), family().act(np.concatenate([numbers, rest], axis=1), seen, {})
+    np.testing.assert_array_equal(four, eight)
+    assert np.std(four) > 0.1
+    mirror = seen.copy()
+    mirror[:, :4] *= -1
+    if family in ACTIVE:
+        mirror[:, 5:7] *= -1
+    np.testing.assert_allclose(family().act(np.concatenate([numbers, rest], axis=1), mirror, {}), eight, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", [ACTIVE_FRICTION, ACTIVE_GAP, STRUCTURES, LIMITED])
+def test_copies_do_what_the_lane_does(name: str) -> None:
+    few, many = (gymnasium.make_vec(name, num_envs=lanes) for lanes in (5, 15))
+    few.reset(seed=3)
+    many.reset(seed=90)
+    generator = np.random.default_rng(0)
+    given = generator.uniform(-1, 1, (12, *few.action_space.shape)).astype(np.float32)
+    for action in given[:5]:
+        few.step(action)
+    copy_lanes(few.unwrapped.task, many.unwrapped.task, 3)
+    for action in given[5:]:
+        seen, rewards, *_ = few.step(action)
+        others, gained, *_ = many.step(np.repeat(action, 3, axis=0))
+        np.testing.assert_array_equal(np.repeat(rewards, 3), gained)
+        np.testing.assert_array_equal(np.repeat(seen, 3, axis=0), others)
+
+
+def test_copies_are_off_by_little_and_to_both_sides() -> None:
+    env = gymnasium.make_vec(ACTIVE_FRICTION, num_envs=8)
+    env.reset(seed=0)
+    task = env.unwrapped.task
+    force, phase = task.force.copy(), task.runs.orders["phase"].copy()
+    disturb(task, 4, np.random.default_rng(0))
+    off, turned = (task.force / force - 1).reshape(2, 4), (task.runs.orders["phase"] - phase).reshape(2, 4)
+    np.testing.assert_allclose(off[0], off[1], atol=1e-12)
+    assert np.all((np.abs(off) >= 0.002 - 1e-12) & (np.abs(off) <= 0.01 + 1e-12))
+    assert np.all((np.abs(turned) >= 0.02 - 1e-12) & (np.abs(turned) <= 0.1 + 1e-12))
+    for values in (off, turned):
+        assert np.sum(values[0] > 0) == 2
+
+
+def test_planners_are_above_their_rule_on_64_seeds() -> None:
+    seeds = range(2_600_000, 2_600_064)
+    rule = play(policy_of("rule", Switch(), list(RULE)), ACTIVE_FRICTION, seeds, BRIEF).scores
+    planner = Planner([(a,) for a in (-1.0, -0.4, 0.2, 0.8)], horizon=10)
+    robust, exact = (
+        plan(ACTIVE_FRICTION, seeds, BRIEF, (Switch(), np.array(RULE)), one) for one in (planner, replace(planner, copies=1, exact=True))
+    )
+    for scores in (robust, exact):
+        apart = scores - rule
+        assert apart.mean() > 4 * apart.std() / np.sqrt(len(apart))
+    nobody = plan(ACTIVE_FRICTION, seeds[:4], BRIEF, (Switch(), np.array(RULE)), replace(planner, actions=[(0.0,)], lasting=(0,)))
+    np.testing.assert_allclose(nobody, rule[:4], rtol=1e-9)  # a planner without a choice is its rule
+
+
+def test_room_is_the_share_that_a_rule_leaves() -> None:
+    assert room(np.array([[-0.1, -0.3]]), np.array([[-0.3, -0.5]]), np.array([[-0.6, -0.6]])) == pytest.approx(0.5)
+    found = admit(ACTIVE_GAP, BRIEF, replace(QUICK, judged=4))
+    scores = {label: np.mean(values) for label, values in found["scores"].items()}
+    share = (scores["robust oracle"] - scores["rule of 8"]) / (scores["robust oracle"] - scores["best constant"])
+    assert found["room"][0] == pytest.approx(share, abs=1e-3)
+    assert found["room"][1] <= found["room"][0] <= found["room"][2]
+
+
+def test_the_command_fills_the_page_and_keeps_what_is_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(admit_tasks, "QUICK", replace(QUICK, judged=4))
+    monkeypatch.setattr("studies.admission.STEPS", 3)
+    target, page = tmp_path / "tasks.json.gz", tmp_path / "page.md"
+    page.write_text("".join(f"<!-- {name} -->\n<!-- /{name} -->\n" for name in admit_tasks.MARKERS))
+    for task in ("active_gap", "active_friction"):
+        result = call(admit_tasks.main, "--quick", "--task", task, "--json", target, "--page", page)
+        assert result.exit_code == 0, result.output
+    assert list(read_json(target)["tasks"]) == [ACTIVE_FRICTION, ACTIVE_GAP]
+    text = page.read_text()
+    assert result.output.splitlines()[-1] in text
+    assert all(words in text for words in ("`ActiveGap-v0`", "## Structures-v0", "| 14 ", "frequency ratio to the resonance"))
+    before, board = target.read_bytes(), tmp_path / "board.csv"
+    theirs = "ActiveGap-v0,a better one,somebody,abc,test,256,-0.1,-0.2,-0.05"
+    board.write_text("task,policy,who,commit,split,episodes,score,low,high\n" + theirs + "\nActiveGap-v0,old,this project,abc,test,4,-9,-9,-9\n")
+    monkeypatch.setattr(admit_tasks, "EPISODES", 4)
+    assert call(admit_tasks.main, "--redraw", "--json", target, "--leaderboard", board).exit_code == 0
+    assert target.read_bytes() == before
+    lines = board.read_text().splitlines()
+    assert theirs in lines
+    assert not any(",old," in line for line in lines)
+    assert sum("PPO, one agent" in line for line in lines) >= 3
+    assert any(line.startswith("SweepRate-v1,small rule,") for line in lines)

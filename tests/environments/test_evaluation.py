@@ -1,0 +1,120 @@
+"""Public judging: the same seeds for all, disjoint splits, scores that a loop of single environments gets too, and lanes that rest."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium")
+from environment_cases import ACTIVE_FRICTION, SHORT, V1, actions, vector
+
+import impact_env
+from impact_env import ParameterError
+from impact_env.envs.evaluation import SPLITS
+
+BRIEF: dict[str, Any] = {"time_budget": 5.0}
+
+
+def by_velocity(observations: np.ndarray) -> np.ndarray:
+    return np.clip(observations[:, 1:2] * observations[:, 3:4], -1, 1)
+
+
+def test_splits_do_not_meet() -> None:
+    assert set(SPLITS) == {"train", "validation", "test"}
+    assert not any(range(max(a.start, b.start), min(a.stop, b.stop)) for a, b in combinations(SPLITS.values(), 2))
+
+
+@pytest.mark.parametrize("name", [ACTIVE_FRICTION, V1])
+def test_scores_are_those_of_single_environments(name: str) -> None:
+    found = impact_env.evaluate(by_velocity, name, "validation", episodes=5, arguments=SHORT[name])
+    assert found.seeds == tuple(range(1_000_000, 1_000_005))
+    env = gymnasium.make(name, **SHORT[name])
+    for seed, score in zip(found.seeds, found.scores, strict=True):
+        observation, total, over = env.reset(seed=seed)[0], 0.0, False
+        while not over:
+            observation, reward, end, cut, _ = env.step(by_velocity(observation[None])[0])
+            total, over = total + reward, end or cut
+        assert score == total
+
+
+def test_differences_are_paired_and_the_table_says_all() -> None:
+    found = impact_env.evaluate(by_velocity, ACTIVE_FRICTION, against={"held": 1.0, "free": [-1.0]}, episodes=32, arguments=BRIEF)
+    better, low, high = found.differences["held"]
+    apart = found.scores - found.others["held"].scores
+    assert better == pytest.approx(apart.mean())
+    assert (high - low) / 2 == pytest.approx(1.96 * apart.std() / np.sqrt(32), rel=0.2)
+    assert low < better < high
+    text = str(found)
+    assert "test: 32 episodes, seeds 2000000 to 2000031" in text
+    for row in (found.policy, *found.others.values()):
+        assert f"{row.mean:.4f}" in text
+        assert row.name in text
+        assert row.interval[0] < row.mean < row.interval[1]
+
+
+def test_a_model_of_another_library_is_asked_for_its_deterministic_action() -> None:
+    class Model:
+        """Remembers how often it was asked, as a recurrent policy would."""
+
+        def predict(
+            self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = False
+        ) -> tuple[np.ndarray, Any]:
+            assert deterministic
+            assert episode_start.all() == (state is None)
+            asked = (state or 0) + 1
+            return np.full((len(observation), 1), 0.01 * asked, np.float32), asked
+
+    def rising(observations: np.ndarray) -> np.ndarray:
+        return np.float32(0.01) * np.rint((1 - observations[:, 8:9]) * 20 + 1)
+
+    models, own = (impact_env.evaluate(policy, ACTIVE_FRICTION, episodes=3, arguments=BRIEF).scores for policy in (Model(), rising))
+    np.testing.assert_allclose(models, own, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        ((0.0, "ImpactAbsorber/Nothing-v0"), "env_id = 'ImpactAbsorber/Nothing-v0'"),
+        ((0.0, ACTIVE_FRICTION, "exam"), "split = 'exam'"),
+        (("up", ACTIVE_FRICTION), "policy = 'up'"),
+        ((lambda seen: seen, ACTIVE_FRICTION), "actions"),
+        (([0.0, 0.0, 0.0], ACTIVE_FRICTION), "actions"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused(call: tuple[Any, ...], words: str) -> None:
+    with pytest.raises((ParameterError, ValueError)) as error:
+        impact_env.evaluate(*call, episodes=2, arguments=BRIEF if "Active" in call[1] else None)
+    assert words in str(error.value)
+    assert isinstance(error.value, ParameterError)
+
+
+def test_evaluate_is_imported_when_it_is_asked_for() -> None:
+    code = "import sys, impact_env; print('impact_env.envs.evaluation' in sys.modules, callable(impact_env.evaluate))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.split()[:2] == ["False", "True"]
+
+
+@pytest.mark.parametrize("mode", ["SAME_STEP", "NEXT_STEP", "DISABLED"])
+def test_lanes_rest_until_they_are_reset(mode: str) -> None:
+    rested, free = (vector(ACTIVE_FRICTION, 4, autoreset_mode=mode) for _ in range(2))
+    seen = rested.reset(seed=0)[0]
+    free.reset(seed=0)
+    mask = np.array([False, True, False, True])
+    rested.rest(mask)
+    for action in actions(ACTIVE_FRICTION, 12, 4):
+        now, rewards, *_ = rested.step(action)
+        other, wanted, *_ = free.step(action)
+        np.testing.assert_array_equal(now[mask], seen[mask])
+        np.testing.assert_array_equal(rewards[mask], 0)
+        np.testing.assert_array_equal(now[~mask], other[~mask])
+        np.testing.assert_array_equal(rewards[~mask], wanted[~mask])
+    again, _ = rested.reset(seed=7, options={"reset_mask": mask})
+    np.testing.assert_array_equal(again[mask], vector(ACTIVE_FRICTION, 4).reset(seed=7)[0][mask])
+    assert np.all(rested.step(actions(ACTIVE_FRICTION, 1, 4)[0])[1] != 0)
+    with pytest.raises(ParameterError, match="mask"):
+        rested.rest(np.array([True]))

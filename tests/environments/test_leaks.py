@@ -1,0 +1,74 @@
+"""The force that is drawn is not in the observation: not through the score's reference, and no more than amplitudes tell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium")
+from environment_cases import ADAPTIVE, FRICTION, GAP1, OPEN_ADAPTIVE, OPEN_FRICTION
+
+HIDDEN = (ADAPTIVE, FRICTION, GAP1)
+OPEN = (OPEN_ADAPTIVE, OPEN_FRICTION)
+LEARNT, HELD_OUT, HINGES, SMALL = 2000, 2000, 300, 1e-6
+pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
+
+
+def seen(env: Any, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the force (L,) and the observations (L, steps, features) of random actions."""
+    _, info = env.reset(seed=0)
+    generator = np.random.default_rng(1)
+    rows = [env.step(generator.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0] for _ in range(steps)]
+    return info["force"], np.stack(rows, axis=1).astype(np.float64)
+
+
+def explained(inputs: np.ndarray, wanted: np.ndarray, hinges: int) -> float:
+    """Return R^2 on held-out episodes of least squares on inputs, their logarithms, and a number of random hinges of both."""
+    generator = np.random.default_rng(0)
+    inputs = np.column_stack([inputs, np.log(np.abs(inputs) + SMALL)])
+    inputs = (inputs - inputs.mean(axis=0)) / (inputs.std(axis=0) + 1e-9)
+    planes = generator.normal(size=(inputs.shape[1], hinges)) / np.sqrt(inputs.shape[1])
+    every = np.column_stack([np.ones(len(inputs)), inputs, np.maximum(inputs @ planes + generator.normal(size=hinges), 0)])
+    shown, rest = every[:LEARNT], every[LEARNT:]
+    weights = np.linalg.solve(shown.T @ shown + 1e-3 * np.eye(every.shape[1]), shown.T @ wanted[:LEARNT])
+    return 1 - float(np.mean((wanted[LEARNT:] - rest @ weights) ** 2) / wanted[LEARNT:].var())
+
+
+@pytest.mark.parametrize("hinges", [0, HINGES])
+@pytest.mark.parametrize("name", HIDDEN)
+def test_features_tell_the_force_no_better_than_amplitudes(name: str, hinges: int) -> None:
+    force, rows = seen(gymnasium.make_vec(name, num_envs=LEARNT + HELD_OUT), 10)
+    for steps in (1, 10):
+        pairs = rows[:, :steps, :2]
+        amplitudes = np.concatenate([pairs, np.hypot(*pairs.T).T[..., None]], axis=2)
+        every = np.concatenate([rows[:, :steps], amplitudes[..., 2:]], axis=2)
+        told = [explained(values.reshape(len(values), -1), np.log(force), hinges) for values in (every, amplitudes)]
+        assert 0.5 < told[1] <= 1  # amplitudes in units of the gap speak for the force: that is to be looked at
+        assert told[0] < told[1] + 0.02
+
+
+@pytest.mark.parametrize("name", [*OPEN, *HIDDEN])
+def test_the_scores_reference_is_seen_by_first_versions_only(name: str) -> None:
+    env = gymnasium.make_vec(name, num_envs=8)
+    usual = seen(env, 3)[1]
+    task = env.unwrapped.task
+    if hasattr(task, "_references"):
+        task._references = [(3 * level, damage) for level, damage in task._references]
+    else:
+        drawn = task.draw
+
+        def draw(lane: int, generator: np.random.Generator) -> None:
+            drawn(lane, generator)
+            task._scale[lane] *= 3
+
+        task.draw = draw
+    np.testing.assert_equal(np.array_equal(seen(env, 3)[1], usual), name in HIDDEN)
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_chatter_stays_of_order_one(name: str) -> None:
+    rows = seen(gymnasium.make_vec(name, num_envs=256), 40)[1]
+    assert rows[..., 4].max() == 4
+    assert seen(gymnasium.make_vec(name, num_envs=256, impacts_limit=100.0), 40)[1][..., 4].max() > 20

@@ -1,0 +1,57 @@
+"""Agents that ship: they act without torch as stable-baselines3 makes them act, do better than constants, go on learning, and are small."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+from stable_baselines3 import PPO
+
+import impact_env
+from impact_env import ParameterError
+from optimisation.rl.agents import TRAINED, load_agent, packaged_file
+from optimisation.rl.vec_env import make_native
+
+SHIPPED = sorted(path.stem.rpartition("_")[0] for path in TRAINED.glob("*_ppo.zip"))
+pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
+
+
+def test_all_together_are_small() -> None:
+    assert len(SHIPPED) >= 3
+    assert sum(path.stat().st_size for path in TRAINED.iterdir()) < 2e6
+
+
+@pytest.mark.parametrize("task", SHIPPED)
+def test_the_small_file_acts_as_the_model(task: str) -> None:
+    agent, model = load_agent(task), PPO.load(packaged_file(task), device="cpu")
+    seen = np.random.default_rng(0).normal(size=(50, model.observation_space.shape[0])).astype(np.float32)
+    np.testing.assert_allclose(agent.act(seen), model.predict(seen, deterministic=True)[0], atol=1e-5)
+
+
+@pytest.mark.parametrize("task", SHIPPED)
+def test_an_agent_does_better_than_constants(task: str) -> None:
+    agent = load_agent(task)
+    constants = {str(action): action for action in (-0.4, 0.0, 0.4, 0.8)}
+    found = impact_env.evaluate(agent, agent.env_id, "validation", constants, episodes=64)
+    assert min(better[0] for better in found.differences.values()) > 0.01
+
+
+def test_an_agent_goes_on_learning() -> None:
+    model = PPO.load(packaged_file("active_gap"), env=make_native("ImpactAbsorber/ActiveGap-v0", 64), device="cpu")
+    before = [parameter.detach().clone() for parameter in model.policy.parameters()]
+    model.learn(5120, reset_num_timesteps=False)
+    assert model.num_timesteps >= 400_000 + 5120
+    assert all(not bool((a == b.detach()).all()) for a, b in zip(before, model.policy.parameters(), strict=True))
+
+
+def test_what_does_not_ship_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="task = 'nothing' is not allowed"):
+        load_agent("nothing")
+    with pytest.raises(ParameterError, match="algorithm = 'sac'"):
+        load_agent("active_gap", "sac")
+    (tmp_path / "a.zip").write_bytes(b"no archive")
+    with pytest.raises(ParameterError, match="a file that train_sweep_agent wrote"):
+        load_agent(tmp_path / "a.zip")

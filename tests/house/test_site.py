@@ -1,0 +1,73 @@
+"""What checks a built site sees: links that lead nowhere, and what would be fetched from elsewhere; and what the site is told to hold."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from places import ROOT, SCRIPTS
+
+import impact_env
+
+sys.path.insert(0, str(SCRIPTS / "lib"))
+from check_site import main, problems
+
+WHOLE = '<a href="b.html#place">b</a><a href="#top">up</a><img src="c.png"><a href="https://host.example/">else</a><p id="top"></p>'
+WRONG = {
+    '<a href="none.html">x</a>': "none.html leads to no file",
+    '<a href="b.html#nowhere">x</a>': "b.html#nowhere leads to no place",
+    '<a href="#nowhere">x</a>': "#nowhere leads to no place",
+    '<a href="folder">x</a>': "folder leads to no file",
+    '<img src="none.png">': "none.png leads to no file",
+    '<script src="https://host.example/a.js"></script>': "fetches https://host.example/a.js",
+    '<script src="//host.example/a.js"></script>': "fetches //host.example/a.js",
+    '<link rel="stylesheet" href="https://host.example/a.css">': "fetches https://host.example/a.css",
+}
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    (tmp_path / "a.html").write_text(WHOLE)
+    (tmp_path / "b.html").write_text('<h2 id="place">b</h2>')
+    (tmp_path / "c.png").touch()
+    (tmp_path / "folder").mkdir()
+    return tmp_path
+
+
+def test_a_whole_site_has_no_problems(site: Path) -> None:
+    assert problems(site) == []
+    assert main(site) == 0
+
+
+@pytest.mark.parametrize("line", WRONG)
+def test_what_is_wrong_is_one_line(site: Path, line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (site / "a.html").write_text(WHOLE + line)
+    assert main(site) == 1
+    assert re.fullmatch(rf"a\.html: {re.escape(WRONG[line])}.*\n", capsys.readouterr().err)
+
+
+def test_a_site_without_pages_is_wrong(tmp_path: Path) -> None:
+    assert main(tmp_path) == 1
+
+
+def test_the_reference_has_the_package_and_modules_that_exist() -> None:
+    text = (ROOT / "docs" / "site" / "api.rst").read_text()
+    modules = re.findall(r"automodule:: (\S+)", text)
+    assert modules[0] == "impact_env"
+    assert {"impact_env.curve", "impact_env.plain", "impact_env.envs"} <= set(modules)
+    for module in modules:
+        assert (ROOT / Path(*module.split("."))).with_suffix(".py").is_file() or (ROOT / Path(*module.split(".")) / "__init__.py").is_file()
+    for name in impact_env.__all__:
+        assert getattr(getattr(impact_env, name), "__doc__", None), name
+
+
+def test_the_sites_contents_are_those_of_the_index() -> None:
+    pytest.importorskip("docutils")
+    sys.path.insert(0, str(ROOT / "docs" / "site"))
+    from conf import toctrees
+
+    listed = set(re.findall(r"^[\w./-]+$", toctrees(), re.MULTILINE))
+    pages = {f"docs/{page.stem}" for page in (ROOT / "docs").glob("*.md")} | {"CONTRIBUTING", "CHANGELOG", "SECURITY", "CODE_OF_CONDUCT"}
+    assert pages | {"impact_env/kernels/README", "docs/site/api", "docs/site/notebooks"} == listed

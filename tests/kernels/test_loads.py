@@ -1,0 +1,308 @@
+"""Loads other than one force, and gravity, against dense matrix exponentials, closed forms, and what must follow as they are refined."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+from load_cases import cantilever, chirp
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive, FrequencySchedule
+from impact_env.loads import Force, Load, Loads, Member, Random, Samples, ShakenBase, Shock, Tone, Tones, Unbalance
+from impact_env.methods import Moreau, RungeKutta
+from impact_env.parameters import (
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+)
+from impact_env.response import Record, Response
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
+from reference.dense import Inputs, follow
+
+Array = NDArray[np.float64]
+W1 = float(cantilever().omega[0])
+SWEEP = FrequencySchedule(np.array([0.0, 0.25]), np.array([0.9, 1.1]) * W1, W1)
+RUN_UP = FrequencySchedule(np.array([0.0, 0.25]), np.array([0.0, 1.2]) * W1, W1)
+NOISE = np.random.default_rng(5).standard_normal(251)
+CLOCK = np.linspace(0.0, 0.25, 251)
+EVERYTHING = Record(events=True, series=True, energy=True, check=True)
+BOTH = SlidingAbsorber(0.02, RigidWalls(5e-4, 0.6), CoulombFriction(0.02), gravity=1.5)
+SMOOTH = SlidingAbsorber(0.02, RigidWalls(5e-4, 0.7))
+
+
+def shaken(times: Array) -> Array:
+    """The acceleration of a base displaced by 2e-4 m times the cosine of the sweep's phase + 0.3."""
+    omega, rate, phase = chirp(SWEEP, times)
+    return -2e-4 * (omega**2 * np.cos(phase + 0.3) + rate * np.sin(phase + 0.3))
+
+
+def run_up(times: Array) -> Array:
+    omega, _, phase = chirp(RUN_UP, times)
+    return np.asarray(8e-5 * omega**2 * np.cos(phase))
+
+
+def orders(times: Array) -> Array:
+    _, _, phase = chirp(SWEEP, times)
+    return np.asarray(6 * np.cos(phase + 0.5) + 2 * np.cos(2.9 * phase))
+
+
+def noise(times: Array) -> Array:
+    return np.asarray(np.interp(times, CLOCK, NOISE))
+
+
+def half_sine(times: Array) -> Array:
+    return np.where(times < 0.01, 40 * np.sin(np.pi * times / 0.01), 0.0)
+
+
+def trapezoid(times: Array) -> Array:
+    return np.interp(times, [0.0, 0.001, 0.005, 0.006, 1.0], [0.0, 60.0, 60.0, 0.0, 0.0])
+
+
+def nothing(times: Array) -> Array:
+    return np.zeros_like(times)
+
+
+BASE = ShakenBase(SWEEP, displacement=2e-4, phase=0.3)
+RECORD = Samples(CLOCK, 3 * NOISE, "base_acceleration")
+CASES: dict[str, tuple[tuple[Load, ...], Inputs]] = {
+    "base": ((BASE,), Inputs(nothing, shaken, np.zeros(0), 1.1 * W1)),
+    "run-up and noise": (
+        (Unbalance(8e-5, RUN_UP), RECORD),
+        Inputs(run_up, lambda t: 3 * noise(t), CLOCK, 1.2 * W1),
+    ),
+    "orders and base": (
+        (Tones((Tone(6.0, order=1.0, phase=0.5), Tone(2.0, order=2.9)), schedule=SWEEP), BASE),
+        Inputs(orders, shaken, np.zeros(0), 3.2 * W1),
+    ),
+    "shock of the base and of the force": (
+        (Shock("half-sine", 40.0, 0.01, 0.25, quantity="base_acceleration"), Shock("trapezoid", 60.0, 0.006, 0.25, 0.001)),
+        Inputs(trapezoid, half_sine, np.array([0.001, 0.005, 0.006, 0.01]), 314.2),
+    ),
+}
+
+
+def run(absorber: object, loads: tuple[Load, ...], record: Record = EVERYTHING) -> Response:
+    return simulate(Scene(cantilever(), absorber), Loads(loads, W1), record=record)  # type: ignore[arg-type]
+
+
+def states(response: Response) -> Array:
+    history = response.history
+    assert history is not None
+    shown = history.absorber_displacement, history.absorber_velocity
+    return np.column_stack([history.modal_displacement, shown[0], history.modal_velocity, shown[1]])
+
+
+@pytest.mark.parametrize("absorber", [BOTH, SMOOTH], ids=["friction and gravity", "no friction"])
+@pytest.mark.parametrize("name", CASES)
+def test_events_and_states_are_those_of_dense_exponentials(name: str, absorber: SlidingAbsorber) -> None:
+    loads, inputs = CASES[name]
+    response = run(absorber, loads)
+    impacts, check, history, energy = response.impacts, response.check, response.history, response.energy
+    assert impacts is not None
+    assert check is not None
+    assert history is not None
+    assert energy is not None
+    truth = follow(response.scene, inputs, None, history.time, most_impacts=12)
+    known = min(len(truth.impacts), 10)
+    assert known >= 5, known
+    np.testing.assert_allclose(impacts.time[:known], truth.impacts[:known], rtol=0, atol=2e-10)
+    np.testing.assert_allclose(impacts.relative_velocity[:known], truth.impact_velocity[:known], atol=2e-7 * np.max(np.abs(truth.impact_velocity)))
+    before = history.time[: len(truth.time)] < truth.impacts[known - 1]
+    np.testing.assert_allclose(states(response)[: len(before)][before], truth.states[before], atol=1e-7 * np.max(np.abs(truth.states)))
+    assert check.misses == 0
+    assert energy.relative_error < 1e-11
+
+
+LINEAR = {
+    "no absorber": None,
+    "stuck": StuckAbsorber(0.02),
+    "tuned": TunedAbsorber(0.02, 615.4, 0.878),
+    "heavy": TunedAbsorber(0.02, 615.4, 0.878, 9.81),
+}
+
+
+@pytest.mark.parametrize("absorber", LINEAR)
+def test_linear_scenes_are_those_of_held_samples_and_exponentials(absorber: str) -> None:
+    """A record of the base: the state goes on by the exponential of a matrix with rows for a line's value and slope."""
+    found = run(LINEAR[absorber], (RECORD,), Record(series=True, energy=True))
+    assert found.history is not None
+    assert found.energy is not None
+    a, b, weight = first_order(absorber)
+    size, step = len(a), float(CLOCK[1])
+    whole = np.zeros((size + 2, size + 2))
+    whole[:size, :size], whole[:size, size], whole[size, size + 1] = a, b, 1.0
+    with_line = scipy.linalg.expm(whole * step)
+    heavy = np.zeros((size + 1, size + 1))
+    heavy[:size, :size], heavy[:size, size] = a, weight
+    constant = scipy.linalg.expm(heavy * step)[:size, size]
+    x, values = np.zeros(size), 3 * NOISE
+    for k in range(len(CLOCK) - 1):
+        x = with_line[:size] @ np.concatenate([x, [values[k], (values[k + 1] - values[k]) / step]]) + constant
+    end = x if absorber in ("tuned", "heavy") else np.insert(x, [3, 6], 0.0)
+    got = np.array(found.end_state)
+    if absorber in ("no absorber", "stuck"):
+        got[[3, 7]] = 0.0
+    np.testing.assert_allclose(got, end, atol=1e-11 * np.max(np.abs(end)))
+    assert found.energy.relative_error < 1e-12
+
+
+def first_order(absorber: str) -> tuple[Array, Array, Array]:
+    """Return matrix, column of the base's acceleration and column of gravity of the whole system in relative coordinates."""
+    model = cantilever()
+    assert model.base_participation is not None
+    omega, phi, gamma, mass = model.omega, model.tip_shape, model.base_participation, 0.02 * model.beam_mass
+    m, k, c = np.eye(3), np.diag(omega**2), np.diag(0.02 * omega)
+    push, weight = -gamma, np.zeros(3)
+    if absorber == "stuck":
+        m, push = m + mass * np.outer(phi, phi), push - mass * phi
+    if absorber in ("tuned", "heavy"):
+        line = np.append(-phi, 1.0)
+        m, push, weight = scipy.linalg.block_diag(m, mass), np.append(push, -mass), np.append(weight, -mass * 9.81 * (absorber == "heavy"))
+        k, c = (scipy.linalg.block_diag(x, 0.0) + y * np.outer(line, line) for x, y in ((k, 615.4), (c, 0.878)))
+    n = len(m)
+    matrix = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
+    return matrix, *(np.concatenate([np.zeros(n), np.linalg.solve(m, x)]) for x in (push, weight))  # type: ignore[return-value]
+
+
+# metres for 1 m/s^2 of the base at the first frequency, in closed form
+STEADY = {"no absorber": 1.229953900e-3, "stuck": 3.135898412e-4, "tuned": 1.047119145e-4}
+
+
+@pytest.mark.parametrize("absorber", STEADY)
+def test_a_base_gives_the_transfer_function(absorber: str) -> None:
+    long = FrequencySchedule(np.array([0.0, 12.0]), np.full(2, W1), W1)
+    found = run(LINEAR[absorber], (ShakenBase(long, acceleration=1.0),), Record(series=True))
+    assert found.history is not None
+    tip = found.history.tip_displacement[-320:]
+    assert np.sqrt(2 * np.mean(tip**2)) == pytest.approx(STEADY[absorber], rel=1e-8)
+
+
+def test_a_random_load_has_the_mean_square_of_its_lines() -> None:
+    """The record repeats: the second time the motion is the sum over its lines, each with the structure's transfer function."""
+    spectrum = np.array([[20.0, 1.0], [60.0, 1.0]])
+    for quantity in ("force", "base_acceleration"):
+        load, model = Random(spectrum, 4.0, seed=2, quantity=quantity), cantilever()
+        record = load.record()
+        twice = np.concatenate([record.values[:-1], record.values])
+        found = run(None, (Samples(record.times[1] * np.arange(len(twice)), twice, quantity),), Record(series=True, samples_per_period=64))
+        assert found.history is not None
+        assert model.base_participation is not None
+        driven = model.force_shape if quantity == "force" else -model.base_participation
+        omega = 2 * np.pi * load.lines / 4.0
+        transfer = np.sum(model.tip_shape * driven / (model.omega**2 - omega[:, None] ** 2 + 0.02j * model.omega * omega[:, None]), axis=1)
+        rms = np.sqrt(np.sum(np.abs(transfer * load.amplitudes()) ** 2) / 2)
+        late = found.history.tip_displacement[found.history.time >= 4.0 - 1e-9]
+        assert np.sqrt(np.mean(late**2)) == pytest.approx(rms, rel=2e-3)
+        assert np.mean(record.values[:-1] ** 2) == pytest.approx(40.0, rel=0.2)
+
+
+def test_records_of_members_are_gaussian_with_the_spectrum_s_size() -> None:
+    load = Random(np.array([[20.0, 2.0], [40.0, 8.0]]), 5.0, seed=7)
+    sizes = np.array([np.abs(load.member(other).amplitudes()) ** 2 for other in map(Member, range(200))])
+    frequency = load.lines / 5.0
+    np.testing.assert_allclose(np.mean(sizes, axis=0), 2 * 2 * (frequency / 20) ** 2 / 5, rtol=0.4)  # log-log: the slope is 2
+    assert np.mean(sizes**2) / np.mean(sizes * np.mean(sizes, axis=0)) == pytest.approx(2.0, rel=0.1)  # of a squared Gaussian amplitude
+
+
+def test_a_sampled_chirp_tends_to_the_chirp_with_the_square_of_its_step() -> None:
+    drive, errors = Drive(5.0, SWEEP, 0.4), []
+    exact = simulate(Scene(cantilever()), drive).end_state
+    for count in (500, 1000, 2000):
+        times = np.linspace(0, 0.25, count + 1)
+        record = Samples(times, 5 * np.cos(SWEEP.phase_at(times) + 0.4))
+        errors.append(np.max(np.abs((run(None, (record,), Record()).end_state - exact)[:3])))
+    np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 4.0, rtol=0.02)
+
+
+def test_a_force_among_loads_is_the_drive_alone() -> None:
+    drive = Drive(5.0, SWEEP, 0.4)
+    scene = Scene(cantilever(None), SMOOTH)
+    one, other = simulate(scene, drive, record=Record(events=True)), simulate(scene, Loads((Force(drive),)), record=Record(events=True))
+    assert one.impacts is not None
+    assert other.impacts is not None
+    assert len(one.impacts.time) > 10
+    np.testing.assert_allclose(other.impacts.time[:8], one.impacts.time[:8], rtol=0, atol=1e-11)
+
+
+def test_two_tones_far_below_contact_superpose() -> None:
+    tones = Tone(2.0, frequency=40.0), Tone(3.0, frequency=250.0, phase=0.7)
+    absorber = SlidingAbsorber(0.02, RigidWalls(1.0, 0.7))
+    both, *each = (run(absorber, (Tones(group, 0.2),), Record(events=True)) for group in (tones, tones[:1], tones[1:]))
+    assert both.impact_count == 0
+    np.testing.assert_allclose(both.end_state, each[0].end_state + each[1].end_state, atol=1e-13 * np.max(np.abs(both.end_state)))
+
+
+START: dict[str, Callable[[Array], bool]] = {
+    "middle": lambda state: bool(np.all(state == 0)),
+    "lower-wall": lambda state: bool(state[3] == -5e-4 and np.sum(state != 0) == 1),
+}
+
+
+@pytest.mark.parametrize("start", START)
+def test_starts(start: str) -> None:
+    loads, scene = Loads((BASE,), start=start), Scene(cantilever(), SMOOTH)
+    assert START[start](loads.initial(scene).vector(scene))
+
+
+def test_with_the_base_s_mean_at_rest_the_absorber_stays_where_it_is_in_space() -> None:
+    """A free absorber then follows minus the base's displacement, and does not drift; the structure's momentum is that of the base."""
+    steady = FrequencySchedule(np.array([0.0, 0.5]), np.full(2, W1), W1)
+    base, scene = ShakenBase(steady, displacement=1e-4, phase=1.0), Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1.0, 0.7)))
+    found = simulate(scene, Loads((base,), start="base-mean-rest"), record=Record(series=True, events=True))
+    assert found.history is not None
+    moved = -1e-4 * (np.cos(W1 * found.history.time + 1.0) - np.cos(1.0))
+    np.testing.assert_allclose(found.history.absorber_displacement, moved, atol=1e-15)
+
+
+FORCES = Tones((Tone(7.0, order=1.0, phase=0.5), Tone(3.0, order=2.9)), schedule=SWEEP), Samples(CLOCK, 3 * NOISE)
+IN = Inputs(lambda t: 7 * np.cos(chirp(SWEEP, t)[2] + 0.5) + 3 * np.cos(2.9 * chirp(SWEEP, t)[2]) + 3 * noise(t), nothing, CLOCK, 3.2 * W1)
+SOFT = SlidingAbsorber(0.02, CompliantWalls(2e5, 5e-4), ElasticCoulombFriction(0.05, 1e5))
+TWO = SeveralAbsorbers((SMOOTH, SlidingAbsorber(0.01, RigidWalls(4e-4, 0.6), CoulombFriction(0.05))), (1.0, 0.6))
+
+
+def structure(absorber: object) -> Scene:
+    places = np.array([cantilever().tip_shape, cantilever().force_shape]) if isinstance(absorber, SeveralAbsorbers) else None
+    return Scene(replace(cantilever(), absorber_shapes=places), absorber)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("absorber", [SOFT, TWO], ids=["compliant", "several"])
+def test_forces_on_compliant_contact_and_on_several_absorbers_are_those_of_dense_exponentials(absorber: object) -> None:
+    found = simulate(structure(absorber), Loads(FORCES), record=EVERYTHING)
+    assert found.history is not None
+    assert found.check is not None
+    assert found.energy is not None
+    truth = follow(found.scene, IN, None, found.history.time, most_impacts=10)
+    known = int(np.searchsorted(found.history.time, truth.impacts[8])) if len(truth.impacts) > 8 else len(truth.time)
+    assert known > 50
+    np.testing.assert_allclose(found.history.tip_displacement[:known], truth.tip[:known], atol=1e-7 * np.max(np.abs(truth.tip)))
+    assert found.check.misses == 0
+    assert found.energy.relative_error < 1e-10
+
+
+STEPPED = {"moreau": (SMOOTH, Moreau), "runge-kutta": (SOFT, RungeKutta)}
+
+
+@pytest.mark.parametrize("name", STEPPED)
+def test_stepping_methods_tend_to_the_exact_one_under_loads(name: str) -> None:
+    """Up to the third impact, from where errors of a step grow."""
+    absorber, method = STEPPED[name]
+    exact = simulate(structure(absorber), Loads(FORCES), record=Record(series=True, events=True))
+    assert exact.history is not None
+    before = exact.history.time < 0.03
+    errors = []
+    for steps in (40, 400):
+        found = simulate(structure(absorber), Loads(FORCES), method(steps), record=Record(series=True, events=True))
+        assert found.history is not None
+        errors.append(np.max(np.abs(found.history.tip_displacement - exact.history.tip_displacement)[before]))
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[1] < 2e-3 * np.max(np.abs(exact.history.tip_displacement))

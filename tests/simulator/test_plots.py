@@ -1,0 +1,104 @@
+"""What figures and words of responses and curves show, by their data."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from impact_env import Beam, Drive, Exact, ParameterError, PerformanceCurve, Response, beam_scene, constant_frequency, linear_sweep
+from impact_env.ensemble import LaneLevels, draw_members
+from impact_env.level import ResponseLevel
+from impact_env.response import Envelope, History
+
+SCENE = beam_scene(Beam(modes=2))
+OMEGA = SCENE.model.resonance_omega(1)
+
+
+@pytest.fixture(autouse=True)
+def _no_window() -> None:
+    mpl.use("Agg")
+
+
+def curve(level: np.ndarray) -> PerformanceCurve:
+    """Return a curve with these levels (F, M, 2) in m, at 1, 2, ... N."""
+    arrays = {field.name: level if field.name == "level" else np.zeros_like(level) for field in fields(LaneLevels) if field.name != "complete"}
+    done = LaneLevels(**arrays, complete=not np.isnan(level).any())
+    return PerformanceCurve(np.arange(1.0, len(level) + 1), draw_members(level.shape[1], 0), done)
+
+
+def response(schedule: object, **recorded: object) -> Response:
+    return Response(SCENE, Drive(2.0, schedule), Exact(), np.zeros(6), 1, 0.0, 10, 10, 0.0, **recorded)  # type: ignore[arg-type]
+
+
+def history(samples: int, end: float) -> History:
+    """Return a motion of the first mode, cos(OMEGA t) / 1000."""
+    time = np.linspace(0, end, samples)
+    modal = np.zeros((samples, 2))
+    modal[:, 0] = 1e-3 * np.cos(OMEGA * time)
+    return History(time, modal, np.zeros((samples, 2)), np.zeros(samples), np.zeros(samples), SCENE.model.tip_shape)
+
+
+def test_a_curve_is_drawn_as_median_and_band_in_mm() -> None:
+    level = np.array([[[1.0, 2.0], [3.0, 1.0], [2.0, 4.0]], [[5.0, 5.0], [6.0, 7.0], [9.0, 8.0]]]) * 1e-3
+    axes = curve(level).plot(label="one", color="tab:red")
+    (line,) = axes.lines
+    assert np.array_equal(line.get_xdata(), [1.0, 2.0])
+    assert np.allclose(line.get_ydata(), [3.0, 7.0])  # the middle one of 2, 3, 4 and of 5, 7, 9
+    (band,) = axes.collections
+    corners = band.get_paths()[0].vertices
+    assert np.allclose([corners[:, 1].min(), corners[:, 1].max()], [2.1, 8.8])
+    assert axes.get_legend().get_texts()[0].get_text() == "one"
+    assert curve(level).plot(axes) is axes
+    assert len(axes.lines) == 2
+
+
+def test_a_curve_says_what_it_is() -> None:
+    level = np.full((3, 2, 2), 1e-3)
+    level[2] *= 4
+    assert repr(curve(level)) == "PerformanceCurve(3 forces from 1 to 3 N, 2 members, each up and down, median level 1 to 4 mm)"
+    level[:, 1] = np.nan
+    assert "not all of them made" in repr(curve(level))
+    assert "no level yet" in curve(np.full((1, 1, 2), np.nan))._repr_html_()
+    assert "<td" in curve(level)._repr_html_()
+
+
+def test_a_sweeps_envelope_is_drawn_over_the_frequency() -> None:
+    schedule = linear_sweep(OMEGA, 0.9, 1.1, 10)
+    motion = history(40_000, float(schedule.times[-1]))
+    axes = response(schedule, history=motion, level=ResponseLevel(7e-4, 1.0, 1.01, 1e-3)).plot()
+    (area,) = axes.collections
+    corners = area.get_paths()[0].vertices
+    assert len(corners) < 1500
+    assert 0.9 <= corners[:, 0].min() < 0.901
+    assert 1.099 < corners[:, 0].max() <= 1.1
+    tip = 1e3 * 1e-3 * abs(SCENE.model.tip_shape[0])
+    assert np.allclose([corners[:, 1].min(), corners[:, 1].max()], [-tip, tip], rtol=1e-3)
+    (mark,) = axes.lines
+    assert (float(mark.get_xdata()[0]), float(mark.get_ydata()[0])) == (1.01, 0.7)
+
+
+def test_at_a_constant_frequency_it_is_drawn_over_time() -> None:
+    schedule = constant_frequency(OMEGA, 1.0, 4.0)
+    envelope = Envelope(np.array([0.0, 0.5, 1.0]), np.array([-2e-3, -1e-3]), np.array([1e-3, 3e-3]))
+    axes = response(schedule, envelope=envelope).plot()
+    corners = axes.collections[0].get_paths()[0].vertices
+    assert {0.25, 0.75} == set(corners[:, 0])
+    assert [corners[:, 1].min(), corners[:, 1].max()] == [-2.0, 3.0]
+    assert axes.get_xlabel() == "time in s"
+
+
+def test_without_a_motion_nothing_is_drawn() -> None:
+    with pytest.raises(ParameterError, match=r"Record\(series=True\)"):
+        response(constant_frequency(OMEGA, 1.0, 4.0)).plot()
+
+
+def test_a_response_shows_its_numbers_and_no_markup_of_others() -> None:
+    told = response(constant_frequency(OMEGA, 1.0, 4.0), level=ResponseLevel(7e-4, 1.0, 1.01, 1e-3))._repr_html_()
+    assert "0.7 mm at 1.0100 of the resonance" in told
+    assert "<td" in told
+    from impact_env.plots import table
+
+    assert "&lt;script&gt;" in table("a", [("b", "<script>")])

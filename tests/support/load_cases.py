@@ -1,0 +1,57 @@
+"""A structure without finite elements, golden cases of loads, and loads as functions of time that share nothing with the pieces of the kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import FrequencySchedule
+from impact_env.modes import ModalModel
+
+Array = NDArray[np.float64]
+# a uniform clamped-free beam in closed form: three modes, with the force at 0.4 of the length; tips alternate in sign
+OMEGA = (252.3097218652803, 1581.1980362916618, 4427.40028691217)
+FORCE_SHAPE = (0.6123449944147568, 1.8205634693679993, 1.4009099753247334)
+TIP_SHAPE = (2.663708632848108, -2.6637086328480986, 2.663708632847805)
+MASS = 0.56375
+BETA = (1.8751040687119611, 4.694091132974174, 7.854757438237613)  # cosh cos = -1
+PARTICIPATION = tuple(
+    2 * (np.sinh(b) - np.sin(b)) / (np.cosh(b) + np.cos(b)) / b * np.sqrt(MASS) for b in BETA
+)  # sqrt(kg): the integral of the shape over the mass
+# impact times in s and relative velocities before them in m/s, by Duhamel's integral and root finding
+TONES = (
+    (0.04019227245696305, 0.528865743),
+    (0.04149855306285344, -2.223935818),
+    (0.0425315593100972, 2.870677179),
+    (0.04459768234981616, -1.627346331),
+    (0.04527233520049146, -0.953873455),
+    (0.046778006443749215, 2.080058252),
+    (0.04952736298729936, -2.776191844),
+    (0.05040791402038946, 2.855403076),
+    (0.05309388033185561, -1.781872723),
+    (0.05525809092086492, 2.096258068),
+)
+GRAVITY = (
+    (0.014806878132807498, -0.117827102),
+    (0.020917768977148074, -0.077151321),
+    (0.023741027561886712, -0.031302553),
+    (0.024409728088152734, -0.011251100),
+    (0.02585734076653175, -0.022952492),
+    (0.046275100381747, -0.165733877),
+    (0.050223405103677725, -0.031601777),
+    (0.05121004421367017, -0.039067692),
+    (0.0773283485349521, -0.251791359),
+    (0.08774835287587945, 0.227846135),
+)
+
+
+def cantilever(participation: tuple[float, ...] | None = PARTICIPATION) -> ModalModel:
+    """Return the closed-form cantilever."""
+    rows = (np.array(row) for row in (OMEGA, np.full(3, 0.01), FORCE_SHAPE, TIP_SHAPE))
+    return ModalModel(*rows, MASS, base_participation=None if participation is None else np.array(participation))
+
+
+def chirp(schedule: FrequencySchedule, times: Array) -> tuple[Array, Array, Array]:
+    """Return frequency (rad/s), its rate (rad/s^2) and phase (rad) of a schedule of one stretch at times in s."""
+    rate = (schedule.omegas[1] - schedule.omegas[0]) / schedule.times[1]
+    return schedule.omegas[0] + rate * times, np.full_like(times, rate), (schedule.omegas[0] + 0.5 * rate * times) * times
