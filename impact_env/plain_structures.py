@@ -17,10 +17,11 @@ import numpy as np
 
 from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form
 from impact_env.modes import ModalModel
-from impact_env.parameters import Beam, ParameterError, Section, count, non_negative, require, row
+from impact_env.parameters import Beam, ParameterError, Section, count, non_negative, positive, require, row
 from impact_env.structures.checks import StructureWarning, warnings_of_matrix
 from impact_env.structures.files import read_matrix
 from impact_env.structures.matrices import checked, lowest_modes, proportional_damping
+from impact_env.structures.profiles import PROFILES, Profile
 from impact_env.structures.universal import DIRECTIONS, at, read_modes
 
 MODES = 10  # kept of matrices, unless told otherwise
@@ -61,7 +62,7 @@ def _text(path: str, plain: Any) -> str:
 TEXT = Sort(_text, str)
 VECTOR = Sort(lambda path, plain: _text(path, plain) if isinstance(plain, str) else ROW.read(path, plain), list)  # or the name of a file
 SECTIONS = Sort(_sections, lambda sections: [SECTION.write(section) for section in sections])
-BEAM = form(
+BEAM_KEYS = form(
     Beam,
     {
         "length_m": ("length", NUMBER),
@@ -80,6 +81,31 @@ BEAM = form(
         "suspension_frequency_hz": ("suspension_frequency", NUMBER),
     },
 )
+PROFILE = form(Profile, {"kind": ("kind", TEXT), **{f"{key}_m": (key, NUMBER) for keys in PROFILES.values() for key in keys}})
+OF_MATERIAL = ("young_modulus_pa", "density_kg_m3", "section")
+
+
+def _read_beam(path: str, plain: Any) -> Beam:
+    """Return a beam whose bending stiffness and mass are given, or follow from material and section."""
+    if not (isinstance(plain, Mapping) and any(key in plain for key in OF_MATERIAL)):
+        return _plain_beam(path, plain)
+    found = dict(plain)
+    for key in OF_MATERIAL:
+        require(key in found, f"{path}.{key}", None, f"given: {', '.join(OF_MATERIAL)} belong together")
+    for key in ("bending_stiffness_n_m2", "mass_per_length_kg_m"):
+        require(key not in found, f"{path}.{key}", found.get(key), "left out beside a section, from which it follows")
+    young, density = (positive(f"{path}.{key}", NUMBER.read(f"{path}.{key}", found.pop(key))) for key in OF_MATERIAL[:2])
+    profile = PROFILE.read(f"{path}.section", found.pop("section"))
+    found |= {"bending_stiffness_n_m2": young * profile.second_moment, "mass_per_length_kg_m": density * profile.area}
+    return _plain_beam(path, found)
+
+
+def _plain_beam(path: str, plain: Any) -> Beam:
+    beam: Beam = BEAM_KEYS.read(path, plain)
+    return beam
+
+
+BEAM = Sort(_read_beam, BEAM_KEYS.write)
 SHAPES: Keys = {
     "damping_ratio": ("damping_ratio", ROW),
     "force_shape_per_sqrt_kg": ("force_shape", ROW),

@@ -48,7 +48,7 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
     structure = to_structure(plain, path.parent, "")
     require(len(kinds) == 1, "structure", list(plain), "a file with one of the tables beam, model, universal, matrices")
     if isinstance(structure, Beam):
-        missing = [key for key in NEEDED if key not in plain["beam"]]
+        missing = [key for key in (NEEDED[:1] if "section" in plain["beam"] else NEEDED) if key not in plain["beam"]]
         require(not missing, "beam", list(plain["beam"]), f"the keys {', '.join(missing)} must be given")
         if structure.response_position is None:  # in every command: where the absorber was, also if a search moves it
             return replace(structure, response_position=structure.absorber_position)

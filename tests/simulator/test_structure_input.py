@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from places import EXAMPLES
 from structure_files import BEAM, MATRICES, chain, written
 
-from impact_env import ParameterError, StructureWarning, load_structure
+from impact_env import Beam, ParameterError, StructureWarning, load_structure
 from impact_env.structures.checks import warnings_of_matrix
 
 WRONG_BEAM = [
@@ -177,3 +178,37 @@ def test_mass_matrices_tell_a_wrong_mass_and_a_rotation() -> None:
     (rotation,) = warnings_of_matrix(diagonal, 2.0, {"force": 0, "absorber": 3})
     assert rotation.startswith("absorber = 3")
     assert "rotation" in rotation
+
+
+@pytest.mark.parametrize(
+    ("section", "area", "second"),
+    [
+        ('kind = "rectangle", width_m = 0.04, height_m = 0.008', 0.04 * 0.008, 0.04 * 0.008**3 / 12),
+        ('kind = "tube", diameter_m = 0.02, wall_m = 0.01', np.pi * 0.01**2, np.pi * 0.01**4 / 4),
+        ('kind = "I", width_m = 0.04, height_m = 0.06, flange_m = 0.005, web_m = 0.004', 0.0006, 3.45e-7),  # by parts, with Steiner's theorem
+    ],
+)
+def test_a_beam_from_material_and_section(tmp_path: Path, section: str, area: float, second: float) -> None:
+    path = tmp_path / "beam.toml"
+    path.write_text(f"[beam]\nlength_m = 1.2\nyoung_modulus_pa = 210e9\ndensity_kg_m3 = 7850.0\nsection = {{ {section} }}\n")
+    beam = load_structure(path)
+    assert isinstance(beam, Beam)
+    assert beam.bending_stiffness == pytest.approx(210e9 * second)
+    assert beam.mass_per_length == pytest.approx(7850 * area)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('section = { kind = "L" }', "section.kind = 'L' is not allowed: one of rectangle, tube, I"),
+        ('section = { kind = "tube", diameter_m = 0.02, wall_m = 0.02 }', "wall_m = 0.02 is not allowed: at most half the diameter"),
+        ('section = { kind = "rectangle", width_m = 0.02 }', "height_m = 0.0 is not allowed"),
+        ('section = { kind = "rectangle", width_m = 0.02, height_m = 0.01 }\nmass_per_length_kg_m = 1.0', "left out beside a section"),
+        ("", "beam.section = None is not allowed: given"),
+    ],
+)
+def test_wrong_sections_are_one_error(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "beam.toml"
+    path.write_text(f"[beam]\nlength_m = 1.2\nyoung_modulus_pa = 210e9\ndensity_kg_m3 = 7850.0\n{text}\n")
+    with pytest.raises(ParameterError, match=re.escape(said)):
+        load_structure(path)
