@@ -75,8 +75,13 @@ def opened(browser: Any, address: str, *, width: int = 1280, height: int = 800, 
 def finished(page: Any, number: int | None = None) -> int:
     """Wait until a setting's numbers and its curve of all members are drawn, by default the newest's, and return its number."""
     page.wait_for_selector("html[data-asked]", state="attached", timeout=WAIT)
-    asked = int(page.evaluate("document.documentElement.dataset.asked")) if number is None else number
-    page.wait_for_selector(f'html[data-showncard="{asked}"][data-whole="{asked}"]', state="attached", timeout=WAIT)
+    end = time.monotonic() + WAIT / 1000
+    while True:
+        asked = int(page.evaluate("document.documentElement.dataset.asked")) if number is None else number
+        if page.locator(f'html[data-showncard="{asked}"][data-whole="{asked}"]').count():
+            break
+        assert time.monotonic() < end, page.evaluate("[document.querySelector('#status').textContent, {...document.documentElement.dataset}]")
+        page.wait_for_timeout(100)
     return asked
 
 
