@@ -9,13 +9,14 @@ from pathlib import Path
 from places import ROOT
 
 KERNELS = Path("impact_env", "kernels")  # compiled: their arguments decide what is compiled, their files what is compiled together
-LINES, KERNEL_LINES = 350, 450
+LINES, KERNEL_LINES = 400, 450
 PLACES = 8  # arguments that can be given by place
-# more than that: commands, whose options come by name, and one that is told place, range, phases and judgement in a row
+# more than that: commands, whose options come by name, what is told place, range, phases and judgement in a row, and a model's fields
 MORE = {
     "optimisation/cli/tune_ltva.py main": 12,
     "optimisation/cli/mass_ratios.py main": 9,
     "impact_env/periodic/jump.py jumps": 9,
+    "impact_env/plain_structures.py _placed": 9,
 }
 FOLDERS = ("impact_env", "optimisation", "scripts", "tests/reference")
 FILES = sorted(file.relative_to(ROOT) for folder in FOLDERS for file in (ROOT / folder).rglob("*.py"))

@@ -134,6 +134,7 @@ BY_NAME: dict[str, Any] = {
     "forces": [1.0, 2.0],
     "beam": BEAM,
     "structure": BEAM,
+    "drive": DRIVE,
 }
 # what an error may call an argument
 ALSO = {

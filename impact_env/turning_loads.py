@@ -1,0 +1,280 @@
+"""What a load is to a run (`Pieces`), and loads that turn with a schedule: a force, an unbalance, a base that swings, tones and orders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive, FrequencySchedule
+from impact_env.parameters import finite, instance, listed, one_of, positive, require
+
+Array = NDArray[np.float64]
+FORCE, BASE = "force", "base_acceleration"
+QUANTITIES = (FORCE, BASE)  # N at the structure's force place, m/s^2 of its base
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """A load between breakpoints ``times`` (K,) in s from 0: ``rows`` (K - 1, 9).
+
+    A row has frequency (rad/s), its rate (rad/s^2), phase at the start (rad), then real and imaginary parts of c0, c1 and c2, in N, or in m/s^2
+    where the load is of the kind that ``moves_base``.
+    """
+
+    times: Array
+    rows: Array
+    moves_base: bool
+
+
+@dataclass(frozen=True)
+class Member:
+    """What a member of an ensemble has of its own.
+
+    ``number``, 0 for the load itself, draws records and tones' phases; ``phase`` in rad is added to that of a load with a schedule; ``factor``
+    multiplies the amplitude.
+    """
+
+    number: int = 0
+    phase: float = 0.0
+    factor: float = 1.0
+
+
+@runtime_checkable
+class Load(Protocol):
+    """A load: how long it lasts in s, its pieces, and others of its kind."""
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces, a record for each tone."""
+
+    def member(self, other: Member) -> Load:
+        """Return the load of a member of an ensemble."""
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 whose mean is zero, 0 for a force."""
+
+
+class Still:
+    """A load that does not move the base."""
+
+    def base_velocity(self) -> float:
+        """Return 0."""
+        return 0.0
+
+
+def schedule_in(load: Load) -> FrequencySchedule | None:
+    """Return a load's frequency over time, None where it has none."""
+    found: FrequencySchedule | None = getattr(load, "schedule", None)
+    return found
+
+
+def _schedule_pieces(schedule: FrequencySchedule, order: float, phase: float, coefficients: Array, moves_base: bool) -> Pieces:
+    """Return what turns ``order`` times as fast as a schedule; ``coefficients`` (K - 1, 6) as in `Pieces`."""
+    omegas, steps = order * schedule.omegas, np.diff(schedule.times)
+    phases = phase + order * schedule.phase_at(schedule.times)
+    return Pieces(schedule.times, np.column_stack([omegas[:-1], np.diff(omegas) / steps, phases[:-1], coefficients]), moves_base)
+
+
+def _constant(schedule: FrequencySchedule, amplitude: float) -> Array:
+    coefficients = np.zeros((len(schedule.times) - 1, 6))
+    coefficients[:, 0] = amplitude
+    return coefficients
+
+
+def _squared(schedule: FrequencySchedule, factor: float) -> Array:
+    """Return the coefficients of ``factor`` omega(t)^2."""
+    coefficients, omega = np.zeros((len(schedule.times) - 1, 6)), schedule.omegas[:-1]
+    rate = np.diff(schedule.omegas) / np.diff(schedule.times)
+    coefficients[:, 0], coefficients[:, 2], coefficients[:, 4] = factor * omega**2, 2 * factor * omega * rate, factor * rate**2
+    return coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class Force(Still):
+    """The harmonic force of a `Drive`, beside other loads."""
+
+    drive: Drive
+
+    def __post_init__(self) -> None:
+        instance("drive", self.drive, Drive)
+
+    @property
+    def schedule(self) -> FrequencySchedule:
+        """Return its frequency over time."""
+        return self.drive.schedule
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return float(self.schedule.times[-1])
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces."""
+        return [_schedule_pieces(self.schedule, 1.0, self.drive.phase, _constant(self.schedule, self.drive.amplitude), False)]
+
+    def member(self, other: Member) -> Force:
+        """Return the load of a member of an ensemble."""
+        return Force(replace(self.drive, amplitude=other.factor * self.drive.amplitude, phase=self.drive.phase + other.phase))
+
+
+@dataclass(frozen=True, eq=False)
+class Unbalance(Still):
+    """A rotor's unbalance U (kg m) at the force's place: U omega(t)^2 cos(integral of omega + phase), a run-up or a run-down.
+
+    The tangential part, U times the rate of omega, is left out: it is smaller by rate over omega^2.
+    """
+
+    unbalance: float
+    schedule: FrequencySchedule
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "unbalance", finite("unbalance", self.unbalance))
+        object.__setattr__(self, "phase", finite("phase", self.phase))
+        instance("schedule", self.schedule, FrequencySchedule)
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return float(self.schedule.times[-1])
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces."""
+        return [_schedule_pieces(self.schedule, 1.0, self.phase, _squared(self.schedule, self.unbalance), False)]
+
+    def member(self, other: Member) -> Unbalance:
+        """Return the load of a member of an ensemble."""
+        return replace(self, unbalance=other.factor * self.unbalance, phase=self.phase + other.phase)
+
+
+@dataclass(frozen=True, eq=False)
+class ShakenBase:
+    """A base whose ``acceleration`` (m/s^2) or ``displacement`` (m) is that amplitude times cos(integral of omega + phase)."""
+
+    schedule: FrequencySchedule
+    acceleration: float | None = None
+    displacement: float | None = None
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        instance("schedule", self.schedule, FrequencySchedule)
+        given = [name for name in ("acceleration", "displacement") if getattr(self, name) is not None]
+        require(len(given) == 1, "acceleration", self.acceleration, "given, or a displacement in its place: one of the two")
+        for name in (*given, "phase"):
+            object.__setattr__(self, name, finite(name, getattr(self, name)))
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return float(self.schedule.times[-1])
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces; of a displacement U cos(phase) the acceleration is -U (omega^2 cos(phase) + rate sin(phase))."""
+        if self.acceleration is not None:
+            return [_schedule_pieces(self.schedule, 1.0, self.phase, _constant(self.schedule, self.acceleration), True)]
+        assert self.displacement is not None
+        coefficients = _squared(self.schedule, -self.displacement)
+        coefficients[:, 1] = self.displacement * np.diff(self.schedule.omegas) / np.diff(self.schedule.times)
+        return [_schedule_pieces(self.schedule, 1.0, self.phase, coefficients, True)]
+
+    def member(self, other: Member) -> ShakenBase:
+        """Return the load of a member of an ensemble."""
+        amplitude = {name: other.factor * getattr(self, name) for name in ("acceleration", "displacement") if getattr(self, name) is not None}
+        return replace(self, phase=self.phase + other.phase, **amplitude)
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        omega = float(self.schedule.omegas[0])
+        if self.displacement is not None:
+            return float(-self.displacement * omega * np.sin(self.phase))
+        assert self.acceleration is not None
+        require(omega > 0, "omegas", omega, "above 0 at the start, for a base whose mean is at rest")
+        return float(self.acceleration / omega * np.sin(self.phase))
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A tone: ``amplitude`` in N or m/s^2, ``phase`` in rad, and either ``frequency`` in Hz or, of a schedule, ``order``."""
+
+    amplitude: float
+    frequency: float | None = None
+    order: float | None = None
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "phase"):
+            object.__setattr__(self, name, finite(name, getattr(self, name)))
+        require((self.frequency is None) != (self.order is None), "frequency", self.frequency, "given, or an order in its place: one of the two")
+        if self.frequency is not None:
+            object.__setattr__(self, "frequency", positive("frequency", self.frequency))
+        if self.order is not None:
+            object.__setattr__(self, "order", positive("order", self.order))
+
+
+@dataclass(frozen=True, eq=False)
+class Tones:
+    """Several tones at once: of fixed frequencies for a ``duration`` in s, or all of them orders of a ``schedule``."""
+
+    tones: tuple[Tone, ...]
+    length: float | None = None
+    schedule: FrequencySchedule | None = None
+    quantity: str = FORCE
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tones", tuple(instance("tones", tone, Tone) for tone in listed("tones", self.tones)))
+        require(len(self.tones) > 0, "tones", self.tones, "one or more")
+        one_of("quantity", self.quantity, QUANTITIES)
+        instance("schedule", self.schedule, FrequencySchedule | None)
+        for tone in self.tones:
+            require((tone.order is None) == (self.schedule is None), "tones", tone, "an order for each with a schedule, else a frequency for each")
+        if self.schedule is None:
+            require(self.length is not None, "length", self.length, "given, in s, for tones of fixed frequencies")
+            object.__setattr__(self, "length", positive("length", self.length))
+        else:
+            require(self.length is None, "length", self.length, "left out beside a schedule")
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        if self.schedule is not None:
+            return float(self.schedule.times[-1])
+        assert self.length is not None
+        return self.length
+
+    def pieces(self) -> list[Pieces]:
+        """Return the pieces of each tone."""
+        return [_schedule_pieces(*self._turning(tone), tone.phase, self._size(tone), self.quantity == BASE) for tone in self.tones]
+
+    def _turning(self, tone: Tone) -> tuple[FrequencySchedule, float]:
+        if self.schedule is not None:
+            assert tone.order is not None
+            return self.schedule, tone.order
+        assert tone.frequency is not None
+        omega = 2 * np.pi * tone.frequency
+        return FrequencySchedule(np.array([0.0, self.duration]), np.full(2, omega), 2 * np.pi / self.duration), 1.0
+
+    def _size(self, tone: Tone) -> Array:
+        return _constant(self._turning(tone)[0], tone.amplitude)
+
+    def member(self, other: Member) -> Tones:
+        """Return the load of a member of an ensemble: every tone has a phase of its own."""
+        drawn = np.random.default_rng([other.number, len(self.tones)]).uniform(0, 2 * np.pi, len(self.tones))
+        phases = drawn if other.number > 0 else np.zeros(len(self.tones))
+        tones = (
+            replace(tone, amplitude=other.factor * tone.amplitude, phase=tone.phase + float(p)) for tone, p in zip(self.tones, phases, strict=True)
+        )
+        return replace(self, tones=tuple(tones))
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 whose mean is zero."""
+        if self.quantity == FORCE:
+            return 0.0
+        speeds = [float(schedule.omegas[0]) * order for schedule, order in map(self._turning, self.tones)]
+        require(min(speeds) > 0, "schedule", min(speeds), "frequencies above 0 at the start, for a base whose mean is at rest")
+        return float(sum(tone.amplitude / speed * np.sin(tone.phase) for tone, speed in zip(self.tones, speeds, strict=True)))
