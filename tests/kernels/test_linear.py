@@ -35,7 +35,7 @@ def equations(scene: Scene) -> tuple[Array, Array]:
     """Return matrix (2N, 2N) and force column (2N,) in displacements and velocities."""
     mechanics = Mechanics(scene)
     linear, scale = mechanics.linear([Automaton(scene.absorber).only()]), np.append(mechanics.scale, np.ones(mechanics.half))
-    return linear.matrix[:-1, :-1] * scale / scale[:, None], linear.column[:-1] / scale
+    return linear.matrix[:-1, :-1] * scale / scale[:, None], linear.column[:-1, 0] / scale
 
 
 @pytest.mark.parametrize("absorber", LINEAR)

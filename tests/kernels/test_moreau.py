@@ -188,7 +188,7 @@ def test_an_unstable_step_is_reported() -> None:
 @pytest.mark.parametrize("dt", [1e-4, 3.3e-3, 0.4])
 def test_the_turning_phasor_is_the_cosine(dt: float) -> None:
     schedule = FrequencySchedule(np.array([0.0, 0.3, 0.301, 0.5, 2.0]), np.array([240.0, 270.0, 100.0, 100.0, 900.0]), OMEGA)
-    force = Force(*(np.array(row) for row in (schedule.times, schedule.omegas, schedule.phase_at(schedule.times))), 1.0, 0.7)
+    force = Force(*(np.array(row) for row in (schedule.times, schedule.omegas, schedule.phase_at(schedule.times))), 1.0, 0.7, None)
     count = int(2.0 / dt)
     target = np.zeros(count)
     fill_phases(target, count, force, 0, 0.0, dt)
