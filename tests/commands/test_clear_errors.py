@@ -46,8 +46,11 @@ def test_no_winner_is_exit_code_1_and_the_files_say_so(monkeypatch: pytest.Monke
 
 
 def test_quick_and_full_studies_lie_side_by_side(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    script, small = load("optimise_design", monkeypatch), [*FAST, "--concept", "friction", "--designs", 5, "--no-figures", "--out", tmp_path]
-    for look in (["--quick", "--rate", 4], [], ["--quick", "--rate", 4], []):
+    script, small = (
+        load("optimise_design", monkeypatch),
+        ["--modes", 2, "--members", 2, "--batch", 4, "--concept", "friction", "--designs", 5, "--no-figures", "--out", tmp_path],
+    )
+    for look in (["--quick", "--rate", 4], ["--rate", 40], ["--quick", "--rate", 4], ["--rate", 40]):
         result = call(script, *small, *look)
         assert result.exit_code == 0, result.output
     assert {file.name for file in (tmp_path / "friction").glob("*.journal")} == {"study.journal", "quick.journal"}

@@ -83,11 +83,11 @@ def test_summary_names_optimum_and_parameters(study: Comparison) -> None:
     part = content["resonances"]["1"]
     assert list(part["concepts"]) == KEYS
     impact, tuned = part["concepts"][IMPACT], part["concepts"][LTVA_PAPER]
-    assert impact["absorber"] == {"mass_ratio": 0.02, "walls": {"gap": 1e-3, "restitution": 0.7}, "friction": {"limit": 0.1}}
+    assert impact["absorber"] == {"mass_ratio": 0.02, "walls": {"gap": 1e-3, "restitution": 0.7}, "friction": {"limit": 0.1}, "gravity": 0.0}
     assert impact["optimum"]["force_n"] in part["forces_n"]
     low, high = impact["optimum"]["relative_5_to_95_percent"]
     assert 0 < low <= impact["optimum"]["relative_to_no_absorber"] <= high < 1
-    assert tuned["absorber"] == {"mass_ratio": 0.02, "stiffness": 701.8, "damping": 0.728}
+    assert tuned["absorber"] == {"mass_ratio": 0.02, "stiffness": 701.8, "damping": 0.728, "gravity": 0.0}
     assert tuned["optimum"]["force_n"] is None
     assert tuned["at_best_force_of_impact_absorber"]["force_n"] == impact["optimum"]["force_n"]
     assert part["concepts"]["friction"]["absorber"] == {"mass_ratio": 0.02, "friction": {"limit": 0.5}}

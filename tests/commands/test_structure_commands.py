@@ -182,7 +182,7 @@ def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "summary.json").read_text())
     impact = found["resonances"]["1"]["concepts"]["impact"]["absorber"]
-    assert impact == {"mass_ratio": 0.015, "walls": {"gap": 7e-4, "restitution": 0.55}, "friction": {"limit": 0.03}}
+    assert impact == {"mass_ratio": 0.015, "walls": {"gap": 7e-4, "restitution": 0.55}, "friction": {"limit": 0.03}, "gravity": 0.0}
     assert found["settings"]["gap_m"] == 7e-4
     result = call("tune_ltva", monkeypatch, f"--scene {device} --quick --out {tmp_path}")
     assert result.exit_code == 0, result.output

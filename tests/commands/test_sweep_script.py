@@ -140,7 +140,8 @@ def test_what_was_swept_too_fast_is_said_and_nothing_where_nothing_is_swept() ->
 
 
 def test_down_swaps_the_limits(tmp_path: Path) -> None:
-    down, swapped = results(tmp_path, *STRONG, "--down"), results(tmp_path, *STRONG, "--from", "1", "--to", "0.98")
+    swapped_limits = [{0.98: 1, 1: 0.98}.get(word, word) for word in SHORT]
+    down, swapped = results(tmp_path, *STRONG, "--down"), results(tmp_path, *swapped_limits, "--force", "20")
     assert down == swapped
     assert down != results(tmp_path, *STRONG)
 

@@ -142,7 +142,9 @@ def test_what_a_structure_cannot_do_is_refused() -> None:
     model = modal_model(Beam(modes=2))
     with pytest.raises(ParameterError, match=r"position = .*left out on a modal model with one place"):
         small(model, space=design_space("impact", ["gap", "position"]))
-    with pytest.raises(ParameterError, match="objective or constraint = 'damage' is not allowed: for a beam that is clamped at its left end, or a modal model"):
+    with pytest.raises(
+        ParameterError, match="objective or constraint = 'damage' is not allowed: for a beam that is clamped at its left end, or a modal model"
+    ):
         small(model, objectives=(Objective("damage"),))
     with pytest.raises(ParameterError, match=r"bounds of position = 1\.0 is not allowed"):
         small(Beam(modes=2, ends="clamped-clamped", absorber_position=0.5), space=design_space("impact", ["gap", "position"]))

@@ -213,7 +213,8 @@ def test_bad_options_are_named(tmp_path: Path, arguments: tuple[str, ...], words
     save_agent(tmp_path / "gap.npz", agent(GAP, 0, {}, 0.0))
     save_agent(tmp_path / "other.npz", agent(SWEEP, 0, {"force": 9.0}, 0.0))
     given = [text.format(here=tmp_path) for text in arguments]
-    result = call(evaluate_policies.main, "--baselines", tmp_path, "--out", tmp_path / "out", *given)
+    out = [] if "--out" in given else ["--out", tmp_path / "out"]
+    result = call(evaluate_policies.main, "--baselines", tmp_path, *out, *given)
     assert result.exit_code == 2
     assert words in " ".join(result.output.split())
 
