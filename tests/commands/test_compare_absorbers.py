@@ -90,7 +90,7 @@ def test_summary_names_optimum_and_parameters(study: Comparison) -> None:
     assert tuned["absorber"] == {"mass_ratio": 0.02, "stiffness": 701.8, "damping": 0.728, "gravity": 0.0}
     assert tuned["optimum"]["force_n"] is None
     assert tuned["at_best_force_of_impact_absorber"]["force_n"] == impact["optimum"]["force_n"]
-    assert part["concepts"]["friction"]["absorber"] == {"mass_ratio": 0.02, "friction": {"limit": 0.5}}
+    assert part["concepts"]["friction"]["absorber"] == {"mass_ratio": 0.02, "friction": {"limit": 0.5}, "gravity": 0.0}
 
 
 def test_quick_look_writes_all_files(script: ModuleType, tmp_path: Path) -> None:
