@@ -45,7 +45,7 @@ def draw_ranges(axes: Axes, found: Ranges, low: float, high: float) -> None:
     words = ["linear"] + (["primary"] if _apart(found.first_impacts, found.transition) else []) + (["secondary"] if found.transition else [])
     for name, begin, end, shade in zip(words, edges, edges[1:], SHADES, strict=False):
         axes.axvspan(begin, end, color=shade, lw=0, zorder=0)
-        own, place = axes.get_xaxis_transform(), min((begin + end) / 2, begin + 3.0)
+        own, place = axes.get_xaxis_transform(), min((begin + end) / 2, begin + 4.5)
         axes.text(place, 0.16, name, transform=own, ha="center", va="bottom", fontsize=8, color="0.3", rotation=90)
 
 
