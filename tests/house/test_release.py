@@ -109,7 +109,7 @@ def test_a_wheel_from_the_source_distribution_is_the_same(tmp_path: Path) -> Non
     subprocess.run([*build, "-t", "sdist"], cwd=ROOT, check=True, capture_output=True)
     (archive,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(archive) as file:
-        file.extractall(tmp_path / "source", filter="data")
+        file.extractall(tmp_path / "source", **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))  # from Python 3.11.4 on
     (source,) = (tmp_path / "source").iterdir()
     subprocess.run([*build, "-t", "wheel"], cwd=source, check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
