@@ -33,8 +33,7 @@ class PassageEnv(TaskEnv):
 
     ## Description
     A machine passes a resonance up or down, at a rate, from a start, with a gap, a damping, a restitution and under a force that are all drawn;
-    nobody
-    announces force, damping and restitution. Walls move so slowly, and at such a price, that where they should be has to be known before it is
+    nobody announces force, damping and restitution. Walls move so slowly, and at such a price, that where they should be has to be known before it is
     needed; friction can be another one in every interval.
 
     ## Action Space
@@ -87,8 +86,7 @@ class PassageEnv(TaskEnv):
       here ``modes`` 2 and a friction limit of 0.1 N, which is only the one shown at the start
 
     The absorber must be an impact absorber with rigid walls and friction. Bad values raise `impact_env.ParameterError`, a step before a reset or
-    after
-    the end `gymnasium.error.ResetNeeded`.
+    after the end `gymnasium.error.ResetNeeded`.
 
     ## Version History
     - v0: first version
@@ -139,9 +137,8 @@ class StructuresEnv(TaskEnv):
 
     ## Starting State
     That of `ActiveFrictionEnv`. The structure is drawn, too; ``reset(options={"structure": ...})`` chooses its number. All structures have the mass
-    and the
-    first frequency of the default beam, which is a choice of units, and two modes. The force that is drawn is that on the default beam: another
-    structure has the force that moves it as far at its resonance.
+    and the first frequency of the default beam, which is a choice of units, and two modes. The force that is drawn is that on the default beam:
+    another structure has the force that moves it as far at its resonance.
 
     ## Episode End
     Truncated when the time budget is spent.
@@ -153,8 +150,7 @@ class StructuresEnv(TaskEnv):
     - ``observe_structure`` (default True): whether the last three features are there
 
     Bad values raise `impact_env.ParameterError`, a step before a reset or after the end `gymnasium.error.ResetNeeded`. Pictures show the structure
-    as a
-    straight line.
+    as a straight line.
 
     ## Version History
     - v0: first version
