@@ -120,12 +120,14 @@ def training(seconds: float, advance: Callable[[], object]) -> Speed:
     """Time PPO's whole loop on the sweep task: collecting, learning, resetting."""
     with optional():
         from stable_baselines3 import PPO
+        from stable_baselines3.common.logger import Logger
         from stable_baselines3.common.vec_env import VecMonitor
 
     from optimisation.rl.vec_env import make_native
 
     env = VecMonitor(make_native(SWEEP, TRAINED, **PASSAGE, absorber_options={}))
     model = PPO("MlpPolicy", env, n_steps=16, batch_size=1024, n_epochs=4, seed=0, device="cpu")
+    model.set_logger(Logger(None, []))  # its own would leave a folder in the temporary one at every call of learn
     round_of = 16 * TRAINED
     model.learn(round_of)
     rates = []
