@@ -5,7 +5,8 @@ it is in proportion to the gap, and small dips between them are noise. So a look
 are bracketed; then the wider neighbouring interval is halved, the narrow side first. Looks are swept up to four times as fast as full runs.
 
 By the scaling law a device under k times the force is the device with a k-th of the gap under the force, k times as large: level(k f, g) = k
-level(f, g/k), with a friction limit in proportion to the gap. So what a tolerance of the force does is in the table of levels already.
+level(f, g/k), with a friction limit in proportion to the gap. So what a tolerance of the force does is in the table of levels already. What is no
+length scales with another ``power`` of k: a decay time with 0.
 """
 
 from __future__ import annotations
@@ -28,10 +29,15 @@ Look = Callable[[float, int, bool], Array]
 
 @dataclass
 class Table:
-    """Levels by step of the gap, a whole number in a search: ``quick`` looks, and the members' levels of ``full`` runs."""
+    """Levels by step of the gap, a whole number in a search: ``quick`` looks, and the members' levels of ``full`` runs.
+
+    ``power`` see the module; ``cliff``: whether levels climb a cliff on the narrow side.
+    """
 
     quick: dict[float, Array] = field(default_factory=dict)
     full: dict[float, Array] = field(default_factory=dict)
+    power: float = 1.0
+    cliff: bool = True
 
     def known(self) -> tuple[Array, Array]:
         """Return (steps, ln of levels): medians of full runs, else quick looks, times what full runs are of looks at the same gaps."""
@@ -42,10 +48,10 @@ class Table:
         return steps, np.log([levels[n] for n in steps])
 
 
-def level_between(ln_gaps: Array, ln_levels: Array, at: ArrayLike) -> Array:
-    """Return levels at ln gaps, straight lines in ln of both; beyond the widest in proportion to the gap, beyond the narrowest NaN."""
+def level_between(ln_gaps: Array, ln_levels: Array, at: ArrayLike, power: float = 1.0) -> Array:
+    """Return levels at ln gaps, straight lines in ln of both; beyond the widest as the gap's ``power``, beyond the narrowest NaN."""
     x = np.asarray(at, dtype=np.float64)
-    beyond = np.where(x < ln_gaps[0] - 1e-9, np.nan, np.maximum(x - ln_gaps[-1], 0))
+    beyond = np.where(x < ln_gaps[0] - 1e-9, np.nan, power * np.maximum(x - ln_gaps[-1], 0))
     return np.asarray(np.exp(np.interp(x, ln_gaps, ln_levels) + beyond))
 
 
@@ -58,10 +64,11 @@ def safe(ln_gaps: Array, ln_levels: Array, cliff: float) -> tuple[Array, Array]:
     return ln_gaps, np.where(near, np.maximum(ln_levels, np.roll(ln_levels, 1) - np.log(cliff)), ln_levels)
 
 
-def worst(ln_gaps: Array, ln_levels: Array, at: ArrayLike, tolerance: float) -> Array:
+def worst(ln_gaps: Array, ln_levels: Array, at: ArrayLike, tolerance: float, power: float = 1.0) -> Array:
     """Return the largest level over force times (1 - tolerance), 1 and (1 + tolerance) of gaps at ln gaps; NaN where a neighbour is not known."""
     x = np.asarray(at, dtype=np.float64)
-    return np.max([k * level_between(ln_gaps, ln_levels, x - np.log(k)) for k in (1 - tolerance, 1.0, 1 + tolerance)], axis=0)
+    every = [k**power * level_between(ln_gaps, ln_levels, x - np.log(k), power) for k in (1 - tolerance, 1.0, 1 + tolerance)]
+    return np.asarray(np.max(every, axis=0))
 
 
 def bracket(look: Callable[[int], float], start: int) -> dict[int, float]:
@@ -94,8 +101,9 @@ def answers(table: Table, tolerance: float, members: int = 0) -> tuple[float, fl
     steps, levels = table.known()
     whole = np.arange(np.ceil(steps[0]), np.floor(steps[-1]) + 1)
     every = np.array([n for n, x in table.full.items() if len(x) >= members]) if members else np.union1d(whole, steps)
-    lowest = level_between(*safe(STEP * steps, levels, CLIFF), STEP * every)
-    robust = worst(*safe(STEP * steps, levels, MARGIN_CLIFF if tolerance > 0 else CLIFF), STEP * every, tolerance)
+    cliffs = (CLIFF, MARGIN_CLIFF if tolerance > 0 else CLIFF) if table.cliff else (np.inf, np.inf)
+    lowest = level_between(*safe(STEP * steps, levels, cliffs[0]), STEP * every)
+    robust = worst(*safe(STEP * steps, levels, cliffs[1]), STEP * every, tolerance, table.power)
     return float(every[np.argmin(lowest)]), float(every[np.argmin(np.where(np.isnan(robust), np.inf, robust))])
 
 

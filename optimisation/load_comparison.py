@@ -27,6 +27,7 @@ GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's RMS at the absorber
 LIMITS = np.geomspace(0.05, 51.2, 16)  # of absorber mass times first frequency squared times that RMS; higher modes want larger ones
 SPAN = (0.2, 5.0)  # of the loads' intensity
 RESTITUTION = 0.7
+RECORDS = 4  # of a tuning alone
 TOLERANCE, MOST_TRIALS = 1e-3, 120  # of the simplex search, in logarithms of stiffness and damping
 
 
@@ -46,22 +47,18 @@ class LoadComparison:
         return np.asarray(self.values[concept] / self.values["none"])
 
 
-def _lanes(model: ModalModel, absorber: Absorber | None, drives: Sequence[AnyDrive]) -> list[Lane]:
-    scene = Scene(model, absorber)
-    return [Lane(scene, drive) for drive in drives]
-
-
-def _all(lanes: list[Lane], threads: int | None) -> Array:
+def runs_of(model: ModalModel, absorbers: Sequence[Absorber | None], drives: Sequence[AnyDrive], threads: int | None = None) -> Array:
+    """Return the measure of each absorber under each drive, (absorbers, drives); raises KeyboardInterrupt where it was interrupted."""
+    lanes = [Lane(Scene(model, absorber), drive) for absorber in absorbers for drive in drives]
     found = each_lane(lanes, measured, threads=threads)
     if None in found:
         raise KeyboardInterrupt
-    return np.array(found, dtype=np.float64)
+    return np.array(found, dtype=np.float64).reshape(len(absorbers), -1)
 
 
 def _best(model: ModalModel, candidates: list[Absorber], drives: Sequence[AnyDrive], threads: int | None) -> Absorber:
     """Return the candidate with the least mean over the drives."""
-    lanes = [lane for candidate in candidates for lane in _lanes(model, candidate, drives)]
-    return candidates[int(np.argmin(np.mean(_all(lanes, threads).reshape(len(candidates), -1), axis=1)))]
+    return candidates[int(np.argmin(np.mean(runs_of(model, candidates, drives, threads), axis=1)))]
 
 
 def tuned_for(model: ModalModel, mass_ratio: float, drives: Sequence[AnyDrive], threads: int | None = None) -> TunedAbsorber:
@@ -73,10 +70,29 @@ def tuned_for(model: ModalModel, mass_ratio: float, drives: Sequence[AnyDrive], 
         return TunedAbsorber(mass_ratio, float(stiffness), float(damping))
 
     def mean(shifts: Array) -> float:
-        return float(np.mean(_all(_lanes(model, of(shifts), drives), threads)))
+        return float(np.mean(runs_of(model, [of(shifts)], drives, threads)))
 
     options = {"xatol": TOLERANCE, "fatol": 0.0, "maxfev": MOST_TRIALS, "initial_simplex": [[0, 0], [0.1, 0], [0, 0.3]]}
     return of(scipy.optimize.minimize(mean, np.zeros(2), method="Nelder-Mead", options=options).x)
+
+
+@dataclass(frozen=True, eq=False)
+class TunedUnder:
+    """Tuned absorbers under ``loads``: the ``best`` for them and that with the least ``peak``; measures of both and of no absorber, (3, M)."""
+
+    loads: Loads
+    measure: str
+    best: TunedAbsorber
+    peak: TunedAbsorber
+    values: Array
+
+
+def tuned_under(model: ModalModel, loads: Loads, mass_ratio: float, threads: int | None = None) -> TunedUnder:
+    """Return the tuned absorber with the least measure under loads, over `RECORDS` members: for a random load that of the least mean square."""
+    check_load(Scene(model, None), loads, Exact())
+    drives = drives_of(draw_members(RECORDS, 0), loads)
+    best, peak = tuned_for(model, positive("mass_ratio", mass_ratio), drives, threads), minimax(model, mass_ratio)
+    return TunedUnder(loads, measure_of(loads), best, peak, runs_of(model, [best, peak, None], drives, threads))
 
 
 def compare_loads(
@@ -95,5 +111,5 @@ def compare_loads(
     absorbers = {"none": None, "impact": impact, "friction": friction, "tuned": tuned_for(model, mass_ratio, drives, threads)}
     found = np.geomspace(*SPAN, factors)
     grid = [drive.member(Member(factor=float(factor))) for factor in found for drive in drives if isinstance(drive, Loads)]
-    values = {name: _all(_lanes(model, one, grid), threads).reshape(factors, members) for name, one in absorbers.items()}
+    values = {name: runs_of(model, [one], grid, threads).reshape(factors, members) for name, one in absorbers.items()}
     return LoadComparison(loads, measure_of(loads), found, absorbers, values, rms)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
@@ -68,6 +69,15 @@ def measured(lane: Lane) -> float:
 
 def free_rms(lane: Lane) -> float:
     """Return the root mean square of the motion of the absorber's place over the whole run (m): what gaps are measured by."""
+    return float(np.sqrt(np.mean(_free(lane) ** 2)))
+
+
+def free_size(lane: Lane) -> float:
+    """Return `free_rms`, and of a shock, whose mean square depends on how long it is looked at, the largest displacement over the root of two (m)."""
+    return float(np.max(np.abs(_free(lane))) / np.sqrt(2)) if measure_of(lane.drive) == DECAY else free_rms(lane)
+
+
+def _free(lane: Lane) -> NDArray[np.float64]:
     found = simulate(lane.scene, lane.drive, record=MEASURES[RMS][1]).history
     assert found is not None
-    return float(np.sqrt(np.mean(found.tip_displacement**2)))
+    return found.tip_displacement

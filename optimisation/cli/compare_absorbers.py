@@ -11,14 +11,13 @@ import click
 import numba
 import numpy
 import scipy
-from click.core import ParameterSource
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
-from impact_env.plain_loads import read_loads
 from optimisation.cli.common import BadInput, command, end_early, name_files, plain_errors
+from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
 from optimisation.cli.structure_option import RESONANCES_HELP, read_device, read_structure, scene_option, structure_option
 from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
@@ -68,14 +67,10 @@ def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Pa
 
 def compared_under_loads(load: Path, structure: Structure | None, out: Path, given: dict[str, Any]) -> tuple[str, list[Path]]:
     """Compare absorbers under the loads of a file, write figure, runs and summary, and return the table and the files."""
-    context = click.get_current_context()
-    for name in ("force", "percent_per_100_periods", "resonances"):
-        option = "rate" if name == "percent_per_100_periods" else name
-        if context.get_parameter_source(option) is ParameterSource.COMMANDLINE:
-            raise BadInput(f"--{option} does not go with --load: the file says what acts, and for how long")
+    refuse_beside_load(load, "force", "rate", "resonances")
     model = mounted(Beam() if structure is None else structure)
     chosen = {name: given[name] for name in ("mass_ratio", "gap", "members", "seed", "threads")}
-    found = compare_loads(model, read_loads(load, model.resonance_omega(1)), factors=given["forces"], **chosen)
+    found = compare_loads(model, loads_of(load, model), factors=given["forces"], **chosen)
     files = [out / name for name in ("runs.csv", "summary.json", "comparison.png")]
     write_csv(files[0], load_tables.COLUMNS, load_tables.rows(found))
     write_json(files[1], load_tables.summary(found))
@@ -87,12 +82,7 @@ def compared_under_loads(load: Path, structure: Structure | None, out: Path, giv
 @command()
 @structure_option
 @scene_option
-@click.option(
-    "--load",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help="Other loads than one force, over their intensity (docs/loads.md).",
-)
+@load_option
 @click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Mass of each absorber over the structure's.")
 @click.option("--force", type=float, help="Force in N near the first of the resonances for which the design rule gives the gap.")

@@ -11,7 +11,8 @@ import click
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative
-from optimisation.cli.common import check_target, command, end_early, name_files, plain_errors
+from optimisation.cli.common import BadInput, check_target, command, end_early, name_files, plain_errors
+from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
 from optimisation.cli.structure_option import (
     POSITION_HELP,
     read_device,
@@ -27,8 +28,9 @@ from optimisation.files import replacing, require_writable, write_csv, write_jso
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_advice import FREE, TOLERANCE, Advice, advise
 from optimisation.gap_card import bearing
-from optimisation.gap_check import RESTITUTION, gap_factors, scaled_absorber
+from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
 from optimisation.gap_search import MEMBERS
+from optimisation.load_gap import advise_for_loads
 from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
 from optimisation.report.card import text as as_text
@@ -92,10 +94,50 @@ def write(out: Path, found: Advice) -> list[Path]:
     return files
 
 
+def under_load(given: dict[str, Any]) -> None:
+    """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
+    from optimisation.report import load_gap_report as report
+
+    refuse_beside_load(given["load"], "rate")
+    refuse_beside_load(given["load"], "free", "gaps", "cluster", why="there the gap alone is searched, in this process")
+    options = {name: given[name] for name in ("mass_ratio", "restitution", "friction_limit")}
+    if given["scene"] is None:
+        structure = structure_of(given["structure"], given["position"], modes=given["modes"], damping_ratio=given["damping"])
+    else:
+        structure, absorber = read_device(given["scene"], *OF_SCENE)
+        friction = 0.0 if absorber.friction is None else absorber.friction.limit
+        options = {"mass_ratio": absorber.mass_ratio, "restitution": rigid_walls(absorber).restitution, "friction_limit": friction}
+    require_writable("--out", given["out"])
+    check_target("--device", given["device"], (".json",))
+    model = model_on(structure)
+    found = advise_for_loads(
+        model,
+        loads_of(given["load"], model, given["resonance"]),
+        given["resonance"],
+        factor=1.0 if given["force"] is None else given["force"],
+        tolerance=given["force_tolerance"],
+        members=given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS),
+        seed=given["seed"],
+        threads=given["threads"],
+        **options,
+    )
+    files = [given["out"] / name for name in ("runs.csv", "summary.json", "levels.png")]
+    write_csv(files[0], report.COLUMNS, report.rows(found))
+    write_json(files[1], report.summary(found))
+    with replacing(files[2]) as temporary:
+        report.save_figure(temporary, found)
+    if given["device"] is not None:
+        write_device(given["device"], structure, found.recommended.absorber)
+        files.append(given["device"])
+    click.echo(report.text(found))
+    name_files(files)
+
+
 @command()
 @structure_option
 @scene_option
-@click.option("--force", type=float, required=True, help="Amplitude of the harmonic force in N.")
+@click.option("--force", type=float, help="Amplitude of the harmonic force in N; with --load a factor on it.  [default: with --load 1]")
+@load_option
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance near which it acts, counted from 1.")
 @click.option("--force-tolerance", type=float, default=TOLERANCE, show_default=True, help="Share by which the force may be larger or smaller.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
@@ -136,9 +178,16 @@ def main(**given: Any) -> None:
     force is lowest (recommended); the design rule's gap stands beside them. Writes levels.png, levels.csv, summary.json, and the recommended
     device's card as card.html, with curves, and card.json. Ctrl-C ends the
     simulation early and leaves what is finished.
+
+    With --load what is made small is the measure that belongs to the loads (docs/loads.md), and there is no card.
     """
     with plain_errors():
         refuse_beside(given["structure"], "modes", "damping")
+        if given["load"] is not None:
+            under_load(given)
+            return
+        if given["force"] is None:
+            raise BadInput("--force is missing: the amplitude of the harmonic force in N, or --load FILE")
         usable_force("--force", given["force"])
         structure, absorber = put_together(given)
         model = model_on(structure)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import statistics
 import threading
 from collections.abc import Callable
@@ -17,14 +16,14 @@ import click
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, draw_members, drives_of, run_lanes
 from impact_env.laws import words
-from impact_env.loads import AnyDrive, Random
+from impact_env.loads import AnyDrive
 from impact_env.methods import PAPER_STEPS, Method, check_load, check_supported
 from impact_env.parameters import Beam, RigidWalls, TunedAbsorber, count
-from impact_env.plain_loads import read_loads
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.cli.common import BadInput, check_target, command, json_option, plain_errors
+from optimisation.cli.load_option import load_option, loads_of
 from optimisation.cli.structure_option import structure_option
 from optimisation.cli.sweep_scene import (
     DEFAULT_ABSORBER,
@@ -171,17 +170,10 @@ def run(given: Options) -> str:
 
 
 def make_drive(given: Options, scene: Scene) -> AnyDrive:
-    """Return the force, or the loads of a file; tell of what lies above the modes."""
+    """Return the force, or the loads of a file."""
     if given["load"] is None:
         return Drive(given["force"], make_schedule(given, scene), given["phase"])
-    loads = read_loads(given["load"], scene.model.resonance_omega(given["resonance"]))
-    highest = float(scene.model.omega.max()) / (2 * math.pi)
-    for part in loads.parts:
-        if isinstance(part, Random):
-            share = part.share_above(highest)
-            if share > 0:
-                click.echo(f"warning: {100 * share:.3g} % of the random load's mean square lies above the highest mode, {highest:.4g} Hz", err=True)
-    return loads
+    return loads_of(given["load"], scene.model, given["resonance"])
 
 
 def default(text: str, value: object) -> str:
@@ -210,12 +202,7 @@ def default(text: str, value: object) -> str:
         "damping": f"{TunedAbsorber.damping}, of a tuned one with --structure tuned",
     }
 )
-@click.option(
-    "--load",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help="Loads other than one force, from a .toml or .json file (docs/loads.md): base, unbalance, tones, samples, random, shock.",
-)
+@load_option
 @click.option("--force", type=float, help=default("Amplitude of the harmonic force in N.", f"{FORCE}, with --structure by the design rule"))
 @click.option("--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad.")
 @click.option("--resonance", type=int, default=1, show_default=True, help="Resonance, counted from 1, that frequencies and pseudo periods refer to.")

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from impact_env.drive import FrequencySchedule, constant_frequency, default_rate, linear_sweep
 from impact_env.laws import CONCEPTS, make
@@ -25,6 +24,7 @@ from impact_env.plain_files import read_plain
 from impact_env.scene import Scene, beam_scene
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.common import BadInput, Command
+from optimisation.cli.load_option import refuse_beside_load
 from optimisation.cli.structure_option import read_structure
 from optimisation.friction_rule import best_friction
 from optimisation.mounting import mounted
@@ -38,7 +38,7 @@ DEFAULT_ABSORBER = "impact"
 SCENE_OPTIONS = ("absorber", "modes", "damping", *sorted(set().union(*PARTS.values())))  # what a file of a scene says
 
 
-LOAD_OPTIONS = {"force": "--force", "phase": "--phase", "start": "--from", "stop": "--to", "rate": "--rate", "periods": "--periods", "down": "--down"}
+BESIDE_LOAD = ("force", "phase", "start", "stop", "rate", "periods", "down")  # what a file of loads says
 
 
 def absorber_options(defaults: Mapping[str, str]) -> Callable[[Command], Command]:
@@ -96,21 +96,13 @@ def refuse_parts(given: Options) -> None:
             raise BadInput(f"{option_name(name)} does not go with --absorber {kind}: it is for {kinds}")
 
 
-def _refuse_loads() -> None:
-    """Raise BadInput if an option says what a file of loads says."""
-    context = click.get_current_context()
-    for name, option in LOAD_OPTIONS.items():
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise BadInput(f"{option} does not go with --load: the file says what acts, and for how long")
-
-
 def _refuse_runs(given: Options) -> None:
     if given["steps_per_period"] is not None and given["method"] == "exact":
         raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
     if given["most_events"] is not None and given["method"] != "exact":
         raise BadInput(f"--most-events does not go with --method {given['method']}: it steps through time, whatever happens")
+    refuse_beside_load(given["load"], *BESIDE_LOAD)
     if given["load"] is not None:
-        _refuse_loads()
         return
     constant = given["start"] == given["stop"]
     if constant and given["periods"] is None:

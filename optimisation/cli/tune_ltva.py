@@ -9,16 +9,20 @@ from pathlib import Path
 
 import click
 
+from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
 from optimisation.cli.common import check_target, command, name_files, plain_errors
+from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
 from optimisation.cli.structure_option import POSITION_HELP, model_of, read_device, refuse_beside, scene_option, structure_option
 from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.load_comparison import tuned_under
 from optimisation.machine import conditions, sources
 from optimisation.mounting import mounted
 from optimisation.page import fill, require_markers
 from optimisation.progress import BAR, Bar
 from optimisation.report.card import write_card
 from optimisation.report.cards import tuning_card
+from optimisation.report.load_tables import tuned_summary, tuned_text
 from optimisation.report.tuning_table import text
 from optimisation.tuned import HIGH, LOW
 from optimisation.tuned.table import TuningTable, tuning_table
@@ -52,9 +56,17 @@ def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]
     return files + write_card(out, tuning_card(table, bounds))
 
 
+def under_load(load: Path, model: ModalModel, mass_ratio: float, resonance: int, out: Path) -> tuple[str, list[Path]]:
+    """Tune to the loads of a file, write a summary, and return what to tell and the file."""
+    found = tuned_under(model, loads_of(load, model, resonance), mass_ratio)
+    write_json(out / "summary.json", tuned_summary(found))
+    return tuned_text(found), [out / "summary.json"]
+
+
 @command()
 @structure_option
 @scene_option
+@load_option
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance to tune to, counted from 1.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
 @click.option(
@@ -79,6 +91,7 @@ def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]
 def main(
     structure: Path | None,
     scene: Path | None,
+    load: Path | None,
     resonance: int,
     mass_ratio: float,
     position: float,
@@ -93,6 +106,9 @@ def main(
     """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam, or another structure.
 
     Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
+
+    With --load the spring and damper with the least measure under the loads of a file (docs/loads.md), beside those of the least peak: for a random
+    load the H2 tuning for its spectrum.
     """
     with plain_errors():
         refuse_beside(structure, "modes", "damping")
@@ -102,6 +118,12 @@ def main(
             own, absorber = read_device(scene, "structure", "modes", "damping", "mass_ratio", "position")
             model, mass_ratio = mounted(own), absorber.mass_ratio
         require_writable("--out", out)
+        if load is not None:
+            refuse_beside_load(load, "low", "high", "page", "quick", why="there is no range of frequencies to score, and nothing to prove")
+            told, written = under_load(load, model, mass_ratio, resonance, out)
+            click.echo(told)
+            name_files(written)
+            return
         check_target("--page", page)
         if page is not None:
             require_markers(page, page, (MARKER,))

@@ -10,7 +10,7 @@ import numpy as np
 
 from impact_env.laws import values, words
 from impact_env.loads import amplitude_in_words
-from optimisation.load_comparison import LoadComparison
+from optimisation.load_comparison import LoadComparison, TunedUnder
 from optimisation.load_measures import UNITS
 
 BAND = (0.05, 0.5, 0.95)
@@ -48,6 +48,22 @@ def text_table(comparison: LoadComparison) -> str:
     for k, factor in enumerate(comparison.factors):
         cells = (f"{bands[name][1, k]:.3f} ({bands[name][0, k]:.2f} to {bands[name][2, k]:.2f})" for name in LOOKS)
         lines.append(f"  {factor:9.3g}" + "".join(f"{cell:>24}" for cell in cells))
+    return "\n".join(lines)
+
+
+def tuned_summary(found: TunedUnder) -> dict[str, Any]:
+    """Return the tunings and what they leave of the measure without absorber, the median over the members."""
+    ratios = np.median(found.values[:2] / found.values[2], axis=1)
+    tunings = zip(("best", "least_peak"), (found.best, found.peak), ratios, strict=True)
+    return {"measure": found.measure} | {name: values(absorber) | {"ratio": float(ratio)} for name, absorber, ratio in tunings}
+
+
+def tuned_text(found: TunedUnder) -> str:
+    """Return the lines that are printed of tunings."""
+    ratios = 100 * found.values[:2] / found.values[2]
+    lines = [f"{TOLD[found.measure]} under {amplitude_in_words(found.loads)}, in % of that without absorber: median of {ratios.shape[1]} runs"]
+    for name, absorber, row in zip(("best for it", "least peak"), (found.best, found.peak), ratios, strict=True):
+        lines.append(f"  {name}: {np.median(row):.4g} ({row.min():.4g} to {row.max():.4g}), {words(absorber)}")
     return "\n".join(lines)
 
 

@@ -1,0 +1,108 @@
+"""The answers of `design_gap --load` in words, as JSON, rows and a figure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from impact_env.loads import amplitude_in_words
+from optimisation.gap_advice import Answer
+from optimisation.load_gap import START, LoadAdvice
+from optimisation.load_measures import UNITS
+from optimisation.report.gap_table import device
+from optimisation.report.load_tables import BAND, TOLD
+
+Json = dict[str, object]
+COLUMNS = ("gap_m", "member", "value")
+SHOWN = {"m": (1e3, "mm"), "s": (1.0, "s")}
+
+
+def rows(found: LoadAdvice) -> Iterator[tuple[object, ...]]:
+    """Yield every run with an absorber: its measure in SI units."""
+    for gap, runs in zip(found.gaps, found.runs, strict=True):
+        yield from ((float(gap), member, float(value)) for member, value in enumerate(runs))
+
+
+def _values(answer: Answer, found: LoadAdvice) -> Json:
+    measure, unit = found.measure, UNITS[found.measure]
+    levels = {"": answer.level, "_5": answer.low, "_95": answer.high, "_worst": answer.worst}
+    return {
+        "gap_m": answer.gap,
+        "friction_limit_n": answer.friction_limit,
+        "restitution": answer.absorber.walls.restitution,  # type: ignore[union-attr]
+        "mass_kg": found.mass,
+        **{f"{measure}{name}_{unit}": value if math.isfinite(value) else None for name, value in levels.items()},
+    }
+
+
+def summary(found: LoadAdvice) -> Json:
+    """Return answers and settings as JSON values; measures under their own names, as ``rms_m``."""
+    return {
+        "recommended": _values(found.recommended, found),
+        "sharp": _values(found.sharp, found),
+        "rule_gap_m": found.rule,
+        "free_rms_m": found.free_rms,
+        "measure": found.measure,
+        f"{found.measure}_without_absorber_{UNITS[found.measure]}": float(np.median(found.without)),
+        "settings": {"force_tolerance": found.tolerance, "members": len(found.without), "runs": sum(map(len, found.runs))},
+    }
+
+
+def text(found: LoadAdvice) -> str:
+    """Return the lines that are printed."""
+    (factor, unit), best, sharp, t = SHOWN[UNITS[found.measure]], found.recommended, found.sharp, found.tolerance
+    without, what = float(np.median(found.without)), TOLD[found.measure]
+
+    def level(answer: Answer) -> str:
+        band = f"{factor * answer.level:.4g} {unit} ({factor * answer.low:.4g} to {factor * answer.high:.4g})"
+        worst = "not known" if math.isnan(answer.worst) else f"at most {factor * answer.worst:.4g} {unit}"
+        return f"{band}, {100 * answer.level / without:.1f} % of no absorber; {worst} from {1 - t:.4g} to {1 + t:.4g} times the load"
+
+    lines = [
+        f"Recommended: {device(best, found.mass)}, under {amplitude_in_words(found.loads)}.",
+        f"  {what[0].upper()}{what[1:]} {level(best)}.",
+    ]
+    if sharp.gap != best.gap:
+        lines.append(f"Lowest {what}: {1e3 * sharp.gap:.4g} mm, {level(sharp)}.")
+    if found.rule is None:
+        size = f"{found.size_of} at the absorber, {1e3 * found.free_rms:.4g} mm"
+        lines.append(f"No rule for this load: the search began at {START:g} times the free motion's {size}.")
+    else:
+        lines.append(f"Design rule (no simulation): {1e3 * found.rule:.4g} mm.")
+    if best.level >= without:
+        lines.append(f"Warning: no gap brings the {what} below that without absorber: another place or mass may suit better.")
+    return "\n".join(lines)
+
+
+def save_figure(path: Path, found: LoadAdvice) -> None:
+    """Draw the measure over the gap, with the answers; the ending of ``path`` chooses the format."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    from optimisation.report.written_figure import write_figure
+
+    factor, unit = SHOWN[UNITS[found.measure]]
+    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
+    axes = figure.subplots()
+    low, middle, high = (factor * np.array([np.quantile(runs, q) for runs in found.runs]) for q in BAND)
+    gaps = 1e3 * found.gaps
+    axes.fill_between(gaps, low, high, color="#0072B2", alpha=0.25, lw=0)
+    axes.plot(gaps, middle, "o-", color="#0072B2", ms=5, label=f"median and 5 to 95 % of up to {len(found.without)} runs")
+    axes.axhline(factor * float(np.median(found.without)), color="black", lw=0.8, label="no absorber")
+    for answer, colour, word in ((found.sharp, "black", f"lowest {TOLD[found.measure]}"), (found.recommended, "#009E73", "recommended")):
+        axes.axvline(1e3 * answer.gap, color=colour, lw=1.6, ls="--" if colour == "black" else "-", label=f"{word}: {1e3 * answer.gap:.3g} mm")
+    if found.rule is not None:
+        axes.axvline(1e3 * found.rule, color="#D55E00", lw=1.4, ls="--", label=f"design rule: {1e3 * found.rule:.3g} mm")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_ylim(0, None)
+    axes.set_xlabel("clearance to either wall in mm")
+    axes.set_ylabel(f"{TOLD[found.measure]} in {unit}")
+    axes.set_title(f"Gap under {amplitude_in_words(found.loads)}", fontsize=11)
+    axes.legend(frameon=False, fontsize=9)
+    write_figure(figure, path)

@@ -1,0 +1,124 @@
+"""Gaps and tunings under loads: against scans, the scaling law and a transfer function written out; and the commands."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.optimize
+from commands import call
+from load_cases import MASS, OMEGA
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive, linear_sweep
+from impact_env.ensemble import draw_members, drives_of
+from impact_env.loads import Loads, Random, Shock
+from impact_env.modes import ModalModel
+from impact_env.parameters import ParameterError, impact_absorber
+from impact_env.response import Record
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
+from impact_env.turning_loads import Force
+from optimisation.bounds import design_gap
+from optimisation.cli.group import imported
+from optimisation.load_comparison import tuned_under
+from optimisation.load_gap import advise_for_loads
+
+MODEL = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.6, 2.6)), MASS)
+BAND = ((35.0, 0.5), (46.0, 0.5))
+NOISE = Loads((Random(np.array(BAND), 20.0, 1),), OMEGA[0])
+STRUCTURE = f"""
+[model]
+omega_rad_s = [{OMEGA[0]}]
+damping_ratio = [0.01]
+force_shape_per_sqrt_kg = [0.6]
+tip_shape_per_sqrt_kg = [2.6]
+beam_mass_kg = {MASS}
+"""
+
+
+def late_rms(gap: float, member: int) -> float:
+    """Return the RMS of the tip after half of the record, from the run's samples."""
+    drive = drives_of(draw_members(member + 1, 0), NOISE)[member]
+    scene = Scene(MODEL, impact_absorber(gap, 0.7, 0.0, 0.02))
+    history = simulate(scene, drive, record=Record(level=False, series=True)).history
+    assert history is not None
+    return float(np.sqrt(np.mean(history.modal_displacement[history.time >= 5 / (0.01 * OMEGA[0]), 0] ** 2))) * 2.6
+
+
+def test_the_gap_under_noise_is_among_the_best_of_a_scan() -> None:
+    found = advise_for_loads(MODEL, NOISE, friction_limit=0.0)
+    scan = [np.median([late_rms(float(gap), m) for m in range(3)]) for gap in found.free_rms * np.geomspace(0.5, 4, 9)]
+    assert found.rule is None
+    assert found.sharp.level == pytest.approx(np.median([late_rms(found.sharp.gap, m) for m in range(3)]), rel=1e-3)
+    assert found.sharp.level < 1.15 * min(scan) < 0.7 * np.median(found.without)
+    assert found.sharp.level <= found.recommended.level <= found.recommended.worst
+
+
+@pytest.mark.parametrize("loads", [NOISE, Loads((Shock("half-sine", 20.0, 0.0125, 2.0),), OMEGA[0])])
+def test_twice_the_load_wants_twice_the_gap(loads: Loads) -> None:
+    """The scaling law; a factor of two leaves all digits as they are."""
+    one, two = (advise_for_loads(MODEL, loads, factor=factor, members=1, friction_limit=0.0) for factor in (1.0, 2.0))
+    length = 2.0 if one.measure == "rms" else 1.0
+    assert two.sharp.gap == pytest.approx(2 * one.sharp.gap)
+    assert two.sharp.level == pytest.approx(length * one.sharp.level, rel=1e-6)
+
+
+def test_one_swept_force_has_a_rule() -> None:
+    sweep = linear_sweep(OMEGA[0], 0.97, 1.03, 8.0)
+    found = advise_for_loads(MODEL, Loads((Force(Drive(2.0, sweep)),)), factor=0.5, members=1)
+    assert found.rule == design_gap(MODEL, 0.02 * MASS, 1.0)
+    assert found.measure == "level"
+
+
+def exact_rms(stiffness: float, damping: float) -> float:
+    """Return the RMS under the noise of one mode with a tuned absorber, from the sum over frequencies."""
+    omega, mass = 2 * np.pi * np.linspace(BAND[0][0], BAND[1][0], 4001), 0.02 * MASS
+    link: NDArray[np.complex128] = stiffness + 1j * omega * damping
+    carried = link * mass * omega**2 / (link - mass * omega**2)  # what the absorber adds to the dynamic stiffness, negative
+    own = OMEGA[0] ** 2 - omega**2 + 2j * 0.01 * OMEGA[0] * omega - 2.6**2 * carried
+    return float(np.sqrt(np.trapezoid(0.5 * np.abs(2.6 * 0.6 / own) ** 2, omega / (2 * np.pi))))
+
+
+def test_a_random_load_is_tuned_to_its_least_mean_square() -> None:
+    found = tuned_under(MODEL, NOISE, 0.02)
+
+    def shifted(x: NDArray[np.float64]) -> float:
+        return exact_rms(found.peak.stiffness * np.exp(x[0]), found.peak.damping * np.exp(x[1]))
+
+    least = scipy.optimize.minimize(shifted, np.zeros(2), method="Nelder-Mead").fun
+    peak = exact_rms(found.peak.stiffness, found.peak.damping)
+    assert least <= exact_rms(found.best.stiffness, found.best.damping) < least + 0.25 * (peak - least)
+
+
+def test_the_commands(tmp_path: Path) -> None:
+    (tmp_path / "structure.toml").write_text(STRUCTURE)
+    load = tmp_path / "load.toml"
+    load.write_text('[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 20.0\npulse_s = 0.0125\nduration_s = 1.0\n')
+    given = ["--structure", tmp_path / "structure.toml", "--load", load, "--out", tmp_path]
+    result = call(imported("design_gap"), *given, "--quick", "--force", 2, "--device", tmp_path / "device.json")
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "summary.json").read_text())
+    best = found["recommended"]
+    assert found["rule_gap_m"] is None
+    assert "No rule for this load" in result.output
+    assert f"{1e3 * best['gap_m']:.4g} mm" in result.output
+    assert best["decay_s"] < found["decay_without_absorber_s"]
+    assert json.loads((tmp_path / "device.json").read_text())["absorber"]["gap"] == best["gap_m"]
+    again = call(imported("design_gap"), "--scene", tmp_path / "device.json", "--load", load, "--quick", "--out", tmp_path)
+    assert again.exit_code == 0, again.output
+    assert f"friction limit {best['friction_limit_n']:.4g} N" in again.output
+    tuned = call(imported("tune_ltva"), *given)
+    assert tuned.exit_code == 0, tuned.output
+    assert json.loads((tmp_path / "summary.json").read_text())["best"]["ratio"] < 1
+    for command, option, value in (("design_gap", "--rate", 1), ("design_gap", "--free", "restitution"), ("tune_ltva", "--low", 0.8)):
+        refused = call(imported(command), *given, option, value)
+        assert refused.exit_code == 2
+        assert f"{option} does not go with --load" in refused.output
+
+
+def test_a_load_that_moves_nothing_is_refused() -> None:
+    with pytest.raises(ParameterError, match="moves the absorber"):
+        advise_for_loads(ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.0, 2.6)), MASS), NOISE, members=1)
