@@ -38,8 +38,8 @@ from impact_env.loads import (
 from impact_env.parameters import ParameterError, finite, instance, one_of, positive, require
 from impact_env.plain import SCHEDULE
 from impact_env.plain_files import read_plain
-from impact_env.plain_structures import TEXT
 from impact_env.scene import InitialState
+from impact_env.structures.modal import TEXT
 from impact_env.structures.universal import read_record
 
 Array = NDArray[np.float64]

@@ -5,7 +5,6 @@ Each kind of structure is a table of a file. Keys with a unit end in it. Names o
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -15,12 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form
+from impact_env.forms import NUMBER, ROW, WHOLE, Keys, Sort, form
 from impact_env.modes import ModalModel
-from impact_env.parameters import Beam, ParameterError, Section, count, non_negative, positive, require, row
+from impact_env.parameters import Beam, ParameterError, Section, count, positive, require, row
 from impact_env.structures.checks import StructureWarning, warnings_of_matrix
 from impact_env.structures.files import read_matrix
 from impact_env.structures.matrices import checked, lowest_modes, proportional_damping
+from impact_env.structures.modal import DAMPING_RATIO, TEXT, model_beside, ratios_of, text
+from impact_env.structures.modal import MODEL as MODEL
 from impact_env.structures.profiles import PROFILES, Profile
 from impact_env.structures.universal import DIRECTIONS, at, read_modes
 
@@ -35,11 +36,6 @@ def _ratios(path: str, plain: Any) -> dict[int, float]:
     return {int(mode): NUMBER.read(f"{path}[{mode}]", ratio) for mode, ratio in plain.items()}
 
 
-# one number for all modes, or one each
-DAMPING_RATIO = Sort(
-    lambda path, plain: tuple(ROW.read(path, plain)) if isinstance(plain, list | tuple) else NUMBER.read(path, plain),
-    lambda value: list(map(float, value)) if isinstance(value, tuple) else float(value),
-)
 RATIOS = Sort(_ratios, lambda ratios: {str(mode): float(ratio) for mode, ratio in ratios.items()})
 SECTION_KEYS: Keys = {
     "elements": ("elements", WHOLE),
@@ -54,13 +50,7 @@ def _sections(path: str, plain: Any) -> tuple[Section, ...]:
     return tuple(SECTION.read(f"{path}[{i}]", part) for i, part in enumerate(plain))
 
 
-def _text(path: str, plain: Any) -> str:
-    require(isinstance(plain, str) and plain != "", path, plain, "a text")
-    return str(plain)
-
-
-TEXT = Sort(_text, str)
-VECTOR = Sort(lambda path, plain: _text(path, plain) if isinstance(plain, str) else ROW.read(path, plain), list)  # or the name of a file
+VECTOR = Sort(lambda path, plain: text(path, plain) if isinstance(plain, str) else ROW.read(path, plain), list)  # or the name of a file
 SECTIONS = Sort(_sections, lambda sections: [SECTION.write(section) for section in sections])
 BEAM_KEYS = form(
     Beam,
@@ -106,55 +96,6 @@ def _plain_beam(path: str, plain: Any) -> Beam:
 
 
 BEAM = Sort(_read_beam, BEAM_KEYS.write)
-SHAPES: Keys = {
-    "damping_ratio": ("damping_ratio", ROW),
-    "force_shape_per_sqrt_kg": ("force_shape", ROW),
-    "tip_shape_per_sqrt_kg": ("tip_shape", ROW),
-    "beam_mass_kg": ("beam_mass", NUMBER),
-    "absorber_shapes_per_sqrt_kg": ("absorber_shapes", ROWS),
-    "response_shape_per_sqrt_kg": ("response_shape", ROW),
-    "stress_shape": ("stress_shape", ROW),
-    "base_participation_sqrt_kg": ("base_participation", ROW),
-    "base_at_absorber": ("base_at_absorber", NUMBER),
-}
-
-
-HELD = "above 0: a motion that bends nothing has the frequency of its suspension, and cannot be left out, since it carries the absorber too"
-
-
-def _model(
-    *,
-    damping_ratio: list[float],
-    force_shape: list[float],
-    tip_shape: list[float],
-    beam_mass: float,
-    omega: list[float] | None = None,
-    frequencies: list[float] | None = None,
-    absorber_shapes: list[list[float]] | None = None,
-    response_shape: list[float] | None = None,
-    stress_shape: list[float] | None = None,
-    base_participation: list[float] | None = None,
-    base_at_absorber: float = ModalModel.base_at_absorber,
-) -> ModalModel:
-    if omega is None:
-        require(frequencies is not None, "omega", omega, "given, in rad/s, or frequencies_hz in its place")
-        assert frequencies is not None
-        require(min(frequencies) > 0, "frequencies", frequencies, HELD)
-        omega = [2 * math.pi * f for f in frequencies]
-    else:
-        require(frequencies is None, "frequencies", frequencies, "left out beside omega_rad_s")
-        require(min(omega) > 0, "omega", omega, HELD)
-    w, damping, force, tip = (np.array(row) for row in (omega, damping_ratio, force_shape, tip_shape))
-    optional = absorber_shapes, response_shape, stress_shape, base_participation
-    absorbers, response, stress, base = (None if row is None else np.array(row) for row in optional)
-    return ModalModel(w, damping, force, tip, beam_mass, absorbers, response, stress, base, base_at_absorber)
-
-
-# a model is written with omega, which is exact, and read with either
-MODEL = Sort(
-    form(_model, {"omega_rad_s": ("omega", ROW), "frequencies_hz": ("frequencies", ROW), **SHAPES}).read,
-    form(ModalModel, {"omega_rad_s": ("omega", ROW), **SHAPES}).write,
-)
 
 
 @dataclass(frozen=True)
@@ -233,16 +174,6 @@ def _strain(parts: list[Any] | None, shape: Callable[[Any], Any]) -> Any:
     return None if parts is None else np.sum([part.weight * shape(part) for part in parts], axis=0)
 
 
-def _ratios_of(given: Any, found: Any, modes: int) -> Any:
-    """Return the damping ratio of each mode: what is given, one number or one a mode, else what was found."""
-    ratios = np.broadcast_to(np.asarray(given, dtype=float), (modes,)) if np.ndim(given) == 0 and given is not None else given
-    if given is None:
-        require(found is not None, "damping_ratio", given, "given, as one number or a list with one for each mode: the file has no damping")
-        return found
-    require(len(ratios) == modes, "damping_ratio", given, f"one number, or one for each of the {modes} modes")
-    return np.array([non_negative("damping_ratio", float(x)) for x in ratios])
-
-
 @dataclass(frozen=True)
 class _Universal:
     """What a table of a Universal File says."""
@@ -264,7 +195,7 @@ def _of_universal(folder: Path, given: _Universal) -> ModalModel:
     found = read_modes(path)
     kept = found if given.modes is None else found[: count("modes", given.modes, 1, len(found))]
     measured = [mode.damping_ratio for mode in kept]
-    ratios = _ratios_of(given.damping_ratio, None if None in measured else measured, len(kept))
+    ratios = ratios_of(given.damping_ratio, None if None in measured else measured, len(kept))
 
     def shape(name: str, place: _Place) -> Any:
         return at(kept, path, name, (place.node, place.direction))
@@ -309,6 +240,7 @@ class _Matrices:
     suspension_frequency: float | None = None
     stress: list[_StrainedRow] | None = None
     base_vector: Any = None
+    coordinates: str | None = None  # of the rows, for who looks for one
 
 
 MATRIX_KEYS: Keys = {
@@ -325,6 +257,7 @@ MATRIX_KEYS: Keys = {
     "suspension_frequency_hz": ("suspension_frequency", NUMBER),
     "stress": ("stress", _one_or_list(STRAINED_ROW)),
     "base_vector": ("base_vector", VECTOR),
+    "coordinates": ("coordinates", TEXT),
 }
 
 
@@ -337,14 +270,14 @@ def _of_matrices(folder: Path, given: _Matrices) -> ModalModel:
     absorbers = [count("absorber", k, 0, size - 1) for k in given.absorber]
     response = None if given.response is None else count("response", given.response, 0, size - 1)
     rows = {"force": force, "absorber": absorbers[0]} | ({} if response is None else {"response": response})
-    for text in warnings_of_matrix(mass.diagonal() * UNITS[given.units], given.structure_mass, rows):
-        warnings.warn(text, StructureWarning, stacklevel=2)
+    for line in warnings_of_matrix(mass.diagonal() * UNITS[given.units], given.structure_mass, rows):
+        warnings.warn(line, StructureWarning, stacklevel=2)
     modes = lowest_modes(mass, stiffness, min(count("modes", given.modes, 1), size), given.suspension_frequency)
     found = None
     if given.damping is not None:
         require(given.damping_ratio is None, "damping_ratio", given.damping_ratio, "left out beside a damping matrix")
         found = proportional_damping(checked("damping", read_matrix(folder / given.damping, "damping", "C"), size), modes)
-    ratios = _ratios_of(given.damping_ratio, found, len(modes.omega))
+    ratios = ratios_of(given.damping_ratio, found, len(modes.omega))
     shapes = modes.shapes / np.sqrt(UNITS[given.units])
     places, read = [shapes[k] for k in absorbers], None if response is None else shapes[response]
     strain = _strain(given.stress, lambda part: shapes[count("stress's row", part.row, 0, size - 1)])
@@ -387,7 +320,7 @@ def _beside_files(table: type, model: Callable[[Path, Any], ModalModel], keys: K
 # kinds of structure -> the form of their table, for the folder in which the files lie that it names
 STRUCTURES: dict[str, Callable[[Path], Sort]] = {
     "beam": lambda _: BEAM,
-    "model": lambda _: MODEL,
+    "model": model_beside,
     "universal": _beside_files(_Universal, _of_universal, UNIVERSAL_KEYS),
     "matrices": _beside_files(_Matrices, _of_matrices, MATRIX_KEYS),
 }

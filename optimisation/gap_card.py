@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from impact_env.curve import CurveCase
 from impact_env.drive import Drive
-from impact_env.ensemble import Executor, Lane, each_lane
+from impact_env.ensemble import Executor, Lane, draw_members, each_lane, run_lanes
 from impact_env.parameters import ParameterError
 from impact_env.response import Record
 from impact_env.scene import Scene
@@ -17,8 +18,10 @@ from impact_env.sweep import simulate
 from optimisation.friction_rule import best_friction
 from optimisation.gap_advice import Advice, Answer
 from optimisation.tuned import HIGH, LOW, highest_amplitude, minimax
+from optimisation.uncertain import Spread, drawn, shares
 
 Array = NDArray[np.float64]
+DRAWS, UNSEEN = 64, 1  # of what is uncertain; the seed of members that no search has seen
 FACTORS = np.geomspace(0.25, 4.0, 97)  # of the force
 HALVED = 0.5  # of the level without absorber, which a device that works is below
 
@@ -87,6 +90,26 @@ def bearing(found: Advice, answer: Answer, threads: int | None = None, executor:
         limit,
         acceleration,
     )
+
+
+def uncertain_levels(
+    found: Advice, answer: Answer, every: Sequence[Spread], draws: int = DRAWS, threads: int | None = None, executor: Executor | None = None
+) -> tuple[float, float, float]:
+    """Return the 5, 50 and 95 % quantiles of a device's level in m with all that is uncertain drawn; raises KeyboardInterrupt if it is stopped."""
+    check = found.check
+    case = CurveCase(Scene(check.model, answer.absorber), np.array([check.force]), check.resonance, check.limits, check.rate)
+    ensemble = draw_members(draws + 1, UNSEEN)[1:]
+    pairs = zip(*(ensemble.drives(check.force, schedule) for schedule in case.schedules()), strict=True)
+    lanes = [
+        drawn(Lane(case.scene, drive), every, share, check.resonance, check.force)
+        for pair, share in zip(pairs, shares(every, ensemble), strict=True)
+        for drive in pair
+    ]
+    levels = run_lanes(lanes, threads=threads if executor is None else None, executor=executor)
+    if not levels.complete:
+        raise KeyboardInterrupt
+    low, median, high = np.quantile(levels.level.reshape(draws, 2).max(axis=1), (0.05, 0.5, 0.95))
+    return float(low), float(median), float(high)
 
 
 def _impacts(lane: Lane) -> tuple[Impacts, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,7 @@ from optimisation.mounting import described, detuned, mounted
 from optimisation.objectives import Condition, Constraint, Objective, Score, own_values
 from optimisation.sweep_rate import sweep_ratio
 from optimisation.tuned import require_wide_range
+from optimisation.uncertain import FORCE, FREQUENCY, Given, Spread, drawn, plain, require_parts, shares, spreads
 from optimisation.units import Units
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ PENALTY = 1e3  # what a broken constraint costs where a method knows no constrai
 class Problem:
     """Which design of a ``space`` is best under ``conditions``. ``rate`` is the sweep's, in percent per 100 pseudo periods.
 
-    It is `usual_rate` unless given.
+    It is `usual_rate` unless given. ``uncertain``, as in `optimisation.uncertain`: each member draws its own numbers, the same for every design.
     """
 
     space: DesignSpace
@@ -50,6 +51,7 @@ class Problem:
     seed: int = 0
     rate: float = None  # type: ignore[assignment]  # replaced by `usual_rate`
     fatigue_exponent: float = FATIGUE_EXPONENT
+    uncertain: Given = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require(len(self.conditions) > 0, "conditions", self.conditions, "one or more")
@@ -68,8 +70,22 @@ class Problem:
         require(len(set(names)) == len(names), "constraints", names, "each of them once")
         if self.space.concept == TUNED:
             self._require_both_peaks()
+        self._require_uncertain()
         for name in {DAMAGE, STRESS} & set(self.measures):
             require(self._beams[self.conditions[0].detuning][1] is not None, "objective or constraint", name, FATIGUES)
+
+    def _require_uncertain(self) -> None:
+        """Raise ParameterError if what is uncertain is not there, or is given as two numbers where there is no one number that they stand for."""
+        require_parts(self.spreads, self.space.default.absorber())
+        several = {FORCE: len({c.force for c in self.conditions}) > 1, FREQUENCY: len({c.resonance for c in self.conditions}) > 1}
+        several |= {variable.name.removesuffix("_limit"): True for variable in self.space.free}
+        for one in self.spreads:
+            require(one.relative or not several.get(one.name, False), f"uncertain {one.name}", one.words, "in %, as there is no one number")
+
+    @cached_property
+    def spreads(self) -> tuple[Spread, ...]:
+        """What is uncertain."""
+        return spreads(self.uncertain)
 
     def _usable_rate(self) -> float:
         return usable_rate("rate", self.rate, [condition.limits for condition in self.conditions])
@@ -146,6 +162,7 @@ class Problem:
             "seed": self.seed,
             "rate": self.rate,
             "fatigue_exponent": self.fatigue_exponent,
+            **({"uncertain": plain(self.spreads)} if self.spreads else {}),
         }
 
     def chunks(self, design: Design | None, ensemble: Members, rate: float) -> list[Chunk]:
@@ -164,6 +181,9 @@ class Problem:
         force = 1.0 if design is None else condition.force
         up, down = (ensemble.drives(force, schedule) for schedule in _up_and_down(scene.model, condition, rate))
         lanes = tuple(Lane(scene, drive) for pair in zip(up, down, strict=True) for drive in pair)
+        if self.spreads:
+            own = [share for share in shares(self.spreads, ensemble) for _ in range(2)]
+            lanes = tuple(drawn(lane, self.spreads, share, condition.resonance, condition.force) for lane, share in zip(lanes, own, strict=True))
         return Chunk(lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent)
 
     def _scene(self, design: Design | None, detuning: float) -> Scene:

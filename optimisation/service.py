@@ -176,7 +176,7 @@ def service(
 
     What a run has a part in that the integrator gives up is NaN. Raises ParameterError for numbers out of range.
     """
-    few, many = count("members", members, 1), count("draws", draws, 1)
+    few, many, problem = count("members", members, 1), count("draws", draws, 1), replace(problem, uncertain={})
     watched, level = _watched(problem, design, executor, progress)
     forces = _served(problem, design, few, executor, progress)
     single, joint = _tolerated(problem, design, few, many, executor, progress)

@@ -1,7 +1,8 @@
-"""Matrices from files: NumPy's and SciPy's .npz, and Matrix Market."""
+"""Matrices from files: NumPy's and SciPy's .npz, and Matrix Market; and columns of numbers from .csv."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -40,3 +41,22 @@ def read_matrix(path: Path, name: str, letter: str) -> Any:
         return reader(path, letter)
     except (OSError, ValueError, KeyError, BadZipFile, EOFError, TypeError) as error:
         raise ParameterError(f"{name} = {str(path)!r} is not allowed: a matrix that can be read ({error})") from error
+
+
+def read_columns(path: Path, name: str) -> dict[str, list[float]]:
+    """Return the columns of a CSV file with a line of names, commas between, by name; raises ParameterError, which names file and line."""
+    allowed = "a .csv file: a line of names, then a line of numbers for each mode, commas between"
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            lines = [[cell.strip() for cell in line] for line in csv.reader(file) if any(cell.strip() for cell in line)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ParameterError(f"{name} = {str(path)!r} is not allowed: {allowed} ({error})") from error
+    require(len(lines) > 1 and len(set(lines[0])) == len(lines[0]), name, str(path), allowed)
+    rows = []
+    for number, line in enumerate(lines[1:], 1):
+        try:
+            rows.append([float(cell) for cell in line])
+        except ValueError as error:
+            raise ParameterError(f"{name} = {str(path)!r}, mode {number} is not allowed: {allowed} ({error})") from error
+        require(len(line) == len(lines[0]), name, f"{path}, mode {number}: {len(line)} numbers", f"{len(lines[0])}, one a column")
+    return {key: list(column) for key, column in zip(lines[0], zip(*rows, strict=True), strict=True)}

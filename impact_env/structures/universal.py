@@ -18,6 +18,7 @@ Real = NDArray[np.float64]
 NORMAL, COMPLEX = 2, (3, 7)  # kinds of analysis in a dataset 55
 SI = 1  # code of the units in a dataset 164
 COLLINEAR = 0.95  # least modal phase collinearity of a complex shape that is read as a real one
+NODES = (15, 2411)  # datasets with coordinates
 TIME_HISTORIES = (0, 1)  # kinds of function in a dataset 58: general, time response
 DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 
@@ -105,6 +106,21 @@ def at(modes: list[MeasuredMode], path: Path, name: str, place: tuple[int, str])
         require(column < mode.shape.shape[1], name, direction, f"a direction that {path.name} has")
         values.append(sign * mode.shape[where[0], column])
     return np.array(values)
+
+
+def read_nodes(path: Path) -> tuple[NDArray[np.int64], Real]:
+    """Return numbers (N,) and coordinates (N, 3) in m of the nodes of a Universal File, its datasets 15 or 2411; raises ParameterError for none."""
+    with optional():
+        import pyuff
+    require(path.is_file(), "file", str(path), "a Universal File that exists")
+    try:
+        reader = pyuff.UFF(str(path))
+        sets = [reader.read_sets(k) for k, kind in enumerate(reader.get_set_types()) if int(kind) in NODES]
+    except Exception as error:  # the library raises bare exceptions
+        raise ParameterError(f"file = {str(path)!r} is not allowed: a Universal File that can be read ({error})") from error
+    require(len(sets) > 0, "file", str(path), "a Universal File with the coordinates of its nodes, in datasets 15 or 2411")
+    numbers = np.concatenate([np.asarray(part["node_nums"]) for part in sets]).astype(np.int64)
+    return numbers, np.concatenate([np.column_stack([part[axis] for axis in DIRECTIONS]) for part in sets]).astype(np.float64)
 
 
 def read_record(path: Path) -> tuple[Real, Real]:

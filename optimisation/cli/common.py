@@ -69,6 +69,31 @@ def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
 OLDER = {"--percent-per-100-periods": "--rate", "--figure": "--plot"}  # names of options of the version before, and theirs of now
 
 
+class Uncertain(click.ParamType):  # type: ignore[type-arg, unused-ignore]
+    """A name of `optimisation.uncertain.NAMES` with a standard deviation in % or two numbers: as many words as it takes, which `OneCommand` joins."""
+
+    name = "name 5%|low high"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, tuple[str, ...]]:  # noqa: ARG002
+        """Return the name and its words."""
+        name, *words = str(value).split(" ")
+        return name, tuple(words)
+
+
+def joined(args: list[str], known: Iterable[str]) -> list[str]:
+    """Return arguments with the words of each option of ``known`` as one: a name, and either one that ends in % or two."""
+    found, k = list[str](), 0
+    while k < len(args):
+        found.append(args[k])
+        if args[k] in known:
+            percent = [word.endswith("%") for word in args[k + 2 : k + 4]]
+            words = args[k + 1 : k + (3 if percent[:1] == [True] and percent[1:] != [True] else 4)]
+            found += [" ".join(words)] if words else []
+            k += len(words)
+        k += 1
+    return found
+
+
 class OneCommand(click.Command):
     """A command that takes an option by its older name, too, with a notice, and one that is given twice not at all."""
 
@@ -80,6 +105,7 @@ class OneCommand(click.Command):
             if name in OLDER and name not in known:
                 click.echo(f"warning: {name} is called {OLDER[name]} now; the next version does not know the older name", err=True)
                 args[k] = OLDER[name] + equals + value
+        args = joined(args, {name for parameter in self.params if isinstance(parameter.type, Uncertain) for name in parameter.opts})
         once = {
             name: parameter for parameter in self.params if isinstance(parameter, click.Option) and not parameter.multiple for name in parameter.opts
         }
@@ -90,6 +116,26 @@ class OneCommand(click.Command):
                     f"{parameter.opts[0]} is given {given.count(parameter)} times: once is allowed, as only one of them could count", ctx
                 )
         return super().parse_args(ctx, args)
+
+
+uncertain_option = click.option(
+    "--uncertain",
+    multiple=True,
+    type=Uncertain(),
+    metavar="NAME 5%|LOW HIGH",
+    help="damping, frequency, force, gap, restitution or friction is not known: normal with this standard deviation, cut at 3; or "
+    "uniform, in SI units or in %. May be repeated.",
+)
+
+
+def uncertain_of(given: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[str, ...]]:
+    """Return what --uncertain says as Python's ``uncertain=`` takes it; raises BadInput for a name that is given twice."""
+    found: dict[str, tuple[str, ...]] = {}
+    for name, words in given:
+        if name in found:
+            raise BadInput(f"--uncertain {name} is given twice: once is allowed, as only one of them could count")
+        found[name] = words
+    return found
 
 
 command = partial(click.command, cls=OneCommand, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150})

@@ -18,7 +18,7 @@ from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from optimisation.cli.common import BadInput, command, end_early, name_files, plain_errors
 from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
-from optimisation.cli.structure_option import RESONANCES_HELP, read_device, read_structure, scene_option, structure_option
+from optimisation.cli.structure_option import RESONANCES_HELP, mass_option, mass_ratio_of, read_device, read_structure, scene_option, structure_option
 from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json
@@ -85,6 +85,7 @@ def compared_under_loads(load: Path, structure: Structure | None, out: Path, giv
 @load_option
 @click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Mass of each absorber over the structure's.")
+@mass_option
 @click.option("--force", type=float, help="Force in N near the first of the resonances for which the design rule gives the gap.")
 @click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: by --force, or {RigidWalls.gap}]")
 @click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
@@ -114,6 +115,8 @@ def main(structure: Path | None, scene: Path | None, load: Path | None, quick: b
     with plain_errors():
         require_writable("--out", out)
         own = None if structure is None else read_structure(structure)
+        own_mass = mounted(Beam() if own is None else own).beam_mass
+        given["mass_ratio"] = mass_ratio_of(given["mass_ratio"], given.pop("mass_kg"), own_mass)
         if load is not None:
             if scene is not None:
                 raise BadInput("--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure")
@@ -122,7 +125,7 @@ def main(structure: Path | None, scene: Path | None, load: Path | None, quick: b
             name_files(written)
             return
         if scene is not None:
-            own, given["device"] = read_device(scene, "structure", "mass_ratio", "force", "gap")
+            own, given["device"] = read_device(scene, "structure", "mass_ratio", "mass_kg", "force", "gap")
             given |= {"mass_ratio": DEFAULT_MASS_RATIO}
         comparison = compared(own, cluster, given)
         files = write(out, comparison, conditions(started, given["threads"], cluster))

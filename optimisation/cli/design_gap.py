@@ -10,11 +10,13 @@ import click
 
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative
-from optimisation.cli.common import BadInput, check_target, command, end_early, name_files, plain_errors
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, friction_law, non_negative, require
+from optimisation.cli.common import BadInput, check_target, command, end_early, name_files, plain_errors, uncertain_of, uncertain_option
 from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
 from optimisation.cli.structure_option import (
     POSITION_HELP,
+    mass_option,
+    mass_ratio_of,
     read_device,
     refuse_beside,
     scene_option,
@@ -27,18 +29,21 @@ from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_advice import FREE, TOLERANCE, Advice, advise
-from optimisation.gap_card import bearing
+from optimisation.gap_card import bearing, uncertain_levels
 from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
 from optimisation.gap_search import MEMBERS
+from optimisation.hertz import ALLOWED, material
 from optimisation.load_gap import advise_for_loads
 from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
 from optimisation.report.card import text as as_text
 from optimisation.report.card import write_card
-from optimisation.report.gap_table import answer, card, text, warnings
+from optimisation.report.gap_table import Unsure, answer, card, text, warnings
+from optimisation.uncertain import FRICTION, GAP, Spread, require_parts, spreads
 
 QUICK_MEMBERS = 1
-OF_SCENE = ("structure", "modes", "damping", "mass_ratio", "position", "restitution", "friction_limit")
+CONTACT_HELP = f"Estimate contact time and force: of absorber and wall {ALLOWED}; radius in m of the rounder one."
+OF_SCENE = ("structure", "modes", "damping", "mass_ratio", "mass_kg", "position", "restitution", "friction_limit")
 
 
 def simulated(model: ModalModel, absorber: SlidingAbsorber, given: dict[str, Any], rate: float) -> Advice:
@@ -71,7 +76,9 @@ def put_together(given: dict[str, Any]) -> tuple[Structure, SlidingAbsorber]:
             given["friction_limit"] = 0.0 if absorber.friction is None else absorber.friction.limit
     else:
         structure = structure_of(given["structure"], given["position"], modes=given["modes"], damping_ratio=given["damping"])
-    absorber = scaled_absorber(model_on(structure), given["force"], given["resonance"], given["mass_ratio"], given["restitution"])
+    model = model_on(structure)
+    ratio = mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
+    absorber = scaled_absorber(model, given["force"], given["resonance"], ratio, given["restitution"])
     if given["friction_limit"] is not None:
         absorber = replace(absorber, friction=friction_law(non_negative("friction_limit", given["friction_limit"])))
     return structure, absorber
@@ -82,13 +89,23 @@ def model_on(structure: Structure) -> ModalModel:
     return modal_model(structure) if isinstance(structure, Beam) else mounted(structure)
 
 
-def write(out: Path, found: Advice) -> list[Path]:
+def distributions(given: dict[str, Any], absorber: SlidingAbsorber) -> tuple[Spread, ...]:
+    """Return what is uncertain; raises ParameterError for what the absorber lacks, and for numbers in SI units of what is searched."""
+    every = spreads(uncertain_of(given["uncertain"]))
+    require_parts(every, absorber)
+    for one in every:
+        searched = one.name == GAP or (one.name == FRICTION and given["friction_limit"] is None)
+        require(one.relative or not searched, f"uncertain {one.name}", one.words, "in %, as the number itself is searched")
+    return every
+
+
+def write(out: Path, found: Advice, unsure: Unsure | None) -> list[Path]:
     """Write the figure and the tables into a folder, and return the files."""
     from optimisation.report.gap_report import COLUMNS, rows, save_figure, summary  # matplotlib is slow to import
 
     files = [out / name for name in ("levels.csv", "summary.json", "levels.png")]
     write_csv(files[0], COLUMNS, rows(found))
-    write_json(files[1], summary(found))
+    write_json(files[1], summary(found) | ({} if unsure is None else {"uncertain": unsure.plain()}))
     with replacing(files[2]) as temporary:
         save_figure(temporary, found)
     return files
@@ -99,7 +116,7 @@ def under_load(given: dict[str, Any]) -> None:
     from optimisation.report import load_gap_report as report
 
     refuse_beside_load(given["load"], "rate")
-    refuse_beside_load(given["load"], "free", "gaps", "cluster", why="there the gap alone is searched, in this process")
+    refuse_beside_load(given["load"], "free", "gaps", "cluster", "uncertain", "contact", why="there the gap alone is searched, in this process")
     options = {name: given[name] for name in ("mass_ratio", "restitution", "friction_limit")}
     if given["scene"] is None:
         structure = structure_of(given["structure"], given["position"], modes=given["modes"], damping_ratio=given["damping"])
@@ -110,6 +127,8 @@ def under_load(given: dict[str, Any]) -> None:
     require_writable("--out", given["out"])
     check_target("--device", given["device"], (".json",))
     model = model_on(structure)
+    if given["scene"] is None:
+        options["mass_ratio"] = mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
     found = advise_for_loads(
         model,
         loads_of(given["load"], model, given["resonance"]),
@@ -141,6 +160,7 @@ def under_load(given: dict[str, Any]) -> None:
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance near which it acts, counted from 1.")
 @click.option("--force-tolerance", type=float, default=TOLERANCE, show_default=True, help="Share by which the force may be larger or smaller.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
+@mass_option
 @click.option(
     "--position",
     type=float,
@@ -156,6 +176,8 @@ def under_load(given: dict[str, Any]) -> None:
     help=f"Friction limit in N at any gap; 0: none.  [default: the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap]",
 )
 @click.option("--free", multiple=True, type=click.Choice([*FREE]), help="Search this one too, the gap anew for each value; may be repeated.")
+@uncertain_option
+@click.option("--contact", type=(str, str, float), metavar="MATERIAL MATERIAL RADIUS", help=CONTACT_HELP)
 @click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Damping ratio of all modes.")
 @click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} member, unless given.")
@@ -196,17 +218,23 @@ def main(**given: Any) -> None:
         require_writable("--out", given["out"])
         check_target("--device", given["device"], (".json",))
         rate = default_rate(model, (given["resonance"],)) if given["rate"] is None else usable_rate("--rate", given["rate"], [PAPER_LIMITS])
-        found = simulated(model, absorber, given, rate)
-        files = write(given["out"], found)
+        every = distributions(given, absorber)
+        for name in given["contact"][:2] if given["contact"] else ():
+            material(name)
+        found, unsure = simulated(model, absorber, given, rate), None
+        if every and found.recommended is not None and found.complete:
+            with workers(given["threads"], given["cluster"]) as executor:
+                unsure = Unsure(every, *uncertain_levels(found, found.recommended, every, threads=given["threads"], executor=executor))
+        files = write(given["out"], found, unsure)
         if given["device"] is not None and found.recommended is not None:
             write_device(given["device"], structure, found.recommended.absorber)
             files.append(given["device"])
         told = warnings(found)
         if found.recommended is not None and found.complete and not given["no_card"]:
             with workers(given["threads"], given["cluster"]) as executor:
-                own = card(found, bearing(found, found.recommended, given["threads"], executor))
+                own = card(found, bearing(found, found.recommended, given["threads"], executor), unsure, given["contact"])
             files += write_card(given["out"], own)
             told += ["", as_text(own)]
-    click.echo("\n".join([*answer(found), "", text(found), *(["", *told] if told else [])]))
+    click.echo("\n".join([*answer(found), *([] if unsure is None else [unsure.words]), "", text(found), *(["", *told] if told else [])]))
     name_files(files)
     end_early(found.complete, "the files hold the runs that were finished.")

@@ -15,7 +15,17 @@ from impact_env.ensemble import Executor, available_cores
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
-from optimisation.cli.structure_option import RESONANCES_HELP, is_given, read_device, read_structure, refuse_beside, scene_option, structure_option
+from optimisation.cli.common import BadInput, uncertain_of, uncertain_option
+from optimisation.cli.structure_option import (
+    RESONANCES_HELP,
+    is_given,
+    mass_option,
+    read_device,
+    read_structure,
+    refuse_beside,
+    scene_option,
+    structure_option,
+)
 from optimisation.comparison import RESONANCES
 from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.designs import FREE, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, RESTITUTION, VARIABLES, DesignSpace, design_space
@@ -55,6 +65,8 @@ SHARED = (
     click.option("--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."),
     click.option("--bounds", multiple=True, type=(str, float, float), metavar="NAME LOW HIGH", help="Bounds of a free variable, in SI units."),
     click.option("--fix", multiple=True, type=(str, float), metavar="NAME VALUE", help="Value of a variable not searched.  [default: the paper's]"),
+    mass_option,
+    uncertain_option,
     click.option("--members", type=click.IntRange(min=1), help=f"Runs for each point.  [default: {DEFAULT_MEMBERS}, for fronts 4]"),
     click.option("--batch", type=click.IntRange(min=2), help="Designs run in one call; the population of CMA-ES and NSGA-II."),
     click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of search and members."),
@@ -99,8 +111,21 @@ def make_space(concept: str, given: dict[str, Any]) -> DesignSpace:
     every = given.get("every", False)
     free = [name for name in given["free"] if name in known or not every]
     bounds = {name: (low, high) for name, low, high in given["bounds"] if name in known or not every}
-    fixed = _of_device(concept, given) | {name: value for name, value in given["fix"] if name in known or not every}
+    fixed = _of_device(concept, given) | {name: value for name, value in fixed_of(given).items() if name in known or not every}
     return design_space(concept, free or None, bounds, fixed)
+
+
+def fixed_of(given: dict[str, Any]) -> dict[str, float]:
+    """Return the variables that --fix and --mass-kg fix; raises BadInput if both, or --free or --scene, say what the mass is."""
+    fixed = dict(given["fix"])
+    if given["mass_kg"] is not None:
+        for option, names in (("--fix", fixed), ("--free", given["free"])):
+            if MASS_RATIO in names:
+                raise BadInput(f"--mass-kg does not go with {option} {MASS_RATIO}: each says what the mass is")
+        if given["scene"] is not None:
+            raise BadInput("--mass-kg does not go with --scene: the file says what structure and absorber are")
+        fixed[MASS_RATIO] = positive("mass_kg", given["mass_kg"]) / mounted(structure_of(given)).beam_mass
+    return fixed
 
 
 def _of_device(concept: str, given: dict[str, Any]) -> dict[str, float]:
@@ -146,7 +171,7 @@ def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> li
     model, paper = mounted(structure_of(given)), modal_model(Beam())
     structure_of(given)
     usual_ratio = given["device"].mass_ratio if given["scene"] is not None else DEFAULT_MASS_RATIO
-    ratio = dict(given["fix"]).get(MASS_RATIO, usual_ratio)
+    ratio = fixed_of(given).get(MASS_RATIO, usual_ratio)
     mass = positive(MASS_RATIO, ratio) * model.beam_mass
     shares = [force / design_force(paper, DEFAULT_MASS_RATIO * paper.beam_mass, RigidWalls.gap, resonance) for resonance, force in usual]
     for k in dict.fromkeys(given["resonances"]):
@@ -160,7 +185,8 @@ def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tu
     """Return the problem that the options describe."""
     members = given["members"] or (QUICK_MEMBERS if given["quick"] else DEFAULT_MEMBERS)
     constraints = tuple(Constraint(name, limit) for name, limit in given["constraint"])
-    problem = Problem(make_space(concept, given), conditions, objectives, constraints, structure_of(given), members, given["seed"], given["rate"])
+    space, uncertain = make_space(concept, given), uncertain_of(given["uncertain"])
+    problem = Problem(space, conditions, objectives, constraints, structure_of(given), members, given["seed"], given["rate"], uncertain=uncertain)
     return replace(problem, rate=QUICK_SPEED * problem.rate) if given["quick"] else problem
 
 

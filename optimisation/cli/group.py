@@ -25,7 +25,7 @@ from optimisation.cli.common import INTERRUPTED
 HERE = Path(__file__).parent
 PAGES = Path(__file__).resolve().parents[2] / "scripts" / "studies" / "cli"  # a checkout's
 HEADINGS = {
-    "Explore": ("explore",),
+    "Explore": ("explore", "structure"),
     "Simulate": ("sweep", "compare_absorbers", "render_episode"),
     "Design": ("design_gap", "optimise_design", "pareto", "mass_ratios", "tune_ltva"),
     "Periodic responses": ("orbits", "frequency_response", "isola", "balance_error"),

@@ -23,14 +23,16 @@ from impact_env.periodic.survey import Found, attractors, closed_form_orbits, di
 from impact_env.periodic.validation import trials_alongside
 from optimisation.bounds import design_force
 from optimisation.cli.common import BadInput, check_target, command, end_early, json_option, plain_errors
-from optimisation.cli.structure_option import model_of, refuse_beside, structure_option
+from optimisation.cli.structure_option import model_of, read_device, refuse_beside, scene_option, structure_option
 from optimisation.files import write_json
+from optimisation.gap_check import rigid_walls
+from optimisation.mounting import mounted
 from optimisation.progress import stages_bar
 from optimisation.report.markdown import markdown
 from optimisation.report.orbit_tables import fold_text, orbit_table, plain_fold, plain_orbit, plain_threshold, refusals, threshold_text
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
-FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure by the design rule]"
+FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure or --scene by the design rule]"
 FROM, TO = 0.9, 1.06  # of the first resonance, the paper's range
 POINTS, AROUND, RANGE = 81, 21, 0.02  # frequencies listed, and those from which branches lead to a single one, with its neighbourhood
 ALONG = ("force", "gap", "restitution", "friction-limit")
@@ -137,10 +139,16 @@ def check(given: dict[str, Any]) -> None:
 def case_of(given: dict[str, Any]) -> Case:
     """Return structure and absorber at the first resonance; on a structure from a file the force follows from the gap by the design rule."""
     refuse_beside(given["structure"], "modes", "damping")
-    model = model_of(given["structure"], modes=given["modes"], damping_ratio=given["damping"])
+    if given["scene"] is None:
+        model = model_of(given["structure"], modes=given["modes"], damping_ratio=given["damping"])
+    else:
+        structure, device = read_device(given["scene"], "structure", "modes", "damping", "mass_ratio", "gap", "restitution", "friction_limit")
+        model, walls = mounted(structure), rigid_walls(device)
+        given |= {"mass_ratio": device.mass_ratio, "gap": walls.gap, "restitution": walls.restitution}
+        given["friction_limit"] = 0.0 if device.friction is None else device.friction.limit
     force, gap, ratio = given["force"], positive("gap", given["gap"]), positive("mass_ratio", given["mass_ratio"])
     if force is None:
-        force = FORCE if given["structure"] is None else design_force(model, ratio * model.beam_mass, gap, 1)
+        force = FORCE if given["structure"] is None and given["scene"] is None else design_force(model, ratio * model.beam_mass, gap, 1)
     return Case(model, float(model.omega[0]), force, gap, given["restitution"], given["friction_limit"], ratio)
 
 
@@ -179,6 +187,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
 
 @command()
 @structure_option
+@scene_option
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")

@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Beam, RigidWalls, SlidingAbsorber
+from impact_env.parameters import Beam, RigidWalls, SlidingAbsorber, positive
 from impact_env.plain import from_scene, to_beam, to_scene
 from impact_env.plain_files import read_plain
 from impact_env.scene import Scene
@@ -86,6 +86,20 @@ def write_device(path: Path, structure: Structure, absorber: SlidingAbsorber) ->
     """Write structure and absorber as a scene, which other commands read by --scene: a beam as a beam."""
     beam = structure if isinstance(structure, Beam) else None
     write_json(path, from_scene(Scene(mounted(structure) if beam is None else modal_model(beam), absorber), beam))
+
+
+def mass_option(command: Command) -> Command:
+    """Add --mass-kg to a command that has --mass-ratio, or variables."""
+    return click.option("--mass-kg", type=float, help="Absorber mass in kg, in the place of its ratio.")(command)
+
+
+def mass_ratio_of(mass_ratio: float, mass_kg: float | None, structure_mass: float) -> float:
+    """Return the mass ratio, that of --mass-kg if given; raises BadInput if both are."""
+    if mass_kg is None:
+        return mass_ratio
+    if is_given("mass_ratio"):
+        raise BadInput("--mass-kg does not go with --mass-ratio: each says what the mass is")
+    return positive("mass_kg", mass_kg) / structure_mass
 
 
 def is_given(name: str) -> bool:

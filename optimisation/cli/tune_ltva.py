@@ -13,7 +13,16 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
 from optimisation.cli.common import check_target, command, name_files, plain_errors
 from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
-from optimisation.cli.structure_option import POSITION_HELP, model_of, read_device, refuse_beside, scene_option, structure_option
+from optimisation.cli.structure_option import (
+    POSITION_HELP,
+    mass_option,
+    mass_ratio_of,
+    model_of,
+    read_device,
+    refuse_beside,
+    scene_option,
+    structure_option,
+)
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.load_comparison import tuned_under
 from optimisation.machine import conditions, sources
@@ -69,6 +78,7 @@ def under_load(load: Path, model: ModalModel, mass_ratio: float, resonance: int,
 @load_option
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance to tune to, counted from 1.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
+@mass_option
 @click.option(
     "--position",
     type=float,
@@ -94,6 +104,7 @@ def main(
     load: Path | None,
     resonance: int,
     mass_ratio: float,
+    mass_kg: float | None,
     position: float,
     modes: int,
     damping: float,
@@ -115,8 +126,9 @@ def main(
         if scene is None:
             model = model_of(structure, position, modes=modes, damping_ratio=damping)
         else:
-            own, absorber = read_device(scene, "structure", "modes", "damping", "mass_ratio", "position")
+            own, absorber = read_device(scene, "structure", "modes", "damping", "mass_ratio", "mass_kg", "position")
             model, mass_ratio = mounted(own), absorber.mass_ratio
+        mass_ratio = mass_ratio_of(mass_ratio, mass_kg, model.beam_mass)
         require_writable("--out", out)
         if load is not None:
             refuse_beside_load(load, "low", "high", "page", "quick", why="there is no range of frequencies to score, and nothing to prove")

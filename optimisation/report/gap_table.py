@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from optimisation.bounds import LARGE_REACH, SMALL_REACH
 from optimisation.gap_advice import Advice, Answer
-from optimisation.gap_card import Bearing
+from optimisation.gap_card import DRAWS, Bearing
+from optimisation.hertz import estimate, meeting_mass, reaches_beyond
 from optimisation.report.card import Card, Chart, Curve, Row, numbers
 from optimisation.report.markdown import markdown
 from optimisation.sweep_rate import LEAST_RATIO
+from optimisation.uncertain import Spread, plain
 
 HEADER = ("gap, mm", "of the rule's", "level, mm", "5 to 95 %, mm", "of no absorber, %", "limit, mm", "share of the possible, %", "members")
 
@@ -100,8 +103,51 @@ def text(found: Advice) -> str:
     return markdown(HEADER, lines)
 
 
-def card(found: Advice, bearing: Bearing) -> Card:
-    """Return what is told of the recommended device."""
+@dataclass(frozen=True)
+class Unsure:
+    """What is uncertain, and the 5, 50 and 95 % quantiles of the recommended device's level in m with all of it drawn."""
+
+    every: tuple[Spread, ...]
+    low: float
+    median: float
+    high: float
+
+    @property
+    def said(self) -> str:
+        """What is uncertain, in words."""
+        return ", ".join(one.words for one in self.every)
+
+    @property
+    def words(self) -> str:
+        """One line."""
+        return f"With {self.said}: {1e3 * self.median:.4g} mm ({1e3 * self.low:.4g} to {1e3 * self.high:.4g}), of {DRAWS} draws."
+
+    def plain(self) -> dict[str, object]:
+        """Return it as JSON values."""
+        return {"given": plain(self.every), "draws": DRAWS, "level_m": self.median, "level_5_m": self.low, "level_95_m": self.high}
+
+
+def _contact(found: Advice, bearing: Bearing, given: tuple[str, str, float]) -> tuple[tuple[Row, ...], list[str]]:
+    """Return the estimate of an impact at the largest speed, and a warning if it reaches modes that were left out."""
+    model, (first, second, radius) = found.check.model, given
+    if not bearing.impacts.largest > 0:
+        return (Row("contact", "no impact"),), []
+    one = estimate(first, second, radius, meeting_mass(model, found.check.mass), bearing.impacts.largest)
+    top = float(model.omega.max()) / (2 * math.pi)
+    rows = (
+        Row("of", f"{first} and {second}, radius {1e3 * radius:.4g} mm, {one.mass:.4g} kg at {bearing.impacts.largest:.4g} m/s"),
+        Row("contact time", 1e3 * one.time, "ms"),
+        Row("peak force", one.force, "N"),
+        Row("peak pressure", 1e-6 * one.pressure, "MPa"),
+        Row("force up to about, one over the contact time", 1 / one.time, "Hz"),
+        Row("modes kept up to", top, "Hz"),
+    )
+    text = f"impacts of {1e3 * one.time:.3g} ms reach modes above the {model.modes} kept, up to about {1 / one.time:.3g} Hz: try more modes"
+    return rows, [text] if reaches_beyond(model, one) else []
+
+
+def card(found: Advice, bearing: Bearing, unsure: Unsure | None = None, contact: tuple[str, str, float] | None = None) -> Card:
+    """Return what is told of the recommended device; ``contact``: two materials of `optimisation.hertz` and the radius in m of the rounder one."""
     check, best, model = found.check, bearing.answer, found.check.model
     t, without, impacts = found.tolerance, float(check.without.median[0]), bearing.impacts
     low, high = ((1 - t) * check.force, (1 + t) * check.force)
@@ -113,7 +159,7 @@ def card(found: Advice, bearing: Bearing) -> Card:
         Row("coefficient of restitution", float(walls.restitution)),  # type: ignore[union-attr]
         Row("friction limit", best.friction_limit, "N"),
     )
-    level = (
+    level: tuple[Row, ...] = (
         Row(f"at {check.force:g} N, median of {found.members} runs", 1e3 * best.level, "mm RMS"),
         Row("5 to 95 % of the runs", f"{1e3 * best.low:.4g} to {1e3 * best.high:.4g} mm"),
         Row(f"at most, {low:.4g} to {high:.4g} N", 1e3 * best.worst, "mm"),
@@ -123,6 +169,8 @@ def card(found: Advice, bearing: Bearing) -> Card:
         Row(f"best friction damper of this mass, {bearing.damper_limit:.4g} N (estimate)", 1e3 * bearing.damper, "mm"),
         Row("no device in this cavity comes below", 1e3 * check.limit_at(best.gap), "mm"),
     )
+    if unsure is not None:
+        level = (*level, Row(f"with {unsure.said}", f"{1e3 * unsure.median:.4g} mm ({1e3 * unsure.low:.4g} to {1e3 * unsure.high:.4g})"))
     forces = (
         Row("halves the level", _between(bearing.works), ""),
         Row("lowers the level", _between(bearing.helps), ""),
@@ -146,14 +194,17 @@ def card(found: Advice, bearing: Bearing) -> Card:
         Row("sweeps taken", f"{found.sweeps}, and two with impacts recorded"),
     )
     title = f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
+    touch, reached = ((), []) if contact is None else _contact(found, bearing, contact)
     groups = (
         ("Device", device),
         ("Response level", level),
         ("Forces", forces),
         ("What it bears", wear),
+        *((("Contact, estimated after Hertz, without loss", touch),) if touch else ()),
         ("Assumptions", assumed),
     )
-    return Card(title, groups, _charts(found, bearing), tuple(line.removeprefix("Warning: ") for line in warnings(found) if line[:4] == "Warn"))
+    told = [line.removeprefix("Warning: ") for line in warnings(found) if line[:4] == "Warn"]
+    return Card(title, groups, _charts(found, bearing), (*told, *reached))
 
 
 def _between(ends: tuple[float, float]) -> str:

@@ -138,7 +138,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     "design_gap": (
         "",
         {
-            "": "Missing option '--force'",
+            "": "--force is missing",
             "--force 0": "force = 0.0 is not allowed",
             "--force -3": "force = -3.0 is not allowed",
             "--force nan": "force = nan is not allowed",
@@ -354,6 +354,16 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--force 1 --approach -1": "approach_ratio = -1.0 is not allowed",
             f"{CLUSTER} --threads 2": BOTH,
             "--structure {steel} --modes 3": "--modes does not go with --structure",
+        },
+    ),
+    "structure": (
+        "",
+        {
+            "": "Missing argument 'FILE'",
+            "bad.toml": "length",
+            "{steel} --near 0 0 0": "--near is for a Universal File with nodes, or matrices with the key coordinates",
+            "{steel} --plot a.txt": "--plot = a.txt",
+            "{steel} --json nowhere/a.json": NOWHERE,
         },
     ),
     "explore": (

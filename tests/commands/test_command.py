@@ -40,6 +40,7 @@ QUICK = {  # the shortest form of each command
     "pareto": f"{STEEP} --batch 4 --designs 4",
     "record_demonstrations": "--task passage --episodes 2",
     "render_episode": "--frames 4 --gif film.gif",
+    "structure": f"{ROOT}/docs/examples/steel_beam.toml",
     "sweep": "--modes 2 --from 0.98 --to 1 --rate 10 --energy --time --plot sweep.png",
     "train_sweep_agent": "--quick --steps 512",
     "tune_baselines": "--quick --task gap",

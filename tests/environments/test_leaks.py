@@ -71,4 +71,4 @@ def test_the_scores_reference_is_seen_by_first_versions_only(name: str) -> None:
 def test_chatter_stays_of_order_one(name: str) -> None:
     rows = seen(gymnasium.make_vec(name, num_envs=256), 40)[1]
     assert rows[..., 4].max() == 4
-    assert seen(gymnasium.make_vec(name, num_envs=256, impacts_limit=100.0), 40)[1][..., 4].max() > 20
+    assert seen(gymnasium.make_vec(name, num_envs=256, impacts_limit=100.0), 40)[1][..., 4].max() > 4  # without the limit: 18 to 58, by the path

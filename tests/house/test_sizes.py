@@ -13,7 +13,7 @@ LINES, KERNEL_LINES = 400, 450
 PLACES = 8  # arguments that can be given by place
 # more than that: commands, whose options come by name, what is told place, range, phases and judgement in a row, and a model's fields
 MORE = {
-    "optimisation/cli/tune_ltva.py main": 12,
+    "optimisation/cli/tune_ltva.py main": 14,
     "optimisation/cli/mass_ratios.py main": 9,
     "impact_env/periodic/jump.py jumps": 9,
     "impact_env/plain_structures.py _placed": 9,

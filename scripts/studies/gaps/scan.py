@@ -19,7 +19,8 @@ from studies.gaps.structures import FORCE, Case
 
 Array = NDArray[np.float64]
 STEP, FROM, TO = 0.05, -1.225, 1.1  # of ln (gap over the rule's); half a step off the gaps that a search tries
-WITHIN, BESIDE = 1.5, 2  # gaps are run in full where a look is within this of the lowest, and so many beside them
+WITHIN, NEARER, BESIDE = 1.5, 1.25, 2  # gaps are run in full where a look is within this of the lowest; judged where a full run is; so many beside
+JUDGES = 15  # members, the first of them the search's: medians of few members differ by luck, and the lowest of many such is a lucky one
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Row:
     """One case. Levels are medians over the lowest of the scan, for ``recommended`` the worst over the tolerance, over the lowest such.
 
     ``best`` is the best gap over the rule's; ``rule``, ``expected``: the levels at the rule's gap and at the fit of `expected_gap`. ``relative``: the
-    lowest level over that without absorber.
+    lowest level over that without absorber. ``sharp_few`` and ``recommended_few`` are judged on the members of the search alone.
     """
 
     name: str
@@ -43,6 +44,8 @@ class Row:
     expected: float
     sweeps: int
     gaps: int
+    sharp_few: float
+    recommended_few: float
 
 
 def row(case: Case, members: int, step: float = STEP, rate: float | None = None, threads: int | None = None, executor: Executor | None = None) -> Row:
@@ -66,11 +69,17 @@ def row(case: Case, members: int, step: float = STEP, rate: float | None = None,
             raise KeyboardInterrupt
         return np.array([curve.median[0] for curve in curves])
 
-    looks = levels(grid, 1, found.look_rate)
-    near = np.convolve(looks <= WITHIN * looks.min(), np.ones(2 * BESIDE + 1), "same") > 0
-    at = np.union1d(grid[near], told)
-    full = levels(at, members, check.rate)
-    return judged(case, found, at, full, fit / check.rule)
+    near = grid[_beside(levels(grid, 1, found.look_rate), WITHIN)]
+    few = levels(at := np.union1d(near, told), members, check.rate)
+    by_few = judged(case, found, at, few, fit / check.rule)
+    nearer = at[_beside(few, NEARER)]
+    many = levels(at := np.union1d(nearer, told), max(JUDGES, members), check.rate)
+    return replace(judged(case, found, at, many, fit / check.rule), sharp_few=by_few.sharp, recommended_few=by_few.recommended)
+
+
+def _beside(levels: Array, within: float) -> NDArray[np.bool_]:
+    """Return which levels are within a factor of the lowest, and those beside them."""
+    return np.convolve(levels <= within * levels.min(), np.ones(2 * BESIDE + 1), "same") > 0
 
 
 def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:
@@ -98,6 +107,10 @@ def judged(case: Case, found: Advice, at: Array, full: Array, expected: float) -
     assert found.recommended is not None
     sharp, robust = (np.log(answer.gap / found.check.rule) for answer in (found.sharp, found.recommended))
     lowest = full.min()
+    told = (
+        float(between(sharp) / lowest),
+        float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()),
+    )
     return Row(
         case.name,
         case.resonance,
@@ -106,10 +119,10 @@ def judged(case: Case, found: Advice, at: Array, full: Array, expected: float) -
         found.check.reach,
         float(np.exp(at[np.argmin(full)])),
         float(lowest / found.check.without.median[0]),
-        float(between(sharp) / lowest),
-        float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()),
+        *told,
         float(between(0.0) / lowest),
         float(between(np.log(expected)) / lowest),
         found.sweeps,
         len(at),
+        *told,
     )

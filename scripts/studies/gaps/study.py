@@ -11,7 +11,7 @@ from impact_env.ensemble import Executor
 from optimisation.gap_search import MEMBERS
 from optimisation.machine import sources
 from optimisation.report.markdown import markdown
-from studies.gaps.scan import STEP, Row, row
+from studies.gaps.scan import JUDGES, STEP, Row, row
 from studies.gaps.structures import CASES, Case
 from studies.study import Json, Measured, Part, Steps, Study, rows_by_case
 
@@ -79,12 +79,15 @@ def table(found: Sequence[Row]) -> str:
 def verdict(found: Sequence[Row]) -> str:
     """Return how many are good, and the worst."""
     said = []
+    few = [sum(getattr(r, f"{name}_few") <= TOLERATED for r in found) for name in ("sharp", "recommended")]
     for name in ("sharp", "recommended", "rule", "expected"):
         worst = max(found, key=lambda r: getattr(r, name))
         good = sum(getattr(r, name) <= TOLERATED for r in found)
         word = f"`{name}`" if name in ("sharp", "recommended") else f"the {name}{chr(39) + 's' if name == 'rule' else ''} gap"
         said.append(f"{word}: {good} of {len(found)}, worst {getattr(worst, name):.2f} ({worst.name}, resonance {worst.resonance})")
-    return f"Within {TOLERATED:g} of the scan's lowest: " + "; ".join(said) + "."
+    return (
+        f"{JUDGES} members. Within {TOLERATED:g} of the scan's lowest: " + "; ".join(said) + f". On the search's own members: {few[0]} and {few[1]}."
+    )
 
 
 def _rows(measured: Measured) -> list[Row]:

@@ -1,0 +1,108 @@
+"""Modes as plain numbers: the table ``model`` of a file, whose rows may be the columns of a CSV file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from impact_env.forms import NUMBER, ROW, ROWS, Keys, Sort, form
+from impact_env.modes import ModalModel
+from impact_env.parameters import non_negative, require
+from impact_env.structures.files import read_columns
+
+# one number for all modes, or one each
+DAMPING_RATIO = Sort(
+    lambda path, plain: tuple(ROW.read(path, plain)) if isinstance(plain, list | tuple) else NUMBER.read(path, plain),
+    lambda value: list(map(float, value)) if isinstance(value, tuple) else float(value),
+)
+
+
+def text(path: str, plain: Any) -> str:
+    """Return a text that is not empty."""
+    require(isinstance(plain, str) and plain != "", path, plain, "a text")
+    return str(plain)
+
+
+TEXT = Sort(text, str)
+
+
+def ratios_of(given: Any, found: Any, modes: int) -> Any:
+    """Return the damping ratio of each mode: what is given, one number or one a mode, else what was found."""
+    ratios = [non_negative("damping_ratio", given)] * modes if np.ndim(given) == 0 and given is not None else given
+    if given is None:
+        require(found is not None, "damping_ratio", given, "given, as one number or a list with one for each mode: the file has no damping")
+        return found
+    require(len(ratios) == modes, "damping_ratio", given, f"one number, or one for each of the {modes} modes")
+    return np.array([non_negative("damping_ratio", float(x)) for x in ratios])
+
+
+SHAPES: Keys = {
+    "damping_ratio": ("damping_ratio", ROW),
+    "force_shape_per_sqrt_kg": ("force_shape", ROW),
+    "tip_shape_per_sqrt_kg": ("tip_shape", ROW),
+    "beam_mass_kg": ("beam_mass", NUMBER),
+    "absorber_shapes_per_sqrt_kg": ("absorber_shapes", ROWS),
+    "response_shape_per_sqrt_kg": ("response_shape", ROW),
+    "stress_shape": ("stress_shape", ROW),
+    "base_participation_sqrt_kg": ("base_participation", ROW),
+    "base_at_absorber": ("base_at_absorber", NUMBER),
+}
+
+
+HELD = "above 0: a motion that bends nothing has the frequency of its suspension, and cannot be left out, since it carries the absorber too"
+
+
+def _model(
+    *,
+    damping_ratio: Any,
+    force_shape: list[float],
+    tip_shape: list[float],
+    beam_mass: float,
+    omega: list[float] | None = None,
+    frequencies: list[float] | None = None,
+    absorber_shapes: list[list[float]] | None = None,
+    response_shape: list[float] | None = None,
+    stress_shape: list[float] | None = None,
+    base_participation: list[float] | None = None,
+    base_at_absorber: float = ModalModel.base_at_absorber,
+) -> ModalModel:
+    if omega is None:
+        require(frequencies is not None, "omega", omega, "given, in rad/s, or frequencies_hz in its place")
+        assert frequencies is not None
+        require(min(frequencies) > 0, "frequencies", frequencies, HELD)
+        omega = [2 * math.pi * f for f in frequencies]
+    else:
+        require(frequencies is None, "frequencies", frequencies, "left out beside omega_rad_s")
+        require(min(omega) > 0, "omega", omega, HELD)
+    w, force, tip = (np.array(row) for row in (omega, force_shape, tip_shape))
+    damping = ratios_of(damping_ratio, None, len(w))
+    optional = absorber_shapes, response_shape, stress_shape, base_participation
+    absorbers, response, stress, base = (None if row is None else np.array(row) for row in optional)
+    return ModalModel(w, damping, force, tip, beam_mass, absorbers, response, stress, base, base_at_absorber)
+
+
+COLUMNS: Keys = {"omega_rad_s": ("omega", ROW), "frequencies_hz": ("frequencies", ROW), **SHAPES, "damping_ratio": ("damping_ratio", DAMPING_RATIO)}
+# a model is written with omega, which is exact, and read with either
+MODEL = Sort(
+    form(_model, COLUMNS).read,
+    form(ModalModel, {"omega_rad_s": ("omega", ROW), **SHAPES}).write,
+)
+
+
+def model_beside(folder: Path) -> Sort:
+    """Return the form of a model whose rows may be the columns of a CSV file in a folder, named like the keys."""
+
+    def read(path: str, plain: Any) -> Any:
+        if isinstance(plain, Mapping) and "modes_csv" in plain:
+            name = text(f"{path}.modes_csv", plain["modes_csv"])
+            rows, left = read_columns(folder / name, f"{path}.modes_csv"), {key: value for key, value in plain.items() if key != "modes_csv"}
+            twice = sorted(set(rows) & set(left))
+            require(not twice, f"{path}.modes_csv", name, f"a file without the columns {', '.join(twice)}, which are given beside it")
+            plain = rows | left
+        return MODEL.read(path, plain)
+
+    return Sort(read, MODEL.write)

@@ -1,0 +1,125 @@
+"""Show what a file says of a structure: its modes, their shapes at the places in use, masses, and the node nearest to a point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.modes import ModalModel
+from impact_env.parameters import Beam
+from impact_env.plain_files import read_plain
+from impact_env.structures.files import read_columns
+from impact_env.structures.universal import read_nodes
+from optimisation.cli.common import FIGURES, BadInput, check_target, command, json_option, name_files, plain_errors
+from optimisation.cli.structure_option import read_structure
+from optimisation.files import replacing, write_json
+from optimisation.mounting import mounted
+from optimisation.report.markdown import markdown
+
+Array = NDArray[np.float64]
+AXES = ("x_m", "y_m", "z_m")
+NEAREST = 3  # nodes told
+
+
+def rows(model: ModalModel) -> list[dict[str, float]]:
+    """Return a row for each mode, SI units; ``free_amplitude_m_per_n``: of the level's place at its resonance, by this mode alone."""
+    found = []
+    for k in range(model.modes):
+        omega, damping = float(model.omega[k]), float(model.damping_ratio[k])
+        shapes = [float(row[k]) for row in (model.force_shape, model.tip_shape, model.level_shape)]
+        found.append(
+            {
+                "mode": k + 1,
+                "frequency_hz": omega / (2 * np.pi),
+                "damping_ratio": damping,
+                "force_shape_per_sqrt_kg": shapes[0],
+                "tip_shape_per_sqrt_kg": shapes[1],
+                "response_shape_per_sqrt_kg": shapes[2],
+                "mass_at_absorber_kg": 1 / shapes[1] ** 2 if shapes[1] else np.inf,
+                "free_amplitude_m_per_n": abs(shapes[0] * shapes[2]) / (2 * damping * omega**2) if damping else np.inf,
+            }
+        )
+    return found
+
+
+def text(model: ModalModel, structure: Beam | ModalModel) -> str:
+    """Return mass, places and a line for each mode."""
+    header = ("mode", "Hz", "damping, %", "force", "absorber", "response", "mass at the absorber, kg", "free amplitude, mm/N")
+    lines = [
+        (
+            str(int(row["mode"])),
+            f"{row['frequency_hz']:.5g}",
+            f"{100 * row['damping_ratio']:.3g}",
+            *(f"{row[f'{name}_shape_per_sqrt_kg']:.4g}" for name in ("force", "tip", "response")),
+            f"{row['mass_at_absorber_kg']:.4g}",
+            f"{1e3 * row['free_amplitude_m_per_n']:.4g}",
+        )
+        for row in rows(model)
+    ]
+    said = [f"mass {model.beam_mass:.4g} kg: an absorber of 1 % has {0.01 * model.beam_mass:.4g} kg"]
+    if isinstance(structure, Beam):
+        x = [structure.force_position, structure.absorber_position, structure.response_position]
+        said.append(
+            "force, absorber and response at {} of the length, {:g} m".format(", ".join(f"{p:g}" for p in x if p is not None), structure.length)
+        )
+        said.append(f"bending stiffness {structure.bending_stiffness:.5g} N m^2, mass per length {structure.mass_per_length:.5g} kg/m")
+    elif len(model.places) > 1:
+        said.append(f"{len(model.places)} places for absorbers; the first is shown")
+    return "\n".join(
+        [*said, "", markdown(header, lines), "", "Shapes at the places in use, in 1/sqrt(kg); free amplitude: at the response, one mode alone."]
+    )
+
+
+def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:
+    """Return what is numbered, the numbers (N,) and their places (N, 3) in m; raises BadInput if the file has none."""
+    plain = read_plain(path)
+    if "universal" in plain:
+        return ("node", *read_nodes(path.parent / plain["universal"]["file"]))
+    name = plain.get("matrices", {}).get("coordinates")
+    if name is None:
+        raise BadInput("--near is for a Universal File with nodes, or matrices with the key coordinates")
+    columns = read_columns(path.parent / name, "coordinates")
+    if missing := [axis for axis in AXES if axis not in columns]:
+        raise BadInput(f"coordinates = {name} is not allowed: the columns {', '.join(AXES)}, a line for each row of the matrices; missing {missing}")
+    places = np.column_stack([columns[axis] for axis in AXES])
+    return "row", np.arange(len(places)), places
+
+
+def nearest(path: Path, point: tuple[float, float, float]) -> str:
+    """Return the nodes of a file, or the rows of its matrices, nearest to a point in m; rows of the nearest node are told together."""
+    what, numbers, places = coordinates(path)
+    distances = np.linalg.norm(places - np.array(point), axis=1)
+    lines = []
+    for distance in np.unique(distances.round(12))[:NEAREST]:
+        there = numbers[np.isclose(distances, distance, atol=1e-12, rtol=0)]
+        lines.append(f"{what} {', '.join(map(str, there))}: {1e3 * distance:.4g} mm away")
+    return "\n".join(lines)
+
+
+@command()
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--near", type=float, nargs=3, metavar="X Y Z", help="Tell the nodes, or rows of matrices, nearest to this point in m.")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw the shapes and the places: .png, .pdf or .svg.")
+@json_option("Write mass and modes, in SI units.")
+def main(file: Path, near: tuple[float, float, float] | None, plot: Path | None, json: Path | None) -> None:
+    """Show the structure of FILE: modes, shapes at force, absorber and response, masses; and the node nearest to a point."""
+    with plain_errors():
+        check_target("--json", json, (".json",))
+        check_target("--plot", plot, FIGURES)
+        structure = read_structure(file)
+        model = mounted(structure)
+        said = [text(model, structure), *(["", nearest(file, near)] if near is not None else [])]
+        if json is not None:
+            modes = [{name: value if np.isfinite(value) else None for name, value in row.items()} for row in rows(model)]
+            write_json(json, {"mass_kg": model.beam_mass, "modes": modes})
+        if plot is not None:
+            from optimisation.report.structure_figure import save_figure  # matplotlib is slow to import
+
+            with replacing(plot) as temporary:
+                save_figure(temporary, structure)
+    click.echo("\n".join(said))
+    if files := [target for target in (json, plot) if target is not None]:
+        name_files(files)

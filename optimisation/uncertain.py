@@ -1,0 +1,136 @@
+"""What is not known of a machine, as distributions: damping, frequency, force, gap, restitution and friction; and runs with all of them drawn.
+
+``uncertain=`` of Python and ``--uncertain`` of commands say the same: ``{"gap": "5%"}`` is a normal distribution around the number itself with this
+standard deviation, cut at three of them; ``{"gap": (0.9e-3, 1.1e-3)}`` is uniform, in SI units (frequency in Hz); ``("-3%", "5%")`` is uniform around
+the number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import truncnorm
+
+from impact_env.drive import Drive, FrequencySchedule
+from impact_env.ensemble import Lane, Members
+from impact_env.modes import ModalModel
+from impact_env.parameters import Absorber, ParameterError, RigidWalls, SeveralAbsorbers, SlidingAbsorber, finite, one_of, require
+from impact_env.scene import Scene
+
+DAMPING, FREQUENCY, FORCE, GAP, RESTITUTION, FRICTION = "damping", "frequency", "force", "gap", "restitution", "friction"
+OF_ABSORBER = (GAP, RESTITUTION, FRICTION)
+NAMES = (DAMPING, FREQUENCY, FORCE, *OF_ABSORBER)
+CUT = 3.0  # standard deviations
+MOST_SHARE = 1 / CUT  # so that nothing is drawn below 0
+FORM = 'a standard deviation as "5%", or two numbers, the lower one first, in SI units or both in %'
+Given = Mapping[str, str | Sequence[float | str]]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A distribution of the number ``name``: uniform from ``low`` to ``high``, shares if ``relative``; ``normal``: high is the deviation."""
+
+    name: str
+    low: float
+    high: float
+    relative: bool
+    normal: bool
+
+    @property
+    def words(self) -> str:
+        """The distribution as it is given."""
+        if self.normal:
+            return f"{self.name} {100 * self.high:g}%"
+        return f"{self.name} {100 * self.low:g}% {100 * self.high:g}%" if self.relative else f"{self.name} {self.low:g} {self.high:g}"
+
+    def drawn(self, share: float, nominal: float) -> float:
+        """Return the value at a ``share`` (0 to 1) of the distribution of a number that is ``nominal``."""
+        if self.normal:
+            return nominal * (1 + self.high * float(truncnorm.ppf(share, -CUT, CUT)))
+        value = self.low + share * (self.high - self.low)
+        return nominal * (1 + value) if self.relative else value
+
+
+def _number(path: str, word: float | str) -> tuple[float, bool]:
+    """Return a number and whether it was given in %, then as a share."""
+    text = str(word).strip()
+    try:
+        value = finite(path, float(text.removesuffix("%")))
+    except ValueError as error:
+        raise ParameterError(f"{path} = {word!r} is not allowed: {FORM}") from error
+    return (value / 100, True) if text.endswith("%") else (value, False)
+
+
+def spreads(uncertain: Given) -> tuple[Spread, ...]:
+    """Return the distributions that are given by name, in the order of `NAMES`; raises ParameterError for what is no distribution."""
+    found = {}
+    for name, given in uncertain.items():
+        one_of("uncertain", name, NAMES)
+        path, words = f"uncertain {name}", [given] if isinstance(given, str) else list(given)
+        require(len(words) in (1, 2), path, given, FORM)
+        ends = [_number(path, word) for word in words]
+        relative = ends[0][1]
+        require(relative == ends[-1][1] and (relative or len(ends) == 2), path, given, FORM)
+        low, high = ends[0][0], ends[-1][0]
+        if len(ends) == 1:
+            require(0 < high <= MOST_SHARE, path, given, f"above 0 and at most {100 * MOST_SHARE:.3g}%")
+        else:
+            require(low < high and low >= (-1 if relative else 0), path, given, "from 0 on, or from -100%, the lower one first")
+        require(name != RESTITUTION or relative or high <= 1, path, given, "at most 1")
+        found[name] = Spread(name, low, high, relative, len(ends) == 1)
+    return tuple(found[name] for name in NAMES if name in found)
+
+
+def plain(every: Sequence[Spread]) -> dict[str, list[str]]:
+    """Return distributions as JSON values, in words."""
+    return {one.name: one.words.split()[1:] for one in every}
+
+
+def require_parts(every: Sequence[Spread], absorber: Absorber) -> None:
+    """Raise ParameterError if an absorber lacks what is uncertain."""
+    parts = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
+    for one in every:
+        walls = all(isinstance(part, SlidingAbsorber) and isinstance(part.walls, RigidWalls) for part in parts)
+        has = all(isinstance(part, SlidingAbsorber) and part.friction is not None for part in parts) if one.name == FRICTION else walls
+        require(one.name not in OF_ABSORBER or has, f"uncertain {one.name}", one.words, "left out: this absorber has none")
+
+
+def shares(every: Sequence[Spread], members: Members) -> list[dict[str, float]]:
+    """Return for each member its share (0 to 1) of each distribution: drawn by its own phase and factor, so the same in every run of that member."""
+    found = []
+    for phase, factor in zip(members.phases, members.factors, strict=True):
+        own = np.random.default_rng(np.frombuffer(np.array([phase, factor]).tobytes(), dtype=np.uint32).tolist())
+        found.append({name: float(own.uniform()) for name in NAMES})
+    return [{one.name: row[one.name] for one in every} for row in found]
+
+
+def drawn(lane: Lane, every: Sequence[Spread], share: Mapping[str, float], resonance: int, force: float) -> Lane:
+    """Return a lane with all that is uncertain at its shares; the sweep follows the structure's own frequency. ``force``: that of the drive in N."""
+    model, drive = lane.scene.model, lane.drive
+    assert isinstance(drive, Drive)
+    nominal = {DAMPING: float(model.damping_ratio[resonance - 1]), FREQUENCY: model.resonance_omega(resonance) / (2 * np.pi), FORCE: force}
+    factor = {one.name: one.drawn(share[one.name], nominal[one.name]) / nominal[one.name] for one in every if one.name in nominal}
+    frequency, schedule = factor.get(FREQUENCY, 1.0), drive.schedule
+    other: ModalModel = replace(model, omega=model.omega * frequency, damping_ratio=model.damping_ratio * factor.get(DAMPING, 1.0))
+    moved = FrequencySchedule(schedule.times / frequency, schedule.omegas * frequency, schedule.reference * frequency)
+    absorber = lane.scene.absorber
+    if isinstance(absorber, SeveralAbsorbers):
+        absorber = replace(absorber, absorbers=tuple(_absorber(part, every, share) for part in absorber.absorbers))
+    elif isinstance(absorber, SlidingAbsorber):
+        absorber = _absorber(absorber, every, share)
+    return Lane(Scene(other, absorber), Drive(drive.amplitude * factor.get(FORCE, 1.0), moved, drive.phase))
+
+
+def _absorber(absorber: SlidingAbsorber, every: Sequence[Spread], share: Mapping[str, float]) -> SlidingAbsorber:
+    walls, friction = absorber.walls, absorber.friction
+    for one in every:
+        if one.name == GAP and walls is not None:
+            walls = replace(walls, gap=one.drawn(share[GAP], walls.gap))
+        elif one.name == RESTITUTION and isinstance(walls, RigidWalls):
+            walls = replace(walls, restitution=float(np.clip(one.drawn(share[RESTITUTION], walls.restitution), 0.0, 1.0)))
+        elif one.name == FRICTION and friction is not None:
+            limit = one.drawn(share[FRICTION], friction.limit)
+            friction = replace(friction, limit=limit) if limit > 0 else None
+    return replace(absorber, walls=walls, friction=friction)

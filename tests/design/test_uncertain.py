@@ -1,0 +1,149 @@
+"""What is uncertain: distributions, lanes with everything drawn, a search's members, and the words of the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from impact_env import Beam, Drive, ParameterError, Scene, beam_scene, impact_absorber, linear_sweep, modal_model
+from impact_env.ensemble import Lane, draw_members
+from impact_env.parameters import TunedAbsorber
+from optimisation.cli.common import joined, uncertain_of
+from optimisation.cli.design_gap import main as design_gap
+from optimisation.designs import IMPACT, design_space
+from optimisation.objectives import Condition
+from optimisation.problem import Problem
+from optimisation.uncertain import NAMES, drawn, require_parts, shares, spreads
+
+EVERY = dict.fromkeys(NAMES, "5%")
+
+
+def values(name: str, given: str | Sequence[float | str], nominal: float) -> np.ndarray:
+    (one,) = spreads({name: given})
+    return np.array([one.drawn(share, nominal) for share in np.linspace(0, 1, 2001)])
+
+
+def test_a_deviation_is_a_normal_distribution_cut_at_three() -> None:
+    found = values("gap", "5%", 2e-3)
+    assert found.min() == pytest.approx(2e-3 * 0.85)
+    assert found.max() == pytest.approx(2e-3 * 1.15)
+    cut = 0.98658  # standard deviation of a standard normal variable that is cut at three, from tables of the truncated normal
+    assert found.std() == pytest.approx(2e-3 * 0.05 * cut, rel=5e-3)
+    assert np.mean(np.abs(found / 2e-3 - 1) < 0.05) == pytest.approx(0.6827 / 0.9973, abs=2e-3)
+
+
+def test_two_numbers_are_a_uniform_distribution() -> None:
+    np.testing.assert_allclose(values("gap", (1e-3, 3e-3), 17.0)[[0, 1000, 2000]], [1e-3, 2e-3, 3e-3])
+    np.testing.assert_allclose(values("damping", ("-20%", "40%"), 0.01)[[0, 1000, 2000]], [0.008, 0.011, 0.014])
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"colour": "5%"}, "uncertain = 'colour'"),
+        ({"gap": "5"}, "uncertain gap = '5' is not allowed: a standard deviation"),
+        ({"gap": "40%"}, "uncertain gap = '40%' is not allowed: above 0 and at most 33.3%"),
+        ({"gap": "0%"}, "above 0"),
+        ({"gap": (2, 1)}, "the lower one first"),
+        ({"gap": (-1, 1)}, "from 0 on"),
+        ({"gap": ("1%", 2)}, "both in %"),
+        ({"gap": (1, 2, 3)}, "two numbers"),
+        ({"gap": "wide%"}, "uncertain gap = 'wide%' is not allowed"),
+        ({"restitution": (0.5, 1.5)}, "at most 1"),
+    ],
+)
+def test_what_is_no_distribution_is_one_error(given: dict[str, str], message: str) -> None:
+    with pytest.raises(ParameterError, match=message.replace("%", "\\%").replace("(", "\\(")):
+        spreads(given)
+
+
+def test_a_lane_has_everything_drawn_and_its_sweep_follows_the_frequency() -> None:
+    scene = beam_scene(Beam(modes=3), impact_absorber(1e-3, 0.7, 0.1))
+    omega = scene.model.resonance_omega(2)
+    lane = Lane(scene, Drive(2.0, linear_sweep(omega, 0.9, 1.1, 40.0), 0.3))
+    every = spreads(
+        {"damping": (0.02, 0.03), "frequency": ("-10%", "30%"), "force": (1, 4), "gap": "5%", "restitution": (0.2, 0.4), "friction": "10%"}
+    )
+    share = dict.fromkeys(NAMES, 0.5)
+    found = drawn(lane, every, share, 2, 2.0)
+    np.testing.assert_allclose(found.scene.model.damping_ratio, 0.025)
+    np.testing.assert_allclose(found.scene.model.omega, 1.1 * scene.model.omega)
+    assert found.drive.amplitude == pytest.approx(2.5)
+    assert found.drive.phase == 0.3
+    np.testing.assert_allclose(found.drive.schedule.omegas, 1.1 * lane.drive.schedule.omegas)
+    np.testing.assert_allclose(found.drive.schedule.times, lane.drive.schedule.times / 1.1)
+    absorber = found.scene.absorber
+    assert (absorber.walls.gap, absorber.friction.limit) == pytest.approx((1e-3, 0.1))
+    assert absorber.walls.restitution == pytest.approx(0.3)
+    wide = drawn(lane, every, dict.fromkeys(NAMES, 1.0), 2, 2.0).scene.absorber
+    assert (wide.walls.gap, wide.friction.limit) == pytest.approx((1.15e-3, 0.13))
+
+
+def test_members_draw_the_same_in_every_run_and_different_from_each_other() -> None:
+    every, members = spreads(EVERY), draw_members(200, 3)
+    found = shares(every, members)
+    assert found[5:9] == shares(every, members[5:9])
+    table = np.array([[row[name] for name in NAMES] for row in found])
+    assert np.all(np.abs(table.mean(axis=0) - 0.5) < 0.1)
+    assert np.abs(np.corrcoef(table.T) - np.eye(len(NAMES))).max() < 0.3
+
+
+def test_what_an_absorber_lacks_cannot_be_uncertain() -> None:
+    require_parts(spreads(EVERY), impact_absorber(1e-3, 0.7, 0.1))
+    require_parts(spreads({"force": "5%"}), TunedAbsorber(stiffness=1.0, damping=1.0))
+    for name in ("gap", "restitution", "friction"):
+        with pytest.raises(ParameterError, match=f"uncertain {name}"):
+            require_parts(spreads({name: "5%"}), TunedAbsorber(stiffness=1.0, damping=1.0))
+
+
+def test_a_problem_runs_each_member_with_its_own_numbers() -> None:
+    given = {"space": design_space(IMPACT), "conditions": (Condition(1, 3.5),), "beam": Beam(modes=2), "members": 3, "rate": 40.0}
+    problem = Problem(**given, uncertain={"gap": "5%", "force": "10%", "damping": "10%"})
+    assert "uncertain" not in Problem(**given).describe()
+    assert problem.describe()["uncertain"] == {"damping": ["10%"], "force": ["10%"], "gap": ["5%"]}
+    (chunk,) = problem.chunks(problem.space.default, problem.ensemble, problem.rate)
+    gaps = [lane.scene.absorber.walls.gap for lane in chunk.lanes]
+    assert gaps[::2] == gaps[1::2]  # up and down are one machine
+    assert len(set(gaps)) == 3
+    bare = problem._chunk(None, Scene(modal_model(Beam(modes=2))), problem.conditions[0], problem.ensemble, problem.rate)
+    for with_one, without in zip(chunk.lanes, bare.lanes, strict=True):  # relative to no absorber: the same machine without it
+        assert with_one.drive.amplitude == pytest.approx(3.5 * without.drive.amplitude)
+        np.testing.assert_array_equal(with_one.scene.model.damping_ratio, without.scene.model.damping_ratio)
+    with pytest.raises(ParameterError, match=r"uncertain gap = .gap 0\.001 0\.002. is not allowed: in %"):
+        Problem(**given, uncertain={"gap": (1e-3, 2e-3)})
+    several = given | {"conditions": (Condition(1, 3.5), Condition(1, 5.0))}
+    with pytest.raises(ParameterError, match="uncertain force"):
+        Problem(**several, uncertain={"force": (3, 4)})
+    wrong = replace(problem, uncertain={})
+    assert not wrong.spreads
+
+
+def test_words_of_the_command_line() -> None:
+    line = ["--uncertain", "gap", "5%", "--force", "3", "--uncertain", "gap", "1e-3", "2e-3", "--uncertain", "damping", "-5%", "5%", "--quick"]
+    found = ["--uncertain", "gap 5%", "--force", "3", "--uncertain", "gap 1e-3 2e-3", "--uncertain", "damping -5% 5%", "--quick"]
+    assert joined(line, {"--uncertain"}) == found
+    assert joined(["--uncertain"], {"--uncertain"}) == ["--uncertain"]
+    assert uncertain_of([("gap", ("5%",)), ("force", ("1", "2"))]) == {"gap": ("5%",), "force": ("1", "2")}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--uncertain gap", "uncertain gap"),
+        ("--uncertain gap wide", "uncertain gap"),
+        ("--uncertain gap 5% --uncertain gap 6%", "--uncertain gap is given twice"),
+        ("--uncertain gap 1e-3 2e-3", "in %, as the number itself is searched"),
+        ("--uncertain friction 5% --friction-limit 0", "uncertain friction"),
+        ("--contact steel wood 0.01", "material = 'wood' is not allowed: one of steel"),
+        ("--mass-kg 0.01 --mass-ratio 0.02", "--mass-kg does not go with --mass-ratio"),
+        ("--mass-kg -1", "mass_kg = -1.0 is not allowed"),
+    ],
+)
+def test_design_gap_refuses_what_does_not_fit(options: str, message: str) -> None:
+    found = CliRunner().invoke(design_gap, ["--force", "3.5", "--rate", "40", *options.split()])
+    assert found.exit_code == 2
+    assert message in found.output
