@@ -1,6 +1,6 @@
 """Loads as machines have them: unbalance, a base that moves, several tones, records, random spectra and shocks; and several of them at once.
 
-Every load is one record of pieces (`Pieces`), which the kernels take (`kernels/loads.py`): between two breakpoints it is
+Every load is one record of pieces (`Pieces`), which the kernels take (`kernels/motion/loads.py`): between two breakpoints it is
 Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the first of them.
 """
 

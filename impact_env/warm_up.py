@@ -18,8 +18,8 @@ from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import available_cores
 from impact_env.envs import ENVIRONMENTS, first_step
 from impact_env.first_use import quiet
-from impact_env.kernels.cache import cache_folder
-from impact_env.kernels.jit import COMPILED
+from impact_env.kernels.compiling.cache import cache_folder
+from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.parameters import Absorber, Beam, impact_absorber
 from impact_env.response import Record
 from impact_env.scene import beam_scene

@@ -46,7 +46,7 @@ before = state()
 USE = """
 from impact_env import Beam, Drive, beam_scene, constant_frequency, simulate
 from impact_env.ensemble import Lane, run_lanes
-from impact_env.kernels.jit import jit
+from impact_env.kernels.compiling.jit import jit
 from optimisation.search.study import opened
 import optimisation.report.sweep_report
 from studies.paper.style import finish, panels, styled

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import cast
 
-from impact_env.kernels.cache import digest
+from impact_env.kernels.compiling.cache import digest
 from studies.paper import (
     basics,
     conv,
