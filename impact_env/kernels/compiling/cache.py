@@ -2,6 +2,9 @@
 
 numba's cache does not notice an edit in an imported module, so the folder carries a hash of the package's sources. Nor does it notice a damaged
 file, and would run what is in it.
+
+Within that folder places are relative to the package, so that kernels can be handed on. A wheel for Linux brings some, compiled for any processor of
+the last ten years or so: they are looked up last, and only read.
 """
 
 from __future__ import annotations
@@ -22,13 +25,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import llvmlite
+import llvmlite.binding
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
 
 PACKAGE = Path(__file__).resolve().parents[1]
 LOG = logging.getLogger("impact_env")
 PATIENCE = 60.0  # s to wait for another process that writes into the same folder
+SHIPPED = PACKAGE / "shipped"  # holds a folder of kernels that came with the package, if any did: never in a checkout
+SHIPPED_FOR = ("x86-64-v3", "")  # NUMBA_CPU_NAME and NUMBA_CPU_FEATURES for which those are compiled, and the features that stand behind the name:
+NEEDED = {"avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3", "xsave"}
+HOST = "IMPACT_ENV_KERNELS"  # a variable; with the value "host" kernels that came with the package are left alone
 
 
 def digest(package: Path = PACKAGE) -> str:
@@ -39,6 +46,23 @@ def digest(package: Path = PACKAGE) -> str:
     for module in (numba, llvmlite):
         known.update(module.__version__.encode())
     return known.hexdigest()[:16]
+
+
+_digest = cache(digest)  # of the sources that this process runs
+
+
+@cache
+def why_not_shipped() -> str:
+    """Return why no kernels are used that came with the package; nothing if they are."""
+    here = f"*.py{sys.version_info[0]}{sys.version_info[1]}*.nbi"
+    if not SHIPPED.is_dir():
+        return "none came with this package"
+    if not any((SHIPPED / _digest()).rglob(here)):
+        return "those that came with this package are of other sources, or of another version of numba or Python"
+    if os.environ.get(HOST) == "host" or (numba.config.CPU_NAME, numba.config.CPU_FEATURES) != (None, None):
+        return f"{HOST}, NUMBA_CPU_NAME or NUMBA_CPU_FEATURES asks for others"
+    missing = NEEDED - {name for name, there in llvmlite.binding.get_host_cpu_features().items() if there}
+    return f"this processor lacks {', '.join(sorted(missing))}" if missing else ""
 
 
 @dataclass(frozen=True)
@@ -76,7 +100,7 @@ def folders() -> Folders:
             parent = Path(sys.prefix) / "kernel-cache"
         else:
             parent = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "impact_env"
-    found = choose(parent, digest())
+    found = choose(parent, _digest())
     if found.write is None:
         LOG.warning("no folder can be written to (IMPACT_ENV_CACHE names one): kernels that are compiled now are compiled again in the next process")
     return found
@@ -139,9 +163,18 @@ class _Locator(UserProvidedCacheLocator):
     def from_function(cls, py_func: Any, py_file: str) -> _Locator:
         return cls(py_func, py_file)
 
+    def get_source_stamp(self) -> object:
+        """Return what the folder is named by, and numba's own for a function that is none of the package's."""
+        return _digest() if PACKAGE in Path(self._py_file).resolve().parents else super().get_source_stamp()
+
 
 def _place(folder: Path | None, file: str) -> str:
-    return os.devnull if folder is None else str(folder / UserProvidedCacheLocator.get_suitable_cache_subpath(file))
+    if folder is None:
+        return os.devnull
+    path = Path(file).resolve()
+    if PACKAGE not in path.parents:
+        return str(folder / UserProvidedCacheLocator.get_suitable_cache_subpath(file))
+    return str(folder / "_".join(path.parent.relative_to(PACKAGE.parent).parts))
 
 
 class _Place(CompileResultCacheImpl):
@@ -188,21 +221,26 @@ def _is_whole(path: str) -> bool:
 
 
 class KernelCache(FunctionCache):
-    """numba's cache of a function, with a second folder that is only read, and without errors where nothing sound can be read, or nothing written."""
+    """numba's cache of a function, with folders that are only read, and without errors where nothing sound can be read, or nothing written."""
 
     _impl_class = _Place
 
     def __init__(self, py_func: Any) -> None:
         super().__init__(py_func)
         kept = self._impl.filename_base, self._impl.locator.get_source_stamp()
-        self._cache_file, read = _File(self._cache_path, *kept), folders().read
-        self._read_only = None if read is None else _File(_place(read, py_func.__code__.co_filename), *kept)
+        self._cache_file = _File(self._cache_path, *kept)
+        self._read_only, self._shipped = (
+            _File(_place(folder, py_func.__code__.co_filename), *kept) for folder in (folders().read, SHIPPED / _digest())
+        )
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
-        for file in (self._cache_file, self._read_only):
+        types, (system, *processor), *code = self._index_key(sig, target_context.codegen())
+        for file, wanted in ((self._cache_file, processor), (self._read_only, processor), (self._shipped, SHIPPED_FOR)):
+            if file is self._shipped and why_not_shipped():
+                break
             data = None
             with suppress(OSError):
-                data = None if file is None else file.load(self._index_key(sig, target_context.codegen()))
+                data = file.load((types, (system, *wanted), *code))
             if data is not None:
                 return self._impl.rebuild(target_context, data)
         return None
