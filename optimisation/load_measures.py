@@ -38,11 +38,19 @@ def _level(response: Response) -> float:
     return response.level.value
 
 
+def settled_after(response: Response) -> float:
+    """Return how long the start is that is left out, in s: none of sweeps and shocks."""
+    drive, model = response.drive, response.scene.model
+    if measure_of(drive) != RMS if isinstance(drive, Loads) else np.ptp(drive.schedule.omegas) > 0:
+        return 0.0
+    decay, half = float(model.damping_ratio[0] * model.omega[0]), float(drive.schedule.times[-1]) / 2
+    return min(SETTLING / decay, half) if decay > 0 else half
+
+
 def _rms(response: Response) -> float:
-    model, history = response.scene.model, response.history
+    history = response.history
     assert history is not None
-    start = min(SETTLING / float(model.damping_ratio[0] * model.omega[0]), float(history.time[-1]) / 2)
-    late = (history.modal_displacement @ model.level_shape)[history.time >= start]
+    late = (history.modal_displacement @ response.scene.model.level_shape)[history.time >= settled_after(response)]
     return float(np.sqrt(np.mean(late**2)))
 
 
