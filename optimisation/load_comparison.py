@@ -19,12 +19,12 @@ from impact_env.methods import Exact, check_load
 from impact_env.modes import ModalModel
 from impact_env.parameters import Absorber, TunedAbsorber, count, friction_damper, impact_absorber, positive
 from impact_env.scene import Scene
-from optimisation.load_measures import free_rms, measure_of, measured
+from optimisation.load_measures import free_size, measure_of, measured
 from optimisation.tuned import minimax
 
 Array = NDArray[np.float64]
-GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's RMS at the absorber
-LIMITS = np.geomspace(0.05, 51.2, 16)  # of absorber mass times first frequency squared times that RMS; higher modes want larger ones
+GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's size at the absorber, `free_size`
+LIMITS = np.geomspace(0.05, 51.2, 16)  # of absorber mass times first frequency squared times that size; higher modes want larger ones
 SPAN = (0.2, 5.0)  # of the loads' intensity
 RESTITUTION = 0.7
 RECORDS = 4  # of a tuning alone
@@ -33,14 +33,14 @@ TOLERANCE, MOST_TRIALS = 1e-3, 120  # of the simplex search, in logarithms of st
 
 @dataclass(frozen=True, eq=False)
 class LoadComparison:
-    """Measures ``values`` (F, M) of each concept over the ``factors`` (F,) of intensity and M members; the absorbers, and the free RMS (m)."""
+    """Measures ``values`` (F, M) of each concept over the ``factors`` (F,) of intensity and M members; the absorbers, and `free_size` (m)."""
 
     loads: Loads
     measure: str
     factors: Array
     absorbers: dict[str, Absorber | None]
     values: dict[str, Array]
-    free_rms: float
+    free_size: float
 
     def ratio(self, concept: str) -> Array:
         """Return what a concept leaves of the measure without absorber, (F, M), member by member."""
@@ -103,13 +103,13 @@ def compare_loads(
     check_load(none, loads, Exact())
     drives = drives_of(draw_members(count("members", members, 1), seed), loads)
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
-    rms = float(np.mean([free_rms(Lane(none, drive)) for drive in drives]))
-    gaps = rms * GAPS if gap is None else [positive("gap", gap)]
+    size = float(np.mean([free_size(Lane(none, drive)) for drive in drives]))
+    gaps = size * GAPS if gap is None else [positive("gap", gap)]
     impact = _best(model, [impact_absorber(float(g), RESTITUTION, None, mass_ratio) for g in gaps], drives, threads)
-    scale = mass * float(model.omega[0]) ** 2 * rms
+    scale = mass * float(model.omega[0]) ** 2 * size
     friction = _best(model, [friction_damper(float(scale * share), mass_ratio) for share in LIMITS], drives, threads)
     absorbers = {"none": None, "impact": impact, "friction": friction, "tuned": tuned_for(model, mass_ratio, drives, threads)}
     found = np.geomspace(*SPAN, factors)
     grid = [drive.member(Member(factor=float(factor))) for factor in found for drive in drives if isinstance(drive, Loads)]
     values = {name: runs_of(model, [one], grid, threads).reshape(factors, members) for name, one in absorbers.items()}
-    return LoadComparison(loads, measure_of(loads), found, absorbers, values, rms)
+    return LoadComparison(loads, measure_of(loads), found, absorbers, values, size)

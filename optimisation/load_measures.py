@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
@@ -75,17 +74,12 @@ def measured(lane: Lane) -> float:
     return read(simulate(lane.scene, lane.drive, record=record))
 
 
-def free_rms(lane: Lane) -> float:
-    """Return the root mean square of the motion of the absorber's place over the whole run (m): what gaps are measured by."""
-    return float(np.sqrt(np.mean(_free(lane) ** 2)))
-
-
 def free_size(lane: Lane) -> float:
-    """Return `free_rms`, and of a shock, whose mean square depends on how long it is looked at, the largest displacement over the root of two (m)."""
-    return float(np.max(np.abs(_free(lane))) / np.sqrt(2)) if measure_of(lane.drive) == DECAY else free_rms(lane)
+    """Return what gaps are measured by (m): the root mean square of the motion of the absorber's place over the whole run.
 
-
-def _free(lane: Lane) -> NDArray[np.float64]:
+    Of a shock, whose mean square depends on how long it is looked at, it is the largest displacement over the root of two.
+    """
     found = simulate(lane.scene, lane.drive, record=MEASURES[RMS][1]).history
     assert found is not None
-    return found.tip_displacement
+    motion = found.tip_displacement
+    return float(np.max(np.abs(motion)) / np.sqrt(2) if measure_of(lane.drive) == DECAY else np.sqrt(np.mean(motion**2)))
