@@ -1,12 +1,13 @@
 """Absorbers of one mass compared under loads: each concept at its own best for the loads as they are, then over their intensity.
 
 The tuned absorber's spring and damper, the friction damper's limit and the impact absorber's gap make the measure smallest (`load_measures`), in the
-mean over the members; the tuned one by a simplex search, the others on a grid. All concepts meet the same records and phases: ratios are paired.
+mean over the members; the tuned one by a simplex search, the others on a grid and between its points. All concepts meet the same records and phases:
+ratios are paired.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ from optimisation.tuned import minimax
 Array = NDArray[np.float64]
 GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's size at the absorber, `free_size`
 LIMITS = np.geomspace(0.05, 51.2, 16)  # of absorber mass times first frequency squared times that size; higher modes want larger ones
+BETWEEN = np.linspace(-0.75, 0.75, 7)  # of the step of a grid, around its best
 SPAN = (0.2, 5.0)  # of the loads' intensity
 RESTITUTION = 0.7
 RECORDS = 4  # of a tuning alone
@@ -56,9 +58,14 @@ def runs_of(model: ModalModel, absorbers: Sequence[Absorber | None], drives: Seq
     return np.array(found, dtype=np.float64).reshape(len(absorbers), -1)
 
 
-def _best(model: ModalModel, candidates: list[Absorber], drives: Sequence[AnyDrive], threads: int | None) -> Absorber:
-    """Return the candidate with the least mean over the drives."""
-    return candidates[int(np.argmin(np.mean(runs_of(model, candidates, drives, threads), axis=1)))]
+def _best(model: ModalModel, make: Callable[[float], Absorber], sizes: Array, drives: Sequence[AnyDrive], threads: int | None) -> Absorber:
+    """Return what is made of the size (gap or limit) with the least mean over the drives: of a grid in equal ratios, then between its neighbours."""
+
+    def least(grid: Array) -> float:
+        return float(grid[np.argmin(np.mean(runs_of(model, [make(float(size)) for size in grid], drives, threads), axis=1))])
+
+    best = least(sizes) if len(sizes) > 1 else float(sizes[0])
+    return make(least(best * (sizes[1] / sizes[0]) ** BETWEEN) if len(sizes) > 1 else best)
 
 
 def tuned_for(model: ModalModel, mass_ratio: float, drives: Sequence[AnyDrive], threads: int | None = None) -> TunedAbsorber:
@@ -104,10 +111,10 @@ def compare_loads(
     drives = drives_of(draw_members(count("members", members, 1), seed), loads)
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
     size = float(np.mean([free_size(Lane(none, drive)) for drive in drives]))
-    gaps = size * GAPS if gap is None else [positive("gap", gap)]
-    impact = _best(model, [impact_absorber(float(g), RESTITUTION, None, mass_ratio) for g in gaps], drives, threads)
+    gaps = size * GAPS if gap is None else np.array([positive("gap", gap)])
+    impact = _best(model, lambda gap: impact_absorber(gap, RESTITUTION, None, mass_ratio), gaps, drives, threads)
     scale = mass * float(model.omega[0]) ** 2 * size
-    friction = _best(model, [friction_damper(float(scale * share), mass_ratio) for share in LIMITS], drives, threads)
+    friction = _best(model, lambda limit: friction_damper(limit, mass_ratio), scale * LIMITS, drives, threads)
     absorbers = {"none": None, "impact": impact, "friction": friction, "tuned": tuned_for(model, mass_ratio, drives, threads)}
     found = np.geomspace(*SPAN, factors)
     grid = [drive.member(Member(factor=float(factor))) for factor in found for drive in drives if isinstance(drive, Loads)]
