@@ -26,7 +26,7 @@ import scipy.signal
 from numpy.typing import NDArray
 
 from impact_env.ensemble import Lane
-from impact_env.kernels.level import close_level
+from impact_env.kernels.motion.level import close_level
 from impact_env.level import level_of
 from impact_env.loads import Loads, Tones
 from impact_env.parameters import require

@@ -35,7 +35,7 @@ author = PROJECT["authors"][0]["name"]
 copyright = author  # noqa: A001 - Sphinx's own name
 version = release = PROJECT["version"]
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax"]
-include_patterns = ["*.md", "docs/*.md", "docs/site/*", "docs/notebooks/*.ipynb", "impact_env/kernels/README.md"]
+include_patterns = ["*.md", "docs/*.md", "docs/internals/*.md", "docs/site/*", "docs/notebooks/*.ipynb", "impact_env/kernels/README.md"]
 exclude_patterns = [".*", "results", "build", "dist", "tests", "scripts", "requirements", "optimisation", "**/__pycache__", "docs/site/conf.py"]
 root_doc = "README"
 default_role = "py:obj"

@@ -14,7 +14,7 @@ import numba
 import impact_env
 from impact_env.ensemble import available_cores
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
-from impact_env.kernels.cache import SHIPPED, why_not_shipped
+from impact_env.kernels.compiling.cache import SHIPPED, why_not_shipped
 from optimisation.cli.common import check_target, command, json_option, plain_errors
 from optimisation.files import write_json
 from optimisation.kept_kernels import kept, parents

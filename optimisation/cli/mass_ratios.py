@@ -93,7 +93,7 @@ MEMBERS = 4
     "--page",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help=f"Write the table into this page, between <!-- {MARKER} --> and <!-- /{MARKER} -->, as in docs/limits.md.",
+    help=f"Write the table into this page, between <!-- {MARKER} --> and <!-- /{MARKER} -->, as in docs/which_gap.md.",
 )
 def main(
     structure: Path | None,

@@ -7,7 +7,7 @@ import sys
 
 import click
 
-from impact_env.kernels.cache import HOST
+from impact_env.kernels.compiling.cache import HOST
 from impact_env.warm_up import JOBS
 from impact_env.warm_up import main as warm_up
 from optimisation.cli.common import command, plain_errors

@@ -96,7 +96,7 @@ def under_load(load: Path, model: ModalModel, mass_ratio: float, resonance: int,
     "--page",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help=f"Write the table into this page, between <!-- {MARKER} --> and <!-- /{MARKER} -->, as in docs/limits.md.",
+    help=f"Write the table into this page, between <!-- {MARKER} --> and <!-- /{MARKER} -->, as in docs/which_gap.md.",
 )
 def main(
     structure: Path | None,

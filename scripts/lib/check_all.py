@@ -1,4 +1,4 @@
-"""The suite as other machines would run it, each with an environment of its own in .venv-check; docs/machines.md says what came out."""
+"""The suite as other machines would run it, each with an environment of its own in .venv-check; docs/internals/machines.md says what came out."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from optimisation.machine import processor
 from optimisation.page import fill
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "machines.md"
+PAGE = ROOT / "docs" / "internals" / "machines.md"
 HEADER = ("machine", "Python", "packages", "settings", "passed", "failed", "skipped", "peak of a process", "made")
 VARIED = ("numpy", "scipy", "numba", "gymnasium")
 LAYERS = ("main", "test", "files", "optimise", "env", "docs", "cluster", "peers", "offline", "rl", "clients", "explore", "browser")

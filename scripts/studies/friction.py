@@ -1,7 +1,7 @@
 """What friction does to an impact absorber: which of two branches the members take, and whether anything is left of it with less damping.
 
 On the paper's beam at 3.5 N near the first resonance, the paper's absorber otherwise; with less damping also a gap 1.4 times the rule's, where the
-rule's is too narrow (docs/design_rule.md). Levels are those of fresh members, relative to no absorber.
+rule's is too narrow (docs/which_gap.md). Levels are those of fresh members, relative to no absorber.
 """
 
 from __future__ import annotations

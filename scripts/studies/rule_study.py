@@ -18,10 +18,11 @@ from studies.study import Json, Measured, Part, Steps, Study, rows_by_case
 
 NAME = "design_rule"
 QUICK_OUT = Path("results/design_rule")
-OUT = published(DOCS, QUICK_OUT)
+OUT = published(DOCS / "which_gap", QUICK_OUT)
 MEMBERS, QUICK_MEMBERS = 2, 1
 SECTIONS = {DAMPING: "rule:damping", MASS: "rule:mass", PLACE: "rule:place", FRESH: "rule:fresh"}
 VERDICT, MACHINE = "rule:verdict", "rule:machine"
+MARKERS = (*SECTIONS.values(), VERDICT, MACHINE)
 
 
 class Settings(NamedTuple):
@@ -62,18 +63,18 @@ def _measure(given: Settings, known: Json) -> Steps:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return a line for each case."""
-    case = ("case",) if rows[0].varied == FRESH else ("beam", "resonance", rows[0].varied)
+    """Return a line for each case kept apart, or for each of the first beam's; the other beam's are in the JSON file."""
+    case = ("case",) if rows[0].varied == FRESH else ("resonance", rows[0].varied)
     what = (*case, "free amplitude over gap", "best gap over rule's", "expected")
     header = (*what, "level at the best, %", "at the rule's, %", "at the expected, %")
-    return markdown(header, [_cells(row) for row in rows])
+    return markdown(header, [_cells(row) for row in rows if row.varied == FRESH or row.structure == rows[0].structure])
 
 
 def _cells(row: Row) -> tuple[str, ...]:
     at_rule = row.relative[row.factors.index(1.0)]
     least = min(row.relative)
     levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, row.expected)))
-    case = (row.key,) if row.varied == FRESH else (row.structure, str(row.resonance), f"{row.value:g}")
+    case = (row.key,) if row.varied == FRESH else (str(row.resonance), f"{row.value:g}")
     return (*case, f"{row.reach:.3g}", f"{row.best:.2g}", f"{row.expected:.2g}", *levels)
 
 
@@ -135,7 +136,7 @@ STUDY: Study[Settings] = Study(
             NAME,
             "where the design rule holds",
             measure=_measure,
-            markers=(*SECTIONS.values(), VERDICT, MACHINE),
+            markers=MARKERS,
             sections=sections,
             whole=lambda given, values: len(values["rows"]) == len(rule.cases(given.quick)),
             said=said,

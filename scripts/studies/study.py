@@ -11,8 +11,10 @@ from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
+import click
+
 from optimisation.machine import PACKAGES
-from optimisation.page import DOCS
+from optimisation.page import DOCS, has_markers
 
 Json = dict[str, Any]
 Steps = Generator[Json, None, None]
@@ -111,6 +113,18 @@ class Place:
     def numbers(self, name: str) -> Path | None:
         """Return the JSON file of a part."""
         return self.json or (self.folder and self.folder / f"{name}.json.gz")
+
+
+def with_page(out: Path, names: Iterable[str]) -> Place:
+    """Return where files go: all into a folder, sections into the page FOLDER.md beside it, if there is one that has a place for them."""
+    page = (out if out.name else out.resolve()).with_suffix(".md")  # "." has no name
+    if not page.is_file():
+        return Place(out)
+    text = page.read_text(encoding="utf-8")
+    missing = [name for name in names if not has_markers(text, name)]
+    if missing:
+        click.echo(f"{page} has no place for {', '.join(missing)}", err=True)
+    return Place(out, None if missing else page)
 
 
 def beside(out: Path, name: str, data: Path | None = None) -> Place:

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-from impact_env.kernels import cache
-from impact_env.kernels.cache import HOST, NEEDED, SHIPPED_FOR, digest, why_not_shipped
+from impact_env.kernels.compiling import cache
+from impact_env.kernels.compiling.cache import HOST, NEEDED, SHIPPED_FOR, digest, why_not_shipped
 
 FEATURES = cache.llvmlite.binding.get_host_cpu_features
 pytestmark = pytest.mark.skipif(

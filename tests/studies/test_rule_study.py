@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 from impact_env.modes import modal_model
 from optimisation.bounds import design_gap, expected_factor, expected_gap, reach
 from optimisation.files import read_json, write_json
+from optimisation.page import DOCS
 from studies import rule
 from studies.cli import design_rule
 from studies.rule import STRUCTURES, Row, price_at, row_of, run_case, verdicts
@@ -77,6 +79,8 @@ def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(rule, "cases", lambda _quick: some)
     monkeypatch.setattr(rule, "STEPS", 1)
     ran: list[str] = []
+    folder = tmp_path / "which_gap"
+    shutil.copy(DOCS / "which_gap.md", tmp_path)
 
     def counted(case: object, *arguments: object, **fine: bool) -> object:
         if len(ran) == 2:
@@ -86,23 +90,23 @@ def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest
 
     with monkeypatch.context() as patch:
         patch.setattr(rule, "run_case", counted)
-        broken = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)])
+        broken = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(folder)])
     assert broken.exit_code == 130
-    assert len(read_json(tmp_path / "design_rule.json.gz")["rows"]) == 2
-    assert (tmp_path / "design_rule.md").read_text().count("| steel |") == 2
-    assert (tmp_path / "design_rule.md").read_text().count("Not measured yet.") == 2
-    before = read_json(tmp_path / "design_rule.json.gz")
+    assert len(read_json(folder / "design_rule.json.gz")["rows"]) == 2
+    assert (tmp_path / "which_gap.md").read_text().count("| 1         |") == 2
+    assert (tmp_path / "which_gap.md").read_text().count("Not measured yet.") == 2
+    before = read_json(folder / "design_rule.json.gz")
     ran.clear()
     monkeypatch.setattr(rule, "run_case", lambda case, *arguments, **fine: ran.append(case.key) or run_case(case, *arguments, **fine))
-    whole = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)])
+    whole = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(folder)])
     assert whole.exit_code == 0, whole.output
     assert ran == [case.key for case in some[2:]]
-    rows = read_json(tmp_path / "design_rule.json.gz")["rows"]
+    rows = read_json(folder / "design_rule.json.gz")["rows"]
     assert rows[:2] == before["rows"]
-    page = (tmp_path / "design_rule.md").read_text()
-    assert page.count("| steel |") == 3
+    page = (tmp_path / "which_gap.md").read_text()
+    assert page.count("| 1         |") == 3
     assert "| steel, resonance 1, damping 0.02, mass 0.05, place 0.8 |" in page
     assert "fresh cases, any" in page
     assert "Measured on" in page
-    write_json(tmp_path / "design_rule.json.gz", {})
-    assert "an earlier run of this command wrote" in CliRunner().invoke(design_rule.main, ["--quick", "--out", str(tmp_path)]).stderr
+    write_json(folder / "design_rule.json.gz", {})
+    assert "an earlier run of this command wrote" in CliRunner().invoke(design_rule.main, ["--quick", "--out", str(folder)]).stderr

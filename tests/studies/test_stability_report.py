@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -190,25 +191,28 @@ def save(folder: Path, measured: pattern.Measured) -> None:
 
 
 def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
-    save(tmp_path, results())
-    outcome = CliRunner().invoke(stability.main, ["--redraw", "--out", str(tmp_path)])
+    folder = tmp_path / "methods"
+    folder.mkdir()
+    shutil.copy(DOCS / "methods.md", tmp_path)
+    save(folder, results())
+    outcome = CliRunner().invoke(stability.main, ["--redraw", "--out", str(folder)])
     assert outcome.exit_code == 1, outcome.output
     assert "FAILED  gap: 0 m, exact: off | by much" in outcome.output
-    text = (tmp_path / "stability.md").read_text()
+    text = (tmp_path / "methods.md").read_text()
     assert "off / by much" in text
     assert "1 good, 0 with fewer digits, 0 refused with an error, 1 failed" in text
     assert "| moreau, one mode |" in text
     assert "| two modes |      100 |" in text
-    assert (tmp_path / "stability.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "stability.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_page_in_docs_has_all_markers(tmp_path: Path) -> None:
     target = tmp_path / "page.md"
     for _ in range(2):  # the second time into the page itself
-        fill(target, DOCS / "stability.md", page.sections(results()))
+        fill(target, DOCS / "methods.md", page.sections(results()))
         assert target.read_text().count("1 failed") == 1
     with pytest.raises(ParameterError, match="markers"):
-        fill(tmp_path / "page.md", DOCS / "stability.md", {"other": ""})
+        fill(tmp_path / "page.md", DOCS / "methods.md", {"other": ""})
 
 
 def test_lost_tasks_are_failures() -> None:

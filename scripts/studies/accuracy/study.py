@@ -7,19 +7,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-import click
-
-from optimisation.page import has_markers, published
+from optimisation.page import published
 from optimisation.report.written_figure import write_figure
 from studies.accuracy import bands, cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
 from studies.accuracy.settings import Cases, Row, Settings
-from studies.study import Json, Measured, Part, Place, Study, left, rows_by_case
+from studies.study import Json, Measured, Part, Study, left, rows_by_case
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 QUICK_OUT = Path("results/error_vs_runtime")
-OUT = published(Path("docs/error_vs_runtime"), QUICK_OUT)
+OUT = published(Path("docs/methods"), QUICK_OUT)
 DPI = 110
 
 
@@ -33,18 +31,6 @@ class Measures(Protocol):
 
     def key(self, row: Row) -> Any:
         """Return the key of a row's case."""
-
-
-def place(out: Path, names: tuple[str, ...]) -> Place:
-    """Return where files go: all into a folder, tables into the page FOLDER.md beside it, if there is one that has a place for them."""
-    page = (out if out.name else out.resolve()).with_suffix(".md")  # "." has no name
-    if not page.is_file():
-        return Place(out)
-    text = page.read_text(encoding="utf-8")
-    missing = [name for name in names if not has_markers(text, name)]
-    if missing:
-        click.echo(f"{page} has no place for {', '.join(missing)}", err=True)
-    return Place(out, None if missing else page)
 
 
 def _part(

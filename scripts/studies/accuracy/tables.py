@@ -12,6 +12,7 @@ from studies.accuracy.settings import Row, unique
 from studies.study import Measured
 
 SHOWN_STEPS = (20, 200, 2000, 20000)
+SHOWN_MODES = 10  # a page shows these alone, where they were measured; figures and files have all
 MATCHED_RUNS = 16  # of the exact method: the cost at which methods are compared
 
 
@@ -29,8 +30,14 @@ def _named(row: Row) -> str:
     return f"{row['method']}, {row['setting']:g}" + (" steps" if row["method"] in ("Moreau", "Runge-Kutta") else "")
 
 
+def _shown(rows: list[Row]) -> list[Row]:
+    return [row for row in rows if row["modes"] == SHOWN_MODES] or rows
+
+
 def trajectory_table(rows: list[Row]) -> str:
-    """Return the lines of most interest; all are in the CSV file."""
+    """Return the lines of most interest; all are in the JSON file."""
+    failed = [f"- {row['scene']}, {row['modes']} modes, {_named(row)}: {row['note']}" for row in rows if row["note"]]
+    rows = _shown(rows)
     own = ("Moreau", "Runge-Kutta")
     tight = {name: min((row["setting"] for row in rows if row["method"] == name), default=None) for name in ("SciPy", "heyoka")}
     shown = [
@@ -43,13 +50,12 @@ def trajectory_table(rows: list[Row]) -> str:
     lines = [
         (row["scene"], str(row["modes"]), _named(row), _number(row["us_per_period"], 3), *(_exponent(row[name]) for name in errors)) for row in shown
     ]
-    failed = [f"- {row['scene']}, {row['modes']} modes, {_named(row)}: {row['note']}" for row in rows if row["note"]]
     return markdown(header, lines) + ("\n\nNot finished:\n\n" + "\n".join(failed) if failed else "")
 
 
 def distribution_table(rows: list[Row]) -> str:
     """Return a line for each method of each scene and number of modes."""
-    methods = compared(rows)
+    methods = compared(_shown(rows))
     header = ("scene", "modes", "method", "runs", "ms a run", "mean, %", "95 %", "distance, %", "95 %", "at matched cost, %")
     lines = []
     for method in methods:

@@ -14,7 +14,7 @@ from studies.specialisation.start import NAME, QUICK, STUDY, WHOLE
 
 @command()
 @click.option("--quick", is_flag=True, help="The quick comparison and one first call: a look, not a measurement.")
-@table_options(NAME, "docs/cost.md")
+@table_options(NAME, "docs/internals/cost.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Clone the checkout into an empty folder and time set-up, compilation, comparison, and first calls of what is not compiled beforehand.
 

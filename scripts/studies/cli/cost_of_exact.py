@@ -14,7 +14,7 @@ from studies.runner import run
 
 @command()
 @click.option("--quick", is_flag=True, help=f"Runs of {QUICK_PERIODS:g} pseudo periods instead of {PERIODS:g}.")
-@table_options(NAME, "docs/cost.md")
+@table_options(NAME, "docs/internals/cost.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Say what the exact method's time is spent on, on one core."""
     run(STUDY, QUICK_PERIODS if quick else PERIODS, table_place(target, page))

@@ -13,8 +13,9 @@ from optimisation.cli.common import command
 from studies.accuracy import trajectory
 from studies.accuracy.cases import KINDS
 from studies.accuracy.settings import FULL, QUICK
-from studies.accuracy.study import OUT, PARTS, QUICK_OUT, STUDY, place
+from studies.accuracy.study import OUT, PARTS, QUICK_OUT, STUDY
 from studies.runner import run
+from studies.study import with_page
 
 
 @command()
@@ -44,4 +45,4 @@ def main(
     names = (trajectory.NAME,) if scenes else only
     settings = replace(QUICK if quick else FULL, seed=seed, peers=not no_peers, scenes=scenes)
     keep = partial(trajectory.without_scenes, scenes=scenes) if scenes and not redraw else None
-    run(STUDY, settings, place(out or (QUICK_OUT if quick else OUT), names or PARTS), only=names, redraw=redraw, resume=resume, keep=keep)
+    run(STUDY, settings, with_page(out or (QUICK_OUT if quick else OUT), names or PARTS), only=names, redraw=redraw, resume=resume, keep=keep)

@@ -22,7 +22,7 @@ from studies.runner import run
     help="Runs for each point, other in phase and 1e-6 of force.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
-@table_options(NAME, "docs/reference_levels.md")
+@table_options(NAME, "docs/methods.md")
 def main(members: int, seed: int, target: Path | None, page: Path | None) -> None:
     """Compute response levels of the paper's scenes and print them beside numbers computed earlier with the Moreau scheme."""
     run(STUDY, Settings(members, seed), table_place(target, page))

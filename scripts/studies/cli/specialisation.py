@@ -7,9 +7,10 @@ from pathlib import Path
 import click
 
 from optimisation.cli.common import command
+from optimisation.page import DOCS
 from studies.runner import run
 from studies.specialisation.study import NAME, OUT, QUICK_OUT, STUDY
-from studies.study import beside
+from studies.study import Place
 
 
 @command()
@@ -23,4 +24,6 @@ def main(quick: bool, out: Path | None, redraw: bool, resume: bool) -> None:
     Run it on an otherwise idle machine: it compiles some twenty variants, one process after the other. The exit code is 1 if a claim does not
     hold. Ctrl-C ends the run early and leaves what is finished.
     """
-    run(STUDY, quick, beside(out or (QUICK_OUT if quick else OUT), NAME), redraw=redraw, resume=resume)
+    folder = out or (QUICK_OUT if quick else OUT)
+    place = Place(folder, folder / f"{NAME}.md", DOCS / "internals" / f"{NAME}.md")
+    run(STUDY, quick, place, redraw=redraw, resume=resume)

@@ -1,4 +1,4 @@
-"""Run the commands of docs/your_structure.md and write what they print into it."""
+"""Run the commands of docs/which_gap.md and docs/your_structure.md and write what they print into these pages."""
 
 
 # needs: optimise
@@ -20,16 +20,20 @@ from optimisation.files import replacing
 from optimisation.page import ROOT
 from optimisation.progress import BAR, Bar
 
-PAGE = ROOT / "docs" / "your_structure.md"
-BLOCK = re.compile(r"```sh\n(?P<command>scripts/run [^\n]+)\n```\n\n```text\n(?P<printed>(?:(?!```).*\n)*?)```\n")
+PAGES = tuple(ROOT / "docs" / f"{name}.md" for name in ("which_gap", "your_structure"))
+# a command and what it prints: all, or the paragraphs that begin with what stands behind ```text, several apart by ;
+BLOCK = re.compile(r"```sh\n(?P<command>scripts/run [^\n]+)\n```\n\n```text(?P<shown>[^\n]*)\n(?P<printed>(?:(?!```).*\n)*?)```\n")
 
 
-def printed_by(command: str) -> str:
-    """Return what a command of the page prints, warnings and errors included."""
+def printed_by(command: str, shown: str = "") -> str:
+    """Return what a command of a page prints, of that the paragraphs that begin with one of what is shown; warnings and errors included."""
     _, name, *arguments = shlex.split(command)
     call = [sys.executable, "-m", "optimisation.cli.group", name, *arguments]
-    found = subprocess.run(call, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
-    return "\n".join(line.rstrip() for line in found.stdout.strip().splitlines())
+    found = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False)
+    told = [line for line in found.stderr.splitlines() if line.lower().startswith(("warning", "error"))]  # not progress
+    text = "\n".join(line.rstrip() for line in [*told, *found.stdout.strip().splitlines()])
+    starts = tuple(start.strip() for start in shown.split(";") if start.strip())
+    return "\n\n".join(part for part in text.split("\n\n") if part.startswith(starts)) if starts else text
 
 
 def bring_up_to_date(page: Path) -> int:
@@ -37,7 +41,7 @@ def bring_up_to_date(page: Path) -> int:
     text = page.read_text(encoding="utf-8")
     blocks = list(BLOCK.finditer(text))
     shutil.rmtree(ROOT / "results" / page.stem, ignore_errors=True)  # a study goes on where it was left, and would print something else
-    results = [printed_by(block["command"]) for block in Bar(blocks, desc="commands", bar_format=BAR)]
+    results = [printed_by(block["command"], block["shown"]) for block in Bar(blocks, desc=page.stem, bar_format=BAR)]
     for block, result in reversed(list(zip(blocks, results, strict=True))):
         text = f"{text[: block.start('printed')]}{result}\n{text[block.end('printed') :]}"
     with replacing(page) as temporary:
@@ -47,14 +51,20 @@ def bring_up_to_date(page: Path) -> int:
 
 @command()
 @click.option(
-    "--page", type=click.Path(path_type=Path, dir_okay=False, exists=True), default=PAGE, show_default=True, help="Page to bring up to date."
+    "--page",
+    "pages",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    multiple=True,
+    default=PAGES,
+    show_default=True,
+    help="Page to bring up to date; may be repeated.",
 )
-def main(page: Path) -> None:
-    """Run the commands of docs/your_structure.md, from file to absorber, and write what they print into the page.
+def main(pages: tuple[Path, ...]) -> None:
+    """Run the commands of docs/which_gap.md and docs/your_structure.md, and write what they print into these pages.
 
-    Ctrl-C leaves the page as it was.
+    Ctrl-C leaves a page as it was.
     """
     started = time.perf_counter()
     with plain_errors("Broken off; the page is as it was."):
-        number = bring_up_to_date(page)
-    click.echo(f"{number} commands in {(time.perf_counter() - started) / 60:.1f} minutes, written: {page}")
+        number = sum(bring_up_to_date(page) for page in pages)
+    click.echo(f"{number} commands in {(time.perf_counter() - started) / 60:.1f} minutes, written: {', '.join(map(str, pages))}")

@@ -13,7 +13,7 @@ from studies.study import Json, Study
 
 NAME = "specialisation"
 QUICK_OUT = Path("results/specialisation")
-OUT = published(Path("docs"), QUICK_OUT)
+OUT = published(Path("docs/internals"), QUICK_OUT)
 COLUMNS = (
     "absorber", "method", "record", "cold_s", "cached_s", "ns_per_period", "impacts_per_period", "memory_mb", "instructions",
 )  # fmt: skip

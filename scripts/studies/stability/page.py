@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -17,6 +18,7 @@ CELL_COLUMNS = (
     "wall_s", "memory_mb",
 )  # fmt: skip
 LONGEST_REASON = 150
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
 MARKERS = tuple(f"stability:{name}" for name in ("summary", "matrix", "remarks", "limits", "stiffness", "eigenproblem", "soak", "checks"))
@@ -84,14 +86,21 @@ def _matrix(cells: Sequence[dict[str, Any]]) -> str:
 
 
 def _remarks(cells: Sequence[dict[str, Any]]) -> str:
+    """Return a line for each reason, numbers in it aside: the first case that has it, and how many cells have."""
     rows = []
     for verdict in (FAILED, WEAK, REFUSED):
+        alike: dict[tuple[str, str], list[dict[str, Any]]] = {}
         for cell in cells:
             if cell["verdict"] == verdict:
-                reason = cell["reason"].replace("|", "/").replace("\n", " ")
-                short = reason if len(reason) <= LONGEST_REASON else reason[: LONGEST_REASON - 3] + "..."
-                rows.append((f"{cell['group']}: {cell['case']}", cell["method"], verdict, short))
-    return markdown(("case", "method", "verdict", "reason"), rows) if rows else "None."
+                same = cell["group"] if verdict == REFUSED else cell["case"]  # digits that are lost are told case by case
+                alike.setdefault((same, NUMBER.sub("", cell["reason"]) if verdict == REFUSED else cell["reason"]), []).append(cell)
+        for some in alike.values():
+            first = some[0]
+            reason = first["reason"].replace("|", "/").replace("\n", " ")
+            short = reason if len(reason) <= LONGEST_REASON else reason[: LONGEST_REASON - 3] + "..."
+            methods = ", ".join(dict.fromkeys(cell["method"] for cell in some))
+            rows.append((f"{first['group']}: {first['case']}", str(len(some)), methods, verdict, short))
+    return markdown(("first case", "cells", "methods", "verdict", "reason of the first"), rows) if rows else "None."
 
 
 def _limits(limits: Sequence[dict[str, Any]]) -> str:

@@ -17,7 +17,7 @@ from studies.study import Json, Steps, Study
 NAME = "stability"
 COMPILE_S = 240.0  # at most, for the kernels of a kind of scene
 QUICK_OUT = Path("results/stability")
-OUT = published(Path("docs"), QUICK_OUT)
+OUT = published(Path("docs/methods"), QUICK_OUT)
 
 
 @dataclass(frozen=True)
