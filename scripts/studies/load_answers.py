@@ -112,7 +112,8 @@ def _found(lanes: list[Lane], measure: Callable[[Lane], Any], members: int) -> A
     found = each_lane(lanes, measure)
     if None in found:
         raise KeyboardInterrupt
-    return np.array(found, dtype=np.float64).reshape(-1, members, *np.shape(found[0]))
+    values = np.array(found, dtype=np.float64)
+    return values.reshape(-1, members, *values.shape[1:])
 
 
 def both_rows(case: Case, group: str, settings: Settings) -> list[Json]:
