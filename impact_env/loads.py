@@ -236,8 +236,8 @@ class Loads:
     """Loads that act together, of one duration; ``reference`` in rad/s defines the pseudo period, and is a schedule's where there is one.
 
     ``start`` is the state at time 0, in coordinates relative to the base. "middle": all at rest relative to the base, the absorber in the middle of
-    its cavity; "lower-wall": the same, an absorber with rigid walls on its lower one; "base-mean-rest": the base already moves about a mean at rest, and structure
-    and absorber are at rest in space, undeformed.
+    its cavity; "lower-wall": the same, an absorber with rigid walls on its lower one; "base-mean-rest": the base already moves about a mean at rest,
+    and structure and absorber are at rest in space, undeformed.
     """
 
     parts: tuple[Load, ...]

@@ -22,6 +22,7 @@ MARKED = {
     "docs/method.md": ["benchmark_energies"],
     "docs/environments.md": ["speeds"],
     "docs/limits.md": ["tunings"],
+    "docs/loads.md": ["loads_both", "loads_gravity", "loads_start"],
 }
 
 
