@@ -1,4 +1,4 @@
-"""Checks of single values: what is handed in is returned if it is allowed, or refused by name."""
+"""Validation of single values: a check returns an allowed value and raises `ParameterError`, with name and value, for any other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to know about a design besides its score: its curve over the force, its neighbourhood, and what its numbers matter."""
+"""A design besides its score: its level over the force, detuned and in its neighbourhood, and the sensitivity to each of its numbers."""
 
 from __future__ import annotations
 

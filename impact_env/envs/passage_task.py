@@ -1,4 +1,4 @@
-"""A passage of which much is drawn, with walls that move slowly and have their price, and friction that is free."""
+"""Passage through a resonance with a randomly drawn scene, rate and force; moving the walls is slow and costs reward, friction is chosen freely."""
 
 from __future__ import annotations
 

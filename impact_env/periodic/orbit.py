@@ -1,4 +1,4 @@
-"""An orbit that stood its trial, and the way to it: solve, look between the events, mend the order, propagate, judge stability."""
+"""A validated orbit and how it is computed: solve, check the motion between events, re-order events, propagate exactly, judge stability."""
 
 from __future__ import annotations
 

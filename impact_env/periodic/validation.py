@@ -1,4 +1,4 @@
-"""An orbit's trial: the exact method propagates its state over a period, finds the events by itself, and must come back."""
+"""Validation of an orbit: the exact method propagates its state over a period, with its own search for events, and must return to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was found of gaps in words: the answers, and the levels over the gap as a table."""
+"""The answers of `design_gap` as text, and the levels over the gap as a table."""
 
 from __future__ import annotations
 

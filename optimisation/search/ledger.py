@@ -1,4 +1,4 @@
-"""Runs that a search has made, kept in a file: a search that is repeatable goes on by asking for them again.
+"""The runs of a search kept in a file, so that a repeatable search goes on after a stop by asking for them again.
 
 Searches by SciPy and by a model of the noise follow from their seed and from what the runs have told them. Begun anew, they ask for
 the same runs in the same order, and those that the file holds are not made again. A run is known by all that goes into it, so that a search
