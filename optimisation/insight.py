@@ -63,7 +63,7 @@ def member_levels(
     progress: Progress | None = None,
     rate: float | None = None,
 ) -> tuple[Array, Array]:
-    """Return what `levels` is made of: each member's level in m, (designs, members, conditions), and that without absorber, (members, conditions)."""
+    """Return single members' levels in m, (designs, members, conditions), and that without absorber, (members, conditions)."""
     count("members", members, 1)
     wider = replace(problem, conditions=tuple(conditions), objectives=(Objective(),), constraints=(), members=members)
     at = wider.measures.index(LEVEL)

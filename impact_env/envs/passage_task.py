@@ -153,7 +153,7 @@ class LimitedPassageTask(SweepTask):
         return super().decide(actions)
 
     def reward(self) -> Array:
-        """Return that of the passage, less the price of the walls' way."""
+        """Return the reward of the passage, less the price of moving the walls."""
         return super().reward() - self.own.price * np.abs(self.runs.orders["gap"] - self._before) / self.length
 
     def level(self) -> Array:

@@ -66,7 +66,7 @@ def listed(measured: Array) -> object:
 
 
 def key_of(chunk: Chunk) -> str:
-    """Return what is the same for the same runs with the same measures, in any process, and else differs."""
+    """Return a key of the runs and their measures, the same in any process."""
     known = hashlib.sha256()
     _fold(chunk, known)
     return known.hexdigest()[:24]
