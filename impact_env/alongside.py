@@ -9,7 +9,7 @@ from multiprocessing import get_context
 from typing import Any
 
 from impact_env.ensemble import available_cores
-from impact_env.kernels.parts import NotKept, only_kept
+from impact_env.kernels.compiling.parts import NotKept, only_kept
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-from impact_env.kernels.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
-from impact_env.kernels.observers import Check, Counters, new_counters
+from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
+from impact_env.kernels.motion.observers import Check, Counters, new_counters
 from impact_env.loads import AnyDrive
 from impact_env.parameters import count
 

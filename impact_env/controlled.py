@@ -1,6 +1,6 @@
 """Runs under control: many lanes of one scene that advance by one control interval a call and take new orders (rate, gap, friction) before each.
 
-What a lane does is the run that `simulate` makes with the same schedule; see `impact_env.kernels.interval` for what is ordered and reported.
+What a lane does is the run that `simulate` makes with the same schedule; see `impact_env.kernels.control.interval` for what is ordered and reported.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from impact_env.ensemble import available_cores
 from impact_env.families import family
 from impact_env.first_use import CompilingFor
-from impact_env.kernels.interval import ORDER, REPORT, Batch, Watch, new_lanes
-from impact_env.kernels.jit import COMPILED
-from impact_env.kernels.observers import DONE
+from impact_env.kernels.compiling.jit import COMPILED
+from impact_env.kernels.control.interval import ORDER, REPORT, Batch, Watch, new_lanes
+from impact_env.kernels.motion.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.methods import Exact, Method
 from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, positive, require, weightless
@@ -45,7 +45,7 @@ def friction_limit(scene: Scene) -> float:
 class ControlledRuns:
     """Lanes of one scene, each at its own time.
 
-    ``orders`` (L,) is what the next `advance` does, ``reports`` (L,) what the last one saw: records, whose fields `impact_env.kernels.interval`
+    ``orders`` (L,) is what the next `advance` does, ``reports`` (L,) what the last one saw: records, whose fields `kernels.control.interval`
     names. Lanes in the mask ``idle`` (L,) rest: they cost nothing and keep state and report. ``reference`` is the circular
     frequency (rad/s) that defines the pseudo period, ``interval`` the longest interval in pseudo periods, ``exponent`` that of the reports' damage
     (0: not computed) with displacements in ``unit`` (m). The result is the same for any number of ``threads`` (default: all cores).

@@ -15,7 +15,7 @@ from typing import Literal
 from numba.core import event
 
 from impact_env.checks import require
-from impact_env.kernels.parts import COMPILING
+from impact_env.kernels.compiling.parts import COMPILING
 
 LOG = logging.getLogger("impact_env")
 PATIENCE = 1.0  # s of compiling before anything is said

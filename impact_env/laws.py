@@ -94,7 +94,7 @@ WALLS = (
         SceneKind.RIGID,
         {"gap": GAP, "restitution": RESTITUTION},
         lambda w: f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g}",
-        "rigid_contact.Walls",
+        "exact.rigid_contact.Walls",
     ),
     Law(
         YieldingWalls,
@@ -105,7 +105,7 @@ WALLS = (
             "restitution": RESTITUTION,
         },
         lambda w: f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g} that falls above {w.yield_velocity:g} m/s",
-        "rigid_contact.Walls",
+        "exact.rigid_contact.Walls",
         mark="yield_velocity",
     ),
     Law(
@@ -113,7 +113,7 @@ WALLS = (
         SceneKind.COMPLIANT,
         {"contact_stiffness": Key("stiffness", "Stiffness of walls that are springs", "N/m"), "gap": GAP},
         lambda w: f"gap {1e3 * w.gap:g} mm, contact stiffness {w.stiffness:g} N/m",
-        "feedback.Stops",
+        "stepping.feedback.Stops",
         mark="contact_stiffness",
         stored=lambda w, y: 0.5 * w.stiffness * max(abs(y) - w.gap, 0.0) ** 2,
     ),
@@ -126,7 +126,7 @@ FRICTION = (
         SceneKind.COMPLIANT,
         {"friction_limit": LIMIT, "friction_stiffness": Key("stiffness", "Stiffness of a spring in series with friction", "N/m")},
         lambda f: f"friction limit {f.limit:g} N, friction stiffness {f.stiffness:g} N/m",
-        "feedback.Slider",
+        "stepping.feedback.Slider",
         mark="friction_stiffness",
     ),
 )
@@ -136,7 +136,7 @@ TUNED = Law(
     SceneKind.LINEAR,
     {**MASS, "stiffness": Key("stiffness", "Spring of the absorber", "N/m"), "damping": Key("damping", "Damper of the absorber", "N s/m")},
     lambda a: f"stiffness {a.stiffness:g} N/m, damping {a.damping:g} N s/m",
-    "moreau_law.Spring",
+    "stepping.moreau_law.Spring",
     stored=lambda a, y: 0.5 * a.stiffness * y**2,
 )
 SINK = Law(
@@ -148,7 +148,7 @@ SINK = Law(
         "damping": Key("damping", "Damper of the absorber", "N s/m"),
     },
     lambda a: f"cubic stiffness {a.cubic_stiffness:g} N/m^3, damping {a.damping:g} N s/m",
-    "feedback.Cubic",
+    "stepping.feedback.Cubic",
     stored=lambda a, y: 0.25 * a.cubic_stiffness * y**4,
 )
 WHOLE = {"tuned": TUNED, "stuck": STUCK, "sink": SINK}  # absorbers that are one law

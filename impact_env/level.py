@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.level import Level, close_level, new_level, push_block
+from impact_env.kernels.motion.level import Level, close_level, new_level, push_block
 from impact_env.loads import AnyDrive
 from impact_env.parameters import count, require, row
 

@@ -1,6 +1,6 @@
 """Loads as machines have them: unbalance, a base that moves, several tones, records, random spectra and shocks; and several of them at once.
 
-Every load is one record of pieces (`Pieces`), which the kernels take (`kernels/loads.py`): between two breakpoints it is
+Every load is one record of pieces (`Pieces`), which the kernels take (`kernels/motion/loads.py`): between two breakpoints it is
 Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the first of them.
 """
 
@@ -47,6 +47,7 @@ RANDOM_SAMPLES = 20  # of a random record, in a period of its highest frequency
 SAME_TIME = 1e-12  # of the duration: breakpoints closer than this are one
 EVEN = 1e-6  # of the sampling interval
 STARTS = ("middle", "lower-wall", "base-mean-rest")
+GAUSS = np.polynomial.legendre.leggauss(4)  # nodes and weights: right to 1e-7 of what a base moves by, on a radian of its carrier
 
 
 def _lines(times: Array, values: Array, moves_base: bool) -> Pieces:
@@ -282,6 +283,29 @@ class Loads:
     def base_velocity(self) -> float:
         """Return the base's velocity in m/s at time 0 whose mean is zero."""
         return sum(part.base_velocity() for part in self.parts)
+
+    def base_motion(self, times: Array) -> tuple[Array, Array]:
+        """Return velocity (m/s) and displacement (m) of the base, (S,) each, at rising ``times`` (S,) in s from 0.
+
+        They are its acceleration integrated from `base_velocity` and from a displacement of 0.
+        """
+        breaks, rows, which, moves = self.on_one_clock()
+        even = np.arange(0.0, times[-1], 1 / largest(self)) if largest(self) > 0 else times
+        grid = np.unique(np.concatenate([times, even, breaks[breaks < times[-1]]]))
+        steps = np.diff(grid)
+        which = which[np.clip(np.searchsorted(breaks, grid[:-1], side="right") - 1, 0, len(which) - 1)][:, moves]
+        speed, place = np.zeros(len(steps)), np.zeros(len(steps))
+        for node, weight in zip((GAUSS[0] + 1) / 2, GAUSS[1] / 2, strict=True):
+            u = (grid[:-1] + node * steps)[:, None] - rows[which, 0]
+            turn = np.exp(1j * (rows[which, 3] + (rows[which, 1] + rows[which, 2] * u / 2) * u))
+            size = sum((rows[which, 4 + 2 * k] + 1j * rows[which, 5 + 2 * k]) * u**k for k in range(3))
+            acceleration = np.sum(np.real(size * turn), axis=1)
+            speed += weight * steps * acceleration
+            place += weight * steps**2 * (1 - node) * acceleration
+        velocity = self.base_velocity() + np.append(0.0, np.cumsum(speed))
+        displacement = np.append(0.0, np.cumsum(velocity[:-1] * steps + place))
+        at = np.searchsorted(grid, times)
+        return np.asarray(velocity[at]), np.asarray(displacement[at])
 
     def initial(self, scene: Scene) -> InitialState:
         """Return the state at time 0 that ``start`` says. Raises ParameterError where a scene has no such start."""

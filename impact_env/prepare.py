@@ -12,7 +12,7 @@ from functools import partial
 from impact_env.alongside import is_kept
 from impact_env.drive import Drive, constant_frequency
 from impact_env.families import kernel_key
-from impact_env.kernels.jit import COMPILED
+from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.methods import Exact, Method
 from impact_env.parameters import instance, non_negative
 from impact_env.response import Record

@@ -1,4 +1,4 @@
-"""Several absorbers to linear regimes: one for each set of those that move with the beam (see kernels/sets.py).
+"""Several absorbers to linear regimes: one for each set of those that move with the beam (see kernels/exact/sets.py).
 
 The set's masses at their places make a change of low rank of the mass matrix; eigenvalues and eigenvectors are those of secular.py.
 """
@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from impact_env.eigenvalues import all_eigen
-from impact_env.kernels.sets import Sets
-from impact_env.kernels.slots import REST, TIP
+from impact_env.kernels.exact.sets import Sets
+from impact_env.kernels.motion.slots import REST, TIP
 from impact_env.matrices import with_masses
 from impact_env.modes import ModalModel
 from impact_env.regimes import basis_error, complete, in_order, own_modes, padded_size, parted, parted_modes, slot_rows, slot_tables

@@ -1,4 +1,4 @@
-"""Scene to linear regimes: the slots, maps and tables that the exact kernels propagate (see kernels/slots.py).
+"""Scene to linear regimes: the slots, maps and tables that the exact kernels propagate (see kernels/motion/slots.py).
 
 The coupled regimes (absorber stuck, held, or on a spring) have the eigenvalues and eigenvectors of secular.py; the free regime has the beam's own.
 """
@@ -15,8 +15,8 @@ import scipy.special
 from numpy.typing import NDArray
 
 from impact_env.eigenvalues import all_eigen
-from impact_env.kernels.segments import Regime
-from impact_env.kernels.slots import REST, TAYLOR_TERMS, Slots
+from impact_env.kernels.motion.segments import Regime
+from impact_env.kernels.motion.slots import REST, TAYLOR_TERMS, Slots
 from impact_env.modes import MOST_HEAVINESS, ModalModel
 from impact_env.parameters import ParameterError
 from impact_env.secular import SPLIT, Complex, Coupling, Index, Real, raised

@@ -16,9 +16,9 @@ from impact_env.drive import Drive
 from impact_env.energy import EnergyAccount, stored_energy
 from impact_env.families import Observers, family
 from impact_env.first_use import CompilingFor
-from impact_env.kernels import observers
-from impact_env.kernels.level import new_level
-from impact_env.kernels.observers import Check, Counters, Energy, Series, new_check, new_energy, new_events
+from impact_env.kernels.motion import observers
+from impact_env.kernels.motion.level import new_level
+from impact_env.kernels.motion.observers import Check, Counters, Energy, Series, new_check, new_energy, new_events
 from impact_env.level import HALF_WINDOW_PERIODS, level_of, read_level, require_samples
 from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Exact, Method, check_load, check_mass, check_step

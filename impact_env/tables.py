@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.search import SCAN_NOISE
-from impact_env.kernels.slots import TAYLOR_REACH
-from impact_env.kernels.steps import LEVEL_RATIO
-from impact_env.kernels.vector import POINTS
+from impact_env.kernels.events.search import SCAN_NOISE
+from impact_env.kernels.events.steps import LEVEL_RATIO
+from impact_env.kernels.motion.slots import TAYLOR_REACH
+from impact_env.kernels.motion.vector import POINTS
 
 MAX_BASE = 256
 COARSEST = 16.0  # largest step of the event search: a share of the tables' reach
@@ -42,7 +42,7 @@ def propagators(values: Complex, used: int, reach: float, speed: float | None = 
 def ladder(values: Complex, used: int, reach: float, speed: float | None = None) -> tuple[Real, Real, Real, Real]:
     """Return steps (L, 2), waves (L, J, 2, POINTS), turns (L, POINTS, 2, J) and errors (L, J) of the event search, the finest level first.
 
-    ``errors``: a slot's largest share of y - H, relative to its amplitude (see kernels/search.py). ``speed`` as in `propagators`.
+    ``errors``: a slot's largest share of y - H, relative to its amplitude (see kernels/events/search.py). ``speed`` as in `propagators`.
     """
     speeds = np.abs(values)
     fastest = np.max(speeds[:used]) if speed is None else speed

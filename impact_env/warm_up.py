@@ -1,8 +1,9 @@
-"""Compile the kernels into their cache before they are needed: ``python -m impact_env.warm_up [environments]``.
+"""Compile the kernels into their cache before they are needed: ``python -m impact_env.warm_up [environments|all]``.
 
 numba compiles a kernel once for each combination of absent and present parts. These are the combinations that the main job meets or, with the word
-``environments``, the Gymnasium environments with their default scenes; any other is compiled, and cached, when it is first used. Each
-combination is compiled by a process of its own, as many at a time as there are cores.
+``environments``, the Gymnasium environments with their default scenes; with ``all`` both, and what is recorded beside the level: what a wheel with
+kernels brings. Any other is compiled, and cached, when it is first used. Each combination is compiled by a process of its own, as many at a time as
+there are cores.
 """
 
 from __future__ import annotations
@@ -18,9 +19,12 @@ from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import available_cores
 from impact_env.envs import ENVIRONMENTS, first_step
 from impact_env.first_use import quiet
-from impact_env.kernels.cache import cache_folder
-from impact_env.kernels.jit import COMPILED
+from impact_env.kernels.compiling.cache import cache_folder
+from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.parameters import Absorber, Beam, impact_absorber
+from impact_env.periodic.case import case_of
+from impact_env.periodic.orbit_branches import orbit_branches
+from impact_env.periodic.response_curve import orbit_curve
 from impact_env.response import Record
 from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
@@ -38,11 +42,17 @@ ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
 RECORDS = {
     "level": Record(),
 }
+MORE = {
+    "impacts": Record(events=True),
+    "impacts, motion": Record(events=True, series=True),
+    "impacts, energy": Record(events=True, energy=True),
+    "impacts, motion, energy": Record(events=True, series=True, energy=True),
+}
 
 
-def variants() -> Iterator[tuple[str, Absorber | None, Record]]:
-    """Yield name, absorber and record of each combination, those of the main job first."""
-    for what, record in RECORDS.items():
+def variants(records: dict[str, Record]) -> Iterator[tuple[str, Absorber | None, Record]]:
+    """Yield name, absorber and record of each combination."""
+    for what, record in records.items():
         for name, absorber in ABSORBERS.items():
             yield f"{name}: {what}", absorber(), record
 
@@ -54,14 +64,31 @@ def compile_variant(absorber: Absorber | None, record: Record) -> None:
     simulate(scene, drive, record=record)
 
 
-def main_job() -> Jobs:
+def main_job(records: dict[str, Record] = RECORDS) -> Jobs:
     """Return the main job's variants."""
-    return [(name, partial(compile_variant, absorber, record)) for name, absorber, record in variants()]
+    return [(name, partial(compile_variant, absorber, record)) for name, absorber, record in variants(records)]
 
 
 def environments() -> Jobs:
     """Return the environments; they need the package gymnasium."""
     return [(name, partial(first_step, name)) for name in ENVIRONMENTS]
+
+
+def follow_orbits(absorber: Absorber) -> None:
+    """Follow the periodic orbits of a small beam through its resonance."""
+    scene = beam_scene(Beam(modes=2), absorber)
+    low, high = (ratio * scene.model.resonance_omega(1) for ratio in (0.97, 1.0))
+    for branch in orbit_branches(case_of(scene, 3.5, low), low, high):
+        orbit_curve(branch, scene.model.resonance_omega(1))
+
+
+def everything() -> Jobs:
+    """Return all of these, those that record more, and periodic orbits."""
+    orbits = [(f"{name}: orbits", partial(follow_orbits, absorber)) for name, make in ABSORBERS.items() if (absorber := make()) is not None]
+    return main_job(MORE) + orbits + environments() + main_job()
+
+
+JOBS: dict[str, Callable[[], Jobs]] = {"": main_job, "environments": environments, "all": everything}  # by the command line's word
 
 
 def timed(job: Callable[[], None]) -> float:
@@ -91,13 +118,14 @@ def _line(k: int, total: int, name: str, seconds: float) -> str:
 
 def main(words: list[str], say: Callable[[str], None]) -> int:
     """Compile what the command line asks for and return the exit code."""
-    if words not in ([], ["environments"]):
-        say(f"{' '.join(words)} is not allowed: nothing, or the word environments")
+    word = " ".join(words)
+    if word not in JOBS:
+        say(f"{word} is not allowed: nothing, or one of the words environments and all")
         return 2
     if not COMPILED:
         say("NUMBA_DISABLE_JIT is set: kernels run in plain Python, there is nothing to compile")
         return 0
-    jobs = environments() if words else main_job()
+    jobs = JOBS[word]()
     warm_up(jobs, say, min(available_cores(), len(jobs)))
     folder = cache_folder()
     say("  kernels are kept nowhere: no folder can be written to" if folder is None else f"  kernels are in {folder}")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from impact_env.kernels.cache import PATIENCE, digest, folders
+from impact_env.kernels.compiling.cache import PATIENCE, digest, folders
 
 OURS = re.compile(r"[0-9a-f]{16}")  # what `digest` returns: nothing else is ever removed
 STAMP = "warm"  # a checkout's set-up says with it that the usual kernels are there

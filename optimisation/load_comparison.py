@@ -1,12 +1,13 @@
 """Absorbers of one mass compared under loads: each concept at its own best for the loads as they are, then over their intensity.
 
 The tuned absorber's spring and damper, the friction damper's limit and the impact absorber's gap make the measure smallest (`load_measures`), in the
-mean over the members; the tuned one by a simplex search, the others on a grid. All concepts meet the same records and phases: ratios are paired.
+mean over the members; the tuned one by a simplex search, the others on a grid and between its points. All concepts meet the same records and phases:
+ratios are paired.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,12 +20,13 @@ from impact_env.methods import Exact, check_load
 from impact_env.modes import ModalModel
 from impact_env.parameters import Absorber, TunedAbsorber, count, friction_damper, impact_absorber, positive
 from impact_env.scene import Scene
-from optimisation.load_measures import free_rms, measure_of, measured
+from optimisation.load_measures import free_size, measure_of, measured
 from optimisation.tuned import minimax
 
 Array = NDArray[np.float64]
-GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's RMS at the absorber
-LIMITS = np.geomspace(0.05, 51.2, 16)  # of absorber mass times first frequency squared times that RMS; higher modes want larger ones
+GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's size at the absorber, `free_size`
+LIMITS = np.geomspace(0.05, 51.2, 16)  # of absorber mass times first frequency squared times that size; higher modes want larger ones
+BETWEEN = np.linspace(-0.75, 0.75, 7)  # of the step of a grid, around its best
 SPAN = (0.2, 5.0)  # of the loads' intensity
 RESTITUTION = 0.7
 RECORDS = 4  # of a tuning alone
@@ -33,14 +35,14 @@ TOLERANCE, MOST_TRIALS = 1e-3, 120  # of the simplex search, in logarithms of st
 
 @dataclass(frozen=True, eq=False)
 class LoadComparison:
-    """Measures ``values`` (F, M) of each concept over the ``factors`` (F,) of intensity and M members; the absorbers, and the free RMS (m)."""
+    """Measures ``values`` (F, M) of each concept over the ``factors`` (F,) of intensity and M members; the absorbers, and `free_size` (m)."""
 
     loads: Loads
     measure: str
     factors: Array
     absorbers: dict[str, Absorber | None]
     values: dict[str, Array]
-    free_rms: float
+    free_size: float
 
     def ratio(self, concept: str) -> Array:
         """Return what a concept leaves of the measure without absorber, (F, M), member by member."""
@@ -56,9 +58,14 @@ def runs_of(model: ModalModel, absorbers: Sequence[Absorber | None], drives: Seq
     return np.array(found, dtype=np.float64).reshape(len(absorbers), -1)
 
 
-def _best(model: ModalModel, candidates: list[Absorber], drives: Sequence[AnyDrive], threads: int | None) -> Absorber:
-    """Return the candidate with the least mean over the drives."""
-    return candidates[int(np.argmin(np.mean(runs_of(model, candidates, drives, threads), axis=1)))]
+def _best(model: ModalModel, make: Callable[[float], Absorber], sizes: Array, drives: Sequence[AnyDrive], threads: int | None) -> Absorber:
+    """Return what is made of the size (gap or limit) with the least mean over the drives: of a grid in equal ratios, then between its neighbours."""
+
+    def least(grid: Array) -> float:
+        return float(grid[np.argmin(np.mean(runs_of(model, [make(float(size)) for size in grid], drives, threads), axis=1))])
+
+    best = least(sizes) if len(sizes) > 1 else float(sizes[0])
+    return make(least(best * (sizes[1] / sizes[0]) ** BETWEEN) if len(sizes) > 1 else best)
 
 
 def tuned_for(model: ModalModel, mass_ratio: float, drives: Sequence[AnyDrive], threads: int | None = None) -> TunedAbsorber:
@@ -103,13 +110,13 @@ def compare_loads(
     check_load(none, loads, Exact())
     drives = drives_of(draw_members(count("members", members, 1), seed), loads)
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
-    rms = float(np.mean([free_rms(Lane(none, drive)) for drive in drives]))
-    gaps = rms * GAPS if gap is None else [positive("gap", gap)]
-    impact = _best(model, [impact_absorber(float(g), RESTITUTION, None, mass_ratio) for g in gaps], drives, threads)
-    scale = mass * float(model.omega[0]) ** 2 * rms
-    friction = _best(model, [friction_damper(float(scale * share), mass_ratio) for share in LIMITS], drives, threads)
+    size = float(np.mean([free_size(Lane(none, drive)) for drive in drives]))
+    gaps = size * GAPS if gap is None else np.array([positive("gap", gap)])
+    impact = _best(model, lambda gap: impact_absorber(gap, RESTITUTION, None, mass_ratio), gaps, drives, threads)
+    scale = mass * float(model.omega[0]) ** 2 * size
+    friction = _best(model, lambda limit: friction_damper(limit, mass_ratio), scale * LIMITS, drives, threads)
     absorbers = {"none": None, "impact": impact, "friction": friction, "tuned": tuned_for(model, mass_ratio, drives, threads)}
     found = np.geomspace(*SPAN, factors)
     grid = [drive.member(Member(factor=float(factor))) for factor in found for drive in drives if isinstance(drive, Loads)]
     values = {name: runs_of(model, [one], grid, threads).reshape(factors, members) for name, one in absorbers.items()}
-    return LoadComparison(loads, measure_of(loads), found, absorbers, values, rms)
+    return LoadComparison(loads, measure_of(loads), found, absorbers, values, size)

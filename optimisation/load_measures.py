@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
@@ -38,11 +37,19 @@ def _level(response: Response) -> float:
     return response.level.value
 
 
+def settled_after(response: Response) -> float:
+    """Return how long the start is that is left out, in s: none of sweeps and shocks."""
+    drive, model = response.drive, response.scene.model
+    if measure_of(drive) != RMS if isinstance(drive, Loads) else np.ptp(drive.schedule.omegas) > 0:
+        return 0.0
+    decay, half = float(model.damping_ratio[0] * model.omega[0]), float(drive.schedule.times[-1]) / 2
+    return min(SETTLING / decay, half) if decay > 0 else half
+
+
 def _rms(response: Response) -> float:
-    model, history = response.scene.model, response.history
+    history = response.history
     assert history is not None
-    start = min(SETTLING / float(model.damping_ratio[0] * model.omega[0]), float(history.time[-1]) / 2)
-    late = (history.modal_displacement @ model.level_shape)[history.time >= start]
+    late = (history.modal_displacement @ response.scene.model.level_shape)[history.time >= settled_after(response)]
     return float(np.sqrt(np.mean(late**2)))
 
 
@@ -67,17 +74,12 @@ def measured(lane: Lane) -> float:
     return read(simulate(lane.scene, lane.drive, record=record))
 
 
-def free_rms(lane: Lane) -> float:
-    """Return the root mean square of the motion of the absorber's place over the whole run (m): what gaps are measured by."""
-    return float(np.sqrt(np.mean(_free(lane) ** 2)))
-
-
 def free_size(lane: Lane) -> float:
-    """Return `free_rms`, and of a shock, whose mean square depends on how long it is looked at, the largest displacement over the root of two (m)."""
-    return float(np.max(np.abs(_free(lane))) / np.sqrt(2)) if measure_of(lane.drive) == DECAY else free_rms(lane)
+    """Return what gaps are measured by (m): the root mean square of the motion of the absorber's place over the whole run.
 
-
-def _free(lane: Lane) -> NDArray[np.float64]:
+    Of a shock, whose mean square depends on how long it is looked at, it is the largest displacement over the root of two.
+    """
     found = simulate(lane.scene, lane.drive, record=MEASURES[RMS][1]).history
     assert found is not None
-    return found.tip_displacement
+    motion = found.tip_displacement
+    return float(np.max(np.abs(motion)) / np.sqrt(2) if measure_of(lane.drive) == DECAY else np.sqrt(np.mean(motion**2)))

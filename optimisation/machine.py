@@ -12,7 +12,7 @@ from typing import Any
 import llvmlite.binding
 
 from impact_env.ensemble import available_cores
-from impact_env.kernels.cache import digest
+from impact_env.kernels.compiling.cache import digest
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite")
 

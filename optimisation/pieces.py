@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from impact_env.kernels.cache import digest
+from impact_env.kernels.compiling.cache import digest
 from impact_env.parameters import ParameterError
 from impact_env.periodic.keeping import P
 from optimisation.files import write_json

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from impact_env.kernels.cache import digest, folders
+from impact_env.kernels.compiling.cache import digest, folders
 
 ENOUGH = 6  # tasks left of a kind: worth compiling its kernels once more for a worker that is idle
 POLL_S = 0.5

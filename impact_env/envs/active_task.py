@@ -17,7 +17,7 @@ from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, Settings, span
 from impact_env.envs.sweep_gap_task import Cavity, require_cavity
 from impact_env.envs.task import IMPACTS_SCALE, Array, Mask, Task
-from impact_env.kernels.interval import spread
+from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
 from impact_env.parameters import non_negative, positive, require
 

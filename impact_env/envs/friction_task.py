@@ -15,7 +15,7 @@ from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.settings import Range, Settings, span
 from impact_env.envs.sweep_task import OneRate, PassiveTask
 from impact_env.envs.task import Array, Mask
-from impact_env.kernels.interval import spread
+from impact_env.kernels.control.interval import spread
 from impact_env.parameters import require
 
 WIDEST = (1e-9, 1e9)  # of the range, in its unit

@@ -19,7 +19,7 @@ from impact_env.envs.settings import FORCES, Range, Settings, span
 from impact_env.envs.sweep_gap_task import require_cavity
 from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask
 from impact_env.envs.task import Array, Mask
-from impact_env.kernels.interval import spread
+from impact_env.kernels.control.interval import spread
 from impact_env.parameters import RigidWalls, SlidingAbsorber, count, non_negative, require
 from impact_env.scene import Scene
 

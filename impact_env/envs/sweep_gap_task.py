@@ -13,7 +13,7 @@ from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.settings import Range, Settings, span
 from impact_env.envs.sweep_task import Passage, SweepTask
 from impact_env.envs.task import Array, Mask
-from impact_env.kernels.interval import spread
+from impact_env.kernels.control.interval import spread
 from impact_env.parameters import Absorber, RigidWalls, SlidingAbsorber, require
 
 

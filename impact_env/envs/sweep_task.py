@@ -15,8 +15,8 @@ from impact_env.envs.observation import STATE, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import OBJECTIVES, Range, Settings, span
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
-from impact_env.kernels.episodes import Way, go_on, pay_for_damage, pay_for_level
-from impact_env.kernels.interval import spread
+from impact_env.kernels.control.episodes import Way, go_on, pay_for_damage, pay_for_level
+from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
 from impact_env.parameters import non_negative, one_of, positive, require
 

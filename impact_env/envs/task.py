@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
 from impact_env.envs.settings import FORCES, Range, Settings
-from impact_env.kernels.episodes import Units, fill_features, order_intervals
+from impact_env.kernels.control.episodes import Units, fill_features, order_intervals
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
 

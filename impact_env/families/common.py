@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive
-from impact_env.kernels import loads
-from impact_env.kernels.rigid_contact import Contact, Walls
-from impact_env.kernels.segments import Losses, Schedule
-from impact_env.kernels.vector import TERMS
+from impact_env.kernels.exact.rigid_contact import Contact, Walls
+from impact_env.kernels.motion import loads
+from impact_env.kernels.motion.segments import Losses, Schedule
+from impact_env.kernels.motion.vector import TERMS
 from impact_env.laws import entry
 from impact_env.loads import AnyDrive, Loads
 from impact_env.parameters import TunedAbsorber, gravity_of
@@ -27,7 +27,7 @@ def compiled(law: object) -> Any:
     name = None if law is None else entry(law).kernel
     if name is None or "." not in name:
         return None if name is None else getattr(law, name)
-    module, _, kind = name.partition(".")
+    module, _, kind = name.rpartition(".")
     taken = getattr(import_module(f"impact_env.kernels.{module}"), kind)
     return taken(*(getattr(law, field, None) for field in taken._fields))
 

@@ -7,11 +7,11 @@ from functools import lru_cache, partial
 
 from impact_env.families.common import WINDOW_PERIODS, Array, compiled, contact_of, losses_of, schedule_of, window_of
 from impact_env.families.family import Family, Observers
-from impact_env.kernels.compliant import Sprung, compliant_lane
-from impact_env.kernels.interval import Batch
-from impact_env.kernels.lanes import compliant_lanes
-from impact_env.kernels.segments import Regime
-from impact_env.kernels.springs import Springs
+from impact_env.kernels.control.interval import Batch
+from impact_env.kernels.control.lanes import compliant_lanes
+from impact_env.kernels.exact.compliant import Sprung, compliant_lane
+from impact_env.kernels.exact.springs import Springs
+from impact_env.kernels.motion.segments import Regime
 from impact_env.loads import AnyDrive
 from impact_env.methods import Exact
 from impact_env.parameters import SlidingAbsorber

@@ -9,9 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.interval import Batch
-from impact_env.kernels.level import Level
-from impact_env.kernels.observers import Counters, Energy, Events, Observe, Series, new_clock
+from impact_env.kernels.control.interval import Batch
+from impact_env.kernels.motion.level import Level
+from impact_env.kernels.motion.observers import Counters, Energy, Events, Observe, Series, new_clock
 from impact_env.loads import AnyDrive
 from impact_env.scene import Scene
 
@@ -38,7 +38,7 @@ class Run(Protocol):
     """A family's single run."""
 
     def __call__(self, scene: Scene, drive: AnyDrive, method: Any, state: Array, sample_dt: float, observers: Observers, /) -> int:
-        """Integrate over the whole schedule and return a status code of `impact_env.kernels.observers`.
+        """Integrate over the whole schedule and return a status code of `impact_env.kernels.motion.observers`.
 
         ``state`` (2 N_m + 2 n,) is the start and becomes the end. Samples lie ``sample_dt`` (s) apart from time 0. A slider of elastic friction
         starts without force.
@@ -49,7 +49,7 @@ class Control(Protocol):
     """A family's lanes under control."""
 
     def __call__(self, scene: Scene, method: Any, pseudo_period: float, batch: Batch, /) -> Callable[[int, int], None]:
-        """Return the kernel of `impact_env.kernels.lanes` that advances lanes [low, high) by their orders' intervals; ``pseudo_period`` in s."""
+        """Return the kernel of `kernels.control.lanes` that advances lanes [low, high) by their orders' intervals; ``pseudo_period`` in s."""
 
 
 def one_slot(scene: Scene, pseudo_period: float) -> int:

@@ -8,10 +8,10 @@ from functools import lru_cache, partial
 
 from impact_env.families.common import WINDOW_PERIODS, Array, compiled, gravity_in, losses_of, moves_base, schedule_of, window_of
 from impact_env.families.family import Family, Observers
-from impact_env.kernels.interval import Batch
-from impact_env.kernels.lanes import linear_lanes
-from impact_env.kernels.linear import Linear, linear_lane
-from impact_env.kernels.segments import Regime
+from impact_env.kernels.control.interval import Batch
+from impact_env.kernels.control.lanes import linear_lanes
+from impact_env.kernels.exact.linear import Linear, linear_lane
+from impact_env.kernels.motion.segments import Regime
 from impact_env.loads import AnyDrive
 from impact_env.methods import Exact
 from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime

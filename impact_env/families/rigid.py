@@ -7,12 +7,12 @@ from functools import lru_cache, partial
 
 from impact_env.families.common import WINDOW_PERIODS, Array, compiled, contact_of, gravity_in, losses_of, moves_base, schedule_of, window_of
 from impact_env.families.family import Family, Observers
-from impact_env.kernels.exact import exact_lane
-from impact_env.kernels.free_and_joined import Rigid
-from impact_env.kernels.interval import Batch
-from impact_env.kernels.lanes import rigid_lanes
-from impact_env.kernels.rigid_contact import Walls
-from impact_env.kernels.segments import Regime
+from impact_env.kernels.control.interval import Batch
+from impact_env.kernels.control.lanes import rigid_lanes
+from impact_env.kernels.exact.free_and_joined import Rigid
+from impact_env.kernels.exact.rigid import exact_lane
+from impact_env.kernels.exact.rigid_contact import Walls
+from impact_env.kernels.motion.segments import Regime
 from impact_env.loads import AnyDrive
 from impact_env.methods import Exact
 from impact_env.parameters import SlidingAbsorber

@@ -11,8 +11,8 @@ import numpy as np
 
 from impact_env.families.common import Array, losses_of, schedule_of, window_of
 from impact_env.families.family import Family, Observers
-from impact_env.kernels.sets import Absorbers, Sets
-from impact_env.kernels.several import Several, several_lane
+from impact_env.kernels.exact.sets import Absorbers, Sets
+from impact_env.kernels.exact.several import Several, several_lane
 from impact_env.loads import AnyDrive
 from impact_env.methods import Exact
 from impact_env.parameters import RigidWalls, SeveralAbsorbers, SlidingAbsorber

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from impact_env.families.common import compiled, schedule_of
 from impact_env.families.family import Family, Observers
 from impact_env.families.rigid import rigid_laws
-from impact_env.kernels import feedback, moreau
-from impact_env.kernels.feedback import CompliantLaws
-from impact_env.kernels.grid import Force, Modes, Step
-from impact_env.kernels.interval import Batch
-from impact_env.kernels.lanes import moreau_lanes, runge_kutta_lanes
-from impact_env.kernels.moreau import moreau_lane
-from impact_env.kernels.moreau_law import RigidLaws, Spring
-from impact_env.kernels.runge_kutta import runge_kutta_lane
+from impact_env.kernels.control.interval import Batch
+from impact_env.kernels.control.lanes import moreau_lanes, runge_kutta_lanes
+from impact_env.kernels.stepping import feedback, moreau
+from impact_env.kernels.stepping.feedback import CompliantLaws
+from impact_env.kernels.stepping.grid import Force, Modes, Step
+from impact_env.kernels.stepping.moreau import moreau_lane
+from impact_env.kernels.stepping.moreau_law import RigidLaws, Spring
+from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 from impact_env.loads import AnyDrive, Loads
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.parameters import NonlinearSink, SlidingAbsorber, StuckAbsorber, TunedAbsorber, require

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.alongside import alongside
-from impact_env.kernels.exact import exact_lane
+from impact_env.kernels.exact.rigid import exact_lane
 from impact_env.periodic.case import Case
 from impact_env.periodic.motion import AnyMotion
 from impact_env.periodic.passage import RECORD

@@ -14,6 +14,7 @@ import numba
 import impact_env
 from impact_env.ensemble import available_cores
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
+from impact_env.kernels.compiling.cache import SHIPPED, why_not_shipped
 from optimisation.cli.common import check_target, command, json_option, plain_errors
 from optimisation.files import write_json
 from optimisation.kept_kernels import kept, parents
@@ -49,6 +50,7 @@ def found() -> dict[str, Any]:
             }
             for k, place in enumerate(places)
         ],
+        "shipped": {"kernels": sum(1 for _ in SHIPPED.rglob("*.nbc")), "unused_because": why_not_shipped()},
     }
 
 
@@ -75,6 +77,9 @@ def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
         count, size = sum(one["kernels"] for one in current), sum(one["size"] for one in current)
         text = f"{place['folder']}{'' if place['written'] else ' (only read)'}: {count} kernels of today's sources, {size / 1e6:.1f} MB"
         told.append(("compiled", text + (f", and {others / 1e6:.1f} MB of others" if others else "")))
+    shipped = about["shipped"]
+    used = f"{shipped['kernels']} kernels came with the package; `impact-absorber prepare --host` compiles the usual ones for this processor"
+    told.append(("shipped", f"not used: {shipped['unused_because']}" if shipped["unused_because"] else used))
     return told
 
 

@@ -30,7 +30,7 @@ HEADINGS = {
     "Design": ("design_gap", "optimise_design", "pareto", "mass_ratios", "tune_ltva"),
     "Periodic responses": ("orbits", "frequency_response", "isola", "balance_error"),
     "Learn": ("train_sweep_agent", "tune_baselines", "evaluate_policies", "record_demonstrations"),
-    "This installation": ("doctor", "cache"),
+    "This installation": ("doctor", "prepare", "cache"),
 }
 NEEDS = re.compile(r"^# needs: *(.*)$", re.MULTILINE)
 HEAD_LINES = 40  # a command says near its top what it needs

@@ -14,8 +14,9 @@ from typing import Any, TypeVar
 import click
 
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule
-from impact_env.ensemble import Executor, Lane, draw_members, drives_of, run_lanes
+from impact_env.ensemble import Executor, Lane, draw_members, drives_of, each_lane, run_lanes
 from impact_env.laws import words
+from impact_env.level import MOST_SAMPLES
 from impact_env.loads import AnyDrive
 from impact_env.methods import PAPER_STEPS, Method, check_load, check_supported
 from impact_env.parameters import Beam, RigidWalls, TunedAbsorber, count
@@ -38,15 +39,18 @@ from optimisation.cli.sweep_scene import (
 )
 from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing
+from optimisation.load_measures import SAMPLES
+from optimisation.measures import stress_shape
 from optimisation.progress import Bar
 from optimisation.report.sweep_report import Result, contract, describe_run, summary
+from optimisation.signals import Told
 from optimisation.sweep_rate import sweep_ratio
 from optimisation.timing import Timed
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 SHORT = 2.0  # s: a run below this is timed three times
 TIME_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} pseudo periods [{elapsed}, {remaining} left]"
-MOST_PLOTTED = 2**30  # bytes of states that a figure may need
+MOST_SAMPLED = 2**30  # bytes of states that a figure or measures may need
 T = TypeVar("T")
 
 
@@ -124,11 +128,24 @@ def ratio_of(given: Options, scene: Scene, schedule: FrequencySchedule) -> float
     return sweep_ratio(scene.model, 1e4 * (high - low) / schedule.periods, given["resonance"], (float(low), float(high)))
 
 
-def refuse_long_plot(scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
-    """Raise BadInput if the record for a figure would not fit into the memory that is allowed for it."""
+def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
+    """Raise BadInput if the samples for an option would not fit into the memory that is allowed for them."""
     size = 8 * (2 * scene.model.modes + 2) * schedule.periods * samples
-    if size > MOST_PLOTTED:
-        raise BadInput(f"--plot of {schedule.periods:g} pseudo periods needs {size / 2**30:.1f} GiB: leave it out, or take fewer periods or modes")
+    if size > MOST_SAMPLED:
+        raise BadInput(f"{option} of {schedule.periods:g} pseudo periods needs {size / 2**30:.1f} GiB: leave it out, or take fewer periods or modes")
+
+
+def measured(given: Options, scene: Scene, beam: Beam | None, drives: list[AnyDrive], executor: Executor | None) -> list[dict[str, Any]] | None:
+    """Return what --measures asks for, of each member; None where it was not given."""
+    if given["measures"] is None:
+        return None
+    told = Told(given["measures"], given["absolute"], stress_shape(scene.model if beam is None else beam))
+    with Bar(total=len(drives), desc="measuring", unit="run", delay=1, leave=False) as bar:
+        every = [Lane(scene, drive) for drive in drives]
+        found = each_lane(every, told, progress=lambda _done, _total: bar.update(), executor=executor)
+    if None in found:
+        raise KeyboardInterrupt
+    return [one for one in found if one is not None]
 
 
 def write(result: Result, given: Options, beam: Beam | None) -> None:
@@ -159,11 +176,14 @@ def run(given: Options) -> str:
     if count("members", given["members"], 1) == 1 and given["cluster"] is not None:
         raise BadInput("--cluster needs --members above 1: the first member runs here")
     if given["plot"] is not None:
-        refuse_long_plot(scene, schedule, Record().samples_per_period)
+        refuse_long("--plot", scene, schedule, Record().samples_per_period)
+    if given["measures"] is not None:
+        refuse_long("--measures", scene, schedule, count("measures", given["measures"], 4, MOST_SAMPLES))
     drives = drives_of(draw_members(given["members"], given["seed"]), first)
     with workers(None, given["cluster"]) as executor:
         record = Record(events=True, energy=given["energy"], series=given["plot"] is not None)
         result = compute(scene, drives, method, record, given["time"], given["most_events"], executor)
+        result = replace(result, measures=measured(given, scene, beam, drives, executor))
     result = replace(result, sweep_ratio=ratio_of(given, scene, schedule) if given["load"] is None else None)
     write(result, given, beam)
     return summary(result, given["resonance"])
@@ -230,6 +250,15 @@ def default(text: str, value: object) -> str:
 @cluster_option
 @click.option("--energy", is_flag=True, help="Account for the energies of the first member, which takes a kernel of its own.")
 @click.option("--time", is_flag=True, help="Time an integration alone, with nothing observed, which takes a kernel of its own.")
+@click.option(
+    "--measures",
+    type=int,
+    is_flag=False,
+    flag_value=SAMPLES,
+    metavar="[SAMPLES]",
+    help=f"Spectrum, percentiles, rainflow and impacts of each member, from so many samples a pseudo period, {SAMPLES} unless given (docs/loads.md).",
+)
+@click.option("--absolute", is_flag=True, help="With --measures and a base that moves: of the motion in space, not relative to the base.")
 @json_option("Write the results, in SI units.")
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw the run: .png, .pdf or .svg.")
 def main(**given: Any) -> None:

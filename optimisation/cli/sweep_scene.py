@@ -101,6 +101,10 @@ def _refuse_runs(given: Options) -> None:
         raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
     if given["most_events"] is not None and given["method"] != "exact":
         raise BadInput(f"--most-events does not go with --method {given['method']}: it steps through time, whatever happens")
+    if given["measures"] is not None and given["method"] != "exact":
+        raise BadInput(f"--measures does not go with --method {given['method']}: they are read from exact runs")
+    if given["absolute"] and given["measures"] is None:
+        raise BadInput("--absolute needs --measures: it says what these are of")
     refuse_beside_load(given["load"], *BESIDE_LOAD)
     if given["load"] is not None:
         return

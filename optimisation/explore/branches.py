@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from impact_env.budget import Stop
-from impact_env.kernels.parts import NotKept, only_kept
+from impact_env.kernels.compiling.parts import NotKept, only_kept
 from impact_env.parameters import RigidWalls, SlidingAbsorber
 from impact_env.periodic.case import case_of
 from impact_env.periodic.orbit_branches import orbit_branches

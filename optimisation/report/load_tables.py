@@ -32,7 +32,7 @@ def summary(comparison: LoadComparison) -> dict[str, Any]:
         "measure": comparison.measure,
         "unit": UNITS[comparison.measure],
         "factors": comparison.factors.tolist(),
-        "free_rms_m": comparison.free_rms,
+        "free_size_m": comparison.free_size,
         "absorbers": {name: values(absorber) for name, absorber in comparison.absorbers.items() if absorber is not None},
         "without_absorber": np.median(comparison.values["none"], axis=1).tolist(),
         "ratio_5_50_95": {name: np.quantile(comparison.ratio(name), BAND, axis=1).T.tolist() for name in LOOKS},

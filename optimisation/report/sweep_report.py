@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,13 +20,15 @@ from optimisation.sweep_rate import LEAST_RATIO
 class Result:
     """The recorded run of member 0, levels of the members after it (None: there are none), and the time of one bare integration in s, if measured.
 
-    ``sweep_ratio``: level of such sweeps without absorber over the stationary one; None at a constant frequency.
+    ``sweep_ratio``: level of such sweeps without absorber over the stationary one; None at a constant frequency. ``measures`` of each member, as
+    `optimisation.signals` has them, None unless asked for.
     """
 
     response: Response
     others: LaneLevels | None
     wall_time: float | None = None
     sweep_ratio: float | None = None
+    measures: list[dict[str, Any]] | None = None
 
     @property
     def levels(self) -> list[float]:
@@ -58,6 +61,7 @@ def contract(result: Result, beam: Beam | None) -> dict[str, object]:
         "pseudo_periods": response.drive.schedule.periods,
         "sweep_over_stationary_level": result.sweep_ratio,
         **({} if result.wall_time is None else {"wall_s": result.wall_time}),
+        **({} if result.measures is None else {"measures": result.measures}),
         "omega_rad_s": response.scene.model.omega.tolist(),
         "scene": from_scene(response.scene, beam),
     }
@@ -92,6 +96,10 @@ def summary(result: Result, resonance: int) -> str:
     ]
     if energy is not None:
         rows.append(("energy balance, relative", f"{energy.relative_error:.1e}", f"work of the force {energy.work:.4g} J"))
+    if result.measures is not None:
+        found = result.measures[0]["displacement_m"]
+        rows.append(("RMS of the displacement", f"{1e3 * found['rms']:.4g} mm", f"after {result.measures[0]['from_s']:.4g} s"))
+        rows.append(("power lost in impacts", f"{1e3 * result.measures[0]['impacts']['power_w']:.4g} mW", ""))
     if result.wall_time is not None:
         rows.append(("integration alone", f"{1e3 * result.wall_time:.4g} ms", f"{1e6 * result.wall_time / schedule.periods:.3g} us a pseudo period"))
     if result.sweep_ratio is not None:

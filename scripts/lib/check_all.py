@@ -16,7 +16,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import NamedTuple
 
-from impact_env.kernels.cache import digest
+from impact_env.kernels.compiling.cache import digest
 from optimisation.machine import processor
 from optimisation.page import fill
 

@@ -38,6 +38,7 @@ QUICK = {  # the shortest form of each command
     "optimise_design": f"{STEEP} --batch 4 --designs 4 --no-figures",
     "orbits": "--modes 3 --friction-limit 0.01 --at 0.95 --symmetric",
     "pareto": f"{STEEP} --batch 4 --designs 4",
+    "prepare": "",
     "record_demonstrations": "--task passage --episodes 2",
     "render_episode": "--frames 4 --gif film.gif",
     "structure": f"{ROOT}/docs/examples/steel_beam.toml",

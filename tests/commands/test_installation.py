@@ -13,13 +13,13 @@ from commands import call
 from filelock import FileLock
 from places import ROOT
 
-from impact_env.kernels.cache import digest, folders
+from impact_env.kernels.compiling.cache import digest, folders
 from optimisation import kept_kernels
 from optimisation.cli.group import imported
 
 OTHER = "0123456789abcdef"
 COMPILE = """
-from impact_env.kernels.jit import jit
+from impact_env.kernels.compiling.jit import jit
 @jit
 def f(x):
     return x + 1

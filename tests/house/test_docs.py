@@ -55,21 +55,18 @@ def test_the_index_has_every_page_and_names_real_commands() -> None:
 
 
 def test_the_map_of_the_kernels_names_every_file_and_real_functions() -> None:
-    text, sources = (
-        (KERNELS / "README.md").read_text(encoding="utf-8"),
-        {file.name: file.read_text(encoding="utf-8") for file in KERNELS.glob("[!_]*.py")},
-    )
-    order = re.findall(r"`(\w+\.py)`", text[text.index("| how it is compiled") : text.index("## One event's way")])
+    text = (KERNELS / "README.md").read_text(encoding="utf-8")
+    sources = {file.relative_to(KERNELS).as_posix(): file.read_text(encoding="utf-8") for file in KERNELS.glob("*/[!_]*.py")}
+    order = re.findall(r"`(\w+/\w+\.py)`", text[text.index("| how it is compiled") : text.index("## One event's way")])
     assert set(order) >= set(sources)
-    for place, function in re.findall(r"`(\w+\.py)` \(`(\w+)`", text.partition("## The paper's equations")[2]):
+    for place, function in re.findall(r"`(\w+/\w+\.py)` \(`(\w+)`", text.partition("## The paper's equations")[2]):
         assert re.search(rf"^def {function}\b", sources[place], re.MULTILINE), function
-    assert {f"`periodic/{file.name}`" for file in (KERNELS / "periodic").glob("[!_]*.py")} <= set(re.findall(r"`[\w/]+\.py`", text))
     # to be read from top to bottom: nothing needs what comes later
     known: set[str] = set()
     for name in dict.fromkeys(order):
         known.add(name)
-        needed = re.findall(r"^from impact_env\.kernels\.(\w+) import", sources[name], re.MULTILINE)
-        assert {f"{module}.py" for module in needed} <= known, name
+        needed = re.findall(r"^from impact_env\.kernels\.(\w+)\.(\w+) import", sources[name], re.MULTILINE)
+        assert {f"{room}/{module}.py" for room, module in needed} <= known, name
 
 
 @pytest.mark.parametrize("name", MARKED)

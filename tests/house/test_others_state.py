@@ -46,10 +46,10 @@ before = state()
 USE = """
 from impact_env import Beam, Drive, beam_scene, constant_frequency, simulate
 from impact_env.ensemble import Lane, run_lanes
-from impact_env.kernels.jit import jit
+from impact_env.kernels.compiling.jit import jit
 from optimisation.search.study import opened
 import optimisation.report.sweep_report
-from studies.paper.style import finish, panels, styled
+from studies.paper.style import legends, panels, saved
 from design_studies import Model, problem, settings
 
 @jit
@@ -65,12 +65,13 @@ gymnasium.make("ImpactAbsorber/Passive-v0").close()
 with opened(problem(), settings()) as study:
     study.run(2, Model())
 
-def save(path):
+def draw():
     figure, axes = panels(1, 1, 3.0)
     assert axes[0, 0].xaxis.label.get_fontsize() == 8.5
-    finish(axes, path, figure)
+    legends(axes)
+    return figure
 
-styled(save)(pathlib.Path(__file__).with_name("figure.png"))
+saved(draw)(pathlib.Path(__file__).with_name("figure.png"))
 """
 AFTER = """
 after = state()

@@ -28,7 +28,7 @@ def test_fingerprint_is_that_of_the_sources_wherever_they_lie_and_has_the_versio
 @pytest.mark.parametrize(
     ("edited", "measures", "study"),
     [
-        ("impact_env/kernels/rigid_contact.py", True, True),
+        ("impact_env/kernels/exact/rigid_contact.py", True, True),
         ("impact_env/scene.py", True, True),
         ("impact_env/level.py", True, True),
         ("optimisation/measures.py", True, True),

@@ -14,7 +14,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from places import ROOT, SCRIPTS
 
-from impact_env.kernels import cache
+from impact_env.kernels.compiling import cache
 from impact_env.parameters import ParameterError
 from optimisation.files import held
 

@@ -34,10 +34,10 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns
 from impact_env.curve import performance_curve
 from impact_env.ensemble import Lane, run_lanes
-from impact_env.kernels import observers
-from impact_env.kernels.budget import FIRST_EVENTS, LONG_SEARCH, progress
-from impact_env.kernels.forced import Window
-from impact_env.kernels.observers import new_counters
+from impact_env.kernels.exact.budget import FIRST_EVENTS, LONG_SEARCH, progress
+from impact_env.kernels.motion import observers
+from impact_env.kernels.motion.forced import Window
+from impact_env.kernels.motion.observers import new_counters
 from impact_env.methods import Method
 from impact_env.parameters import Absorber
 

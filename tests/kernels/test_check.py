@@ -6,14 +6,14 @@ from core import scene_of
 
 from impact_env import Drive, Moreau, ParameterError, Record, Response, Scene, constant_frequency, impact_absorber, simulate
 from impact_env.families.rigid import rigid_regimes
-from impact_env.kernels.check import check_flight, check_hold
-from impact_env.kernels.exact import solve_free, solve_joined
-from impact_env.kernels.free_and_joined import Rigid, new_room
-from impact_env.kernels.next_event import end_of_flight, end_of_hold
-from impact_env.kernels.observers import PASSED, PULLED, TURNED, new_check
-from impact_env.kernels.rigid_contact import Body, Contact, Walls
-from impact_env.kernels.segments import Losses, Schedule, to_slots, window_of
-from impact_env.kernels.signals import HIT_HIGH, REVERSAL
+from impact_env.kernels.events.signals import HIT_HIGH, REVERSAL
+from impact_env.kernels.exact.check import check_flight, check_hold
+from impact_env.kernels.exact.free_and_joined import Rigid, new_room
+from impact_env.kernels.exact.next_event import end_of_flight, end_of_hold
+from impact_env.kernels.exact.rigid import solve_free, solve_joined
+from impact_env.kernels.exact.rigid_contact import Body, Contact, Walls
+from impact_env.kernels.motion.observers import PASSED, PULLED, TURNED, new_check
+from impact_env.kernels.motion.segments import Losses, Schedule, to_slots, window_of
 
 GAP = 1e-3
 

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-from impact_env.kernels.cache import digest
+from impact_env.kernels.compiling.cache import digest
 
 CONSTANT = 12345.678  # stands as it is in the machine code
 SMALL = f"""
-from impact_env.kernels.jit import jit
+from impact_env.kernels.compiling.jit import jit
 
 @jit
 def first(x):

@@ -14,7 +14,7 @@ from core import Array, run
 from numpy.typing import NDArray
 
 from impact_env import Beam, Drive, FrequencySchedule, InitialState, Response, Scene, beam_scene, friction_damper, impact_absorber, impact_absorbers
-from impact_env.kernels.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
+from impact_env.kernels.motion.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
 
 Mask = NDArray[np.bool_]
 GAP = 1e-3

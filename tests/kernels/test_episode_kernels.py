@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from impact_env.kernels.episodes import Units, Way, fill_features, go_on, order_intervals, pay_for_damage, pay_for_level
-from impact_env.kernels.interval import ORDER, REPORT
+from impact_env.kernels.control.episodes import Units, Way, fill_features, go_on, order_intervals, pay_for_damage, pay_for_level
+from impact_env.kernels.control.interval import ORDER, REPORT
 
 LANES = 200
 

@@ -18,7 +18,7 @@ from impact_env import (
     friction_damper,
     impact_absorber,
 )
-from impact_env.kernels.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
+from impact_env.kernels.motion.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
 from impact_env.response import Response
 
 GAP = 1e-3

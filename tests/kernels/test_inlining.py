@@ -11,9 +11,9 @@ import numpy as np
 from numba import typeof
 from places import ROOT, SUPPORT
 
-from impact_env.kernels.level import Level
-from impact_env.kernels.observers import Energy, Events, Observe, Series
-from impact_env.kernels.parts import _is_sparing
+from impact_env.kernels.compiling.parts import _is_sparing
+from impact_env.kernels.motion.level import Level
+from impact_env.kernels.motion.observers import Energy, Events, Observe, Series
 
 
 @cache

@@ -14,16 +14,16 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-from impact_env.kernels import cache
-from impact_env.kernels.cache import Folders, choose, digest
+from impact_env.kernels.compiling import cache
+from impact_env.kernels.compiling.cache import Folders, choose, digest
 
 DAC_OVERRIDE, DAC_READ_SEARCH = 1, 2
 LIBC = ctypes.CDLL(None) if os.name == "posix" else None
 RUN = """
 import impact_env
 from impact_env import Beam, Drive, beam_scene, constant_frequency, simulate
-from impact_env.kernels.cache import folders
-from impact_env.kernels.linear import linear_lane as kernel
+from impact_env.kernels.compiling.cache import folders
+from impact_env.kernels.exact.linear import linear_lane as kernel
 scene = beam_scene(Beam(modes=2))
 level = simulate(scene, Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0))).level.value
 stats = kernel.stats
@@ -106,7 +106,7 @@ def test_kernels_are_kept_in_the_virtual_environment_or_else_at_home(tmp_path: P
     place, home = tmp_path / "environment", folder(tmp_path / "home")
     venv.create(place, symlinks=True)
     path = os.pathsep.join([str(ROOT), sysconfig.get_path("purelib")])
-    code = f"{before}from impact_env.kernels.cache import cache_folder; print(cache_folder().parent)"
+    code = f"{before}from impact_env.kernels.compiling.cache import cache_folder; print(cache_folder().parent)"
     found = subprocess.check_output([place / "bin" / "python", "-c", code], env={"HOME": str(home), "PYTHONPATH": path}, text=True).strip()
     assert Path(found) == (home / ".cache" / "impact_env" if before else place / "kernel-cache")
     assert [path.name for path in home.iterdir()] == ([".cache"] if before else [])
@@ -155,7 +155,7 @@ def test_the_hash_sees_every_source(tmp_path: Path) -> None:
 FILLED = """
 import sys
 import numpy as np
-from impact_env.kernels.jit import jit
+from impact_env.kernels.compiling.jit import jit
 
 @jit
 def size(a, b):

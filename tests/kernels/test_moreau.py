@@ -6,10 +6,10 @@ from stepped import golden, integrate, order, still, table
 
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.families import Observers, family
-from impact_env.kernels.chirp import fill_phases
-from impact_env.kernels.grid import Force
-from impact_env.kernels.level import close_level, new_level
-from impact_env.kernels.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, new_counters
+from impact_env.kernels.motion.level import close_level, new_level
+from impact_env.kernels.motion.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, new_counters
+from impact_env.kernels.stepping.chirp import fill_phases
+from impact_env.kernels.stepping.grid import Force
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
 from impact_env.parameters import (
     Beam,

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from impact_env.kernels.numbers import cos_sin, fma, lowest_bit
+from impact_env.kernels.motion.numbers import cos_sin, fma, lowest_bit
 
 mpmath = pytest.importorskip("mpmath")
 

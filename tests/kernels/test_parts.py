@@ -11,7 +11,7 @@ import pytest
 from numba.core.caching import NullCache
 from numba.core.errors import TypingError
 
-from impact_env.kernels.jit import jit, jit_inline, jit_room, jit_view
+from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room, jit_view
 
 
 def fresh(kernel: Any) -> Any:

@@ -19,13 +19,13 @@ import pytest
 from every_scene import SCENES
 from places import ROOT, SUPPORT
 
-from impact_env.kernels.plain_code import PlainNumber, fused
+from impact_env.kernels.compiling.plain_code import PlainNumber, fused
 
 FOLDER = "kernels"
 WHOLE = """
 import sys
 import every_scene, impact_env, inspect
-from impact_env.kernels.exact import pass_event
+from impact_env.kernels.exact.rigid import pass_event
 assert inspect.isfunction(pass_event)  # what a debugger steps into
 told = []
 impact_env.on_compile(told.append)

@@ -8,9 +8,9 @@ import pytest
 
 from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.controlled import ControlledRuns
-from impact_env.kernels.interval import ORDER, REPORT
-from impact_env.kernels.observers import COUNTS, new_counters, new_events
-from impact_env.kernels.records import FLAG, INTEGER, NUMBER, one, record
+from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, one, record
+from impact_env.kernels.control.interval import ORDER, REPORT
+from impact_env.kernels.motion.observers import COUNTS, new_counters, new_events
 
 KIND = record(flag=FLAG, number=NUMBER, count=INTEGER)
 

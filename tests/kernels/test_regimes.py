@@ -8,8 +8,8 @@ import scipy.optimize
 from core import Array
 
 from impact_env import Beam, ModalModel, ParameterError
-from impact_env.kernels.segments import Regime
-from impact_env.kernels.slots import DRIVE, GUARD, RELATIVE, REST, TIP
+from impact_env.kernels.motion.segments import Regime
+from impact_env.kernels.motion.slots import DRIVE, GUARD, RELATIVE, REST, TIP
 from impact_env.modes import modal_model
 from impact_env.regime_sets import set_modes
 from impact_env.regimes import basis_error, fastest, free_regime, joined_regime, padded_size, sprung_regime

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from stepped import integrate, order, still, table
 
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
-from impact_env.kernels.observers import DONE, HELD_LOWER, HELD_UPPER
+from impact_env.kernels.motion.observers import DONE, HELD_LOWER, HELD_UPPER
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.parameters import (
     Absorber,

@@ -10,11 +10,11 @@ from core import Array
 
 from impact_env import Beam, ModalModel, Scene, beam_scene, impact_absorber
 from impact_env.families.rigid import rigid_regimes
-from impact_env.kernels.forced import Forced, Window, new_forced, solve_forced
-from impact_env.kernels.search import search
-from impact_env.kernels.signals import Course, new_signal
-from impact_env.kernels.signals import Guards as SearchGuards
-from impact_env.kernels.slots import SPEED, S, Slots
+from impact_env.kernels.events.search import search
+from impact_env.kernels.events.signals import Course, new_signal
+from impact_env.kernels.events.signals import Guards as SearchGuards
+from impact_env.kernels.motion.forced import Forced, Window, new_forced, solve_forced
+from impact_env.kernels.motion.slots import SPEED, S, Slots
 from reference.signals import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Signals, first_events
 
 Model = tuple[str, int]

@@ -11,7 +11,7 @@ import pytest
 from places import ROOT, SUPPORT
 
 from impact_env import Beam
-from impact_env.kernels.exact import exact_lane
+from impact_env.kernels.exact.rigid import exact_lane
 from impact_env.modes import modal_model
 from impact_env.periodic.case import Case
 from impact_env.periodic.survey import orbits_over

@@ -12,7 +12,7 @@ from core import OMEGA, run, scene_of
 from impact_env import Drive, FrequencySchedule, InitialState, Moreau, Scene, friction_damper, impact_absorber
 from impact_env.controlled import ControlledRuns
 from impact_env.energy import stored_energy
-from impact_env.kernels.rigid_contact import FREE
+from impact_env.kernels.exact.rigid_contact import FREE
 from impact_env.methods import Method
 from impact_env.parameters import SlidingAbsorber
 from reference import dense

@@ -30,8 +30,8 @@ SMALL = """
 import time
 import numba
 from impact_env import first_use, on_compile
-from impact_env.kernels.jit import jit
-from impact_env.kernels.parts import only_kept, NotKept
+from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.compiling.parts import only_kept, NotKept
 first_use.PATIENCE = 0.0
 
 def wait(_):

@@ -26,3 +26,9 @@ def test_other_words_are_refused() -> None:
     lines: list[str] = []
     assert warm_up.main(["everything"], lines.append) == 2
     assert "everything is not allowed" in lines[0]
+
+
+def test_all_is_the_main_job_and_more() -> None:
+    names = [name for name, _ in warm_up.everything()]
+    assert len(set(names)) == len(names)
+    assert {name for name, _ in warm_up.main_job() + warm_up.environments()} < set(names)

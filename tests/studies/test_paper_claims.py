@@ -17,7 +17,6 @@ from impact_env.scene import beam_scene
 from studies.paper import basics_claims, modes_needed, modulation, optimum, starts
 from studies.paper.basics import beam_numbers, linear_numbers, tuned_numbers
 from studies.paper.claim import Claim, Verdict
-from studies.study import Measured
 
 Real = NDArray[np.float64]
 LENGTH, STIFFNESS, DENSITY, DAMPING, MODES = 0.5, 362.88, 1.1275, 0.01, 10  # the paper's Table 1, typed again
@@ -250,27 +249,25 @@ def test_claims_beyond_the_paper_follow_the_numbers() -> None:
     def level(middle: float) -> dict[str, Any]:
         return {"forces_n": [35.0], "relative": [middle], "low": [middle - 0.01], "high": [middle + 0.01], "nominal": [middle]}
 
-    def modes(ten: float) -> Measured:
+    def modes(ten: float) -> dict[str, Any]:
         first = {**level(0.2), "forces_n": [3.5]}
-        return Measured({name: {"1": first, "2": level(x)} for name, x in (("10", ten), ("20", 0.25))})
+        return {name: {"1": first, "2": level(x)} for name, x in (("10", ten), ("20", 0.25))}
 
-    assert [claim.verdict for claim in modes_needed.claims(modes(0.25))] == [Verdict.HOLDS, Verdict.HOLDS]
-    assert [claim.verdict for claim in modes_needed.claims(modes(0.20))] == [Verdict.HOLDS, Verdict.NOT]
+    assert [claim.verdict for claim in modes_needed.FIGURE.claims(modes(0.25))] == [Verdict.HOLDS, Verdict.HOLDS]
+    assert [claim.verdict for claim in modes_needed.FIGURE.claims(modes(0.20))] == [Verdict.HOLDS, Verdict.NOT]
 
     def mass(ratio: float, at: float) -> dict[str, Any]:
         row = {"restitution": 1.0, "best_n": 1.0, "best_band_n": [1, 1], "level": at, "level_band": [at, at], "relative": [at], "nominal": [at]}
         return {"mass": ratio, "rule_n": 1.0, "reach": 2.0, "forces_n": [1.0], "rows": [row]}
 
     for last, verdict in ((0.1, Verdict.HOLDS), (0.4, Verdict.NOT)):
-        heavier, light = optimum.claims(Measured({"a": mass(0.01, 0.3), "b": mass(0.02, last)}))
+        heavier, light = optimum.FIGURE.claims({"a": mass(0.01, 0.3), "b": mass(0.02, last)})
         assert (heavier.verdict, light.verdict) == (verdict, Verdict.HOLDS)
-    assert optimum.claims(Measured({"a": mass(0.01, 0.9)}))[1].verdict is Verdict.NOT
+    assert optimum.FIGURE.claims({"a": mass(0.01, 0.9)})[1].verdict is Verdict.NOT
 
-    def random(ratio: float) -> Measured:
+    def random(ratio: float) -> dict[str, Any]:
         paper = [[1.0, 1.0, 1.0]]
-        return Measured(
-            {"one": {"forces_n": [1.5], "levels_m": {choice: paper if choice == "paper's" else [[ratio] * 3] for choice in starts.CHOICES}}}
-        )
+        return {"one": {"forces_n": [1.5], "levels_m": {choice: paper if choice == "paper's" else [[ratio] * 3] for choice in starts.CHOICES}}}
 
     for ratio, verdict in ((0.8, Verdict.HOLDS), (1.3, Verdict.NOT)):
-        assert starts.claims(random(ratio))[0].verdict is verdict
+        assert starts.FIGURE.claims(random(ratio))[0].verdict is verdict

@@ -17,16 +17,26 @@ from impact_env.methods import Exact
 from impact_env.parameters import Beam, ParameterError, friction_damper, impact_absorber
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
-from optimisation.machine import PACKAGES, conditions
-from studies.paper import dissinf, oprange, oprange_two, scat, second_mode, vard
+from studies.paper import dissinf, oprange, oprange_two, scat, second_mode
 from studies.paper.account import accounted, window_around
-from studies.paper.claim import Verdict
-from studies.paper.curve import Curve, curve_of, plain_curve, watched_curve
-from studies.paper.judging import verdict
-from studies.paper.ranges import operating_ranges, ranges_of, slopes
-from studies.paper.settings import Settings
-from studies.paper.watched import WATCHED, Contacts, Envelope, part_of, sampled_level
-from studies.study import Measured, Part
+from studies.paper.claim import Verdict, verdict
+from studies.paper.curve import (
+    WATCHED,
+    Contacts,
+    Curve,
+    Envelope,
+    curve_of,
+    operating_ranges,
+    part_of,
+    plain_curve,
+    ranges_of,
+    sampled_level,
+    slopes,
+    watched_curve,
+)
+from studies.paper.frame import PaperFigure, Settings
+from studies.paper.style import saved
+from studies.study import Json
 
 FORCES = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
 
@@ -51,9 +61,9 @@ def settings(tmp_path: Path) -> Settings:
     return Settings(tmp_path, quick=True, threads=1)
 
 
-def measured(part: Part[Settings], given: Settings) -> Measured:
-    *_, values = part.measure(given, {})
-    return Measured(values, conditions(PACKAGES) | {"wall_s": 0.0})
+def measured(figure: PaperFigure, given: Settings, size: object) -> Json:
+    *_, values = figure.measure(given, size, {})
+    return values
 
 
 # ranges
@@ -246,30 +256,26 @@ def test_decay_of_a_mode_over_half_a_period() -> None:
     assert energy[-1] / energy[0] == pytest.approx(scat.decayed(1.0) ** 20, rel=1e-3)
 
 
-def test_claims_of_the_operating_ranges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(oprange, "_forces", lambda _: (0.5, 0.7, 1.0, 1.3, 1.6, 2.5, 4.0, 9.0, 60.0))
-    monkeypatch.setattr(oprange, "_members", lambda _: 2)
-    found = measured(oprange.PART, settings(tmp_path))
-    claims = {own.name: own for own in oprange.claims(found)}
+def test_claims_of_the_operating_ranges(tmp_path: Path) -> None:
+    found = measured(oprange.FIGURE, settings(tmp_path), oprange.Sizes((0.5, 0.7, 1.0, 1.3, 1.6, 2.5, 4.0, 9.0, 60.0), 2))
+    claims = {own.name: own for own in oprange.FIGURE.claims(found)}
     assert len(claims) == 7
     assert claims["oprange_step"].verdict is Verdict.NOT  # with one mode a step is a twentieth of the force's period
     for name in ("linear_range", "saturation", "quasi_linear", "sustained", "linear_limit"):
         assert claims[f"oprange_{name}"].verdict is Verdict.HOLDS, claims[f"oprange_{name}"]
-    ranges = ranges_of(curve_of(found.values["absorber"]))
+    ranges = ranges_of(curve_of(found["absorber"]))
     assert ranges.first_impacts is not None
     assert (ranges.first_impacts.low, ranges.first_impacts.high) == (0.7, 1.0)  # the gap is reached at 0.7806 N
-    for name, save in oprange.PART.figures(found).items():
-        save(tmp_path / f"{name}.png")
-        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
-    assert "first impacts between 0.7 and 1 N" in oprange.PART.sections(found)["paper:oprange"]
+    saved(lambda: oprange.FIGURE.draw(found))(tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 20_000
+    assert "first impacts between 0.7 and 1 N" in oprange.FIGURE.words(found)
 
 
 def test_claims_of_the_second_modes_damping(tmp_path: Path) -> None:
     dampings = (0.01, 0.3, 0.5)
-    small = replace(vard.DAMPING, numbers=lambda _: dampings, members=lambda _: 2)
-    found = measured(small.part(), settings(tmp_path))
-    claims = {own.name: own for own in vard.claims(found)}
+    found = measured(second_mode.DAMPING, settings(tmp_path), second_mode.Dampings(dampings, 2))
+    claims = {own.name: own for own in second_mode.DAMPING.claims(found)}
     for name in ("improvement", "lower", "dissipated", "saturates"):
         assert claims[f"vard_{name}"].verdict is Verdict.HOLDS, claims[f"vard_{name}"]
-    left = [np.median(second_mode.row(found.values, vard.name(d), "left")) for d in dampings]
+    left = [np.median(second_mode.row(found, d, "left")) for d in dampings]
     assert left[0] > 0.5 > 0.1 > left[1]

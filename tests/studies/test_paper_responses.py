@@ -18,9 +18,8 @@ from impact_env.periodic.residence import Approach, hold, stays
 from optimisation.files import read_json
 from studies.paper import conv, high_low, jump, smr
 from studies.paper.claim import Claim, Verdict, from_plain
-from studies.paper.settings import Settings
+from studies.paper.frame import Settings
 from studies.paper.study import FIGURES
-from studies.study import Measured
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 QUICK = Settings(Path("nowhere"), quick=True, threads=1)
@@ -58,10 +57,9 @@ def test_the_sliding_absorber_drifts_at_the_papers_step_only() -> None:
     assert min(drifts[Moreau()]) > 0.04e-3
 
 
-def test_one_mode_without_losses_at_its_contact_is_strongly_modulated(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(smr, "sizes", lambda _: (3, 300))
-    (*_, values) = smr.PART.measure(QUICK, {})
-    claims = smr.claims(Measured(values))
+def test_one_mode_without_losses_at_its_contact_is_strongly_modulated() -> None:
+    (*_, values) = smr.FIGURE.measure(QUICK, smr.Sizes(3, 300, (2, 100)), {})
+    claims = smr.FIGURE.claims(values)
     for name in ("two impacts in the burst", "fewer impacts between", "lag near zero", "ninety per cent", "effective at resonance"):
         assert named(claims, name).verdict in (Verdict.HOLDS, Verdict.SPREAD), named(claims, name)
     assert all(0.5 < depth < 1 for depth in values["exact"]["depth"])
@@ -69,10 +67,9 @@ def test_one_mode_without_losses_at_its_contact_is_strongly_modulated(monkeypatc
     assert np.max(np.abs(np.array(record["absorber_m"]) - record["tip_m"])) <= values["linear"]["gap_m"] * (1 + 1e-4)
 
 
-def test_friction_springs_and_walls_approach_the_rigid_laws(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conv, "sizes", lambda _: (3, 4, 3))
+def test_friction_springs_and_walls_approach_the_rigid_laws() -> None:
     for kind in (conv.WALLS, conv.FRICTION):
-        found = conv._over_stiffness(QUICK, kind, Exact())
+        found = conv._over_stiffness(QUICK, conv.sizes(3, 4, 3), kind, Exact())
         ratio = np.median(found["level_m"], axis=1) / np.median(found["rigid_m"])
         assert abs(ratio[-1] - 1) < 0.05
         assert abs(ratio[0] - 1) > 0.1
@@ -118,4 +115,4 @@ def test_published_claims_are_on_the_page() -> None:
     assert len({claim.name for claim in claims}) == len(claims)
     for claim in claims:
         assert claim.statement.replace("|", "\\|") in page
-        assert claim.figure in {module.PART.name for module in FIGURES}
+        assert claim.figure in {figure.label for figure in FIGURES}

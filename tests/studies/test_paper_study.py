@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
-from typing import Any, cast
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import pytest
 from click.testing import CliRunner, Result
+from matplotlib.figure import Figure
 
 from impact_env.parameters import ParameterError
 from optimisation.files import read_json
 from studies.cli import reproduce_paper
 from studies.paper import study
 from studies.paper.claim import Claim, Verdict, chance, from_plain, judged
-from studies.paper.claims import CLAIMS, REFUTED, SUMMARY, claims_part, reasons, summary, table
-from studies.paper.frame import figure_part, in_turn, marker
-from studies.paper.settings import Settings
-from studies.study import Json, Measured, Steps
+from studies.paper.frame import PaperFigure, Settings, in_turn, marker
+from studies.paper.study import CLAIMED, REFUTED, SUMMARY, claims_part, reasons, summary, table
+from studies.study import Json, Steps
 
 
 def script() -> ModuleType:
@@ -38,11 +39,16 @@ def call(module: ModuleType, *options: Any) -> Result:
     return CliRunner().invoke(module.main, [str(option) for option in options])
 
 
+class Points(NamedTuple):
+    points: int
+
+
 @dataclass
 class Figures:
     """Two figures of two groups each, what was measured of them, and what happens before a group is."""
 
     points: int = 3
+    use: Callable[[], None] = lambda: None
     measured: list[str] = field(default_factory=list)
     events: dict[str, Callable[[], None]] = field(default_factory=dict)
 
@@ -51,28 +57,35 @@ class Figures:
         self.measured.append(name)
         return {"sum": sum(range(self.points)) + settings.seed}
 
-    def module(self, label: str) -> Any:
-        def measure(settings: Settings, known: Json) -> Steps:
+    def figure(self, label: str) -> PaperFigure:
+        def measure(settings: Settings, _size: Points, known: Json) -> Steps:
             return in_turn({name: partial(self.group, f"{label} {name}", settings) for name in ("first", "second")}, known)
 
-        def claims(measured: Measured) -> list[Claim]:
-            verdict = judged(measured.values["first"]["sum"], measured.values["second"]["sum"], 3, 3)
-            return [Claim(f"{label} sum", "the sum is 3", "2.1", str(measured.values["second"]["sum"]), verdict, label, "It was another.")]
+        def claims(values: Json) -> list[Claim]:
+            verdict = judged(values["first"]["sum"], values["second"]["sum"], 3, 3)
+            return [Claim(f"{label} sum", "the sum is 3", "2.1", str(values["second"]["sum"]), verdict, label, "It was another.")]
 
-        part = figure_part(label, f"figure {label}", measure, lambda values: f"{label}: {values}", lambda _: {label: lambda path: path.touch()})
-        return SimpleNamespace(__name__=__name__, PART=part, parameters=lambda _: {"points": self.points}, claims=claims)
+        sizes = Points(self.points), Points(0)
+        return PaperFigure(
+            label, f"figure {label}", sizes=sizes, measure=measure, words=lambda values: f"{label}: {values}", draw=lambda _: Figure(), claims=claims
+        )
 
 
 @pytest.fixture
 def figures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Figures:
     made = Figures()
-    modules = tuple(made.module(label) for label in ("one", "two"))
-    monkeypatch.setattr(study, "FIGURES", modules)
+
+    def use() -> None:
+        own = tuple(made.figure(label) for label in ("one", "two"))
+        monkeypatch.setattr(study, "FIGURES", own)
+        monkeypatch.setattr(study, "STUDY", replace(study.STUDY, parts=tuple(figure.part() for figure in own)))
+        monkeypatch.setattr(study, "CLAIMS", replace(study.CLAIMS, parts=(claims_part(own),)))
+
+    made.use = use
+    use()
     monkeypatch.setattr(study, "LABELS", ("one", "two"))
-    monkeypatch.setattr(study, "STUDY", replace(study.STUDY, parts=tuple(module.PART for module in modules)))
-    monkeypatch.setattr(study, "CLAIMS", replace(study.CLAIMS, parts=(claims_part(modules),)))
     page = tmp_path / "paper.md"
-    page.write_text("".join(f"<!-- {marker(name)} -->\n<!-- /{marker(name)} -->\n" for name in ("one", "two", SUMMARY, REFUTED, CLAIMS)))
+    page.write_text("".join(f"<!-- {marker(name)} -->\n<!-- /{marker(name)} -->\n" for name in ("one", "two", SUMMARY, REFUTED, CLAIMED)))
     return made
 
 
@@ -89,6 +102,8 @@ def test_finished_figures_are_kept_until_their_parameters_change(figures: Figure
     assert call(module, "--out", tmp_path).exit_code == 0
     assert len(figures.measured) == 4
     figures.points = 4
+    figures.use()
+    module = script()
     assert call(module, "--figure", "two", "--out", tmp_path).exit_code == 0
     assert figures.measured[4:] == ["two first", "two second"]
     assert [claim["verdict"] for claim in claims_in(tmp_path)] == ["holds", "does not hold"]
@@ -161,7 +176,7 @@ def test_a_claim_that_does_not_hold_says_why() -> None:
 
 
 def test_a_figures_numbers_come_from_what_its_module_takes_from_others() -> None:
-    names = {module.PART.name: {name.rsplit(".", 1)[1] for name in study.sources(cast(ModuleType, module))} for module in study.FIGURES}
-    assert {"vard", "second_mode", "account", "curve"} <= names["vard"]
+    names = {own.label: {name.rsplit(".", 1)[1] for name in study.sources(sys.modules[own.words.__module__])} for own in study.FIGURES}
+    assert {"second_mode", "account", "curve"} == names["vard"]
     assert names["conv"] == {"conv"}
-    assert not any(name.endswith("claims") or name == "words" for found in names.values() for name in found)
+    assert not any(name.endswith("claims") or name == "claim" for found in names.values() for name in found)

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.core.caching import NullCache
 
-from impact_env.kernels.jit import jit, jit_inline
-from impact_env.kernels.parts import sparing
+from impact_env.kernels.compiling.jit import jit, jit_inline
+from impact_env.kernels.compiling.parts import sparing
 
 
 class Plain(NamedTuple):

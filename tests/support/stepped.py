@@ -12,7 +12,7 @@ from places import TRUTHS
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.families import Observers, family
-from impact_env.kernels.observers import Energy, Series, new_counters, new_energy, new_events
+from impact_env.kernels.motion.observers import Energy, Series, new_counters, new_energy, new_events
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.modes import ModalModel
 from impact_env.parameters import CompliantWalls, SlidingAbsorber, TunedAbsorber, impact_absorber

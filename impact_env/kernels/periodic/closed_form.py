@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_env.kernels.jit import jit, jit_inline
+from impact_env.kernels.compiling.jit import jit, jit_inline
 from impact_env.kernels.periodic.structure import at_frequency, over, receptance
 
 

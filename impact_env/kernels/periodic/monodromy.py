@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.compiling.jit import jit, jit_room
 from impact_env.kernels.periodic.motion import state_in
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.jit import jit, jit_inline, jit_room
+from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
 from impact_env.kernels.periodic.green import new_room, prepare
 from impact_env.kernels.periodic.structure import over
 

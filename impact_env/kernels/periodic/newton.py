@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.jit import jit, jit_room
+from impact_env.kernels.compiling.jit import jit, jit_room
 from impact_env.kernels.periodic.green import conditions, new_room
 
 CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR = range(4)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.jit import jit, jit_inline
+from impact_env.kernels.compiling.jit import jit, jit_inline
 
 
 class Structure(NamedTuple):

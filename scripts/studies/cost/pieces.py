@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_env.kernels.forced import Forced, Window, fill_carrier, new_forced, solve_forced
-from impact_env.kernels.jit import jit
-from impact_env.kernels.segments import Regime
-from impact_env.kernels.signals import Course, Guards, Signal, new_signal, signal_at, terms_of
-from impact_env.kernels.slots import advance
-from impact_env.kernels.vector import POINTS, Place, Step, begin_orders, scan, turn_2
+from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.events.signals import Course, Guards, Signal, new_signal, signal_at, terms_of
+from impact_env.kernels.motion.forced import Forced, Window, fill_carrier, new_forced, solve_forced
+from impact_env.kernels.motion.segments import Regime
+from impact_env.kernels.motion.slots import advance
+from impact_env.kernels.motion.vector import POINTS, Place, Step, begin_orders, scan, turn_2
 
 
 class Room(NamedTuple):

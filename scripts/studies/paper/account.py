@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.energy import mechanical_energy
-from impact_env.ensemble import Lane
+from impact_env.ensemble import Lane, draw_members
 from impact_env.level import HALF_WINDOW_PERIODS
+from impact_env.parameters import Beam, impact_absorber
 from impact_env.periodic.case import start_from
 from impact_env.response import Response
+from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
-from studies.paper.watched import WATCHED, part_of
+from studies.paper.curve import WATCHED, part_of
 
 Array = NDArray[np.float64]
 SAMPLES = 4096  # per pseudo period: what a mode dissipates between an impact and the next sample is small up to the tenth mode
@@ -96,3 +100,21 @@ def contact_ends(times: Array, apart: float) -> tuple[Array, Array]:
         return times, times
     new = np.flatnonzero(np.diff(times) >= apart)
     return times[np.concatenate([[0], new + 1])], times[np.concatenate([new, [len(times) - 1]])]
+
+
+def scene(beam: Beam) -> Scene:
+    """Return the conservative absorber on a beam."""
+    return beam_scene(beam, impact_absorber())
+
+
+def lanes_of(own: Scene, force: float, members: int, seed: int) -> list[Lane]:
+    """Return each member's sweep up, and its sweep down after it."""
+    reference, (low, high) = own.model.resonance_omega(1), PAPER_LIMITS
+    schedules = linear_sweep(reference, low, high), linear_sweep(reference, high, low)
+    drawn = draw_members(members, seed)
+    return [Lane(own, drawn[m : m + 1].drives(force, schedule)[0]) for m in range(members) for schedule in schedules]
+
+
+def critical(found: Sequence[Account]) -> list[Account]:
+    """Return the account of the direction with the larger level, for each member."""
+    return [max(pair, key=lambda account: account.level) for pair in zip(found[::2], found[1::2], strict=True)]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from impact_env.curve import BAND, CurveCase, quantiles
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, Drive, linear_sweep
@@ -24,34 +25,31 @@ from optimisation.report.markdown import markdown
 from optimisation.sweep_rate import sweep_ratio
 from optimisation.tuned import PAPER, den_hartog, highest_amplitude, minimax, paper_rule, peak, peaks
 from studies.paper import basics_claims
-from studies.paper.claim import Claim
-from studies.paper.frame import figure_part, in_turn
-from studies.paper.settings import Settings
-from studies.study import Json, Measured, Saver, Steps
+from studies.paper.frame import PaperFigure, Settings, has, in_turn
+from studies.paper.style import LOOKS, MM, REFERENCE, legends, line, panels
+from studies.study import Json, Steps
 
-LABEL = "basics"
 GAP = RigidWalls.gap
-MEMBERS = (8, 3)
-FORCES, QUICK_FORCES = (1.5, 3.5, 5.0), (1.5, 3.5)  # N
 ENTRY_FORCES = (3.5, 5.0, 10.0, 20.0)  # N, at which the first impact of a sweep is looked for
 FIRST = 12  # impacts after which rounding has not yet grown
 SERIES = Record(level=False, events=True, series=True, energy=True)
 
 
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {"members": settings.size(*MEMBERS), "forces": settings.size(FORCES, QUICK_FORCES), "entry": ENTRY_FORCES}
+class Sizes(NamedTuple):
+    """Members, and forces in N."""
+
+    members: int
+    forces: tuple[float, ...]
 
 
-def measure(settings: Settings, known: Json) -> Steps:
-    """Yield the numbers of beam, tuned absorber, sweeps without contact, entry into impacts, window, step and scaling."""
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
     groups: dict[str, Callable[[], object]] = {
         "beam": beam_numbers,
         "tuned": tuned_numbers,
         "linear": linear_numbers,
         "entry": _entry,
-        "window": partial(_window, settings),
-        "step": partial(_step, settings),
+        "window": partial(_window, settings, size),
+        "step": partial(_step, settings, size),
         "scaling": _scaling,
     }
     return in_turn(groups, known)
@@ -148,16 +146,16 @@ def both_windows(lane: Lane) -> tuple[float, float]:
     return one, two
 
 
-def _window(settings: Settings) -> list[Json]:
+def _window(settings: Settings, size: Sizes) -> list[Json]:
     """Return levels over no absorber with both windows, for one, three and ten modes without losses in contact."""
-    forces, members = settings.size(FORCES, QUICK_FORCES), draw_members(settings.size(*MEMBERS), settings.seed)
+    forces, members = size.forces, draw_members(size.members, settings.seed)
     scenes = [beam_scene(Beam(modes=n), absorber) for n in (1, 3, 10) for absorber in (impact_absorber(), None)]
     lanes = []
     for scene in scenes:
         sweeps = [linear_sweep(scene.model.resonance_omega(1), *ends) for ends in (PAPER_LIMITS, PAPER_LIMITS[::-1])]
         drives = [members.drives(force, schedule) for force in forces for schedule in sweeps]
         lanes += [Lane(scene, drive) for per_member in drives for drive in per_member]
-    found = np.array(settings.each(f"{LABEL}: window", lanes, both_windows)).reshape(3, 2, len(forces), 2, len(members), 2).max(axis=3)
+    found = np.array(settings.each("basics: window", lanes, both_windows)).reshape(3, 2, len(forces), 2, len(members), 2).max(axis=3)
     rows = []
     for k, modes in enumerate((1, 3, 10)):
         for f, force in enumerate(forces):
@@ -167,16 +165,16 @@ def _window(settings: Settings) -> list[Json]:
     return rows
 
 
-def _step(settings: Settings) -> list[Json]:
+def _step(settings: Settings, size: Sizes) -> list[Json]:
     """Return levels by the Moreau scheme at the paper's step beside the exact ones."""
-    forces = np.array(settings.size(FORCES, QUICK_FORCES))
+    forces = np.array(size.forces)
     cases = {
         "3 modes, e = 1, 0.01 N": beam_scene(Beam(modes=3), impact_absorber(friction_limit=0.01)),
         "10 modes, e = 0.7, 0.1 N": beam_scene(Beam(), impact_absorber(restitution=0.7, friction_limit=0.1)),
     }
     curves = [CurveCase(scene, forces) for scene in cases.values()]
     by = {"exact": None, "moreau": Moreau(PAPER_STEPS)}
-    levels = {name: settings.curves(f"{LABEL}: {name}", curves, settings.size(*MEMBERS), method) for name, method in by.items()}
+    levels = {name: settings.curves(f"basics: {name}", curves, size.members, method) for name, method in by.items()}
     rows = []
     for k, name in enumerate(cases):
         for f, force in enumerate(forces.tolist()):
@@ -212,7 +210,15 @@ def _words(values: Json) -> str:
         tables.append((header, [(name, f"{x['stiffness']:.1f}", f"{x['damping']:.3f}", f"{100 * x['relative']:.2f}") for name, x in tunings]))
     if "step" in values:
         header = ("level in mm, median (5 to 95 %)", "exact", "Moreau, the paper's step")
-        tables.append((header, [(f"{x['case']}, {x['force']:g} N", _levels(x["exact"]), _levels(x["moreau"])) for x in values["step"]]))
+        tables.append(
+            (
+                header,
+                [
+                    (f"{x['case']}, {x['force']:g} N", *("{:.3f} ({:.3f} to {:.3f})".format(*(1e3 * y for y in x[by])) for by in ("exact", "moreau")))
+                    for x in values["step"]
+                ],
+            )
+        )
     if "window" in values:
         header = ("modes, force", "±10 periods, % of no absorber", "±20 periods, %", "level ±20 over ±10, %")
         rows = [(f"{x['modes']}, {x['force']:g} N", *(f"{100 * r:.1f}" for r in (*x["relative"], x["shrinks"]))) for x in values["window"]]
@@ -220,21 +226,33 @@ def _words(values: Json) -> str:
     return "\n\n".join(markdown(header, rows) for header, rows in tables)
 
 
-def _levels(found: list[float]) -> str:
-    middle, low, high = (1e3 * x for x in found)
-    return f"{middle:.3f} ({low:.3f} to {high:.3f})"
+def _draw(values: Json) -> Figure:
+    """Draw the tip amplitude over the frequency with each tuning, and levels at the paper's step over the exact ones."""
+    figure, axes = panels(1, 2, 3.0)
+    response, step = axes[0]
+    model, ratio = modal_model(Beam()), np.linspace(0.7, 1.3, 1201)
+    shown = {"paper": LOOKS[1], "Den Hartog": LOOKS[0], "smallest peak": LOOKS[2]}
+    free = MM * np.abs(tip_response(model, None, ratio * model.omega[0]))
+    response.plot(ratio, free, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=1, label="no absorber")
+    for name, look in shown.items():
+        own = values["tuned"]["tunings"][name]
+        absorber = TunedAbsorber(stiffness=own["stiffness"], damping=own["damping"])
+        line(response, ratio, MM * np.abs(tip_response(model, absorber, ratio * model.omega[0])), look, f"LTVA: {name}", marked=False)
+    response.set(xlabel="frequency over the first resonance", ylabel="tip amplitude in mm/N", ylim=(0, 0.25), xlim=(0.7, 1.3))
+    rows = values["step"]
+    for shift, method, look, label in ((-0.12, "exact", LOOKS[0], "exact"), (0.12, "moreau", LOOKS[1], "Moreau, the paper's step")):
+        found = 100 * np.array([np.array(row[method]) / row["exact"][0] for row in rows])
+        errors = (found[:, 0] - found[:, 1], found[:, 2] - found[:, 0])
+        at = np.arange(len(rows)) + shift
+        step.errorbar(at, found[:, 0], yerr=errors, color=look.colour, ls="", marker=look.marker, lw=1.2, capsize=2.5, label=label)
+    step.set_xticks(range(len(rows)), [f"{row['case'].split(',')[0].removesuffix(' modes')}, {row['force']:g}" for row in rows])
+    step.set(xlabel="modes, force in N", ylabel="level in % of the exact median")
+    step.margins(y=0.25)
+    legends(axes)
+    return figure
 
 
-def figures(measured: Measured) -> Mapping[str, Saver]:
-    """Return what draws the figure."""
-    from studies.paper.figures import basics as drawn  # matplotlib is slow to import
-
-    return {LABEL: lambda path: drawn.save(Path(path), measured.values)} if "step" in measured.values else {}
-
-
-def claims(measured: Measured) -> list[Claim]:
-    """Return what the paper states and these numbers decide."""
-    return basics_claims.of(measured.values)
-
-
-PART = figure_part(LABEL, "beam, tuned absorber, sweeps, window, step and scaling", measure, _words, figures)
+FIGURE = PaperFigure(
+    "basics", "beam, tuned absorber, sweeps, window, step and scaling", sizes=(Sizes(8, (1.5, 3.5, 5.0)), Sizes(3, (1.5, 3.5))), measure=_measure,
+    words=_words, draw=_draw, claims=basics_claims.of, needs=has("step"),
+)  # fmt: skip

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.curve import BAND
-from studies.paper.claim import Claim, Verdict, judged
-from studies.paper.tolerances import SAME, about
+from studies.paper.claim import SAME, Claim, Verdict, about, judged
 from studies.study import Json
 
 FIGURE = "basics"

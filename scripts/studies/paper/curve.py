@@ -1,25 +1,120 @@
-"""A performance curve of this study as plain values: members' levels, and what the contacts do around each maximum, of the critical direction."""
+"""What is seen of one sweep beside its level: the contacts around its maximum, its envelope, and the passage near the resonance.
+
+All of it is read from one set of observers, so that each kernel is compiled once.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import BAND, DOWN, CurveCase, PerformanceCurve, quantiles
+from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Lane, draw_members
+from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel, level_of, read_level
 from impact_env.methods import Exact, Method
 from impact_env.parameters import require
-from impact_env.periodic.stationary import Criteria
+from impact_env.periodic.lyapunov import largest_exponent
+from impact_env.periodic.stationary import Criteria, longest_pause
+from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from impact_env.scene import Scene
-from studies.paper.settings import Settings
-from studies.paper.watched import Contacts, Seen
+from impact_env.sweep import simulate
+from studies.paper.frame import Settings
 from studies.study import Json
 
 Array = NDArray[np.float64]
+WATCHED = Record(level=False, events=True, series=True, energy=True)
+
+
+class Seen(NamedTuple):
+    """A sweep's level (m), frequency ratio of the maximum, largest |q_tip| (m) and number of impacts.
+
+    Then, of the level's window: impacts per pseudo period, and the longest pause between impacts in pseudo periods. ``before``: pseudo periods from
+    the first impact of the sweep to the maximum; NaN if there is none.
+    """
+
+    level: float
+    at: float
+    tip: float
+    impacts: float
+    rate: float
+    pause: float
+    before: float
+
+
+def sampled_level(response: Response) -> ResponseLevel:
+    """Return the level of a run that was recorded as samples."""
+    history, schedule = response.history, response.drive.schedule
+    assert history is not None
+    found = read_level(level_of(history.tip_displacement, DEFAULT_SAMPLES), response.drive, schedule.pseudo_period / DEFAULT_SAMPLES)
+    assert found is not None
+    return found
+
+
+def part_of(drive: Drive, start: float, stop: float) -> Drive:
+    """Return a drive between two of its times in s, as one that begins at 0."""
+    schedule = drive.schedule
+    times = np.concatenate([[start], schedule.times[(schedule.times > start) & (schedule.times < stop)], [stop]])
+    own = FrequencySchedule(times - start, schedule.omega_at(times), schedule.reference)
+    return Drive(drive.amplitude, own, drive.phase + float(schedule.phase_at(start)))
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Measures a lane's `Seen` with a method."""
+
+    method: Method
+
+    def __call__(self, lane: Lane) -> Seen:
+        """Return what is seen of the lane."""
+        response = simulate(lane.scene, lane.drive, self.method, record=WATCHED)
+        assert response.impacts is not None
+        level, period = sampled_level(response), lane.drive.schedule.pseudo_period
+        times, middle = response.impacts.time / period, level.time / period
+        begin = max(0.0, middle - HALF_WINDOW_PERIODS)
+        length = min(lane.drive.schedule.periods, middle + HALF_WINDOW_PERIODS) - begin
+        inside = times[(times >= begin) & (times <= begin + length)] - begin
+        pause = longest_pause(inside, length)
+        before = middle - times[0] if len(times) else np.nan
+        return Seen(level.value, level.frequency_ratio, level.max_tip, len(times), len(inside) / length, pause, float(before))
+
+
+@dataclass(frozen=True)
+class Chaos:
+    """Measures the largest Lyapunov exponent of what a lane settles to, over ``periods`` of the force: value, and the ends of its interval."""
+
+    periods: int
+
+    def __call__(self, lane: Lane) -> tuple[float, float, float]:
+        """Return that of the lane, per period of the force."""
+        found = largest_exponent(lane.scene, lane.drive, self.periods)
+        return found.value, found.low, found.high
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Measures a lane's largest |q_tip| in m in each stretch of ``periods`` pseudo periods; the last one may be shorter."""
+
+    periods: int = 4
+
+    def __call__(self, lane: Lane) -> Array:
+        """Return the envelope of the lane, (stretches,)."""
+        history = simulate(lane.scene, lane.drive, record=WATCHED).history
+        assert history is not None
+        firsts = np.arange(0, len(history.time), self.periods * DEFAULT_SAMPLES)
+        return np.asarray(np.maximum.reduceat(np.abs(history.tip_displacement), firsts))
+
+    def ratios(self, schedule: FrequencySchedule) -> Array:
+        """Return the frequency in the middle of each stretch over the schedule's reference."""
+        stretches = int(np.ceil((int(schedule.periods * (1 + 1e-12) * DEFAULT_SAMPLES) + 1) / (self.periods * DEFAULT_SAMPLES)))
+        middles = np.minimum((np.arange(stretches) + 0.5) * self.periods, schedule.periods)
+        return np.asarray(schedule.omega_at(middles * schedule.pseudo_period)) / schedule.reference
+
+
 PAUSE = Criteria().pause  # periods of the force: without such a pause within the level's window impacts are sustained
 
 
@@ -125,6 +220,71 @@ def watched_curve(settings: Settings, label: str, scene: Scene, forces: Sequence
     return _critical(case.forces, arrays).to_plain()
 
 
+def best_forces(own: Curve, none: Curve) -> Array:
+    """Return each member's force in N with the smallest level over no absorber, (M,)."""
+    return own.forces[np.argmin(own.relative(none), axis=0)]
+
+
 def force_grid(low: float, high: float, points: int, also: Sequence[float] = ()) -> tuple[float, ...]:
     """Return rising forces in N, evenly spaced on a logarithmic axis, with some more among them."""
     return tuple(sorted({*np.round(np.geomspace(low, high, points), 6).tolist(), *also}))
+
+
+MOST = 0.5  # share of the members that decides
+
+
+@dataclass(frozen=True)
+class Border:
+    """Where a range ends: between two forces in N of a curve, ``low`` and ``high``; ``force``: their geometric mean."""
+
+    low: float
+    high: float
+
+    @property
+    def force(self) -> float:
+        """The middle on a logarithmic axis, in N."""
+        return float(np.sqrt(self.low * self.high))
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """``first_impacts``: the end of the linear range, ``transition``: of the primary one; None where the curve's forces do not hold it."""
+
+    first_impacts: Border | None
+    transition: Border | None
+
+
+def operating_ranges(forces: ArrayLike, impacting: ArrayLike, sustained: ArrayLike) -> Ranges:
+    """Return the borders between rising forces (F,) in N, from the shares (F,) of members with impacts, and with sustained ones.
+
+    The linear range ends at the first force at which most have impacts. The secondary range is what lies above the last force at which most have
+    pauses. Raises ParameterError unless the forces rise and all rows have one length.
+    """
+    rising, first, last = (np.asarray(row, dtype=float) for row in (forces, impacting, sustained))
+    require(rising.ndim == 1 and bool(np.all(np.diff(rising) > 0)), "forces", forces, "a row of rising forces in N")
+    require(first.shape == last.shape == rising.shape, "shares", (first.shape, last.shape), f"one for each of the {len(rising)} forces")
+    impacts, paused = np.flatnonzero(first > MOST), np.flatnonzero(last <= MOST)
+    return Ranges(
+        _border(rising, int(impacts[0])) if len(impacts) else None,
+        _border(rising, int(paused[-1]) + 1) if len(paused) else None,
+    )
+
+
+def _border(forces: NDArray[np.float64], k: int) -> Border | None:
+    """Return the border below force ``k``, None at either end of the curve."""
+    return Border(float(forces[k - 1]), float(forces[k])) if 0 < k < len(forces) else None
+
+
+def ranges_of(curve: Curve) -> Ranges:
+    """Return the operating ranges of a curve whose contacts were looked at."""
+    return operating_ranges(curve.forces, curve.impacting, curve.sustained)
+
+
+def slopes(curve: Curve, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return d log(level)/d log(force) of each member, (M,), by least squares over the forces ``inside`` (F,): 1 is proportional, 0 saturated.
+
+    NaN where that is fewer than two forces.
+    """
+    if np.count_nonzero(inside) < 2:
+        return np.full(curve.level.shape[1], np.nan)
+    return np.asarray(np.polynomial.polynomial.polyfit(np.log(curve.forces[inside]), np.log(curve.level[inside]), 1)[1])

@@ -7,6 +7,8 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env.curve import BAND, quantiles
@@ -15,15 +17,13 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.methods import Moreau
 from impact_env.parameters import Absorber, Beam, RigidWalls, friction_damper, impact_absorber
 from impact_env.scene import Scene, beam_scene
+from optimisation.report.design_figures import force_axis
 from optimisation.report.markdown import markdown
-from studies.paper.claim import Claim, judged
-from studies.paper.curve import Curve, curve_of, curves, force_grid
-from studies.paper.frame import figure_part, has, in_turn
-from studies.paper.judging import INFINITY, claim, interval
-from studies.paper.settings import Settings
-from studies.paper.tolerances import LITTLE, MUCH, SAME, within
-from studies.paper.watched import Envelope
-from studies.study import Json, Measured, Saver, Steps
+from studies.paper.claim import INFINITY, LITTLE, MUCH, SAME, Claim, claim, judged, spread, within
+from studies.paper.curve import Curve, Envelope, best_forces, curve_of, curves, force_grid
+from studies.paper.frame import PaperFigure, Settings, has, in_turn
+from studies.paper.style import LOOKS, MM, REFERENCE, Look, line, panels
+from studies.study import Json, Steps
 
 LABEL = "dissinf"
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ PRIMARY, SECONDARY = (1.0, 3.0), (4.0, 8.0)  # N: well inside of the ranges with
 ENVELOPE = Envelope(8)
 
 
-class Amount(NamedTuple):
+class Sizes(NamedTuple):
     """Forces in N, members of the curves, and of the sweeps."""
 
     forces: tuple[float, ...]
@@ -73,24 +73,14 @@ def swept_scenes() -> dict[str, Scene]:
     return {name: beam_scene(Beam(), absorber) for name, absorber in absorbers.items()}
 
 
-def _amount(settings: Settings) -> Amount:
-    full = Amount(force_grid(0.1, 20.0, 28, (3.5, SWEPT)), 12, 16)
-    return settings.size(full, Amount((0.1, 0.4, 0.8, 1.2, 2.0, 2.8, 3.5, 4.2, SWEPT, 8.0, 20.0), 2, 2))
-
-
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {**_amount(settings)._asdict(), "limits": LIMITS, "restitution": RESTITUTION, "swept_at": (SWEPT, SWEPT_LIMIT)}
-
-
-def _measure(settings: Settings, known: Json) -> Steps:
-    amount, scenes = _amount(settings), _scenes()
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+    scenes = _scenes()
     groups: dict[str, Callable[[], object]] = {
-        name: partial(_curve, settings, name, scene, amount.forces, amount.members) for name, scene in scenes.items()
+        name: partial(_curve, settings, name, scene, size.forces, size.members) for name, scene in scenes.items()
     }
     stepped = (CONSERVATIVE, impacting(LIMITS[0]), DISSIPATIVE)
-    groups |= {f"step, {name}": partial(_curve, settings, name, scenes[name], amount.forces, 1, Moreau()) for name in stepped}
-    groups |= {f"sweep, {name}": partial(_sweep, settings, scene, amount.swept) for name, scene in swept_scenes().items()}
+    groups |= {f"step, {name}": partial(_curve, settings, name, scenes[name], size.forces, 1, Moreau()) for name in stepped}
+    groups |= {f"sweep, {name}": partial(_sweep, settings, scene, size.swept) for name, scene in swept_scenes().items()}
     return in_turn(groups, known)
 
 
@@ -108,11 +98,6 @@ def _sweep(settings: Settings, scene: Scene, members: int) -> Json:
         "ratio": ENVELOPE.ratios(schedule).tolist(), "low": low.tolist(), "median": middle.tolist(), "high": high.tolist(),
         "nominal": rows[0].tolist(), "largest": np.max(rows, axis=1).tolist(),
     }  # fmt: skip
-
-
-def best_forces(own: Curve, none: Curve) -> Array:
-    """Return each member's force in N with the smallest level over no absorber, (M,)."""
-    return own.forces[np.argmin(own.relative(none), axis=0)]
 
 
 def first_impacts(own: Curve) -> Array:
@@ -137,7 +122,7 @@ def forces_at(own: Curve, level: float) -> Array:
 
 
 def _words(values: Json) -> str:
-    if not has(values, *_scenes()):
+    if not has(*_scenes())(values):
         return "Not finished."
     none = curve_of(values[NONE])
     at = none.nearest(SWEPT)
@@ -149,22 +134,13 @@ def _words(values: Json) -> str:
         relative, first = own.relative(none), float(np.median(first_impacts(own)))
         best = int(np.argmin(np.median(relative, axis=1)))
         met = f"{first:.2f}" if np.isfinite(first) else "none"
-        rows.append((name, met, f"{own.forces[best]:.3g}", interval(relative[best]), interval(relative[at])))
+        rows.append((name, met, f"{own.forces[best]:.3g}", spread(relative[best]), spread(relative[at])))
     header = ("", "first impacts from, N", "best force, N", "over no absorber there", f"at {SWEPT:g} N")
     blocks = [f"Ten modes, {none.level.shape[1]} members, {len(none.forces)} forces.", markdown(header, rows)]
-    if has(values, *(f"sweep, {name}" for name in swept_scenes())):
-        lines = [(name, interval(1e3 * np.array(values[f"sweep, {name}"]["largest"]))) for name in swept_scenes()]
+    if has(*(f"sweep, {name}" for name in swept_scenes()))(values):
+        lines = [(name, spread(1e3 * np.array(values[f"sweep, {name}"]["largest"]))) for name in swept_scenes()]
         blocks.append(markdown((f"down at {SWEPT:g} N, muN = {SWEPT_LIMIT:g} N", "largest displacement, mm"), lines))
     return "\n\n".join(blocks)
-
-
-def _figures(measured: Measured) -> dict[str, Saver]:
-    from studies.paper.figures.dissinf import save  # matplotlib is slow to import
-
-    return {LABEL: partial(save, values=measured.values)} if has(measured.values, *_scenes()) else {}
-
-
-PART = figure_part(LABEL, "friction and restitution", _measure, _words, _figures)
 
 
 def _within(own: Curve, other: Curve, span: tuple[float, float]) -> Array:
@@ -173,9 +149,9 @@ def _within(own: Curve, other: Curve, span: tuple[float, float]) -> Array:
     return (own.level[inside] / other.level[inside]).ravel()
 
 
-def claims(measured: Measured) -> list[Claim]:
+def _claims(values: Json) -> list[Claim]:
     """Return what friction and restitution do to the curves and sweeps."""
-    return [*_dampers(measured.values), *_absorbers(measured.values), *_swept(measured.values)]
+    return [*_dampers(values), *_absorbers(values), *_swept(values)]
 
 
 def _dampers(values: Json) -> list[Claim]:
@@ -257,7 +233,7 @@ def _neither(read: dict[str, Curve], none: Curve) -> Claim:
     best = {name: np.min(read[name].relative(none), axis=0) for name in (CONSERVATIVE, *map(impacting, LIMITS))}
     over = [best[impacting(limit)] / np.median(best[CONSERVATIVE]) for limit in LIMITS]
     low, high = (float(each(quantiles(row, BAND)[k] for row in over)) for k, each in ((0, min), (1, max)))
-    said = ", ".join(f"{interval(row)} at {limit:g} N" for row, limit in zip(over, LIMITS, strict=True))
+    said = ", ".join(f"{spread(row)} at {limit:g} N" for row, limit in zip(over, LIMITS, strict=True))
     return Claim(
         f"{LABEL}_neither", "friction neither impedes nor significantly improves the performance", "7",
         f"best level over that without friction {said}", judged(low, high, *within(LITTLE)), LABEL,
@@ -275,3 +251,50 @@ def _swept(values: Json) -> list[Claim]:
         said("added_losses", f"{SWEPT:g} N, down: losses at the impacts add to both", "5", largest[ALL] / np.median(largest[BOTH]), (0.0, 1.0),
              "The largest displacement of single members over the median without those losses.", about="all over friction and scattering "),
     ]  # fmt: skip
+
+
+def _draw(values: Json) -> Figure:
+    """Draw the curves, and the sweeps below them."""
+    figure, grid = panels(2, 1, 7.6)
+    _curves(grid[0, 0], values)
+    _sweeps(grid[1, 0], values)
+    return figure
+
+
+def _curves(axes: Axes, values: Json) -> None:
+    none = curve_of(values[NONE])
+    line(axes, none.forces, MM * none.median, REFERENCE, NONE, marked=False)
+    names = {CONSERVATIVE: LOOKS[5], **{impacting(limit): look for limit, look in zip(LIMITS, LOOKS, strict=False)}, DISSIPATIVE: LOOKS[4]}
+    for name, look in names.items():
+        own = curve_of(values[name])
+        low, high = own.band
+        solid = look if name == CONSERVATIVE else Look(look.colour, "-", look.marker)
+        line(axes, own.forces, MM * own.median, solid, name, band=(MM * low, MM * high), nominal=MM * own.level[:, 0], marked=name != CONSERVATIVE)
+    for limit, look in zip(LIMITS, LOOKS, strict=False):
+        own = curve_of(values[sliding(limit)])
+        axes.plot(own.forces, MM * own.median, color=look.colour, ls=(0, (4, 2)), lw=1.0, label=sliding(limit))
+    axes.set(xscale="log", yscale="log", xlim=(none.forces[0], none.forces[-1]), ylim=(0.08, 20))
+    axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
+    force_axis(axes.xaxis)
+    force_axis(axes.yaxis)
+    axes.legend(fontsize=7, frameon=False, ncols=2, loc="upper left")
+
+
+def _sweeps(axes: Axes, values: Json) -> None:
+    for look, name in zip(LOOKS, swept_scenes(), strict=False):
+        if f"sweep, {name}" in values:
+            own = values[f"sweep, {name}"]
+            ratio, low, middle, high, nominal = (np.array(own[key]) for key in ("ratio", "low", "median", "high", "nominal"))
+            look = Look(look.colour, look.dashes)
+            line(axes, ratio, MM * middle, look, name, band=(MM * low, MM * high), nominal=MM * nominal)
+    axes.set(xlim=(0.9, 1.06), ylim=(0, None), xlabel="frequency over $\\omega_1$", ylabel=f"|tip displacement| in mm, down at {SWEPT:g} N")
+    axes.legend(fontsize=7, frameon=False)
+
+
+FIGURE = PaperFigure(
+    LABEL, "friction and restitution", measure=_measure, words=_words, draw=_draw, claims=_claims, needs=has(*_scenes()),
+    sizes=(
+        Sizes(force_grid(0.1, 20.0, 28, (3.5, SWEPT)), 12, 16),
+        Sizes((0.1, 0.4, 0.8, 1.2, 2.0, 2.8, 3.5, 4.2, SWEPT, 8.0, 20.0), 2, 2),
+    ),
+)  # fmt: skip

@@ -1,74 +1,116 @@
-"""What each figure's module has: `PART`, what its numbers depend on, and the claims that are read from them.
+"""What each figure of the paper's study is, and how much of it is computed where.
 
-A module measures in groups of plain values and says them in words; lines, bands and markers are drawn by the module of its name in ``figures``.
+A module measures in groups of plain values, says them in words, draws them, and reads the paper's claims from them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
 
+from matplotlib.figure import Figure
+
+from impact_env.curve import CurveCase, PerformanceCurve, performance_curves
+from impact_env.ensemble import Executor, Lane, each_lane
+from impact_env.methods import Method
+from impact_env.parameters import count
+from impact_env.periodic.residence import finished
 from optimisation.machine import sources
+from optimisation.progress import sweeps_bar
 from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim
-from studies.paper.settings import Settings
-from studies.study import Json, Measured, Part, Saver, Steps, Table
+from studies.paper.style import saved
+from studies.study import Json, Measured, Part, Steps, Table
 
 NAME = "paper"
 ROWS = 7  # of a long table that the page shows
 POINTS = 2  # two numbers are a pair, not points
+R = TypeVar("R")
+T = TypeVar("T")
 
 
-class PaperFigure(Protocol):
-    """A module of a figure. ``parameters(settings)``: all that its numbers depend on beside the kernels and its source, as plain values.
+@dataclass(frozen=True)
+class Settings:
+    """``folder`` of the numbers; ``quick``: a look with few points and members; runs in ``threads`` (None: all cores), or by an ``executor``.
 
-    ``claims(measured)``: the statements of the paper that its numbers, all of them, decide.
+    The numbers depend on ``quick`` and ``seed`` only.
     """
 
-    __file__: str | None
-    PART: Part[Settings]
+    folder: Path
+    quick: bool = False
+    seed: int = 0
+    threads: int | None = None
+    executor: Executor | None = None
 
-    def parameters(self, settings: Settings) -> Json:
-        """See above."""
+    def __post_init__(self) -> None:
+        count("seed", self.seed, 0)
+        if self.threads is not None:
+            count("threads", self.threads, 1)
 
-    def claims(self, measured: Measured) -> list[Claim]:
-        """See above."""
+    def size(self, full: T, quick: T) -> T:
+        """Return one of two sizes: that of the whole figure, or that of a look."""
+        return quick if self.quick else full
+
+    def curves(self, label: str, cases: Sequence[CurveCase], members: int, method: Method | None = None) -> list[PerformanceCurve]:
+        """Return performance curves, with a bar; raises KeyboardInterrupt if they are broken off, errors as `performance_curves`."""
+        with sweeps_bar(label, leave=False) as show:
+            found = performance_curves(cases, members, self.seed, method, threads=self.threads, progress=show, executor=self.executor)
+        if not all(curve.complete for curve in found):
+            raise KeyboardInterrupt
+        return found
+
+    def each(self, label: str, lanes: Sequence[Lane], measure: Callable[[Lane], R], method: Method | None = None) -> list[R]:
+        """Return what ``measure`` finds of each lane, with a bar; raises KeyboardInterrupt if that is broken off, errors as `each_lane`.
+
+        ``measure`` is a function of a module or a frozen value that can be called, so that it can be sent to another process.
+        """
+        with sweeps_bar(label, leave=False) as show:
+            return finished(each_lane(lanes, measure, method, threads=self.threads, progress=show, executor=self.executor))
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """A figure with the paper's ``label``: between its markers stand the drawing, ``words`` of its values, and what they were measured by.
+
+    ``sizes``: how much is computed in full and in a quick look, which beside the sources is all that the numbers depend on. ``measure(settings, size,
+    known)`` yields values as that of a `Part`. ``draw(values)`` returns the drawing, once there are all groups that it ``needs``. ``claims(values)``:
+    the statements of the paper that its numbers, all of them, decide. ``tables``: those too long for the page, as CSV files, of which `shortened`
+    shows some rows. ``answer(values)``: a line on an open question, "what is asked: what was found".
+    """
+
+    label: str
+    title: str
+    _: KW_ONLY
+    sizes: tuple[Any, Any]  # of one kind of named tuple
+    measure: Callable[[Settings, Any, Json], Steps]
+    words: Callable[[Json], str]
+    draw: Callable[[Json], Figure]
+    claims: Callable[[Json], list[Claim]]
+    needs: Callable[[Json], bool] = lambda _: True
+    tables: Callable[[Json], Sequence[Table]] = lambda _: ()
+    answer: Callable[[Json], str] | None = None
+
+    def part(self) -> Part[Settings]:
+        """Return the part of the study."""
+        return Part(
+            self.label, self.title, markers=(marker(self.label),), sections=self._sections,
+            measure=lambda settings, known: self.measure(settings, settings.size(*self.sizes), known),
+            figures=lambda measured: {self.label: saved(lambda: self.draw(measured.values))} if self.needs(measured.values) else {},
+            tables=lambda measured: self.tables(measured.values) if measured.complete else (),
+        )  # fmt: skip
+
+    def _sections(self, measured: Measured) -> dict[str, str]:
+        drawn = [f"![{self.title[0].upper()}{self.title[1:]}]({NAME}/{self.label}.png)"] if self.needs(measured.values) else []
+        seconds = f"{measured.conditions['wall_s']:g} s.{'' if measured.complete else ' Stopped early.'}"
+        made = f"{amounts(measured.conditions)}{sources(measured.conditions)} {seconds}"
+        return {marker(self.label): "\n\n".join([*drawn, self.words(measured.values), made])}
 
 
 def marker(label: str) -> str:
     """Return the name of a figure's section on the page."""
     return f"{NAME}:{label}"
-
-
-def figure_part(
-    label: str,
-    title: str,
-    measure: Callable[[Settings, Json], Steps],
-    words: Callable[[Json], str],
-    figures: Callable[[Measured], Mapping[str, Saver]],
-    tables: Callable[[Json], Sequence[Table]] = lambda _: (),
-) -> Part[Settings]:
-    """Return the part of a figure with the paper's ``label``.
-
-    Between its markers stand the figures, ``words`` of its values, and what they were measured by. ``tables``: those too long for the page, as CSV
-    files, of which `shortened` shows some rows.
-    """
-
-    def sections(measured: Measured) -> dict[str, str]:
-        drawn = [f"![{title[0].upper()}{title[1:]}]({NAME}/{name}.png)" for name in figures(measured)]
-        seconds = f"{measured.conditions['wall_s']:g} s.{'' if measured.complete else ' Stopped early.'}"
-        made = f"{amounts(measured.conditions)}{sources(measured.conditions)} {seconds}"
-        return {marker(label): "\n\n".join([*drawn, words(measured.values), made])}
-
-    def drawn(measured: Measured) -> dict[str, Saver]:
-        from studies.paper.style import styled  # matplotlib is slow to import
-
-        return {name: styled(save) for name, save in figures(measured).items()}
-
-    return Part(
-        label, title, measure=measure, markers=(marker(label),), sections=sections, figures=drawn,
-        tables=lambda measured: tables(measured.values) if measured.complete else (),
-    )  # fmt: skip
 
 
 def shortened(whole: Table) -> str:
@@ -100,6 +142,6 @@ def in_turn(groups: Mapping[str, Callable[[], object]], known: Json) -> Steps:
         yield values
 
 
-def has(measured: Json, *names: str) -> bool:
-    """Return whether groups are among the values: words and figures of a run that was stopped show what there is."""
-    return all(name in measured for name in names)
+def has(*names: str) -> Callable[[Json], bool]:
+    """Return what tells whether groups are among the values: words and figures of a run that was stopped show what there is."""
+    return lambda values: all(name in values for name in names)

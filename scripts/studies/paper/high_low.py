@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from impact_env.curve import CurveCase
 from impact_env.drive import Drive, constant_frequency
@@ -16,7 +17,7 @@ from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.periodic.case import case_of
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT
+from impact_env.periodic.harmonic_balance import PAPER_DAMPER
 from impact_env.periodic.isolas import thresholds
 from impact_env.periodic.residence import Approach, hold
 from impact_env.periodic.stationary import Stationary, stationary
@@ -24,20 +25,18 @@ from impact_env.response import Record
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
-from studies.paper.frame import figure_part, has, in_turn
-from studies.paper.high_low_claims import claims as claims
-from studies.paper.responses import HARMONICS, balance, responses
-from studies.paper.settings import Settings
-from studies.paper.watched import Chaos
-from studies.paper.words import between
-from studies.study import Json, Measured, Saver, Steps
+from studies.paper import high_low_claims
+from studies.paper.branches import HARMONICS, balance, draw, responses
+from studies.paper.claim import between
+from studies.paper.curve import Chaos
+from studies.paper.frame import PaperFigure, Settings, has, in_turn
+from studies.paper.style import FAINT, MM, legend_below, panels
+from studies.study import Json, Steps
 
 LABEL = "high_low"
 MODES, FRICTION, FORCES = 3, 0.01, {"medium": 1.5, "high": 3.0}  # N: limit of friction, and the paper's two forces
 LOW, HIGH, FAR = 0.9, 1.06, 1.2  # frequencies over the first resonance; the inset reaches farther
-MORE = 40  # harmonics, beside the paper's
 PLACES = {"high branch": (3.0, 0.955), "at resonance, 1.5 N": (1.5, 1.0), "at resonance, 3 N": (3.0, 1.0)}  # N, ratio
-PERIODS = (2000, 200)  # of the force, for a Lyapunov exponent
 SETTLE, WINDOW = 1000.0, 200  # pseudo periods, periods of the force
 
 
@@ -46,22 +45,14 @@ def scene() -> Scene:
     return beam_scene(Beam(modes=MODES), impact_absorber(friction_limit=FRICTION))
 
 
-def forces(settings: Settings) -> list[float]:
-    """Return the forces (N) over which the best is looked for."""
-    return np.round(np.geomspace(0.9, 4.0, settings.size(12, 4)), 3).tolist()
+class Sizes(NamedTuple):
+    """Harmonics, forces (N) over which the best is looked for, members, periods of a Lyapunov exponent, and runs from random states."""
 
-
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {
-        "scene": str(scene()), "forces": FORCES, "range": [LOW, HIGH, FAR], "harmonics": [HARMONICS, *settings.size((MORE,), ())], "weight": WEIGHT,
-        "damper": PAPER_DAMPER, "places": PLACES, "stationary": [SETTLE, WINDOW, members(settings)], "levels": [forces(settings), members(settings)],
-    }  # fmt: skip
-
-
-def members(settings: Settings) -> int:
-    """Return the number of members of levels and stationary responses."""
-    return settings.size(16, 2)
+    harmonics: tuple[int, ...]
+    forces: list[float]
+    members: int
+    periods: int
+    starts: int
 
 
 def _isola(harmonics: int, damper: float) -> Json:
@@ -98,11 +89,11 @@ def _window(lane: Lane) -> Stationary:
     return stationary(lane.scene, lane.drive, WINDOW)
 
 
-def _stationary(settings: Settings) -> Json:
+def _stationary(settings: Settings, size: Sizes) -> Json:
     """Return kinds, impacts a period, depths and peaks of all members at each of the places."""
     own, result = scene(), {}
     approach = Approach(own.model.resonance_omega(1), 1.0)
-    phases = draw_members(members(settings), settings.seed, "phase").phases
+    phases = draw_members(size.members, settings.seed, "phase").phases
     for name, (force, ratio) in PLACES.items():
         lanes = [Lane(own, hold(approach, force, ratio, SETTLE, float(phase))) for phase in phases]
         found = settings.each(f"{LABEL}: {name}", lanes, _window)
@@ -133,12 +124,12 @@ def _kind_from(lane: Lane) -> str:
     return stationary(lane.scene, lane.drive, WINDOW, initial=lane.initial).found.kind.value
 
 
-def _basin(settings: Settings) -> Json:
+def _basin(settings: Settings, size: Sizes) -> Json:
     """Return how many of runs from random states settle to each kind at the resonance under the medium force.
 
     The first mode begins anywhere within the ellipse of its own resonance without absorber, the absorber anywhere in its cavity at the tip's speed.
     """
-    own, number = scene(), settings.size(200, 4)
+    own, number = scene(), size.starts
     omega, generator = own.model.resonance_omega(1), np.random.default_rng([settings.seed, 29])
     most = FORCES["medium"] * float(np.abs(tip_response(own.model, None, np.array([omega])))[0]) / abs(own.model.tip_shape[0])
     lanes = []
@@ -151,32 +142,34 @@ def _basin(settings: Settings) -> Json:
     return {kind: kinds.count(kind) for kind in sorted(set(kinds))}
 
 
-def _exponents(settings: Settings) -> Json:
+def _exponents(settings: Settings, size: Sizes) -> Json:
     """Return the largest Lyapunov exponent at each of the places, from the paper's own phase."""
     own = scene()
     approach = Approach(own.model.resonance_omega(1), 1.0)
     lanes = [Lane(own, hold(approach, force, ratio, SETTLE)) for force, ratio in PLACES.values()]
-    return dict(zip(PLACES, settings.each(f"{LABEL}: exponents", lanes, Chaos(settings.size(*PERIODS))), strict=True))
+    return dict(zip(PLACES, settings.each(f"{LABEL}: exponents", lanes, Chaos(size.periods)), strict=True))
 
 
-def _levels(settings: Settings) -> Json:
+def _levels(settings: Settings, size: Sizes) -> Json:
     """Return levels over the force, relative to no absorber."""
-    force = np.array(forces(settings))
+    force = np.array(size.forces)
     own = scene()
     alone = Scene(own.model, None)
-    curve, reference = settings.curves(f"{LABEL}: levels", [CurveCase(own, force), CurveCase(alone, force)], members(settings))
+    curve, reference = settings.curves(f"{LABEL}: levels", [CurveCase(own, force), CurveCase(alone, force)], size.members)
     return {"force_n": force.tolist(), "relative": curve.relative_to(reference).tolist()}
 
 
-def _measure(settings: Settings, known: Json) -> Steps:
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
     groups: dict[str, Any] = {name: partial(responses, scene(), force, LOW, FAR) for name, force in FORCES.items()}
-    groups["isolas"] = _levels_of_isolas
-    groups["harmonics"] = lambda: [_isola(h, PAPER_DAMPER) for h in (HARMONICS, *settings.size((MORE,), ()))]
-    groups["no_damper"] = partial(_isola, HARMONICS, 0.0)
-    groups["stationary"] = partial(_stationary, settings)
-    groups["levels"] = partial(_levels, settings)
-    groups["exponents"] = partial(_exponents, settings)
-    groups["basin"] = partial(_basin, settings)
+    groups |= {
+        "isolas": _levels_of_isolas,
+        "harmonics": lambda: [_isola(h, PAPER_DAMPER) for h in size.harmonics],
+        "no_damper": partial(_isola, HARMONICS, 0.0),
+        "stationary": partial(_stationary, settings, size),
+        "levels": partial(_levels, settings, size),
+        "exponents": partial(_exponents, settings, size),
+        "basin": partial(_basin, settings, size),
+    }
     return in_turn(groups, known)
 
 
@@ -191,44 +184,45 @@ def _words(values: Json) -> str:
                     folds = ", ".join(f"{ratio:.5f}" for ratio, _ in curve["folds"])
                     lines.append((f"{values[name]['force_n']:g}", said, form, f"{1e3 * peak:.3f}", f"{at:.4f}", folds))
     text = markdown(("force, N", "method", "curve", "peak, mm", "at", "folds"), lines)
-    if has(values, "stationary"):
+    if "stationary" in values:
         rows = []
         for name, found in values["stationary"].items():
             kinds = ", ".join(f"{kind} {found['kinds'].count(kind)}" for kind in dict.fromkeys(found["kinds"]))
             exact, stepped = (np.array(found[f"rhythm {method}"]) for method in ("Exact", "Moreau"))
             counts = (between(exact[:, 0], "{:.2f}"), between(exact[:, 1], "{:.2f}"), between(stepped[:, 0], "{:.2f}"))
-            rows.append(
-                (
-                    name,
-                    f"{found['force_n']:g}",
-                    f"{found['omega_ratio']:g}",
-                    kinds,
-                    *counts,
-                    between(found["depth"], "{:.2f}"),
-                    _exponent(values, name),
-                )
-            )
+            exponent = "{:.3f} ({:.3f} to {:.3f})".format(*values["exponents"][name]) if "exponents" in values else ""
+            rows.append((name, f"{found['force_n']:g}", f"{found['omega_ratio']:g}", kinds, *counts, between(found["depth"], "{:.2f}"), exponent))
         columns = ("impacts a period", "visits to a wall", "impacts at the paper's step", "modulation depth", "largest exponent a period (95 %)")
         text += "\n\n" + markdown(("stationary", "force, N", "frequency ratio", "members", *columns), rows)
     return text
 
 
-def _exponent(values: Json, name: str) -> str:
-    return "{:.3f} ({:.3f} to {:.3f})".format(*values["exponents"][name]) if "exponents" in values else ""
+RANGE = (0.9, 1.06)
 
 
-def _figures(measured: Measured) -> dict[str, Saver]:
-    if not has(measured.values, *FORCES):
-        return {}
-    from studies.paper.figures import high_low  # matplotlib is slow to import
+def _draw(values: Json) -> Figure:
+    """Draw the largest tip displacement over the frequency for both forces."""
+    figure, axes = panels(1, 2, 3.6)
+    for own, name in zip(axes.flat, ("medium", "high"), strict=True):
+        part = values[name]
+        draw(own, part)
+        own.set(xlim=RANGE, ylim=(0, 1.25 * MM * max(curve["peak"][1] for curve in part["balance"])), xlabel=r"frequency $\Omega/\omega_1$")
+        own.set_title(f"{part['force_n']:g} N")
+        own.axhline(1.0, color=FAINT, lw=0.5)
+    axes[0, 0].set_ylabel("largest tip displacement in mm")
+    inset = axes[0, 1].inset_axes((0.75, 0.52, 0.24, 0.44))
+    draw(inset, values["high"])
+    inset.set(xlim=(1.02, 1.19), ylim=(0, 1.2), xticks=(1.05, 1.1, 1.15), yticks=(0, 0.5, 1.0))
+    inset.tick_params(labelsize=6)
+    legend_below(figure, axes, 3)
+    return figure
 
-    return {LABEL: lambda path: high_low.save(path, measured.values)}
 
-
-PART = figure_part(
-    LABEL,
-    "frequency responses at a medium and a high force",
-    _measure,
-    _words,
-    _figures,
-)
+FIGURE = PaperFigure(
+    LABEL, "frequency responses at a medium and a high force", measure=_measure, words=_words, draw=_draw, claims=high_low_claims.claims,
+    needs=has(*FORCES),
+    sizes=(
+        Sizes((HARMONICS, 40), np.round(np.geomspace(0.9, 4.0, 12), 3).tolist(), 16, 2000, 200),
+        Sizes((HARMONICS,), np.round(np.geomspace(0.9, 4.0, 4), 3).tolist(), 2, 200, 4),
+    ),
+)  # fmt: skip

@@ -11,18 +11,15 @@ from scipy.stats import binomtest
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam
 from impact_env.periodic.stationary import Kind
-from studies.paper.claim import Claim, Verdict, chance, judged
-from studies.paper.tolerances import LITTLE, MUCH, OFTEN, SAME, about, within
-from studies.paper.words import between, middle, spread
-from studies.study import Json, Measured
+from studies.paper.claim import LITTLE, MUCH, OFTEN, SAME, Claim, Verdict, about, between, chance, judged, middle, spread, within
+from studies.study import Json
 
 FIGURE = "high_low"
 GAP = 1e-3  # m
 
 
-def claims(measured: Measured) -> list[Claim]:
+def claims(values: Json) -> list[Claim]:
     """Return the statements that this figure decides."""
-    values = measured.values
     return [*_linear(values), *_branches(values), *_regimes(values), *_method(values), _best(values["levels"])]
 
 

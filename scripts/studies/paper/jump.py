@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from impact_env.curve import BAND, quantiles
 from impact_env.drive import FrequencySchedule, linear_sweep
@@ -21,12 +23,12 @@ from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.progress import sweeps_bar
 from optimisation.report.markdown import markdown
-from studies.paper.frame import figure_part, has, in_turn
-from studies.paper.jump_claims import claims as claims
-from studies.paper.responses import responses
-from studies.paper.settings import Settings
-from studies.paper.words import spread
-from studies.study import Json, Measured, Saver, Steps
+from studies.paper import jump_claims
+from studies.paper.branches import draw, responses
+from studies.paper.claim import spread
+from studies.paper.frame import PaperFigure, Settings, has, in_turn
+from studies.paper.style import LOOKS, MM, legend_below, legends, panels
+from studies.study import Json, Steps
 
 LABEL = "jump"
 MODES, FRICTION, FORCES = 2, 0.025, {"medium": 1.5, "high": 3.0}  # N
@@ -51,44 +53,22 @@ METHODS: dict[str, Method] = {EVERY: Exact(), "paper's step": Moreau(), "ten tim
 BURN_IN = 100.0  # pseudo periods of a stay that are left out of its rate
 
 
-@dataclass(frozen=True)
-class Sizes:
+class Sizes(NamedTuple):
     """How much is computed: members of sweeps, of jumps (with ten times finer steps) and of stays, their length, frequencies, and slownesses."""
 
-    sweeps: int = 16
-    jumps: int = 200
-    finer: int = 100
-    stays: int = 100
-    periods: float = 6000.0
-    ratios: int = 17
-    slownesses: tuple[float, ...] = (100.0, 300.0, RATE, 2 * RATE, 4 * RATE)
-    fast: tuple[float, ...] = (1.0, 5.0, 20.0, 100.0, 300.0, RATE, 2 * RATE)
-
-
-QUICK = Sizes(4, 40, 12, 24, 1500.0, 9, (100.0, RATE, 2 * RATE), (1.0, 20.0, 100.0, 2 * RATE))
+    sweeps: int
+    jumps: int
+    finer: int
+    stays: int
+    periods: float
+    ratios: int
+    slownesses: tuple[float, ...]
+    fast: tuple[float, ...]
 
 
 def scene() -> Scene:
     """Return the paper's beam and absorber of this figure."""
     return beam_scene(Beam(modes=MODES), impact_absorber(friction_limit=FRICTION))
-
-
-def sizes(settings: Settings) -> Sizes:
-    """Return how much is computed."""
-    return settings.size(Sizes(), QUICK)
-
-
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {
-        "scene": str(scene()),
-        "sweeps": str(SWEEPS),
-        "over": str(OVER),
-        "sizes": str(sizes(settings)),
-        "silence": SILENCE,
-        "burn_in": BURN_IN,
-        "drift": [DRIFT, BLOCK],
-    }
 
 
 @dataclass(frozen=True)
@@ -112,10 +92,10 @@ class Followed:
         return binned, float(np.median(branch)), float(np.max(resonance))
 
 
-def _sweeps(settings: Settings) -> Json:
+def _sweeps(settings: Settings, size: Sizes) -> Json:
     """Return for each of `SWEEPS` the paper's own run, the band of all members, and where they are on the branch and at resonance."""
     own, result = scene(), {}
-    members = draw_members(sizes(settings).sweeps, settings.seed)
+    members = draw_members(size.sweeps, settings.seed)
     for name, (force, slowness, start, stop, method) in SWEEPS.items():
         schedule = linear_sweep(own.model.resonance_omega(1), start, stop, 100 / slowness)
         lanes = [Lane(own, drive) for drive in members.drives(force, schedule)]
@@ -128,9 +108,9 @@ def _sweeps(settings: Settings) -> Json:
     return result
 
 
-def _rates(settings: Settings) -> list[Json]:
+def _rates(settings: Settings, size: Sizes) -> list[Json]:
     """Return exits and time at risk at constant frequencies."""
-    size, own = sizes(settings), scene()
+    own = scene()
     phases = draw_members(size.stays, settings.seed, "phase").phases.tolist()
     rows = []
     for ratio in np.round(np.linspace(OVER.first, OVER.last, size.ratios), 6).tolist():
@@ -140,19 +120,14 @@ def _rates(settings: Settings) -> list[Json]:
                 own, FORCES["medium"], approach, ratio, size.periods, phases, threads=settings.threads, progress=show, executor=settings.executor
             )  # fmt: skip
         rate = exit_rate(found, BURN_IN)
-        rows.append(
-            {"omega_ratio": ratio, "exits": rate.exits, "exposure": rate.exposure} | {k: _plain(getattr(rate, k)) for k in ("rate", "low", "high")}
-        )
+        interval = {name: None if np.isnan(value := getattr(rate, name)) else float(value) for name in ("rate", "low", "high")}
+        rows.append({"omega_ratio": ratio, "exits": rate.exits, "exposure": rate.exposure, **interval})
     return rows
 
 
-def _plain(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)
-
-
-def _jumps(settings: Settings, name: str) -> list[Json]:
+def _jumps(settings: Settings, size: Sizes, name: str) -> list[Json]:
     """Return at each slowness how many sweeps reach the high branch, by one of the `METHODS`, and how many stayed in impact all the way."""
-    size, own, rows = sizes(settings), scene(), []
+    own, rows = scene(), []
     slownesses: Sequence[float] = size.slownesses if name != "ten times finer" else [n for n in size.slownesses if n in (RATE, 2 * RATE)]
     phases = draw_members(size.finer if name == "ten times finer" else size.jumps, settings.seed + 1, "phase").phases.tolist()
     for slowness in slownesses:
@@ -185,10 +160,10 @@ class Drifted:
         return float(np.ptp(means)), response.impact_count
 
 
-def _drift(settings: Settings) -> Json:
+def _drift(settings: Settings, size: Sizes) -> Json:
     """Return drift (m) and impacts of all members, by each of the `METHODS`."""
     own, (start, stop, rate) = scene(), DRIFT
-    phases = draw_members(sizes(settings).sweeps, settings.seed, "phase")
+    phases = draw_members(size.sweeps, settings.seed, "phase")
     lanes = [Lane(own, drive) for drive in phases.drives(FORCES["medium"], linear_sweep(own.model.resonance_omega(1), start, stop, rate))]
     result = {}
     for name, method in METHODS.items():
@@ -197,33 +172,28 @@ def _drift(settings: Settings) -> Json:
     return result
 
 
-@dataclass(frozen=True)
-class Level:
-    """The response level of a lane in m."""
-
-    def __call__(self, lane: Lane) -> float:
-        """Return it."""
-        level = simulate(lane.scene, lane.drive).level
-        assert level is not None
-        return level.value
+def _level(lane: Lane) -> float:
+    level = simulate(lane.scene, lane.drive).level
+    assert level is not None
+    return level.value
 
 
-def _levels(settings: Settings) -> list[Json]:
+def _levels(settings: Settings, size: Sizes) -> list[Json]:
     """Return response levels of sweeps down over their slowness."""
     own, rows = scene(), []
-    members = draw_members(sizes(settings).sweeps, settings.seed)
-    for slowness in sizes(settings).fast:
+    members = draw_members(size.sweeps, settings.seed)
+    for slowness in size.fast:
         schedule = linear_sweep(own.model.resonance_omega(1), HIGH, LOW, 100 / slowness)
         lanes = [Lane(own, drive) for drive in members.drives(FORCES["medium"], schedule)]
-        rows.append({"periods_per_percent": slowness, "level_m": settings.each(f"{LABEL}: levels", lanes, Level())})
+        rows.append({"periods_per_percent": slowness, "level_m": settings.each(f"{LABEL}: levels", lanes, _level)})
     return rows
 
 
-def _measure(settings: Settings, known: Json) -> Steps:
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
     groups: dict[str, Callable[[], Any]] = {name: partial(responses, scene(), force, LOW, HIGH) for name, force in FORCES.items()}
-    groups |= {"sweeps": partial(_sweeps, settings), "rates": partial(_rates, settings)}
-    groups |= {f"jumps, {name}": partial(_jumps, settings, name) for name in METHODS}
-    return in_turn({**groups, "drift": partial(_drift, settings), "levels": partial(_levels, settings)}, known)
+    groups |= {"sweeps": partial(_sweeps, settings, size), "rates": partial(_rates, settings, size)}
+    groups |= {f"jumps, {name}": partial(_jumps, settings, size, name) for name in METHODS}
+    return in_turn({**groups, "drift": partial(_drift, settings, size), "levels": partial(_levels, settings, size)}, known)
 
 
 def hazard_of(values: Json) -> Hazard | None:
@@ -240,7 +210,7 @@ def hazard_of(values: Json) -> Hazard | None:
 
 def _words(values: Json) -> str:
     blocks = []
-    found = hazard_of(values) if has(values, "rates") else None
+    found = hazard_of(values) if "rates" in values else None
     if found is not None:
         inverses = [f"{1 / x:.0f}" if x > 0 else "no end" for x in (found.value, found.high, found.low)]
         blocks.append(
@@ -248,7 +218,7 @@ def _words(values: Json) -> str:
             f"{inverses[0]}) (95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per 1 %, A = {found.factor:.2f} ({found.factor_low:.2f} to "
             f"{found.factor_high:.2f}) from the exact sweeps. The same case with more frequencies and runs: [regimes](regimes.md)."
         )
-    if has(values, *(f"jumps, {name}" for name in METHODS)):
+    if has(*(f"jumps, {name}" for name in METHODS))(values):
         lines = []
         for row in values[f"jumps, {EVERY}"]:
             n = row["periods_per_percent"]
@@ -263,12 +233,12 @@ def _words(values: Json) -> str:
             for rows in (values[f"jumps, {name}"],)
         )
         blocks.append(f"Of all these runs, reached the high branch, and never without impact for {SILENCE:g} pseudo periods: {names}.")
-    if has(values, "drift"):
+    if "drift" in values:
         drifts = ", ".join(f"{name} {spread(one['drift_m'], '{:.3f}', 1e3)} mm" for name, one in values["drift"].items())
         blocks.append(
             f"Drift of the absorber's place in a slow sweep from {DRIFT[0]:g} to {DRIFT[1]:g} that begins at rest, without impacts: {drifts}."
         )
-    if has(values, "levels"):
+    if "levels" in values:
         rows = [(f"{row['periods_per_percent']:g}", spread(row["level_m"], "{:.2f}", 1e3)) for row in values["levels"]]
         blocks.append(markdown(("pseudo periods per 1 %, down", "response level, mm"), rows))
     return "\n\n".join(blocks)
@@ -278,12 +248,72 @@ def _share(row: Json) -> str:
     return f"{row['reached']} of {row['runs']}: {row['share']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
 
 
-def _figures(measured: Measured) -> dict[str, Saver]:
-    if not has(measured.values, *FORCES, "sweeps", "rates", "levels"):
-        return {}
-    from studies.paper.figures import jump  # matplotlib is slow to import
+SHOWN = (  # of the panels above: force, title, and sweeps with their looks and words
+    (
+        "medium",
+        "1.5 N",
+        (
+            ("down", LOOKS[2], "down, 725 periods a percent"),
+            ("down, half the rate", LOOKS[4], "down, 1450"),
+            ("down, paper's step", LOOKS[3], "down, 725, paper's step"),
+        ),
+    ),
+    ("high", "3 N", (("high force, down", LOOKS[2], "down, 725 periods a percent"), ("high force, up", LOOKS[5], "up, 725"))),
+)
 
-    return {LABEL: lambda path: jump.save(path, measured.values, hazard_of(measured.values), EDGES, tuple(METHODS))}
+
+def _draw(values: Json) -> Figure:
+    """Draw the sweeps over the periodic responses, rates of leaving, and the share of sweeps that jump over their slowness."""
+    figure, axes = panels(2, 2, 6.6)
+    middles = 0.5 * (EDGES[1:] + EDGES[:-1])
+    for own, (name, title, sweeps) in zip(axes[0], SHOWN, strict=True):
+        draw(own, values[name])
+        for sweep, look, label in sweeps:
+            part = values["sweeps"][sweep]
+            own.fill_between(middles, MM * np.array(part["low_m"]), MM * np.array(part["high_m"]), color=look.colour, alpha=0.3, lw=0)
+            own.plot(middles, MM * np.array(part["nominal_m"]), color=look.colour, lw=0.8, drawstyle="steps-mid", label=label)
+        top = 1.2 * MM * max(curve["peak"][1] for curve in values[name]["exact"])
+        own.set(xlim=EDGES[[0, -1]], ylim=(0, top), xlabel=r"frequency $\Omega/\omega_1$")
+        own.set_title(title)
+    axes[0, 0].set_ylabel("largest tip displacement in mm")
+    _draw_rates(axes[1, 0], values["rates"])
+    _shares(axes[1, 1], values)
+    legend_below(figure, axes[0], 3)
+    legends(axes[1])
+    return figure
 
 
-PART = figure_part(LABEL, "sweeps through resonance, and the jump", _measure, _words, _figures)
+def _draw_rates(axes: Axes, rates: Sequence[Json]) -> None:
+    known = [row for row in rates if row["rate"] is not None]
+    x, y, low, high = (np.array([row[name] for row in known]) for name in ("omega_ratio", "rate", "low", "high"))
+    axes.errorbar(
+        x, 1e4 * y, 1e4 * np.array([y - low, high - y]), fmt="o", ms=3, lw=0.9, color=LOOKS[0].colour, label="exits over time at risk, 95 %"
+    )
+    axes.set_ylim(top=1.3e4 * float(high.max()))
+    axes.locator_params(axis="x", nbins=5)
+    axes.set(xlabel=r"constant frequency $\Omega/\omega_1$", ylabel=r"rate of leaving, $10^{-4}$ per pseudo period")
+
+
+def _shares(axes: Axes, values: Json) -> None:
+    found = hazard_of(values)
+    n = np.geomspace(80, 4000, 200)
+    if found is not None:
+        told = np.array([found.probability(float(each)) for each in n]).T
+        axes.plot(n, told[0], color="black", lw=0.9, label="from the rates, times A")
+        axes.fill_between(n, told[1], told[2], color="0.8", lw=0)
+    for k, name in enumerate(METHODS):
+        rows = values.get(f"jumps, {name}", ())
+        x, y, low, high = (np.array([row[column] for row in rows]) for column in ("periods_per_percent", "share", "low", "high"))
+        look, aside = LOOKS[k], 1.04 ** (k - 1)
+        axes.errorbar(aside * x, y, [y - low, high - y], fmt=look.marker, ls=look.dashes if k else "", ms=4, lw=0.9, color=look.colour, label=name)
+    axes.set(xscale="log", ylim=(-0.02, 1.05), xlabel="pseudo periods per 1 % of a sweep down", ylabel="share that jumps")
+
+
+FIGURE = PaperFigure(
+    LABEL, "sweeps through resonance, and the jump", measure=_measure, words=_words, draw=_draw, claims=jump_claims.claims,
+    needs=has(*FORCES, "sweeps", "rates", "levels"),
+    sizes=(
+        Sizes(16, 200, 100, 100, 6000.0, 17, (100.0, 300.0, RATE, 2 * RATE, 4 * RATE), (1.0, 5.0, 20.0, 100.0, 300.0, RATE, 2 * RATE)),
+        Sizes(4, 40, 12, 24, 1500.0, 9, (100.0, RATE, 2 * RATE), (1.0, 20.0, 100.0, 2 * RATE)),
+    ),
+)  # fmt: skip

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from studies.paper.claim import Claim, Verdict, chance, judged
-from studies.paper.tolerances import MUCH, SAME, within
-from studies.paper.words import middle, spread
-from studies.study import Json, Measured
+from studies.paper.claim import MUCH, SAME, Claim, Verdict, chance, judged, middle, spread, within
+from studies.study import Json
 
 FIGURE = "jump"
 GAP, PAPER_PERIODS = 1e-3, 100.0  # m; pseudo periods per 1 % of the sweeps for a level
 HIGH_LEVEL = 1.5e-3  # m: at 3 N the high branch is above it, all else below
 
 
-def claims(measured: Measured) -> list[Claim]:
+def claims(values: Json) -> list[Claim]:
     """Return the statements that this figure decides."""
-    values = measured.values
     return [*_jump(values), _rate(values["levels"]), *_sweeps(values)]
 
 

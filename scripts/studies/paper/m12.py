@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env.curve import CurveCase
@@ -17,14 +19,14 @@ from impact_env.scene import Scene, beam_scene
 from optimisation.bounds import resonance_limit
 from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, NONE, RESONANCES, compare, concepts
 from optimisation.progress import sweeps_bar
+from optimisation.report.comparison_figure import ORDINALS
+from optimisation.report.design_figures import force_axis
 from optimisation.report.markdown import markdown
-from studies.paper.claim import Claim
-from studies.paper.curve import Curve, curve_of, curves, force_grid, plain_curve
-from studies.paper.frame import figure_part, has, in_turn, shortened
-from studies.paper.judging import INFINITY, claim, interval
-from studies.paper.settings import Settings
-from studies.paper.tolerances import LITTLE, MUCH, WIDE, about
-from studies.study import Json, Measured, Saver, Steps, Table
+from studies.paper.claim import INFINITY, LITTLE, MUCH, WIDE, Claim, about, claim, spread
+from studies.paper.curve import Curve, best_forces, curve_of, curves, force_grid, plain_curve
+from studies.paper.frame import PaperFigure, Settings, has, in_turn, shortened
+from studies.paper.style import LOOKS, MM, REFERENCE, Look, line, panels
+from studies.study import Json, Steps, Table
 
 LABEL = "m12"
 Array = NDArray[np.float64]
@@ -33,7 +35,7 @@ PAPER_LIMIT = 0.5  # N, the paper's friction damper
 SHOWN = (NONE, FRICTION, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, IMPACT)
 
 
-class Amount(NamedTuple):
+class Sizes(NamedTuple):
     """Forces of each resonance, and of those around the paper's best one over it; members; the rest in N.
 
     ``low``: forces of the damper's own range at the second resonance, ``limits``: friction limits tried.
@@ -46,32 +48,21 @@ class Amount(NamedTuple):
     limits: tuple[float, ...]
 
 
-def _amount(settings: Settings) -> Amount:
-    full = Amount(24, tuple(np.round(np.linspace(0.7, 1.3, 13), 3).tolist()), 12, force_grid(0.1, 3.5, 12), force_grid(0.2, 1.25, 14, (PAPER_LIMIT,)))
-    return settings.size(full, Amount(8, (0.75, 0.85, 0.95, 1.0, 1.05, 1.15, 1.25), 2, force_grid(0.2, 3.5, 4), (0.3, 0.4, PAPER_LIMIT, 0.6, 0.8)))
-
-
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {**_amount(settings)._asdict(), "concepts": [concept.label for concept in concepts(modal_model(Beam()))]}
-
-
-def _measure(settings: Settings, known: Json) -> Steps:
-    amount = _amount(settings)
-    groups: dict[str, Callable[[], object]] = {f"resonance {r}": partial(_resonance, settings, r, amount) for r in RESONANCES}
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+    groups: dict[str, Callable[[], object]] = {f"resonance {r}": partial(_resonance, settings, r, size) for r in RESONANCES}
     groups |= {
-        "low": partial(_near, settings, 2, amount.low, (NONE, IMPACT, FRICTION, LTVA_PAPER), amount.members),
-        "friction": partial(_limits, settings, amount),
+        "low": partial(_near, settings, 2, size.low, (NONE, IMPACT, FRICTION, LTVA_PAPER), size.members),
+        "friction": partial(_limits, settings, size),
     }
-    groups |= {f"around {r}": partial(_around, settings, r, amount) for r in RESONANCES}
+    groups |= {f"around {r}": partial(_around, settings, r, size) for r in RESONANCES}
     return in_turn(groups, known)
 
 
-def _resonance(settings: Settings, resonance: int, amount: Amount) -> Json:
+def _resonance(settings: Settings, resonance: int, size: Sizes) -> Json:
     """Return the main study's curves near a resonance, the limit, and single runs at the paper's step."""
     with sweeps_bar(f"{LABEL}, resonance {resonance}", leave=False) as show:
         found = compare(
-            resonances=(resonance,), forces=amount.forces, members=amount.members, seed=settings.seed,
+            resonances=(resonance,), forces=size.forces, members=size.members, seed=settings.seed,
             threads=settings.threads, progress=show, executor=settings.executor,
         )  # fmt: skip
     if not found.complete:
@@ -96,28 +87,23 @@ def _near(settings: Settings, resonance: int, forces: tuple[float, ...], keys: t
     return {key: plain_curve(curve) for key, curve in zip(cases, found, strict=True)}
 
 
-def _around(settings: Settings, resonance: int, amount: Amount) -> Json:
+def _around(settings: Settings, resonance: int, size: Sizes) -> Json:
     """Return the absorber's curve and that of no absorber around the paper's best force; ``step``: a single run at the paper's step."""
-    forces = tuple(PAPERS_BEST[resonance] * ratio for ratio in amount.around)
+    forces = tuple(PAPERS_BEST[resonance] * ratio for ratio in size.around)
     step = _near(settings, resonance, forces, (IMPACT,), 1, Moreau())
-    return {"curves": _near(settings, resonance, forces, (NONE, IMPACT), amount.members), "step": step}
+    return {"curves": _near(settings, resonance, forces, (NONE, IMPACT), size.members), "step": step}
 
 
-def _limits(settings: Settings, amount: Amount) -> Json:
+def _limits(settings: Settings, size: Sizes) -> Json:
     """Return friction limits in N, and the members' levels in m of the damper with each of them at the paper's best force."""
-    scenes = {f"{limit:g}": beam_scene(Beam(), friction_damper(limit)) for limit in amount.limits}
-    found = curves(settings, f"{LABEL}, friction limits", scenes, (PAPERS_BEST[1],), amount.members)
-    return {"limit": list(amount.limits), "level": [curve_of(found[name]).level[0].tolist() for name in scenes]}
+    scenes = {f"{limit:g}": beam_scene(Beam(), friction_damper(limit)) for limit in size.limits}
+    found = curves(settings, f"{LABEL}, friction limits", scenes, (PAPERS_BEST[1],), size.members)
+    return {"limit": list(size.limits), "level": [curve_of(found[name]).level[0].tolist() for name in scenes]}
 
 
 def read(part: Json) -> dict[str, Curve]:
     """Return the curves of a resonance, or of the low forces, by the concepts' keys."""
     return {key: curve_of(plain) for key, plain in part.get("curves", part).items()}
-
-
-def best_forces(own: Curve, none: Curve) -> Array:
-    """Return each member's force in N with the smallest level over no absorber, (M,)."""
-    return own.forces[np.argmin(own.relative(none), axis=0)]
 
 
 def span(forces: Array, inside: NDArray[np.bool_]) -> float:
@@ -133,9 +119,10 @@ def span(forces: Array, inside: NDArray[np.bool_]) -> float:
 
 def _words(values: Json) -> str:
     names = [f"resonance {r}" for r in RESONANCES]
-    if not has(values, *names):
+    if not has(*names)(values):
         return "Not finished."
     rows = []
+    labels = {concept.key: concept.label for concept in concepts(modal_model(Beam()))}
     for resonance, name in zip(RESONANCES, names, strict=True):
         found = read(values[name])
         none = found[NONE]
@@ -150,8 +137,8 @@ def _words(values: Json) -> str:
                 near = read(values["low"])
                 lower = near[key].relative(near[NONE])
                 force, there = near[NONE].forces[(k := int(np.argmin(np.median(lower, axis=1))))], lower[k]
-            cells = "any" if linear else f"{force:.3g}", interval(there, "{:.3f}"), interval(relative[at], "{:.3f}")
-            rows.append((f"{resonance}: {_label(key)}", *cells))
+            cells = "any" if linear else f"{force:.3g}", spread(there, "{:.3f}"), spread(relative[at], "{:.3f}")
+            rows.append((f"{resonance}: {labels[key]}", *cells))
     first = values[names[0]]
     members = len(first["curves"][NONE]["level"][0])
     limits = ", ".join(f"{values[name]['design_force']:.3g} N" for name in names)
@@ -169,7 +156,7 @@ def _limits_table(values: Json) -> Table:
     """Return a row for each friction limit tried."""
     tried, none = values["friction"], read(values["resonance 1"])[NONE]
     alone = float(np.interp(PAPERS_BEST[1], none.forces, none.median))
-    lines = [(f"{x:.3g}", interval(np.array(row) / alone, "{:.3f}")) for x, row in zip(tried["limit"], tried["level"], strict=True)]
+    lines = [(f"{x:.3g}", spread(np.array(row) / alone, "{:.3f}")) for x, row in zip(tried["limit"], tried["level"], strict=True)]
     return Table(f"{LABEL}_limits", (f"friction limit of the damper at {PAPERS_BEST[1]:g} N, N", "level over no absorber"), lines)
 
 
@@ -187,22 +174,8 @@ def _beside_limit(values: Json, names: list[str]) -> str:
     return f"The impact absorber's median over the stationary limit of its mass and gap: {'; '.join(words)}."
 
 
-def _label(key: str) -> str:
-    return next(concept.label for concept in concepts(modal_model(Beam())) if concept.key == key)
-
-
-def _figures(measured: Measured) -> dict[str, Saver]:
-    from studies.paper.figures.m12 import save  # matplotlib is slow to import
-
-    return {LABEL: partial(save, values=measured.values)} if has(measured.values, *(f"resonance {r}" for r in RESONANCES)) else {}
-
-
-PART = figure_part(LABEL, "the comparison of concepts", _measure, _words, _figures, lambda values: (_limits_table(values),))
-
-
-def claims(measured: Measured) -> list[Claim]:
+def _claims(values: Json) -> list[Claim]:
     """Return what the comparison says of the concepts."""
-    values = measured.values
     return [*_first(values), *_second(values), *_both(values)]
 
 
@@ -237,12 +210,12 @@ def _first(values: Json) -> list[Claim]:
              about="well-tuned LTVA, wide sweep, over the better of both "),
         said("almost_ltva", "near its optimum the absorber is almost as good as the LTVA", "6",
              impact.level[at] / ltva.level[at], (0.0, 1 + LITTLE),
-             f"Its level is {interval(impact.level[at] / found[LTVA_TUNED_WIDE].level[at])} times that of a well-tuned one.",
+             f"Its level is {spread(impact.level[at] / found[LTVA_TUNED_WIDE].level[at])} times that of a well-tuned one.",
              about=f"at {none.forces[at]:.3g} N, level over that of the paper's LTVA "),
         said("optimum_first", "first resonance: the best operating point lies at about 3.5 N", "6", best, about(PAPERS_BEST[1]),
              "The best forces of single members.", unit=" N", at_step=at_step),
         said("best_friction", "0.5 N is the best friction limit of a damper at 3.5 N", "6", own, about(PAPER_LIMIT),
-             f"The best limits of the members; the optimum is flat: at 0.5 N the level is {interval(paper, '{:.3f}')} of the best one.",
+             f"The best limits of the members; the optimum is flat: at 0.5 N the level is {spread(paper, '{:.3f}')} of the best one.",
              about=f"best limit of {len(tried['limit'])} tried ", unit=" N"),
         said("wide_first", "first resonance: over a wide range the absorber is much better than the damper", "6",
              [span(none.forces, (impact.median < MUCH * friction.median) & (impact.impacting > 0.5))], (WIDE, INFINITY),
@@ -263,7 +236,7 @@ def _second(values: Json) -> list[Claim]:
     return [
         said("optimum_second", "second resonance: the best operating point lies at about 35 N", "6", best, about(PAPERS_BEST[2]),
              f"The best forces of single members; near them the curve is flat: at "
-             f"{none.forces[near]:.3g} N the level over no absorber is {interval(impact.relative(none)[near])}. The design rule, "
+             f"{none.forces[near]:.3g} N the level over no absorber is {spread(impact.relative(none)[near])}. The design rule, "
              f"which needs no run, says {part['design_force']:.3g} N.",
              unit=" N", form="{:.1f}", at_step=at_step),
         said("wide_second", "second resonance: over a wide range the absorber is much better than the damper", "6",
@@ -296,3 +269,76 @@ def _both(values: Json) -> list[Claim]:
              _best(values["around 2"])[0] / np.median(_best(values["around 1"])[0]), about(10), "The best forces of single members.", form="{:.1f}",
              about="best forces of the members over the first one's median "),
     ]  # fmt: skip
+
+
+DRAWN = {
+    FRICTION: (LOOKS[1], "friction damper, 0.5 N"),
+    LTVA_PAPER: (Look(LOOKS[4].colour, LOOKS[4].dashes), "LTVA, the paper's"),
+    LTVA_PAPER_WIDE: (Look(LOOKS[4].colour, ":"), "LTVA, the paper's, wide sweep"),
+    LTVA_TUNED_WIDE: (Look(LOOKS[2].colour, LOOKS[2].dashes), "LTVA, well tuned, wide sweep"),
+    IMPACT: (LOOKS[0], "impact absorber"),
+}
+
+
+def _draw(values: Json) -> Figure:
+    """Draw the curves of both resonances, with the damper's own range at the second as an inset."""
+    figure, grid = panels(1, 2, 4.6)
+    for axes, resonance in zip(grid[0], RESONANCES, strict=True):
+        part = values[f"resonance {resonance}"]
+        _curves(axes, read(part))
+        _limit(axes, part)
+        for key in (IMPACT, FRICTION):
+            own = curve_of(part["step"][key])
+            axes.plot(own.forces, MM * own.level[:, 0], "x", color=DRAWN[key][0].colour, ms=3.5, mew=0.7, zorder=4)
+        axes.set_title(f"{ORDINALS[resonance]} resonance", fontsize=8.5)
+        axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
+        force_axis(axes.xaxis)
+        force_axis(axes.yaxis)
+    if "low" in values:
+        _inset(grid[0, 1], read(values["low"]))
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=7, frameon=False)
+    return figure
+
+
+def _curves(axes: Axes, found: dict[str, Curve]) -> None:
+    none = found[NONE]
+    line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
+    for key, (look, label) in DRAWN.items():
+        if key in found:
+            own = found[key]
+            low, high = own.band
+            line(axes, own.forces, MM * own.median, look, label, band=(MM * low, MM * high), nominal=MM * own.level[:, 0])
+    best = int(np.argmin(np.median(found[IMPACT].relative(none), axis=1)))
+    axes.axvline(none.forces[best], color="0.55", lw=0.8, ls=":")
+    axes.set(xscale="log", yscale="log", xlim=(none.forces[0], none.forces[-1]))
+    axes.set_ylim(0.5 * MM * min(float(np.min(own.median)) for own in found.values()), 1.3 * MM * float(np.max(none.median)))
+
+
+def _limit(axes: Axes, part: Json) -> None:
+    force, level = np.array(part["limit"]["force"]), MM * np.array(part["limit"]["level"])
+    style: Any = {"facecolor": "0.93", "edgecolor": "0.7", "hatch": "////", "lw": 0.5, "zorder": 0.4}
+    axes.fill_between(force, 1e-9, np.maximum(level, 1e-9), label="out of reach of any mass in this cavity, stationary", **style)
+
+
+def _inset(axes: Axes, found: dict[str, Curve]) -> None:
+    small = axes.inset_axes((0.09, 0.62, 0.40, 0.34))
+    for key in (FRICTION, LTVA_PAPER, IMPACT):
+        own, look = found[key], DRAWN[key][0]
+        low, middle, high = np.quantile(own.relative(found[NONE]), (0.05, 0.5, 0.95), axis=1)
+        small.fill_between(own.forces, low, high, color=look.colour, alpha=0.18, lw=0)
+        small.plot(own.forces, middle, color=look.colour, ls=look.dashes, lw=1.0)
+    small.set(xscale="log", xlim=(found[NONE].forces[0], found[NONE].forces[-1]), ylim=(0, 1.15))
+    small.set_title("low forces, over no absorber", fontsize=6.5, pad=2)
+    force_axis(small.xaxis)
+    small.tick_params(labelsize=6)
+
+
+FIGURE = PaperFigure(
+    LABEL, "the comparison of concepts", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    needs=has(*(f"resonance {r}" for r in RESONANCES)), tables=lambda values: (_limits_table(values),),
+    sizes=(
+        Sizes(24, tuple(np.round(np.linspace(0.7, 1.3, 13), 3).tolist()), 12, force_grid(0.1, 3.5, 12), force_grid(0.2, 1.25, 14, (PAPER_LIMIT,))),
+        Sizes(8, (0.75, 0.85, 0.95, 1.0, 1.05, 1.15, 1.25), 2, force_grid(0.2, 3.5, 4), (0.3, 0.4, PAPER_LIMIT, 0.6, 0.8)),
+    ),
+)  # fmt: skip

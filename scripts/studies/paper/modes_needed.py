@@ -2,65 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from impact_env.curve import BAND, CurveCase, PerformanceCurve, quantiles
+from impact_env.curve import BAND, CurveCase, quantiles
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
 from optimisation.report.markdown import markdown
-from studies.paper.claim import Claim, Verdict
-from studies.paper.frame import figure_part, in_turn
-from studies.paper.settings import Settings
-from studies.paper.tolerances import SAME
-from studies.study import Json, Measured, Saver, Steps
+from studies.paper.claim import SAME, Claim, Verdict
+from studies.paper.frame import PaperFigure, Settings, in_turn
+from studies.paper.style import LOOKS, legends, line, panels
+from studies.study import Json, Steps
 
 LABEL = "modes_needed"
 FRICTION, RESTITUTION = 0.1, 0.7  # of the paper's best absorber
-FORCES = {1: ((1.5, 2.5, 3.5, 5.0), (3.5,)), 2: ((20.0, 25.0, 30.0, 35.0, 40.0), (35.0,))}  # N, in full and quick, by resonance
 OPTIMUM = {1: 3.5, 2: 35.0}  # N, the paper's
-MODES, QUICK_MODES = (5, 7, 10, 15, 20, 30), (5, 10, 20)
-MEMBERS = (16, 3)
 PAPER_MODES = 10
 
 
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {
-        "absorber": [FRICTION, RESTITUTION],
-        "forces": {str(r): settings.size(*both) for r, both in FORCES.items()},
-        "modes": settings.size(MODES, QUICK_MODES),
-        "members": settings.size(*MEMBERS),
-    }
+class Sizes(NamedTuple):
+    """Forces in N at each resonance, numbers of modes, and members."""
+
+    first: tuple[float, ...]
+    second: tuple[float, ...]
+    modes: tuple[int, ...]
+    members: int
 
 
-def measure(settings: Settings, known: Json) -> Steps:
-    """Yield the relative levels at both resonances for each number of modes, one after the other."""
-    groups = {str(n): partial(_of_modes, n, settings) for n in settings.size(MODES, QUICK_MODES)}
-    return in_turn(groups, known)
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+    return in_turn({str(n): partial(_of_modes, n, settings, size) for n in size.modes}, known)
 
 
-def _of_modes(modes: int, settings: Settings) -> Json:
+def _of_modes(modes: int, settings: Settings, size: Sizes) -> Json:
     beam, absorber = Beam(modes=modes), impact_absorber(restitution=RESTITUTION, friction_limit=FRICTION)
     scenes = beam_scene(beam), beam_scene(beam, absorber)
-    cases = [CurveCase(scene, np.array(settings.size(*FORCES[r])), r) for r in FORCES for scene in scenes]
-    curves = settings.curves(f"{LABEL}: {modes} modes", cases, settings.size(*MEMBERS))
-    return {str(r): _levels(curve, without) for r, without, curve in zip(FORCES, curves[0::2], curves[1::2], strict=True)}
-
-
-def _levels(curve: PerformanceCurve, without: PerformanceCurve) -> Json:
-    relative = curve.relative_to(without)
-    low, middle, high = quantiles(relative, (BAND[0], 0.5, BAND[1]))
-    return {
-        "forces_n": curve.forces.tolist(),
-        "relative": middle.tolist(),
-        "low": low.tolist(),
-        "high": high.tolist(),
-        "nominal": relative[:, 0].tolist(),
-    }
+    cases = [CurveCase(scene, np.array(forces), r) for r, forces in ((1, size.first), (2, size.second)) for scene in scenes]
+    curves = settings.curves(f"{LABEL}: {modes} modes", cases, size.members)
+    found = {}
+    for r, without, curve in zip(OPTIMUM, curves[0::2], curves[1::2], strict=True):
+        relative = curve.relative_to(without)
+        bands = dict(zip(("low", "relative", "high"), quantiles(relative, (BAND[0], 0.5, BAND[1])).tolist(), strict=True))
+        found[str(r)] = {"forces_n": curve.forces.tolist(), **bands, "nominal": relative[:, 0].tolist()}
+    return found
 
 
 def at(values: Json, modes: int, resonance: int, force: float | None = None) -> tuple[float, float, float, float]:
@@ -70,13 +56,8 @@ def at(values: Json, modes: int, resonance: int, force: float | None = None) -> 
     return found["relative"][k], found["low"][k], found["high"][k], found["nominal"][k]
 
 
-def numbers(values: Json) -> list[int]:
-    """Return the numbers of modes that there are."""
-    return [int(name) for name in values]
-
-
 def _words(values: Json) -> str:
-    rows = [(f"{n}", *(_cell(values, n, r, force) for r in FORCES for force in forces_of(values, r))) for n in numbers(values)]
+    rows = [(f"{n}", *(_cell(values, n, r, force) for r in OPTIMUM for force in forces_of(values, r))) for n in map(int, values)]
     header = ("modes", *(f"{name}, {force:g} N" for r, name in ((1, "first"), (2, "second")) for force in forces_of(values, r)))
     return "Level in % of no absorber with as many modes, median (5 to 95 %).\n\n" + markdown(header, rows)
 
@@ -86,19 +67,11 @@ def _cell(values: Json, modes: int, resonance: int, force: float | None) -> str:
     return f"{middle:.1f} ({low:.1f} to {high:.1f})"
 
 
-def figures(measured: Measured) -> Mapping[str, Saver]:
-    """Return what draws the figure."""
-    from studies.paper.figures import modes_needed as drawn  # matplotlib is slow to import
-
-    return {LABEL: lambda path: drawn.save(Path(path), measured.values)}
-
-
-def claims(measured: Measured) -> list[Claim]:
+def _claims(values: Json) -> list[Claim]:
     """Return what ten modes are worth at either resonance, against the most modes that were computed."""
-    values = measured.values
-    most = max(numbers(values))
+    most = max(map(int, values))
     words = {1: ("first", "4.2"), 2: ("second", "6")}
-    return [_enough(values, r, most, *words[r]) for r in FORCES]
+    return [_enough(values, r, most, *words[r]) for r in OPTIMUM]
 
 
 def _enough(values: Json, resonance: int, most: int, name: str, section: str) -> Claim:
@@ -120,10 +93,10 @@ def _enough(values: Json, resonance: int, most: int, name: str, section: str) ->
     return Claim(f"modes_needed_{name}", f"ten modes are enough at the {name} resonance", section, said, verdict, LABEL, why)
 
 
-def answer(measured: Measured) -> str:
+def _answer(values: Json) -> str:
     """Say in a line how far ten modes are from the most."""
-    values, said = measured.values, []
-    most = max(numbers(values))
+    said = []
+    most = max(map(int, values))
     for resonance, name in ((1, "first"), (2, "second")):
         off = [100 * (at(values, PAPER_MODES, resonance, f)[0] / at(values, most, resonance, f)[0] - 1) for f in forces_of(values, resonance)]
         said.append(f"{min(off):+.0f} to {max(off):+.0f} % at the {name}")
@@ -135,4 +108,28 @@ def forces_of(values: Json, resonance: int) -> list[float]:
     return list(next(iter(values.values()))[str(resonance)]["forces_n"])
 
 
-PART = figure_part(LABEL, "how many modes the second resonance needs", measure, _words, figures)
+def _draw(values: Json) -> Figure:
+    """Draw the relative level over the number of modes: the paper's best force at each resonance, and the second one's other forces."""
+    figure, axes = panels(1, 2, 3.0)
+    own, forces = axes[0]
+    modes = list(map(int, values))
+    for resonance, look, name in ((1, LOOKS[1], "first"), (2, LOOKS[0], "second")):
+        middle, low, high, nominal = 100 * np.array([at(values, n, resonance) for n in modes]).T
+        line(own, modes, middle, look, f"{name} resonance, {OPTIMUM[resonance]:g} N", band=(low, high), nominal=nominal)
+    for force, look in zip(forces_of(values, 2), LOOKS, strict=False):
+        middle, low, high, nominal = 100 * np.array([at(values, n, 2, force) for n in modes]).T
+        line(forces, modes, middle, look, f"{force:g} N", band=(low, high), nominal=nominal)
+    for panel in (own, forces):
+        panel.set(xlabel="modes $N_m$", ylabel="level in % of no absorber", ylim=(0, None), xticks=modes)
+    forces.set_title("second resonance")
+    legends(axes)
+    return figure
+
+
+FIGURE = PaperFigure(
+    LABEL, "how many modes the second resonance needs", measure=_measure, words=_words, draw=_draw, claims=_claims, answer=_answer,
+    sizes=(
+        Sizes((1.5, 2.5, 3.5, 5.0), (20.0, 25.0, 30.0, 35.0, 40.0), (5, 7, 10, 15, 20, 30), 16),
+        Sizes((3.5,), (35.0,), (5, 10, 20), 3),
+    ),
+)  # fmt: skip

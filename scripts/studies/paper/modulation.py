@@ -12,12 +12,13 @@ again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, constant_frequency
@@ -32,40 +33,20 @@ from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim, Verdict
-from studies.paper.frame import figure_part, has, in_turn
-from studies.paper.settings import Settings
-from studies.paper.watched import Chaos
-from studies.study import Json, Measured, Saver, Steps
+from studies.paper.curve import Chaos
+from studies.paper.frame import PaperFigure, Settings, has, in_turn
+from studies.paper.style import FAINT, LOOKS, legends, line, panels
+from studies.study import Json, Steps
 
 LABEL = "modulation"
 FORCE = 1.5  # N, the paper's for the strongly modulated response
-MODES, QUICK_MODES = (1, 2, 3, 4, 5, 7, 10, 11, 12, 13, 14, 15, 20, 30), (1, 3, 10, 20)
-RESTITUTIONS, QUICK_RESTITUTIONS = (
-    tuple(np.unique([*np.linspace(0, 1, 11), *np.linspace(0.02, 0.18, 9)]).round(2).tolist()),
-    (0.0, 0.25, 0.5, 0.75, 1.0),
-)
 SETTLE = 200  # pseudo periods before the window
-PERIODS = (1000, 300)  # of the window, in full and quick
-MEMBERS = (8, 3)
 ENDS = (0.05, 0.95)  # quantiles of the periods' peaks that the depth is taken between: a largest peak would grow with the window
 
 BEGUN, ABOVE = (1, 3, 10), (1.01, 1.03, 1.1, 1.3)  # modes, and forces over that at which the first impacts come
 MOST_FOLLOWED = 14  # modes up to which a tangent vector is followed
 FAST = 4  # modes from which on most of what an impact scatters is gone before the next
 RECORD = Record(level=False, events=True, series=True, energy=True)
-
-
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {
-        "force": FORCE,
-        "modes": settings.size(MODES, QUICK_MODES),
-        "restitutions": settings.size(RESTITUTIONS, QUICK_RESTITUTIONS),
-        "settle": SETTLE,
-        "periods": settings.size(*PERIODS),
-        "members": settings.size(*MEMBERS),
-        "ends": ENDS,
-    }
 
 
 def equivalent_restitution(scene: Scene, restitution: float = 1.0) -> float:
@@ -110,29 +91,39 @@ def depth(peaks: NDArray[np.float64]) -> float:
     return float((high - low) / (high + low))
 
 
-def measure(settings: Settings, known: Json) -> Steps:
-    """Yield what many modes do without losses, what one mode does with the equivalent restitution, and one mode over the restitution."""
-    many = [beam_scene(Beam(modes=n), impact_absorber()) for n in settings.size(MODES, QUICK_MODES)]
+class Sizes(NamedTuple):
+    """Numbers of modes, restitutions of one mode, pseudo periods of the window, and members."""
+
+    modes: tuple[int, ...]
+    restitutions: tuple[float, ...]
+    periods: int
+    members: int
+
+
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+    many = [beam_scene(Beam(modes=n), impact_absorber()) for n in size.modes]
     equivalents = [max(equivalent_restitution(scene), 0.0) for scene in many]
-    one = settings.size(RESTITUTIONS, QUICK_RESTITUTIONS)
+    same, one = (
+        [beam_scene(Beam(modes=1), impact_absorber(restitution=e)) for e in restitutions] for restitutions in (equivalents, size.restitutions)
+    )
     groups = {
-        "modes": partial(_rows, settings, many, equivalents),
-        "equivalent": partial(_rows, settings, [_one_mode(e) for e in equivalents], equivalents),
-        "one mode": partial(_rows, settings, [_one_mode(e) for e in one], list(one)),
-        "exponents": partial(_exponents, settings, [scene for scene in many if scene.model.modes <= MOST_FOLLOWED]),
-        "begins": partial(_begins, settings, [scene for scene in many if scene.model.modes in BEGUN]),
+        "modes": partial(_rows, settings, size, many, equivalents),
+        "equivalent": partial(_rows, settings, size, same, equivalents),
+        "one mode": partial(_rows, settings, size, one, size.restitutions),
+        "exponents": partial(_exponents, settings, size, [scene for scene in many if scene.model.modes <= MOST_FOLLOWED]),
+        "begins": partial(_begins, settings, size, [scene for scene in many if scene.model.modes in BEGUN]),
     }
     return in_turn(groups, known)
 
 
-def _exponents(settings: Settings, scenes: list[Scene]) -> list[Json]:
+def _exponents(settings: Settings, size: Sizes, scenes: list[Scene]) -> list[Json]:
     """Return the largest Lyapunov exponent of each scene's response, from the paper's own phase."""
     lanes = [Lane(scene, Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE))) for scene in scenes]
-    found = settings.each(f"{LABEL}: exponents", lanes, Chaos(settings.size(*PERIODS)))
+    found = settings.each(f"{LABEL}: exponents", lanes, Chaos(size.periods))
     return [{"modes": scene.model.modes, "exponent": list(exponent)} for scene, exponent in zip(scenes, found, strict=True)]
 
 
-def _begins(settings: Settings, scenes: list[Scene]) -> list[Json]:
+def _begins(settings: Settings, size: Sizes, scenes: list[Scene]) -> list[Json]:
     """Return the largest exponent at forces just above that at which the free tip fills the gap, by numbers of modes."""
     lanes, rows = [], list[Json]()
     for scene in scenes:
@@ -141,22 +132,18 @@ def _begins(settings: Settings, scenes: list[Scene]) -> list[Json]:
         for share in ABOVE:
             lanes.append(Lane(scene, Drive(share * least, constant_frequency(omega, 1.0, SETTLE))))
             rows.append({"modes": scene.model.modes, "over": share, "force_n": share * least})
-    found = settings.each(f"{LABEL}: begins", lanes, Chaos(settings.size(*PERIODS) // 2))
+    found = settings.each(f"{LABEL}: begins", lanes, Chaos(size.periods // 2))
     return [{**row, "exponent": list(exponent)} for row, exponent in zip(rows, found, strict=True)]
 
 
-def _one_mode(restitution: float) -> Scene:
-    return beam_scene(Beam(modes=1), impact_absorber(restitution=restitution))
-
-
-def _rows(settings: Settings, scenes: list[Scene], restitutions: list[float]) -> list[Json]:
+def _rows(settings: Settings, size: Sizes, scenes: list[Scene], restitutions: Sequence[float]) -> list[Json]:
     """Return a row for each scene: medians and 5 and 95 % of its members, and the nominal member."""
-    members = draw_members(settings.size(*MEMBERS), settings.seed)
+    members = draw_members(size.members, settings.seed)
     lanes = []
     for scene in scenes:
         schedule = constant_frequency(scene.model.resonance_omega(1), 1.0, SETTLE)
         lanes += [Lane(scene, drive) for drive in members.drives(FORCE, schedule)]
-    found = settings.each(LABEL, lanes, Exchange(settings.size(*PERIODS)))
+    found = settings.each(LABEL, lanes, Exchange(size.periods))
     rows = []
     for k, (scene, restitution) in enumerate(zip(scenes, restitutions, strict=True)):
         own = found[k * len(members) : (k + 1) * len(members)]
@@ -167,32 +154,20 @@ def _rows(settings: Settings, scenes: list[Scene], restitutions: list[float]) ->
 
 def _words(values: Json) -> str:
     header = (
-        "modes",
-        "$e_1$",
-        "depth",
-        "one mode with $e_1$",
-        "taken from mode 1, %",
-        "one mode with $e_1$",
-        "absorber's energy, %",
-        "impacts a period",
+        "modes", "$e_1$", "depth", "one mode with $e_1$", "taken from mode 1, %", "one mode with $e_1$", "absorber's energy, %", "impacts a period",
         "largest exponent a period (95 %)",
-    )
+    )  # fmt: skip
     body = []
     exponents = {row["modes"]: "{:.2f} ({:.2f} to {:.2f})".format(*row["exponent"]) for row in values.get("exponents", ())}
     for row, other in zip(values.get("modes", ()), values.get("equivalent", ()), strict=False):
         cells = (_interval(row["depth"]), _interval(other["depth"]), _interval(row["taken"], 100, 0), _interval(other["taken"], 100, 0))
-        body.append(
-            (
-                f"{row['modes']}",
-                f"{row['restitution']:.2f}",
-                *cells,
-                _interval(row["absorber"], 100, 0),
-                _interval(row["impacts"]),
-                exponents.get(row["modes"], ""),
-            )
-        )
-    text = markdown(header, body)
-    blocks = [text, *([_answer(values)] if has(values, "modes", "equivalent") else []), *([_begun(values)] if has(values, "begins") else [])]
+        last = (_interval(row["absorber"], 100, 0), _interval(row["impacts"]), exponents.get(row["modes"], ""))
+        body.append((f"{row['modes']}", f"{row['restitution']:.2f}", *cells, *last))
+    blocks = [
+        markdown(header, body),
+        *([_compared(values)] if has("modes", "equivalent")(values) else []),
+        *([_begun(values)] if "begins" in values else []),
+    ]
     return "\n\n".join(blocks)
 
 
@@ -211,7 +186,7 @@ def _interval(found: list[float], scale: float = 1.0, digits: int = 2) -> str:
     return f"{middle} ({low} to {high})"
 
 
-def _answer(values: Json) -> str:
+def _compared(values: Json) -> str:
     """Say how far apart many modes and one mode with the equivalent restitution are, over all and where scattering is fast."""
     pairs = list(zip(values["modes"], values["equivalent"], strict=True))
     worst = max(pairs, key=lambda pair: abs(pair[0]["depth"][0] - pair[1]["depth"][0]))
@@ -230,9 +205,9 @@ def _answer(values: Json) -> str:
     return f"{found[0]} {found[1]}, {found[2]}."
 
 
-def answer(measured: Measured) -> str:
+def _answer(values: Json) -> str:
     """Say in a line what makes the modulation less obvious, and where that falls short."""
-    pairs = list(zip(measured.values["modes"], measured.values["equivalent"], strict=True))
+    pairs = list(zip(values["modes"], values["equivalent"], strict=True))
     row, other = max(pairs, key=lambda pair: abs(pair[0]["depth"][0] - pair[1]["depth"][0]))
     return (
         f"What makes the modulation less obvious: energy that impacts scatter for good; one mode with a restitution that takes as much has nearly "
@@ -240,32 +215,70 @@ def answer(measured: Measured) -> str:
     )
 
 
-def figures(measured: Measured) -> Mapping[str, Saver]:
-    """Return what draws the figure, once there is something to compare."""
-    from studies.paper.figures import modulation as drawn  # matplotlib is slow to import
-
-    ready = has(measured.values, "modes", "equivalent", "one mode")
-    return {LABEL: lambda path: drawn.save(Path(path), measured.values)} if ready else {}
-
-
-def claims(measured: Measured) -> list[Claim]:
+def _claims(values: Json) -> list[Claim]:
     """Return the paper's statement on the modulation, of which it leaves the reason open."""
-    rows = measured.values["modes"]
+    rows = values["modes"]
     few, many = rows[0], rows[-1]
     said = f"depth {_interval(few['depth'])} at {few['modes']} mode, {_interval(many['depth'])} at {many['modes']}"
     holds = many["depth"][2] < few["depth"][1]
     why = "" if holds else "The bands of the members overlap."
-    return [
-        Claim(
-            "modulation_fades",
-            "the modulation becomes less obvious as modes are added",
-            "4.2",
-            said,
-            Verdict.HOLDS if holds else Verdict.NOT,
-            LABEL,
-            why,
-        )
-    ]
+    verdict = Verdict.HOLDS if holds else Verdict.NOT
+    return [Claim("modulation_fades", "the modulation becomes less obvious as modes are added", "4.2", said, verdict, LABEL, why)]
 
 
-PART = figure_part(LABEL, "what makes the modulation less obvious", measure, _words, figures)
+NAMED = (1, 2, 3, 4, 5, 7, 10, 12, 30)  # numbers of modes that stand beside their points
+
+
+def _draw(values: Json) -> Figure:
+    """Draw depth and energies over the number of modes, beside one mode with the equivalent restitution; and the depth over that."""
+    figure, axes = panels(1, 3, 2.9)
+    depth, energy, over = axes[0]
+    many, other, one = values["modes"], values["equivalent"], values["one mode"]
+    modes = [row["modes"] for row in many]
+    for rows, look, label in ((many, LOOKS[0], "$N_m$ modes, $e$ = 1"), (other, LOOKS[1], "one mode, $e_1$")):
+        low, high = _edges(rows, "depth")
+        line(depth, modes, _middle(rows, "depth"), look, label, band=(low, high), nominal=_nominal(rows, "depth"))
+    line(energy, modes, 100 * _middle(many, "taken"), LOOKS[0], "taken, $N_m$ modes")
+    line(energy, modes, 100 * _middle(other, "taken"), LOOKS[1], "taken, one mode, $e_1$")
+    line(energy, modes, 100 * _middle(many, "absorber"), LOOKS[2], "in the absorber")
+    for panel in (depth, energy):
+        panel.set(xscale="log", xlabel="modes $N_m$")
+        panel.set_xticks(modes, [f"{n}" if n in (1, 2, 3, 5, 10, 20, 30) else "" for n in modes], minor=False)
+        panel.minorticks_off()
+    line(over, [row["restitution"] for row in one], _middle(one, "depth"), LOOKS[1], "one mode over $e$", band=_edges(one, "depth"))
+    line(over, [row["restitution"] for row in many], _middle(many, "depth"), LOOKS[0], marked=False)
+    over.lines[-1].set(ls="", marker=LOOKS[0].marker, label="$N_m$ modes at their $e_1$")
+    for e in dict.fromkeys(row["restitution"] for row in many):
+        own = [row for row in many if row["restitution"] == e]  # several that are set to 0
+        words, height = ", ".join(str(row["modes"]) for row in own if row["modes"] in NAMED), max(row["depth"][0] for row in own)
+        over.annotate(words, (e, height), xytext=(2, 4), textcoords="offset points", fontsize=6.5, color=FAINT)
+    depth.set(ylabel="depth of the modulation", ylim=(0, None))
+    energy.set(ylabel="share in %", ylim=(0, 125), yticks=range(0, 101, 20))
+    over.set(xlabel="restitution of one mode, $e_1$", ylabel="depth of the modulation", ylim=(0, None))
+    legends(axes)
+    return figure
+
+
+def _middle(rows: list[Json], name: str) -> np.ndarray:
+    return np.array([row[name][0] for row in rows])
+
+
+def _nominal(rows: list[Json], name: str) -> np.ndarray:
+    return np.array([row[name][3] for row in rows])
+
+
+def _edges(rows: list[Json], name: str) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([row[name][1] for row in rows]), np.array([row[name][2] for row in rows])
+
+
+FIGURE = PaperFigure(
+    LABEL, "what makes the modulation less obvious", measure=_measure, words=_words, draw=_draw, claims=_claims, answer=_answer,
+    needs=has("modes", "equivalent", "one mode"),
+    sizes=(
+        Sizes(
+            (1, 2, 3, 4, 5, 7, 10, 11, 12, 13, 14, 15, 20, 30),
+            tuple(np.unique([*np.linspace(0, 1, 11), *np.linspace(0.02, 0.18, 9)]).round(2).tolist()), 1000, 8,
+        ),
+        Sizes((1, 3, 10, 20), (0.0, 0.25, 0.5, 0.75, 1.0), 300, 3),
+    ),
+)  # fmt: skip

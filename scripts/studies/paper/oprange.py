@@ -7,57 +7,42 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from impact_env.methods import Moreau
 from impact_env.parameters import Beam, StuckAbsorber, impact_absorber
-from impact_env.scene import Scene, beam_scene
+from impact_env.scene import beam_scene
+from optimisation.report.design_figures import force_axis
 from optimisation.report.markdown import markdown
-from studies.paper.claim import Claim, Verdict
-from studies.paper.curve import Curve, curve_of, curves, force_grid, watched_curve
-from studies.paper.frame import figure_part, has, in_turn
-from studies.paper.judging import INFINITY, claim, interval
-from studies.paper.ranges import Ranges, ranges_of, slopes
-from studies.paper.settings import Settings
-from studies.paper.tolerances import LITTLE, SAME, within
-from studies.study import Json, Measured, Saver, Steps
+from studies.paper.claim import INFINITY, LITTLE, SAME, Claim, Verdict, claim, spread, within
+from studies.paper.curve import Border, Curve, Ranges, curve_of, curves, force_grid, ranges_of, slopes, watched_curve
+from studies.paper.frame import PaperFigure, Settings, has, in_turn
+from studies.paper.style import LOOKS, MM, REFERENCE, STUCK, legends, line, panels
+from studies.study import Json, Steps
 
 LABEL = "oprange"
 RESTITUTION = 0.75
 QUASI_LINEAR = 10.0  # N: up to here the secondary range is asked whether it is a straight line
-MM = 1e3
 
 
-def scene() -> Scene:
-    """Return the absorber of the figure on a beam of one mode."""
-    return beam_scene(Beam(modes=1), impact_absorber(restitution=RESTITUTION))
+class Sizes(NamedTuple):
+    """Forces in N, and members."""
+
+    forces: tuple[float, ...]
+    members: int
 
 
-def linear_scenes() -> dict[str, Scene]:
-    """Return the linear cases: no absorber, and one that is stuck."""
-    return {"none": beam_scene(Beam(modes=1)), "stuck": beam_scene(Beam(modes=1), StuckAbsorber())}
-
-
-def _forces(settings: Settings) -> tuple[float, ...]:
-    return settings.size(force_grid(0.2, 12.0, 31, (18.0, 27.0, 40.0, 60.0, 100.0)), force_grid(0.3, 100.0, 8, (0.9, 1.1, 1.35, 1.7, 2.0, 2.5)))
-
-
-def _members(settings: Settings) -> int:
-    return settings.size(12, 3)
-
-
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {"restitution": RESTITUTION, "modes": 1, "forces": _forces(settings), "members": _members(settings)}
-
-
-def _measure(settings: Settings, known: Json) -> Steps:
-    forces, members = _forces(settings), _members(settings)
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+    own = beam_scene(Beam(modes=1), impact_absorber(restitution=RESTITUTION))
+    linear = {"none": beam_scene(Beam(modes=1)), "stuck": beam_scene(Beam(modes=1), StuckAbsorber())}
     groups: dict[str, Callable[[], object]] = {
-        "absorber": partial(watched_curve, settings, LABEL, scene(), forces, members),
-        "linear": partial(curves, settings, LABEL, linear_scenes(), forces, members),
-        "step": lambda: curves(settings, LABEL, {"absorber": scene()}, forces, 1, Moreau())["absorber"],
+        "absorber": partial(watched_curve, settings, LABEL, own, *size),
+        "linear": partial(curves, settings, LABEL, linear, *size),
+        "step": lambda: curves(settings, LABEL, {"absorber": own}, size.forces, 1, Moreau())["absorber"],
     }
     return in_turn(groups, known)
 
@@ -69,18 +54,19 @@ def _read(values: Json) -> tuple[Curve, Curve, Curve, Ranges]:
 
 
 def _words(values: Json) -> str:
-    if not has(values, "absorber", "linear"):
+    if not has("absorber", "linear")(values):
         return "Not finished."
     own, none, stuck, found = _read(values)
     first, last = found.first_impacts, found.transition
+    step = curve_of(values["step"]) if "step" in values else None
     relative = own.relative(none)
     best = int(np.argmin(np.median(relative, axis=1)))
     rows = [
         (
             f"{own.forces[k]:.3g}",
-            interval(MM * own.level[k], "{:.3f}"),
-            interval(relative[k]),
-            _at_step(values, k),
+            spread(MM * own.level[k], "{:.3f}"),
+            spread(relative[k]),
+            "" if step is None else f"{step.level[k, 0] / none.level[k, 0]:.2f}",
             f"{np.median(own.rate[k]):.1f}",
             f"{own.sustained[k]:.2f}",
         )
@@ -94,34 +80,14 @@ def _words(values: Json) -> str:
     return (
         f"One mode, e = {RESTITUTION:g}, no friction, {own.level.shape[1]} members, {len(own.forces)} forces. Marked by what the contacts do in the "
         f"level's window: {borders}.\nThe best point lies at {own.forces[best]:.3g} N. At {own.forces[-1]:g} N the level is "
-        f"{interval(own.relative(stuck)[-1], '{:.3f}')} of that with the absorber stuck.\n\n{markdown(header, rows)}"
+        f"{spread(own.relative(stuck)[-1], '{:.3f}')} of that with the absorber stuck.\n\n{markdown(header, rows)}"
     )
 
 
-def _at_step(values: Json, k: int) -> str:
-    """Return the level over no absorber at force ``k`` in a single run at the paper's step."""
-    if "step" not in values:
-        return ""
-    return f"{curve_of(values['step']).level[k, 0] / curve_of(values['linear']['none']).level[k, 0]:.2f}"
-
-
-def _figures(measured: Measured) -> dict[str, Saver]:
-    from studies.paper.figures.oprange import save  # matplotlib is slow to import
-
-    if not has(measured.values, "absorber", "linear"):
-        return {}
-    own, none, stuck, found = _read(measured.values)
-    step = curve_of(measured.values["step"]) if "step" in measured.values else None
-    return {LABEL: partial(save, own=own, none=none, stuck=stuck, step=step, found=found)}
-
-
-PART = figure_part(LABEL, "a typical performance curve and its operating ranges", _measure, _words, _figures)
-
-
-def claims(measured: Measured) -> list[Claim]:
+def _claims(values: Json) -> list[Claim]:
     """Return what the curve says of the operating ranges."""
-    own, none, stuck, found = _read(measured.values)
-    step = curve_of(measured.values["step"])
+    own, none, stuck, found = _read(values)
+    step = curve_of(values["step"])
     first, last = found.first_impacts, found.transition
     assert first is not None
     assert last is not None
@@ -179,3 +145,68 @@ def _straightness(own: Curve, inside: np.ndarray) -> np.ndarray:
     fit = np.polynomial.polynomial.polyfit(own.forces[inside], level, 1)
     rest = level - (fit[0] + np.outer(own.forces[inside], fit[1]))
     return np.asarray(1 - np.var(rest, axis=0) / np.var(level, axis=0))
+
+
+SHADES = ("0.97", "0.90", "0.95")
+
+
+def _draw(values: Json) -> Figure:
+    """Draw level over force with the ranges shaded; inset: the same relative to no absorber up to the highest force."""
+    own, none, stuck, found = _read(values)
+    figure, grid = panels(1, 1, 4.2)
+    axes = grid[0, 0]
+    shown = own.forces <= 12.0
+    draw_ranges(axes, found, 0.0, 12.0)
+    line(axes, none.forces[shown], MM * none.median[shown], REFERENCE, "no absorber")
+    low, high = own.band
+    line(
+        axes, own.forces[shown], MM * own.median[shown], LOOKS[0], "impact absorber, 1 mode, e = 0.75",
+        band=(MM * low[shown], MM * high[shown]), nominal=MM * own.level[shown, 0],
+    )  # fmt: skip
+    if "step" in values:
+        step = curve_of(values["step"])
+        axes.plot(step.forces[shown], MM * step.level[shown, 0], "x", color=LOOKS[1].colour, ms=4, label="one run at the paper's step")
+    axes.set(xlim=(0.0, 12.0), ylim=(0.0, 1.05 * MM * float(np.max(none.median[shown]))))
+    axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
+    axes.legend(loc="upper left")
+    _inset(axes, own, none, stuck)
+    legends(grid)
+    return figure
+
+
+def draw_ranges(axes: Axes, found: Ranges, low: float, high: float) -> None:
+    """Shade the linear, the primary and the secondary range between two forces in N."""
+    edges = sorted({low, high, *(border.force for border in (found.first_impacts, found.transition) if border is not None)})
+    words = ["linear"] + (["primary"] if _apart(found.first_impacts, found.transition) else []) + (["secondary"] if found.transition else [])
+    for name, begin, end, shade in zip(words, edges, edges[1:], SHADES, strict=False):
+        axes.axvspan(begin, end, color=shade, lw=0, zorder=0)
+        own, place = axes.get_xaxis_transform(), min((begin + end) / 2, begin + 4.5)
+        axes.text(place, 0.16, name, transform=own, ha="center", va="bottom", fontsize=8, color="0.3", rotation=90)
+
+
+def _apart(first: Border | None, last: Border | None) -> bool:
+    return first is not None and (last is None or last.force > first.force)
+
+
+def _inset(axes: Axes, own: Curve, none: Curve, stuck: Curve) -> None:
+    small = axes.inset_axes((0.62, 0.1, 0.36, 0.28))
+    relative = np.quantile(own.relative(none), (0.05, 0.5, 0.95), axis=1)
+    small.fill_between(own.forces, relative[0], relative[2], color=LOOKS[0].colour, alpha=0.18, lw=0)
+    small.plot(own.forces, relative[1], color=LOOKS[0].colour)
+    small.plot(own.forces, np.median(stuck.relative(none), axis=1), color=STUCK.colour, ls=STUCK.dashes, lw=0.9, label="absorber stuck")
+    small.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9)
+    small.set(xscale="log", xlim=(own.forces[0], own.forces[-1]), ylim=(0, 1.15))
+    small.set_title("level over no absorber", fontsize=7, color="0.2", pad=2)
+    small.tick_params(labelsize=6.5)
+    small.legend(fontsize=6.5, loc="lower right", frameon=False)
+    force_axis(small.xaxis)
+
+
+FIGURE = PaperFigure(
+    LABEL, "a typical performance curve and its operating ranges", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    needs=has("absorber", "linear"),
+    sizes=(
+        Sizes(force_grid(0.2, 12.0, 31, (18.0, 27.0, 40.0, 60.0, 100.0)), 12),
+        Sizes(force_grid(0.3, 100.0, 8, (0.9, 1.1, 1.35, 1.7, 2.0, 2.5)), 3),
+    ),
+)  # fmt: skip

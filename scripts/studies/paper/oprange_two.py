@@ -7,10 +7,12 @@ mode has lost its effect, and the two others are still far below, in 95 % of the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env.curve import BAND, quantiles
@@ -20,27 +22,22 @@ from impact_env.methods import Moreau
 from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.periodic.overview import exact_curves, linear_curves
 from impact_env.scene import Scene, beam_scene
+from optimisation.report.design_figures import force_axis
 from optimisation.report.markdown import markdown
-from studies.paper.claim import Claim, Verdict
-from studies.paper.curve import Curve, curve_of, curves, force_grid, watched_curve
-from studies.paper.frame import figure_part, has, in_turn
-from studies.paper.judging import claim, interval
-from studies.paper.ranges import ranges_of
-from studies.paper.settings import Settings
-from studies.paper.tolerances import MUCH, PLACE, SAME, within
-from studies.paper.watched import Envelope
-from studies.study import Json, Measured, Saver, Steps
+from studies.paper.claim import MUCH, PLACE, SAME, Claim, Verdict, claim, spread, within
+from studies.paper.curve import Curve, Envelope, curve_of, curves, force_grid, ranges_of, watched_curve
+from studies.paper.frame import PaperFigure, Settings, has, in_turn
+from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, STUCK, legends, line, panels
+from studies.study import Json, Steps
 
 LABEL = "oprangeTWO"
-MM = 1e3
 NONE, ONE, THREE, LOSSY, BOTH = "none", "1 mode, e = 1", "3 modes, e = 1", "1 mode, e = 0.75", "3 modes, e = 0.75"
 SWEPT = (ONE, THREE, LOSSY)  # panels b, c and d
 NEAR = 0.0065  # of omega_1: where the paper looks at the response near the resonance itself
 ENVELOPE = Envelope()
 
 
-@dataclass(frozen=True, eq=False)
-class Amount:
+class Sizes(NamedTuple):
     """How much to compute: forces in N, members of the curves, and of the sweeps at f*."""
 
     forces: tuple[float, ...]
@@ -54,27 +51,18 @@ def scenes() -> dict[str, Scene]:
     return {name: beam_scene(Beam(modes=modes), impact_absorber(restitution=e)) for name, (modes, e) in cases.items()}
 
 
-def _amount(settings: Settings) -> Amount:
-    return settings.size(Amount(force_grid(0.5, 12.0, 33, (3.0,)), 12, 24), Amount(force_grid(0.6, 12.0, 7, (1.2, 1.3, 1.4, 1.7)), 4, 4))
-
-
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {**vars(_amount(settings)), "scenes": [str(scene) for scene in scenes().values()], "stretch": ENVELOPE.periods}
-
-
-def _measure(settings: Settings, known: Json) -> Steps:
-    amount, every = _amount(settings), scenes()
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+    every = scenes()
     found: Json = dict(known)
     groups: dict[str, Callable[[], object]] = {
-        name: partial(watched_curve, settings, LABEL, scene, amount.forces, amount.members) for name, scene in every.items()
+        name: partial(watched_curve, settings, LABEL, scene, size.forces, size.members) for name, scene in every.items()
     }
-    groups[NONE] = lambda: curves(settings, LABEL, {NONE: beam_scene(Beam(modes=3))}, amount.forces, amount.members)[NONE]
-    groups["step"] = lambda: curves(settings, LABEL, every, amount.forces, 1, Moreau())
+    groups[NONE] = lambda: curves(settings, LABEL, {NONE: beam_scene(Beam(modes=3))}, size.forces, size.members)[NONE]
+    groups["step"] = lambda: curves(settings, LABEL, every, size.forces, 1, Moreau())
     for found in in_turn(groups, known):
         yield found
     force = chosen_force({name: curve_of(found[name]) for name in (NONE, *SWEPT)})
-    rest: dict[str, Callable[[], object]] = {f"sweeps, {name}": partial(_sweeps, settings, every[name], force, amount.swept) for name in SWEPT}
+    rest: dict[str, Callable[[], object]] = {f"sweeps, {name}": partial(_sweeps, settings, every[name], force, size.swept) for name in SWEPT}
     rest |= {f"orbits, {name}": partial(_orbits, every[name], force) for name in SWEPT}
     for more in in_turn(rest, known):
         yield {**found, "force_n": force, **more}
@@ -121,7 +109,7 @@ def _orbits(scene: Scene, force: float) -> Json:
 
 
 def _words(values: Json) -> str:
-    if not has(values, NONE, *scenes()):
+    if not has(NONE, *scenes())(values):
         return "Not finished."
     none = curve_of(values[NONE])
     rows = []
@@ -131,22 +119,13 @@ def _words(values: Json) -> str:
         best = int(np.argmin(np.median(relative, axis=1)))
         marks = [f"{border.low:.3g} to {border.high:.3g}" if border else "" for border in (found.first_impacts, found.transition)]
         at = own.nearest(values.get("force_n", 1.5))
-        rows.append((name, *marks, f"{own.forces[best]:.3g}", interval(relative[best]), interval(relative[at]), f"{own.sustained[at]:.2f}"))
+        rows.append((name, *marks, f"{own.forces[best]:.3g}", spread(relative[best]), spread(relative[at]), f"{own.sustained[at]:.2f}"))
     star = f"{values['force_n']:.3g} N" if "force_n" in values else "a force not chosen yet"
     header = ("", "first impacts, N", "secondary from, N", "best force, N", "over no absorber there", "at f*", "sustained at f*")
     return (
         f"{none.level.shape[1]} members, {len(none.forces)} forces. f* = {star}: the force at which the conservative absorber on one mode stands "
         f"highest above the two others.\n\n{markdown(header, rows)}"
     )
-
-
-def _figures(measured: Measured) -> dict[str, Saver]:
-    from studies.paper.figures.oprange_two import save  # matplotlib is slow to import
-
-    return {LABEL: partial(save, values=measured.values)} if has(measured.values, NONE, *scenes()) else {}
-
-
-PART = figure_part(LABEL, "one mode, three modes, and losses at the impacts", _measure, _words, _figures)
 
 
 def gap_of_isola(orbits: Json) -> float:
@@ -164,9 +143,8 @@ def _near(values: Json, name: str) -> NDArray[np.float64]:
     return np.maximum(sweeps["up"]["near"], sweeps["down"]["near"]) / alone
 
 
-def claims(measured: Measured) -> list[Claim]:
+def _claims(values: Json) -> list[Claim]:
     """Return what curves and sweeps say of losses, modes and where the maximum lies."""
-    values = measured.values
     read = {name: curve_of(values[name]) for name in (NONE, *scenes())}
     relative = {name: read[name].relative(read[NONE]) for name in scenes()}
     step = {name: curve_of(values["step"][name]) for name in scenes()}
@@ -225,3 +203,61 @@ def _no_primary(own: Curve) -> Claim:
 def _highest(orbits: Json) -> float:
     """Return the largest displacement in m of all orbits."""
     return float(np.nanmax([np.nanmax(np.array(branch["tip"], dtype=float)) for branch in orbits["branches"]]))
+
+
+def _draw(values: Json) -> Figure:
+    """Draw the curves, and below them the sweeps at f* over the exact orbits."""
+    figure, grid = panels(2, 2, 6.4)
+    _curves(grid[0, 0], values)
+    for axes, name in zip(grid.flat[1:], SWEPT, strict=True):
+        if f"sweeps, {name}" in values:
+            _draw_sweeps(axes, values, name)
+    for axes in grid.flat[1:]:
+        axes.set_ylim(0, 1.35 * MM * max(values[f"orbits, {ONE}"]["linear"]["stuck"], default=2e-3) if f"orbits, {ONE}" in values else None)
+    legends([grid[0, 0], grid[1, 1]])
+    return figure
+
+
+def _curves(axes: Axes, values: Json) -> None:
+    none = curve_of(values[NONE])
+    line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
+    for look, name in zip(LOOKS, (ONE, THREE, LOSSY, BOTH), strict=False):
+        own = curve_of(values[name])
+        low, high = MM * np.array(own.band)
+        line(axes, own.forces, MM * own.median, look, name, band=(low, high), nominal=MM * own.level[:, 0], marked=False)
+        border = ranges_of(own).transition
+        if border is not None:
+            axes.plot(border.force, np.interp(border.force, own.forces, MM * own.median), look.marker, color=look.colour, ms=5, zorder=4)
+    if "force_n" in values:
+        axes.axvline(values["force_n"], color=FAINT, lw=0.9, ls=":")
+        axes.text(values["force_n"], 0.03, " f*", transform=axes.get_xaxis_transform(), fontsize=8)
+    axes.set(xscale="log", yscale="log", xlim=(none.forces[0], none.forces[-1]))
+    axes.set(xlabel="amplitude of the force in N", ylabel="response level in mm (RMS)")
+    force_axis(axes.xaxis)
+    force_axis(axes.yaxis)
+
+
+def _draw_sweeps(axes: Axes, values: Json, name: str) -> None:
+    look = LOOKS[(ONE, THREE, LOSSY).index(name)]
+    for direction, shade in (("down", look.colour), ("up", FAINT)):
+        own = values[f"sweeps, {name}"][direction]
+        ratio, low, middle, high, nominal = (np.array(own[k]) for k in ("ratio", "low", "median", "high", "nominal"))
+        axes.fill_between(ratio, MM * low, MM * high, color=shade, alpha=0.25, lw=0)
+        axes.plot(ratio, MM * middle, color=shade, lw=1.0, ls="-" if direction == "down" else "--", label=f"swept {direction}")
+        axes.plot(ratio, MM * nominal, color=shade, lw=0.4)
+    orbits = values.get(f"orbits, {name}")
+    if orbits is not None:
+        ratio = np.array(orbits["linear"]["ratio"])
+        axes.plot(ratio, MM * np.array(orbits["linear"]["alone"]), color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.8, label="no absorber")
+        axes.plot(ratio, MM * np.array(orbits["linear"]["stuck"]), color=STUCK.colour, ls=STUCK.dashes, lw=0.8, label="absorber stuck")
+        for k, branch in enumerate(orbits["branches"]):
+            tip = MM * np.array(branch["tip"], dtype=float)
+            axes.plot(branch["ratio"], tip, color="black", lw=0.8, label="periodic, two impacts" if k == 0 else None)
+    axes.set(xlim=(0.9, 1.06), xlabel="frequency over $\\omega_1$", ylabel="|tip displacement| in mm")
+    axes.set_title(f"    {name}, {values['force_n']:.3g} N", loc="center", fontsize=8.5)
+
+
+FIGURE = PaperFigure(
+    LABEL, "one mode, three modes, and losses at the impacts", measure=_measure, words=_words, draw=_draw, claims=_claims, needs=has(NONE, *scenes()),
+    sizes=(Sizes(force_grid(0.5, 12.0, 33, (3.0,)), 12, 24), Sizes(force_grid(0.6, 12.0, 7, (1.2, 1.3, 1.4, 1.7)), 4, 4)),
+)  # fmt: skip

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from impact_env.curve import CurveCase, PerformanceCurve
 from impact_env.modes import modal_model
@@ -15,45 +15,36 @@ from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.scene import Scene
 from optimisation.bounds import design_force, reach
 from optimisation.gap_check import sweep_limits
-from studies.paper.claim import Claim, Verdict, judged
-from studies.paper.frame import figure_part, in_turn, shortened
-from studies.paper.settings import Settings
-from studies.paper.tolerances import MUCH
-from studies.study import Json, Measured, Saver, Steps, Table
+from studies.paper.claim import MUCH, Claim, Verdict, judged
+from studies.paper.frame import PaperFigure, Settings, in_turn, shortened
+from studies.paper.style import LOOKS, REFERENCE, legends, line, panels
+from studies.study import Json, Steps, Table
 
 LABEL = "optimum"
-MASSES, QUICK_MASSES = (0.005, 0.01, 0.02, 0.03, 0.05), (0.01, 0.02, 0.05)
-RESTITUTIONS, QUICK_RESTITUTIONS = (0.3, 0.5, 0.7, 0.85, 1.0), (0.5, 1.0)
-FACTORS, QUICK_FACTORS = np.geomspace(0.4, 1.75, 21), np.geomspace(0.5, 1.5, 6)  # of the rule's force: 8 and 25 % apart
-MEMBERS = (10, 3)
 
 
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {
-        "masses": settings.size(MASSES, QUICK_MASSES),
-        "restitutions": settings.size(RESTITUTIONS, QUICK_RESTITUTIONS),
-        "factors": settings.size(FACTORS, QUICK_FACTORS).tolist(),
-        "members": settings.size(*MEMBERS),
-    }
+class Sizes(NamedTuple):
+    """Mass ratios, restitutions, forces over the rule's, and members."""
+
+    masses: tuple[float, ...]
+    restitutions: tuple[float, ...]
+    factors: list[float]
+    members: int
 
 
-def measure(settings: Settings, known: Json) -> Steps:
-    """Yield, mass by mass, the relative levels over the force for each restitution, and the best force of each member."""
-    return in_turn({f"mass {mass:g}": partial(_of_mass, mass, settings) for mass in settings.size(MASSES, QUICK_MASSES)}, known)
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+    return in_turn({f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, known)
 
 
-def _of_mass(mass: float, settings: Settings) -> Json:
+def _of_mass(mass: float, settings: Settings, size: Sizes) -> Json:
     model = modal_model(Beam())
     kilograms, gap = mass * model.beam_mass, RigidWalls.gap
     rule, limits = design_force(model, kilograms, gap), sweep_limits(model, kilograms)
-    restitutions = settings.size(RESTITUTIONS, QUICK_RESTITUTIONS)
-    forces = rule * settings.size(FACTORS, QUICK_FACTORS)
-    scenes = [Scene(model), *(Scene(model, impact_absorber(gap, e, mass_ratio=mass)) for e in restitutions)]
-    without, *curves = settings.curves(
-        f"{LABEL}: mass {mass:g}", [CurveCase(scene, forces, limits=limits) for scene in scenes], settings.size(*MEMBERS)
-    )
-    rows = [_row(e, curve, without) for e, curve in zip(restitutions, curves, strict=True)]
+    forces = rule * np.array(size.factors)
+    scenes = [Scene(model), *(Scene(model, impact_absorber(gap, e, mass_ratio=mass)) for e in size.restitutions)]
+    cases = [CurveCase(scene, forces, limits=limits) for scene in scenes]
+    without, *curves = settings.curves(f"{LABEL}: mass {mass:g}", cases, size.members)
+    rows = [_row(e, curve, without) for e, curve in zip(size.restitutions, curves, strict=True)]
     return {"mass": mass, "rule_n": rule, "reach": reach(model, kilograms), "forces_n": forces.tolist(), "rows": rows}
 
 
@@ -121,9 +112,9 @@ def _summary(rows: list[Json]) -> str:
     return text
 
 
-def answer(measured: Measured) -> str:
+def _answer(values: Json) -> str:
     """Say in a line where the best force goes."""
-    rows = rows_of(measured.values)
+    rows = rows_of(values)
     light, heavy = ([row["ratio"][0] for row in rows if row["mass"] == pick(row["mass"] for row in rows)] for pick in (min, max))
     return (
         f"Where the best operating point goes: with the mass as the design rule says, {min(light):.2f} to {max(light):.2f} times its force for the "
@@ -136,42 +127,55 @@ def _power(rows: list[Json], name: str) -> float:
     return float(np.polyfit(np.log([row["mass"] for row in rows]), np.log([row[name] for row in rows]), 1)[0])
 
 
-def figures(measured: Measured) -> Mapping[str, Saver]:
-    """Return what draws the figure."""
-    from studies.paper.figures import optimum as drawn  # matplotlib is slow to import
-
-    return {LABEL: lambda path: drawn.save(Path(path), measured.values)}
-
-
-def claims(measured: Measured) -> list[Claim]:
+def _claims(values: Json) -> list[Claim]:
     """Return what the paper takes as known of the mass, and what it says of restitution at the optimum."""
-    rows = rows_of(measured.values)
+    rows = rows_of(values)
     heaviest = max(row["restitution"] for row in rows)
     by_mass = [(row["mass"], row["level"], row["level_band"]) for row in rows if row["restitution"] == heaviest]
     falls = all(after[1] < before[1] for before, after in pairwise(by_mass))
     lightest = by_mass[0]
     said = ", ".join(f"{100 * mass:g} %: {100 * level:.0f} ({100 * low:.0f} to {100 * high:.0f})" for mass, level, (low, high) in by_mass)
+    light = (
+        f"{100 * lightest[0]:g} %, e = {heaviest:g}: {100 * lightest[1]:.0f} ({100 * lightest[2][0]:.0f} to {100 * lightest[2][1]:.0f}) % of no "
+        "absorber at its best force"
+    )
     return [
         Claim(
-            "optimum_mass",
-            "a heavier absorber is the more effective (known, and left out of the study)",
-            "2",
-            f"level at the best force in % of no absorber, e = {heaviest:g}, by mass ratio: {said}",
-            Verdict.HOLDS if falls else Verdict.NOT,
-            LABEL,
+            "optimum_mass", "a heavier absorber is the more effective (known, and left out of the study)", "2",
+            f"level at the best force in % of no absorber, e = {heaviest:g}, by mass ratio: {said}", Verdict.HOLDS if falls else Verdict.NOT, LABEL,
             "" if falls else "The level at the best force does not fall from each mass to the next.",
         ),
         Claim(
-            "optimum_light",
-            "an absorber of less than 1 % without losses at its contact reduces the level considerably",
-            "1",
-            f"{100 * lightest[0]:g} %, e = {heaviest:g}: {100 * lightest[1]:.0f} ({100 * lightest[2][0]:.0f} to {100 * lightest[2][1]:.0f}) % of no "
-            "absorber at its best force",
-            judged(lightest[2][0], lightest[2][1], 0.0, MUCH),
-            LABEL,
-            "Members differ.",
+            "optimum_light", "an absorber of less than 1 % without losses at its contact reduces the level considerably", "1", light,
+            judged(lightest[2][0], lightest[2][1], 0.0, MUCH), LABEL, "Members differ.",
         ),
-    ]
+    ]  # fmt: skip
 
 
-PART = figure_part(LABEL, "where the best operating point goes with mass and restitution", measure, _words, figures, lambda values: (_table(values),))
+def _draw(values: Json) -> Figure:
+    """Draw the best force over the rule's, and the level there, over the mass ratio: a line for each restitution."""
+    figure, axes = panels(1, 2, 3.0)
+    force, level = axes[0]
+    rows = rows_of(values)
+    for e, look in zip(sorted({row["restitution"] for row in rows}), LOOKS, strict=False):
+        own = [row for row in rows if row["restitution"] == e]
+        mass, ratio = [100 * row["mass"] for row in own], np.array([row["ratio"] for row in own])
+        single = np.array([row["nominal_best"] for row in own])
+        line(force, mass, ratio[:, 0], look, f"$e$ = {e:g}", band=(ratio[:, 1], ratio[:, 2]), nominal=single[:, 0])
+        band = 100 * np.array([row["level_band"] for row in own])
+        line(level, mass, [100 * row["level"] for row in own], look, band=(band[:, 0], band[:, 1]), nominal=100 * single[:, 1])
+    force.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=1, label="design rule")
+    force.set(xlabel="mass ratio in %", ylabel="best force over the rule's", ylim=(0, None))
+    level.set(xlabel="mass ratio in %", ylabel="level there in % of no absorber", ylim=(0, None))
+    legends([force])
+    return figure
+
+
+FIGURE = PaperFigure(
+    LABEL, "where the best operating point goes with mass and restitution", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    answer=_answer, tables=lambda values: (_table(values),),
+    sizes=(
+        Sizes((0.005, 0.01, 0.02, 0.03, 0.05), (0.3, 0.5, 0.7, 0.85, 1.0), np.geomspace(0.4, 1.75, 21).tolist(), 10),
+        Sizes((0.01, 0.02, 0.05), (0.5, 1.0), np.geomspace(0.5, 1.5, 6).tolist(), 3),
+    ),
+)  # fmt: skip

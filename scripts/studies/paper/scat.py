@@ -7,6 +7,8 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, linear_sweep
@@ -16,18 +18,14 @@ from impact_env.methods import Method, Moreau
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from impact_env.response import DEFAULT_SAMPLES
-from impact_env.scene import Scene, beam_scene
+from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
-from studies.paper.account import accounted
-from studies.paper.claim import Claim
-from studies.paper.curve import curve_of, curves
-from studies.paper.frame import figure_part, in_turn, shortened
-from studies.paper.judging import INFINITY, claim, interval
-from studies.paper.second_mode import critical, lanes_of, scene
-from studies.paper.settings import Settings
-from studies.paper.tolerances import EVEN, LEFT, LITTLE, MUCH, SAME, about, within
-from studies.paper.watched import WATCHED
-from studies.study import Json, Measured, Saver, Steps, Table
+from studies.paper.account import accounted, critical, lanes_of, scene
+from studies.paper.claim import EVEN, INFINITY, LEFT, LITTLE, MUCH, SAME, Claim, about, claim, spread, within
+from studies.paper.curve import WATCHED, curve_of, curves
+from studies.paper.frame import PaperFigure, Settings, in_turn, shortened
+from studies.paper.style import LOOKS, MM, REFERENCE, legends, line, panels, signal
+from studies.study import Json, Steps, Table
 
 LABEL = "scat"
 Array = NDArray[np.float64]
@@ -37,7 +35,7 @@ SIXTH = 5  # from this mode on, counted from 0, the paper sees complete dissipat
 MOST_AT_STEP = 10  # modes up to which the passage is also run at the paper's step
 
 
-class Amount(NamedTuple):
+class Sizes(NamedTuple):
     """How much to compute: numbers of modes, those whose energies are accounted for, those whose signals are shown, and members."""
 
     modes: tuple[int, ...]
@@ -46,21 +44,10 @@ class Amount(NamedTuple):
     members: int
 
 
-def _amount(settings: Settings) -> Amount:
-    full = Amount((*range(1, 13), *range(14, 31, 2)), (10, 20), (1, 3, 10, 30), 16)
-    return settings.size(full, Amount((1, 2, 3, 6, 10, 14), (10,), (1, 3, 10, 14), 3))
-
-
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    return {**_amount(settings)._asdict(), "forces": (HIGH, LOW), "near": NEAR_PERIODS}
-
-
-def _measure(settings: Settings, known: Json) -> Steps:
-    amount = _amount(settings)
-    groups: dict[str, Callable[[], object]] = {f"level, {n}": partial(_level, settings, n, amount.members) for n in amount.modes}
-    groups |= {f"account, {n}": partial(_account, settings, n, amount.members) for n in amount.accounted}
-    groups |= {f"signal, {n}": partial(_signal, n, settings.seed) for n in amount.shown}
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+    groups: dict[str, Callable[[], object]] = {f"level, {n}": partial(_level, settings, n, size.members) for n in size.modes}
+    groups |= {f"account, {n}": partial(_account, settings, n, size.members) for n in size.accounted}
+    groups |= {f"signal, {n}": partial(_signal, n, settings.seed) for n in size.shown}
     return in_turn(groups, known)
 
 
@@ -93,7 +80,10 @@ def _level(settings: Settings, modes: int, members: int) -> Json:
     level, reference = (curve_of(found[name]).level[0] for name in ("own", "none"))
     near = np.array(settings.each(label, near_lanes(own.model, partial(Lane, own), members, settings.seed), near_level))
     beside, whole = (near[:, k].reshape(members, 2) / (reference * LOW / HIGH)[:, None] for k in (0, 1))
-    step = curve_of(curves(settings, label, {"own": own}, (HIGH,), 1, Moreau())["own"]).level[0, 0]
+    step, near_step = curve_of(curves(settings, label, {"own": own}, (HIGH,), 1, Moreau())["own"]).level[0, 0], None
+    if modes <= MOST_AT_STEP:  # of one run
+        passages = settings.each(LABEL, near_lanes(own.model, partial(Lane, own), 1, settings.seed), partial(near_level, method=Moreau()), Moreau())
+        near_step = max(passages)[0] / (reference[0] * LOW / HIGH)
     return {
         "relative": (level / reference).tolist(),
         "near": np.max(beside, axis=1).tolist(),
@@ -101,14 +91,8 @@ def _level(settings: Settings, modes: int, members: int) -> Json:
         "near_down": beside[:, 1].tolist(),
         "near_rms": np.max(whole, axis=1).tolist(),
         "step": float(step / reference[0]),
-        "near_step": _near_at_step(settings, own, reference[0] * LOW / HIGH) if modes <= MOST_AT_STEP else None,
+        "near_step": near_step,
     }
-
-
-def _near_at_step(settings: Settings, own: Scene, reference: float) -> float:
-    """Return the level of the passage over that without absorber, ``reference`` in m, by the paper's scheme and step in one run."""
-    lanes = near_lanes(own.model, partial(Lane, own), 1, settings.seed)
-    return max(settings.each(LABEL, lanes, partial(near_level, method=Moreau()), Moreau()))[0] / reference
 
 
 def _account(settings: Settings, modes: int, members: int) -> Json:
@@ -139,9 +123,9 @@ def _levels(values: Json) -> Table:
     rows = [
         (
             str(n),
-            interval(values[f"level, {n}"]["relative"], "{:.3f}"),
+            spread(values[f"level, {n}"]["relative"], "{:.3f}"),
             f"{values[f'level, {n}']['step']:.3f}",
-            interval(values[f"level, {n}"]["near_rms"], "{:.3f}"),
+            spread(values[f"level, {n}"]["near_rms"], "{:.3f}"),
         )
         for n in known_modes(values, "level")
     ]
@@ -191,18 +175,8 @@ def decayed(ratio: float) -> float:
     return float(np.exp(-2 * 0.01 * ratio * np.pi))
 
 
-def _figures(measured: Measured) -> dict[str, Saver]:
-    from studies.paper.figures.scat import save  # matplotlib is slow to import
-
-    return {LABEL: partial(save, values=measured.values)} if len(known_modes(measured.values, "level")) > 1 else {}
-
-
-PART = figure_part(LABEL, "the number of modes", _measure, _words, _figures, _long)
-
-
-def claims(measured: Measured) -> list[Claim]:
+def _claims(values: Json) -> list[Claim]:
     """Return what the number of modes does to levels and losses."""
-    values = measured.values
     modes, accounts = known_modes(values, "level"), known_modes(values, "account")
     relative, near = ({n: np.array(values[f"level, {n}"][key]) for n in modes} for key in ("relative", "near_rms"))
     step = {n: values[f"level, {n}"]["step"] for n in modes}
@@ -210,10 +184,11 @@ def claims(measured: Measured) -> list[Claim]:
     gain = 100 * (1 - np.concatenate([relative[n] for n in many]) / np.median(relative[1]))
     own = values[f"account, {accounts[0]}"]
     shares, left, passed = (np.array(own[key]) for key in ("shares", "left", "passed"))
-    spread = np.concatenate([_unevenness(np.array(values[f"account, {n}"]["shares"])) for n in accounts])
+    uneven = np.concatenate([_unevenness(np.array(values[f"account, {n}"]["shares"])) for n in accounts])
     given = _unevenness(passed)
     largest = values[f"account, {accounts[-1]}"]
     complete = [i + 1 for i, share in enumerate(np.median(np.array(largest["left"]), axis=0)) if i and share < LEFT]
+    less = f"of {accounts[-1]} modes it is as of mode {complete[0]} that less is left" if complete else f"no mode of {accounts[-1]} is left with less"
     influence = np.array([np.median(near[n]) for n in modes]) / np.median(near[1])
     said, count = partial(claim, LABEL), f"{accounts[0]} modes: "
     return [
@@ -234,8 +209,8 @@ def claims(measured: Measured) -> list[Claim]:
              f"Less than {100 * LEFT:g} % left is what counts as complete. With two impacts a period "
              f"{100 * decayed(own['omega'][SIXTH]):.1f} % of mode 6 would be left, as the paper has it; but there are "
              f"{np.median(own['contacts']):.1f} contacts a pseudo period, not evenly spaced, and "
-             f"{_from(complete, accounts[-1])}.", about=f"{count}left of mode 6 before the next contact "),
-        said("uniform", "modes 6 and higher dissipate nearly the same", "4.2", spread, (1.0, EVEN),
+             f"{less}.", about=f"{count}left of mode 6 before the next contact "),
+        said("uniform", "modes 6 and higher dissipate nearly the same", "4.2", uneven, (1.0, EVEN),
              "The largest share of these modes over the smallest, in single members. With more than ten modes their "
              "shares differ more, and are smaller.",
              about=f"{' and '.join(map(str, accounts))} modes: largest over smallest share from mode 6 on "),
@@ -243,7 +218,7 @@ def claims(measured: Measured) -> list[Claim]:
              "The net sum over all contacts of a window, largest over smallest.", about=f"{count}largest over smallest from mode 6 on "),
         said("near_one", "1.5 N, one mode: around omega_1 the level is reduced to about 20 %", "4.2", near[1], about(0.2),
              f"As the paper has it, the RMS of all {NEAR_PERIODS} pseudo periods, of the larger direction. Around the largest burst of this "
-             f"modulated response, 20 of them, it is {interval(values['level, 1']['near'])}.", about="over no absorber "),
+             f"modulated response, 20 of them, it is {spread(values['level, 1']['near'])}.", about="over no absorber "),
         said("near_all", "1.5 N: the number of modes has no considerable influence on the level around omega_1", "4.2", influence, within(LITTLE),
              f"Medians over the members: from {np.min(influence):.2f} to {np.max(influence):.2f} of one mode's.",
              about=f"{modes[0]} to {modes[-1]} modes, over one mode: "),
@@ -259,6 +234,55 @@ def _unevenness(rows: Array) -> Array:
     return np.asarray(np.max(high, axis=1) / np.min(high, axis=1))
 
 
-def _from(complete: list[int], modes: int) -> str:
-    """Say from which mode on dissipation is complete."""
-    return f"of {modes} modes it is as of mode {complete[0]} that less is left" if complete else f"no mode of {modes} is left with less"
+def _draw(values: Json) -> Figure:
+    """Draw levels over the number of modes, losses by mode, and below them the motion of the tip near the resonance."""
+    shown = known_modes(values, "signal")
+    figure, grid = panels(3, 2, 7.0)
+    _draw_levels(grid[0, 0], values)
+    _losses(grid[0, 1], values)
+    for axes, modes in zip(grid[1:].flat, shown, strict=False):
+        tip = MM * np.array(values[f"signal, {modes}"])
+        signal(axes, np.arange(len(tip)) / DEFAULT_SAMPLES - NEAR_PERIODS / 2, tip, LOOKS[0])
+        axes.set(
+            xlim=(-NEAR_PERIODS / 2, NEAR_PERIODS / 2), ylim=(-1.35, 1.35), xlabel="pseudo periods from $\\omega_1$, 1.5 N, down", ylabel="tip, mm"
+        )
+        axes.set_title(f"{modes} mode{'s' * (modes > 1)}", fontsize=8.5)
+    legends(grid)
+    return figure
+
+
+def _draw_levels(axes: Axes, values: Json) -> None:
+    modes = known_modes(values, "level")
+    for look, key, name in ((LOOKS[0], "relative", "5 N, whole sweep"), (LOOKS[1], "near_rms", "1.5 N, around $\\omega_1$")):
+        rows = np.array([values[f"level, {n}"][key] for n in modes])
+        low, middle, high = np.quantile(rows, (0.05, 0.5, 0.95), axis=1)
+        line(axes, modes, middle, look, name, band=(low, high), nominal=rows[:, 0])
+    axes.plot(
+        modes, [values[f"level, {n}"]["step"] for n in modes], "x", color=LOOKS[3].colour, ms=4, zorder=5, label="5 N, one run, the paper's step"
+    )
+    axes.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9)
+    axes.set(xlim=(0, max(modes) + 1), ylim=(0, 1.15), xlabel="number of modes $N_m$", ylabel="level over no absorber")
+
+
+def _losses(axes: Axes, values: Json) -> None:
+    for look, modes in zip(LOOKS, known_modes(values, "account"), strict=False):
+        own = values[f"account, {modes}"]
+        number = np.arange(1, modes + 1)
+        for key, marker, name in (("shares", look.marker, "dissipated"), ("left", "", "left before the next contact")):
+            low, middle, high = 100 * np.quantile(np.array(own[key]), (0.05, 0.5, 0.95), axis=0)
+            kept = slice(0, None) if key == "shares" else slice(1, None)
+            dashes = look.dashes if key == "shares" else ":"
+            axes.fill_between(number[kept], low[kept], high[kept], color=look.colour, alpha=0.18, lw=0)
+            axes.plot(number[kept], middle[kept], color=look.colour, ls=dashes, marker=marker, lw=1.1, label=f"{modes} modes: {name}")
+    axes.legend(loc="lower left", fontsize=6.5)
+    axes.set(yscale="log", ylim=(0.01, 150), xlabel="mode", ylabel="% (of all modes; of the mode)")
+
+
+FIGURE = PaperFigure(
+    LABEL, "the number of modes", measure=_measure, words=_words, draw=_draw, claims=_claims, tables=_long,
+    needs=lambda values: len(known_modes(values, "level")) > 1,
+    sizes=(
+        Sizes((*range(1, 13), *range(14, 31, 2)), (10, 20), (1, 3, 10, 30), 16),
+        Sizes((1, 2, 3, 6, 10, 14), (10,), (1, 3, 10, 14), 3),
+    ),
+)  # fmt: skip

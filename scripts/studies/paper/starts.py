@@ -5,12 +5,12 @@ The paper begins each sweep at one frequency with the absorber in the middle, an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env.curve import BAND, quantiles
@@ -19,16 +19,13 @@ from impact_env.ensemble import Lane, draw_members
 from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
-from studies.paper.claim import Claim, Verdict
-from studies.paper.frame import figure_part, in_turn, shortened
-from studies.paper.settings import Settings
-from studies.paper.tolerances import SAME
-from studies.study import Json, Measured, Saver, Steps, Table
+from studies.paper.claim import SAME, Claim, Verdict
+from studies.paper.frame import PaperFigure, Settings, in_turn, shortened
+from studies.paper.style import LOOKS, legends, line, panels
+from studies.study import Json, Steps, Table
 
 LABEL = "starts"
 CHOICES = ("paper's", "position", "frequency", "both")  # what is drawn at random
-FORCES, QUICK_FORCES = (0.6, 0.8, 1.0, 1.5, 2.5, 3.5, 5.0, 10.0), (0.8, 1.5, 3.5, 5.0)  # N
-MEMBERS = (16, 4)
 Array = NDArray[np.float64]
 
 
@@ -48,6 +45,13 @@ class Start(Lane):
     displacement: float
 
 
+class Sizes(NamedTuple):
+    """Forces in N, and members."""
+
+    forces: tuple[float, ...]
+    members: int
+
+
 def level_from(lane: Lane) -> float:
     """Return the response level in m of a `Start`."""
     assert isinstance(lane, Start)
@@ -56,41 +60,19 @@ def level_from(lane: Lane) -> float:
     return level.value
 
 
-def parameters(settings: Settings) -> Json:
-    """Return what the numbers depend on."""
-    names = list(scenes())
-    return {"scenes": names, "forces": settings.size(FORCES, QUICK_FORCES), "members": settings.size(*MEMBERS), "choices": CHOICES}
+def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
+    return in_turn({name: partial(_of_scene, scene, settings, size) for name, scene in scenes().items()}, known)
 
 
-def measure(settings: Settings, known: Json) -> Steps:
-    """Yield, scene by scene, the levels of all members for each way to choose the start."""
-    return in_turn({name: partial(_of_scene, scene, settings) for name, scene in scenes().items()}, known)
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """What is drawn for the members: ``place`` (M,) in units of the clearance, ``first`` (M, 2) frequency ratios where sweeps up and down begin."""
-
-    place: Array
-    first: Array
-
-
-def draw(members: int, seed: int) -> Drawn:
-    """Return the starts: places uniform in the cavity, frequencies uniform from the paper's limits to the resonance."""
-    generator = np.random.default_rng([seed, 15])
-    place = generator.uniform(-1, 1, members)
-    low, high = PAPER_LIMITS
-    return Drawn(place, np.column_stack([generator.uniform(low, 1.0, members), generator.uniform(1.0, high, members)]))
-
-
-def _of_scene(scene: Scene, settings: Settings) -> Json:
-    number, forces = settings.size(*MEMBERS), settings.size(FORCES, QUICK_FORCES)
-    drawn, members = draw(number, settings.seed), draw_members(number, settings.seed)
-    low, high = PAPER_LIMITS
+def _of_scene(scene: Scene, settings: Settings, size: Sizes) -> Json:
+    """Return all levels: places are uniform in the cavity, first frequencies of sweeps uniform from the paper's limits to the resonance."""
+    forces, number = size
+    members, generator, (low, high) = draw_members(number, settings.seed), np.random.default_rng([settings.seed, 15]), PAPER_LIMITS
+    place, first_up, first_down = generator.uniform(-1, 1, number), generator.uniform(low, 1.0, number), generator.uniform(1.0, high, number)
     lanes = []
     for choice in CHOICES:
-        places = RigidWalls.gap * drawn.place if choice in ("position", "both") else np.zeros(number)
-        first = drawn.first if choice in ("frequency", "both") else np.tile([low, high], (number, 1))
+        places = RigidWalls.gap * place if choice in ("position", "both") else np.zeros(number)
+        first = np.column_stack([first_up, first_down]) if choice in ("frequency", "both") else np.tile([low, high], (number, 1))
         for force in forces:
             for m in range(number):
                 for start, stop in ((first[m, 0], high), (first[m, 1], low)):
@@ -129,26 +111,19 @@ def _words(values: Json) -> str:
 
 
 def _summary(values: Json, choice: str) -> str:
-    low, high = _least(values, choice), _largest(values, choice, 1)
+    low, high = min(_ratios(values, choice, 1)), max(_ratios(values, choice, 1))
     said = " to ".join(f"{x:.2f} ({name}, {force:g} N)" for x, name, force in (low, high))
-    top = _largest(values, choice, 2)
+    top = max(_ratios(values, choice, 2))
     return f"Random {choice}: medians {said} times the paper's, 95 % quantiles up to {top[0]:.2f} ({top[1]}, {top[2]:g} N)."
 
 
-def figures(measured: Measured) -> Mapping[str, Saver]:
-    """Return what draws the figure."""
-    from studies.paper.figures import starts as drawn  # matplotlib is slow to import
-
-    return {LABEL: lambda path: drawn.save(Path(path), measured.values)}
-
-
-def claims(measured: Measured) -> list[Claim]:
+def _claims(values: Json) -> list[Claim]:
     """Return whether the centred start is the conservative one."""
-    worst, name, force = _largest(measured.values, "position", 1)
-    top, top_name, top_force = _largest(measured.values, "position", 2)
+    worst, name, force = max(_ratios(values, "position", 1))
+    top, top_name, top_force = max(_ratios(values, "position", 2))
     holds = max(worst, top) < 1 + SAME
     verdict = Verdict.HOLDS if holds else Verdict.SPREAD if worst < 1 + SAME else Verdict.NOT
-    least, least_name, least_force = _least(measured.values, "position")
+    least, least_name, least_force = min(_ratios(values, "position", 1))
     middles = f"{least:.2f} ({least_name}, {least_force:g} N) to {worst:.2f} ({name}, {force:g} N)"
     said = f"level from a random place over that from the middle: medians {middles}, 95 % quantiles up to {top:.2f}"
     why = f"From a random place the 95 % quantile of the members is up to {top:.2f} times that from the middle ({top_name}, {top_force:g} N)."
@@ -156,9 +131,9 @@ def claims(measured: Measured) -> list[Claim]:
     return [Claim("starts_position", statement, "3.3", said, verdict, LABEL, "" if holds else why)]
 
 
-def answer(measured: Measured) -> str:
+def _answer(values: Json) -> str:
     """Say in a line what a start that nobody chose does."""
-    worst, best = (_largest(measured.values, "both", 1)[0], _least(measured.values, "both")[0])
+    worst, best = (max(_ratios(values, "both", 1))[0], min(_ratios(values, "both", 1))[0])
     return f"Starts that nobody chose: place and frequency at random give {best:.2f} to {worst:.2f} times the median level of the paper's start."
 
 
@@ -171,12 +146,25 @@ def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, 
     return found
 
 
-def _largest(values: Json, choice: str, quantile: int) -> tuple[float, str, float]:
-    return max(_ratios(values, choice, quantile))
+def _draw(values: Json) -> Figure:
+    """Draw the level over that of the paper's start, over the force, in a panel for each absorber."""
+    figure, axes = panels(1, len(values), 2.9, sharey=True)
+    for panel, (absorber, group) in zip(axes[0], values.items(), strict=True):
+        for choice, look in zip(CHOICES, LOOKS, strict=False):
+            low, middle, high = bands(group, choice)
+            name = f"{choice} start" if choice == CHOICES[0] else f"random: {choice}"
+            own = relative(group, choice)[:, 0] if choice == CHOICES[0] else None  # the paper's run: others are drawn
+            line(panel, group["forces_n"], middle, look, name, band=(low, high), nominal=own)
+        panel.set(xscale="log", xlabel="force in N")
+        panel.set_xticks(group["forces_n"], [f"{x:g}" for x in group["forces_n"]])
+        panel.minorticks_off()
+        panel.set_title(absorber, loc="right")
+    axes[0, 0].set(ylabel="level over the paper's start", ylim=(0, None))
+    legends([axes[0, 0]])
+    return figure
 
 
-def _least(values: Json, choice: str) -> tuple[float, str, float]:
-    return min(_ratios(values, choice, 1))
-
-
-PART = figure_part(LABEL, "starts that nobody chose", measure, _words, figures, lambda values: (_table(values),))
+FIGURE = PaperFigure(
+    LABEL, "starts that nobody chose", measure=_measure, words=_words, draw=_draw, claims=_claims, answer=_answer,
+    tables=lambda values: (_table(values),), sizes=(Sizes((0.6, 0.8, 1.0, 1.5, 2.5, 3.5, 5.0, 10.0), 16), Sizes((0.8, 1.5, 3.5, 5.0), 4)),
+)  # fmt: skip

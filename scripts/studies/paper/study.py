@@ -1,15 +1,20 @@
-"""The study that makes the paper again: its figures in order, their files and page, and the table of claims."""
+"""The study that makes the paper again: its figures in order, their files and page, and the table of claims.
+
+The claims are read from the figures' files: a summary of some lines, what does not hold with the reasons, and the rest.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import sys
+from collections import Counter
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import cast
 
-from impact_env.kernels.cache import digest
+from impact_env.kernels.compiling.cache import digest
 from studies.paper import (
     basics,
     conv,
@@ -23,23 +28,27 @@ from studies.paper import (
     oprange_two,
     optimum,
     scat,
+    second_mode,
     smr,
     starts,
-    vard,
-    varom,
 )
-from studies.paper.claims import claims_part
-from studies.paper.frame import NAME, PaperFigure
-from studies.paper.settings import Settings
-from studies.study import Json, Place, Study, beside
+from studies.paper.claim import RULE, Claim, Verdict, from_plain
+from studies.paper.frame import NAME, PaperFigure, Settings, marker
+from studies.runner import load
+from studies.study import Json, Measured, Part, Place, Steps, Study, beside
 
-PAPERS: tuple[PaperFigure, ...] = (high_low, jump, smr, oprange, oprange_two, varom, vard, scat, dissinf, m12, conv)
-BEYOND: tuple[PaperFigure, ...] = (optimum, modulation, modes_needed, starts)
-FIGURES = (basics, *PAPERS, *BEYOND)  # in the order of the page
-LABELS = tuple(module.PART.name for module in FIGURES)
+PAPERS = (
+    high_low.FIGURE, jump.FIGURE, smr.FIGURE, oprange.FIGURE, oprange_two.FIGURE, second_mode.FREQUENCY, second_mode.DAMPING, scat.FIGURE,
+    dissinf.FIGURE, m12.FIGURE, conv.FIGURE,
+)  # fmt: skip
+BEYOND = (optimum.FIGURE, modulation.FIGURE, modes_needed.FIGURE, starts.FIGURE)
+FIGURES: tuple[PaperFigure, ...] = (basics.FIGURE, *PAPERS, *BEYOND)  # in the order of the page
+LABELS = tuple(figure.label for figure in FIGURES)
 PACKAGE = __package__ + "."
-WORDS = ("_claims", ".claim", ".claims", ".words", ".frame", ".judging", ".style", ".settings", ".study")
+WORDS = ("_claims", ".claim", ".frame", ".style", ".study")
 OUT, QUICK_OUT = Path("results/paper"), Path("results/paper/quick")
+CLAIMED, SUMMARY, REFUTED = "claims", "summary", "refuted"
+HEADER = ("the paper says", "section", "computed", "verdict", "figure")
 
 
 def place(out: Path) -> Place:
@@ -62,16 +71,88 @@ def key(name: str, settings: Settings) -> Json:
 
     After a change of words only, --redraw takes the numbers as they are.
     """
-    module = next(module for module in FIGURES if module.PART.name == name)
+    figure = next(figure for figure in FIGURES if figure.label == name)
     source = hashlib.sha256()
-    for each in sorted(sources(cast(ModuleType, module))):
+    for each in sorted(sources(sys.modules[figure.words.__module__])):
         source.update(Path(sys.modules[each].__file__ or "").read_bytes())
-    own = {"kernels": digest(), "source": source.hexdigest()[:16]}
-    plain: Json = json.loads(json.dumps({"quick": settings.quick, "seed": settings.seed, **own, "parameters": module.parameters(settings)}))
+    own = {"kernels": digest(), "source": source.hexdigest()[:16], "parameters": settings.size(*figure.sizes)._asdict()}
+    plain: Json = json.loads(json.dumps({"quick": settings.quick, "seed": settings.seed, **own}))
     return plain
 
 
+def claims_part(figures: Sequence[PaperFigure]) -> Part[Settings]:
+    """Return the part whose JSON file holds the claims of each figure that has been finished."""
+    return Part(
+        CLAIMED,
+        "what the paper says, and what was computed",
+        measure=partial(_collected, figures=figures),
+        markers=tuple(map(marker, (SUMMARY, REFUTED, CLAIMED))),
+        sections=_sections,
+    )
+
+
+def _collected(settings: Settings, _known: Json, figures: Sequence[PaperFigure]) -> Steps:
+    where, found, missing, answers = Place(settings.folder), list[Claim](), list[str](), dict[str, str]()
+    for figure in figures:
+        path, part = where.numbers(figure.label), figure.part()
+        measured = load(Study((part,)), part, where, "--out") if path is not None and path.exists() else None
+        if measured is None or not measured.complete:
+            missing.append(figure.label)
+        else:
+            found += figure.claims(measured.values)
+            if figure.answer:
+                answers[figure.label] = figure.answer(measured.values)
+    yield {"claims": [claim.to_plain() for claim in found], "answers": answers, "missing": missing}
+
+
+def _sections(measured: Measured) -> dict[str, str]:
+    """Return the summary, the section of what does not simply hold, with its reasons, and the folded one of the rest with the rule of tolerances."""
+    claims = [from_plain(plain) for plain in measured.values["claims"]]
+    left = [claim for claim in claims if claim.verdict is not Verdict.HOLDS]
+    rest = [claim for claim in claims if claim.verdict is Verdict.HOLDS]
+    rule = "\n".join(f"| {words} | {allowed} |" for words, allowed in (("words", "allowed"), ("---", "---"), *RULE))
+    folded = [(f"{len(rest)} statements that hold", table(rest)), ("The rule of tolerances", rule)]
+    return {
+        marker(SUMMARY): summary(claims, measured.values.get("answers", {})),
+        marker(REFUTED): f"{table(left)}{reasons(left)}",
+        marker(CLAIMED): "\n\n".join(f"<details><summary>{title}</summary>\n\n{text}\n\n</details>" for title, text in folded),
+    }
+
+
+def _counted(claims: Sequence[Claim]) -> str:
+    """Return how many there are of each verdict, in words."""
+    counts = Counter(claim.verdict for claim in claims)
+    many = {verdict: verdict.value.replace("holds", "hold").replace("does not", "do not") for verdict in Verdict}
+    return ", ".join(f"{counts[verdict]} {verdict.value if counts[verdict] == 1 else many[verdict]}" for verdict in Verdict if counts[verdict])
+
+
+def summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
+    """Return the page's first lines: counts, the substantive statements that do not hold, and the answer to each open question."""
+    own, given = ([claim for claim in claims if claim.definitional is definitional] for definitional in (False, True))
+    failed = "; ".join(claim.statement for claim in own if claim.verdict is Verdict.NOT)
+    lines = [
+        f"**{len(own)} substantive statements** were tested: {_counted(own)}.",
+        f"{len(given)} more follow from definitions or from the linear structure: {_counted(given)}." if given else "",
+        f"**What does not hold:** {failed}." if failed else "",
+        "**In single runs much is chance:** what holds within spread only is true of some members and not of others.",
+        *(f"**{answer.partition(': ')[0]}:** {answer.partition(': ')[2]}" for answer in answers.values()),
+    ]
+    return "\n".join(f"{number}. {line}" for number, line in enumerate(filter(None, lines), 1))
+
+
+def table(claims: Sequence[Claim]) -> str:
+    """Return a row for each claim."""
+    rows = [(claim.statement, claim.section, claim.computed, f"**{claim.verdict.value}**", claim.figure) for claim in claims]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in (HEADER, ("---",) * len(HEADER), *rows))
+
+
+def reasons(claims: Sequence[Claim]) -> str:
+    """Return a paragraph for each claim that does not simply hold."""
+    left = [claim for claim in claims if claim.verdict is not Verdict.HOLDS]
+    return "".join(f"\n\n**{claim.statement[0].upper()}{claim.statement[1:]}: {claim.verdict.value}.** {claim.why}" for claim in left)
+
+
 STUDY: Study[Settings] = Study(
-    tuple(module.PART for module in FIGURES), key=key, same=(), kept="finished figures are kept; the same command goes on from here."
+    tuple(figure.part() for figure in FIGURES), key=key, same=(), kept="finished figures are kept; the same command goes on from here."
 )
 CLAIMS: Study[Settings] = Study((claims_part(FIGURES),))  # once all figures that are to be made are there

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,9 +57,14 @@ STUCK = Look("black", "-.")  # absorber as a fixed mass
 FAINT = "0.55"  # what stands behind: sweeps, guides
 
 
-def styled(save: Saver) -> Saver:
-    """Return what saves a figure in this look, and leaves that of others as it is."""
-    return rc_context(RC)(save)
+def saved(draw: Callable[[], Figure]) -> Saver:
+    """Return what draws a figure in this look and saves it, and leaves the look of others as it is; the ending of its path chooses the format."""
+
+    def save(path: Path) -> None:
+        with rc_context(RC):
+            write_figure(draw(), path, DPI)
+
+    return save
 
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, NDArray[Any]]:
@@ -97,12 +102,11 @@ def signal(axes: Axes, x: ArrayLike, y: ArrayLike, look: Look, label: str | None
     axes.plot(x, y, color=look.colour, ls=look.dashes, lw=width, label=label)
 
 
-def finish(axes: Sequence[Axes] | NDArray[Any], path: Path, figure: Figure) -> None:
-    """Give every panel that has labelled lines its legend, and save the figure; the ending of ``path`` chooses the format."""
+def legends(axes: Sequence[Axes] | NDArray[Any]) -> None:
+    """Give every panel that has labelled lines its legend."""
     for own in np.asarray(axes, dtype=object).flat:
         if own.get_legend() is None and own.get_legend_handles_labels()[1]:
             own.legend()
-    write_figure(figure, path, DPI)
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes] | NDArray[Any], columns: int) -> None:

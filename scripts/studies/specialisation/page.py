@@ -13,7 +13,7 @@ PARTS = (
     "search", "forced", "slots", "segments", "exact", "free_and_joined", "rigid_contact", "compliant", "linear", "moreau", "moreau_law",
     "runge_kutta", "feedback", "observers", "energies",
 )  # fmt: skip
-OF = {"springs": "compliant", "level": "observers", "steps": "search"}  # modules that are counted with another
+OF = {"rigid": "exact", "springs": "compliant", "level": "observers", "steps": "search"}  # modules that are counted with another
 
 
 def name_of(entry: dict[str, Any]) -> str:

@@ -22,7 +22,9 @@ LONGER = 10  # memory is compared between a run and one so many times longer
 
 def _lane() -> Any:
     """Return the one lane kernel that has been compiled."""
-    from impact_env.kernels import compliant, exact, linear, moreau, runge_kutta
+    from impact_env.kernels.exact import compliant, linear
+    from impact_env.kernels.exact import rigid as exact
+    from impact_env.kernels.stepping import moreau, runge_kutta
 
     lanes: tuple[Any, ...] = (linear.linear_lane, exact.exact_lane, compliant.compliant_lane, moreau.moreau_lane, runge_kutta.runge_kutta_lane)
     (used,) = (lane for lane in lanes if lane.signatures)
@@ -42,7 +44,8 @@ def functions(lane: Any) -> list[dict[str, Any]]:
     seen: dict[tuple[str, Any], dict[str, Any]] = {}
 
     def walk(dispatcher: Any, signature: Any) -> None:
-        name = f"{dispatcher.py_func.__module__.rpartition('.')[2]}.{dispatcher.py_func.__name__}"
+        room, module = dispatcher.py_func.__module__.split(".")[-2:]
+        name = f"{room if room == 'energy' else module}.{dispatcher.py_func.__name__}"
         if (name, signature) in seen:
             return
         notes = dispatcher.overloads[signature].type_annotation

@@ -24,7 +24,7 @@ from impact_env import (
 )
 from impact_env.families import Observers, family
 from impact_env.frequency import joint_matrices
-from impact_env.kernels.observers import DONE, Series, new_counters
+from impact_env.kernels.motion.observers import DONE, Series, new_counters
 
 MOREAU, RUNGE_KUTTA = "moreau", "runge-kutta"
 STEPS = 50_000

@@ -1,0 +1,270 @@
+"""Where compiled kernels are kept, and numba's cache without its demand for a folder that can be written to, or for files that are whole.
+
+numba's cache does not notice an edit in an imported module, so the folder carries a hash of the package's sources. Nor does it notice a damaged
+file, and would run what is in it.
+
+Within that folder places are relative to the package, so that kernels can be handed on. A wheel for Linux brings some, compiled for any processor of
+the last ten years or so: they are looked up last, and only read.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import io
+import logging
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding
+import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
+
+PACKAGE = Path(__file__).resolve().parents[1]
+LOG = logging.getLogger("impact_env")
+PATIENCE = 60.0  # s to wait for another process that writes into the same folder
+SHIPPED = PACKAGE / "shipped"  # holds a folder of kernels that came with the package, if any did: never in a checkout
+SHIPPED_FOR = ("x86-64-v3", "")  # NUMBA_CPU_NAME and NUMBA_CPU_FEATURES for which those are compiled, and the features that stand behind the name:
+NEEDED = {"avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3", "xsave"}
+HOST = "IMPACT_ENV_KERNELS"  # a variable; with the value "host" kernels that came with the package are left alone
+
+
+def digest(package: Path = PACKAGE) -> str:
+    """Return the hash of all sources below ``package`` and of the compiler's versions: the name of the folder."""
+    known = hashlib.sha256()
+    for source in sorted(package.rglob("*.py")):
+        known.update(source.relative_to(package).as_posix().encode() + source.read_bytes())
+    for module in (numba, llvmlite):
+        known.update(module.__version__.encode())
+    return known.hexdigest()[:16]
+
+
+_digest = cache(digest)  # of the sources that this process runs
+
+
+@cache
+def why_not_shipped() -> str:
+    """Return why no kernels are used that came with the package; nothing if they are."""
+    here = f"*.py{sys.version_info[0]}{sys.version_info[1]}*.nbi"
+    if not SHIPPED.is_dir():
+        return "none came with this package"
+    if not any((SHIPPED / _digest()).rglob(here)):
+        return "those that came with this package are of other sources, or of another version of numba or Python"
+    if os.environ.get(HOST) == "host" or (numba.config.CPU_NAME, numba.config.CPU_FEATURES) != (None, None):
+        return f"{HOST}, NUMBA_CPU_NAME or NUMBA_CPU_FEATURES asks for others"
+    missing = NEEDED - {name for name, there in llvmlite.binding.get_host_cpu_features().items() if there}
+    return f"this processor lacks {', '.join(sorted(missing))}" if missing else ""
+
+
+@dataclass(frozen=True)
+class Folders:
+    """``write``: where new kernels are kept, None where nothing can be written; ``read``: one that is only read, as an image's, or None."""
+
+    write: Path | None
+    read: Path | None
+
+
+def choose(parent: Path | None, name: str) -> Folders:
+    """Return the folders ``name`` in ``parent`` (None: there is none) or, if that cannot be written to, in the user's temporary folder."""
+    wanted = None if parent is None else parent / name
+    if wanted is not None and _writable(wanted):
+        return Folders(wanted, None)
+    read = wanted if wanted is not None and _holds_kernels(wanted) else None
+    private = _private_folder()
+    write = None if private is None else private / name
+    return Folders(write if write is not None and _writable(write) else None, read)
+
+
+@cache
+def folders() -> Folders:
+    """Return the folders of this process, in the virtual environment that it runs in, in the user's cache, or where ``IMPACT_ENV_CACHE`` says.
+
+    There are none where numba is told to compile nothing (``NUMBA_DISABLE_JIT=1``).
+    """
+    if numba.config.DISABLE_JIT:
+        return Folders(None, None)
+    named, parent = os.environ.get("IMPACT_ENV_CACHE"), None
+    with suppress(RuntimeError):  # a user without a home
+        if named:
+            parent = Path(named)
+        elif sys.prefix != sys.base_prefix:
+            parent = Path(sys.prefix) / "kernel-cache"
+        else:
+            parent = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "impact_env"
+    found = choose(parent, _digest())
+    if found.write is None:
+        LOG.warning("no folder can be written to (IMPACT_ENV_CACHE names one): kernels that are compiled now are compiled again in the next process")
+    return found
+
+
+def cache_folder() -> Path | None:
+    """Return the folder in which new kernels of these sources are kept, or None where nothing can be written."""
+    return folders().write
+
+
+def _writable(folder: Path) -> bool:
+    """Make a folder and try to write into it: what a system allows is not always what its permissions say."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
+
+
+def _holds_kernels(folder: Path) -> bool:
+    try:
+        return any(folder.glob("*/*.nbi"))
+    except OSError:
+        return False
+
+
+def _private_folder() -> Path | None:
+    """Return a temporary folder that only this user can write to: what is read from it is run."""
+    try:
+        parent = Path(tempfile.gettempdir())
+        folder = parent / f"impact_env-{os.getuid() if hasattr(os, 'getuid') else os.environ.get('USERNAME', 'user')}"
+        with suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        if _is_ours(folder):
+            return folder
+        own = tempfile.mkdtemp(prefix="impact_env-", dir=parent)  # someone else was first: a folder for this process alone
+    except OSError:
+        return None
+    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    return Path(own)
+
+
+def _is_ours(folder: Path) -> bool:
+    state = folder.lstat()
+    if not stat.S_ISDIR(state.st_mode):
+        return False
+    # elsewhere than on POSIX systems the temporary folder is the user's own
+    return not hasattr(os, "getuid") or (state.st_uid == os.getuid() and not state.st_mode & 0o022)
+
+
+class _Locator(UserProvidedCacheLocator):
+    """Place of a function's kernels in the folder to write to; numba's own would refuse the function if there is none."""
+
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        super().__init__(py_func, py_file)
+        self._cache_path = _place(folders().write, py_file)
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> _Locator:
+        return cls(py_func, py_file)
+
+    def get_source_stamp(self) -> object:
+        """Return what the folder is named by, and numba's own for a function that is none of the package's."""
+        return _digest() if PACKAGE in Path(self._py_file).resolve().parents else super().get_source_stamp()
+
+
+def _place(folder: Path | None, file: str) -> str:
+    if folder is None:
+        return os.devnull
+    path = Path(file).resolve()
+    if PACKAGE not in path.parents:
+        return str(folder / UserProvidedCacheLocator.get_suitable_cache_subpath(file))
+    return str(folder / "_".join(path.parent.relative_to(PACKAGE.parent).parts))
+
+
+class _Place(CompileResultCacheImpl):
+    _locator_classes = [_Locator]  # noqa: RUF012 - numba's own is such a list
+
+
+class _File(IndexDataCacheFile):
+    """numba's index and data, each file with a digest of its content behind it, where numba does not read on; one that lacks it counts as absent.
+
+    With its data a kernel's key is kept: where an index was lost, a number in a new one may still be that of another kernel's data.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        super().save(key, (key, data))
+
+    def load(self, key: Any) -> Any:
+        kept = super().load(key)
+        return kept[1] if kept is not None and kept[0] == key else None
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        content = io.BytesIO()
+        yield content
+        with super()._open_for_write(filepath) as file:
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _is_whole(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        return super()._load_data(name) if _is_whole(self._data_path(name)) else None
+
+
+def _is_whole(path: str) -> bool:
+    """Tell whether a file ends with the digest of what is before; one that is not there is not damaged."""
+    try:
+        content = Path(path).read_bytes()
+    except FileNotFoundError:
+        return True
+    if hashlib.sha256(content[:-32]).digest() == content[-32:]:
+        return True
+    _say_once(f"damaged kernels in {Path(path).parents[1]} are compiled anew")
+    return False
+
+
+class KernelCache(FunctionCache):
+    """numba's cache of a function, with folders that are only read, and without errors where nothing sound can be read, or nothing written."""
+
+    _impl_class = _Place
+
+    def __init__(self, py_func: Any) -> None:
+        super().__init__(py_func)
+        kept = self._impl.filename_base, self._impl.locator.get_source_stamp()
+        self._cache_file = _File(self._cache_path, *kept)
+        self._read_only, self._shipped = (
+            _File(_place(folder, py_func.__code__.co_filename), *kept) for folder in (folders().read, SHIPPED / _digest())
+        )
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        types, (system, *processor), *code = self._index_key(sig, target_context.codegen())
+        for file, wanted in ((self._cache_file, processor), (self._read_only, processor), (self._shipped, SHIPPED_FOR)):
+            if file is self._shipped and why_not_shipped():
+                break
+            data = None
+            with suppress(OSError):
+                data = file.load((types, (system, *wanted), *code))
+            if data is not None:
+                return self._impl.rebuild(target_context, data)
+        return None
+
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        folder = folders().write
+        if folder is None:
+            return
+        from filelock import FileLock  # only a process that compiles needs it
+
+        try:
+            # an index is read, changed and written: without a lock two processes would lose each other's entries
+            with FileLock(folder / "lock", timeout=PATIENCE):
+                super()._save_overload(sig, data)
+        except OSError as error:  # a full disk, or a lock that another process never gives back, must not stop a simulation
+            _say_once(f"compiled kernels cannot be kept: {error}")
+
+
+@cache
+def _say_once(what: str) -> None:
+    LOG.warning(what)
+
+
+def keep(kernel: Any) -> Any:
+    """Give a function that numba compiles this cache, and return it."""
+    kernel._cache = KernelCache(kernel.py_func)
+    return kernel

@@ -1,0 +1,103 @@
+"""The decorators of all kernels: four for functions that numba compiles, one for those written as vector code.
+
+Nothing is compiled with numba's fastmath. Where the compiler may reorder sums or contract products it does so anew in every library that a function
+gets into, and of several copies of a function the one that was loaded first serves all: results would depend on what a process ran before.
+
+Under NUMBA_DISABLE_JIT=1 nothing is compiled: each decorator returns a function of plain Python that gives the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import update_wrapper
+from inspect import signature
+from typing import Any, TypeVar
+
+import numba
+from numba.core import types
+from numba.extending import intrinsic
+
+from impact_env.kernels.compiling.cache import keep
+from impact_env.kernels.compiling.parts import kernel
+from impact_env.kernels.compiling.plain_code import PlainCode, PlainNumber
+from impact_env.kernels.compiling.plain_code import opened as at_hand
+from impact_env.kernels.compiling.vector_code import Code, opened
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+COMPILED = not numba.config.DISABLE_JIT
+INTEGER, NUMBER = types.int64, types.float64
+_KINDS = {"Index": INTEGER, "Number": NUMBER}  # by the annotation
+
+# Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a function must not make
+# or return an array. And without the wrapper for callers in C.
+_PLAIN: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy", "_nrt": False}
+
+
+def _njit(**options: Any) -> Callable[[Any], Any]:
+    if not COMPILED:
+        return lambda function: function
+    return lambda function: keep(kernel(function, **options))
+
+
+def jit(function: _F) -> _F:
+    """Compile a function that makes no arrays. Never with fastmath: sums over slots are written as vector code (vector_code.py)."""
+    return _njit(**_PLAIN)(function)  # type: ignore[no-any-return]
+
+
+def jit_room(function: _F) -> _F:
+    """Compile like `jit`, for a function that makes or returns arrays or calls one that does: once a lane, never in a loop."""
+    return _njit(**{**_PLAIN, "_nrt": True})(function)  # type: ignore[no-any-return]
+
+
+def jit_inline(function: _F) -> _F:
+    """Compile like `jit` and inline at every call: small functions in the innermost loop."""
+    return _njit(**_PLAIN, forceinline=True)(function)  # type: ignore[no-any-return]
+
+
+def jit_view(function: _F) -> _F:
+    """Compile like `jit` and dissolve in the caller's own code: a function that only picks arrays out of larger ones, and so returns arrays."""
+    return _njit(**_PLAIN, inline="always")(function)  # type: ignore[no-any-return]
+
+
+def vector_code(kind: Any = types.void, several: int = 0) -> Callable[[Callable[..., Any]], Any]:
+    """Make of a function of `Code`, and of arguments, one of these arguments that kernels call; it returns a ``kind``, or a tuple of ``several``.
+
+    An argument annotated as an `Index` or a `Number` is taken for a whole or a floating number; arrays and named tuples have no annotation. The
+    function returns a `Number`, an `Index`, a list of such or nothing.
+    """
+    returns = types.UniTuple(kind, several) if several else kind
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        _, *parameters = signature(function).parameters.values()
+        kinds = [_KINDS.get(parameter.annotation) for parameter in parameters]
+        return (_compiled if COMPILED else _at_once)(function, kinds, returns)
+
+    return decorate
+
+
+def _compiled(function: Callable[..., Any], kinds: list[Any], returns: Any) -> Any:
+    def typed(typing_context: Any, *given: Any) -> Any:
+        return returns(*(own if kind is None else kind for own, kind in zip(given, kinds, strict=True))), build
+
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        found = function(Code(context, builder), *map(opened, [context] * len(kinds), [builder] * len(kinds), signature.args, values))
+        if found is None:
+            return context.get_dummy_value()
+        return context.make_tuple(builder, returns, [each.value for each in found]) if isinstance(found, list) else found.value
+
+    return intrinsic(update_wrapper(typed, function))
+
+
+def _at_once(function: Callable[..., Any], kinds: list[Any], returns: Any) -> Any:
+    def call(*values: Any) -> Any:
+        found = function(PlainCode(), *(at_hand(value if kind is None else _CASTS[kind](value)) for value, kind in zip(values, kinds, strict=True)))
+        return tuple(map(_closed, found)) if isinstance(found, list) else _closed(found)
+
+    return update_wrapper(call, function)
+
+
+_CASTS = {INTEGER: int, NUMBER: float}
+
+
+def _closed(value: Any) -> Any:
+    return value.value if isinstance(value, PlainNumber) else value

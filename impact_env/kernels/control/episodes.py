@@ -1,0 +1,92 @@
+"""What a task does with all its lanes before and after a control interval, in one loop each: NumPy would pass over the lanes once for every sign.
+
+The arithmetic is that of a single lane, so a lane of a thousand has the digits of one that is alone.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.compiling.jit import jit
+
+ROUNDING = 1e-12  # of the frequency ratio
+
+
+class Units(NamedTuple):
+    """Units of the features: length (m), inverse of the velocity (s/m), impacts of an interval; zero and unit of the frequency ratio; and the
+    intervals of the time budget.
+    """  # noqa: D205
+
+    length: float
+    per_velocity: float
+    impacts: float
+    origin: float
+    frequency: float
+    steps: int
+
+
+class Way(NamedTuple):
+    """A passage's: longest ``interval`` in pseudo periods, ``width`` and ``far`` end (L,) in units of the resonance, ``sign`` (L,) 1 up, -1 down."""
+
+    interval: float
+    width: float
+    far: NDArray[np.float64]
+    sign: NDArray[np.float64]
+
+
+@jit
+def go_on(way, change, ratio, duration, after, ended):
+    """Let the frequency ``ratio`` (L,) go on by ``change`` (L,) in a pseudo period, but no further than the far end, and not back beyond the start.
+
+    Filled: ``duration`` in pseudo periods, ratio ``after`` it, whether the passage has ``ended`` there, each (L,).
+    """
+    interval, width, far, sign = way.interval, way.width, way.far, way.sign
+    for i in range(ratio.shape[0]):
+        left = (far[i] - ratio[i]) * sign[i]
+        rest = left - change[i] * interval
+        ended[i] = rest <= ROUNDING
+        if ended[i]:
+            duration[i], after[i] = min(left / change[i], interval), far[i]
+        else:
+            duration[i], after[i] = interval, far[i] - sign[i] * min(rest, width)
+
+
+@jit
+def order_intervals(orders, omega, period, duration, ratio, after, force, final):
+    """Fill what ORDER records say of drive and end from arrays (L,): durations in periods (s), frequency ratios to ``omega`` (rad/s), forces (N)."""
+    for i in range(orders.shape[0]):
+        order = orders[i]
+        order.duration, order.force, order.final = duration[i] * period, force[i], final[i]
+        order.omega_start, order.omega_stop = ratio[i] * omega, after[i] * omega
+
+
+@jit
+def pay_for_level(reports, level_scale, price, duration, fine, late, potential, rewards):
+    """Fill the rewards (L,): the fall of the level over ``level_scale``, which ``potential`` keeps, less ``price`` a pseudo period and a ``fine``."""
+    for i in range(reports.shape[0]):
+        relative = reports[i].level / level_scale[i]
+        rewards[i] = -(relative - potential[i]) - (duration[i] * price + (fine if late[i] else 0.0))
+        potential[i] = relative
+
+
+@jit
+def pay_for_damage(reports, damage_scale, price, duration, fine, late, potential, rewards):
+    """Fill the rewards like `pay_for_level`, for the damage of the interval; ``potential`` sums it up."""
+    for i in range(reports.shape[0]):
+        gain = reports[i].damage / damage_scale[i]
+        rewards[i] = -gain - (duration[i] * price + (fine if late[i] else 0.0))
+        potential[i] += gain
+
+
+@jit
+def fill_features(reports, units, ratio, elapsed, level, values):
+    """Write the features that all tasks share into the first columns of ``values`` (L, features)."""
+    for i in range(reports.shape[0]):
+        report, row = reports[i], values[i]
+        row[0], row[1], row[2] = report.in_phase / units.length, report.quadrature / units.length, report.distance / units.length
+        row[3] = report.relative_velocity * units.per_velocity
+        row[4], row[5] = report.impact_count / units.impacts, report.absorber_share
+        row[6], row[7], row[8] = (ratio[i] - units.origin) / units.frequency, 1.0 - elapsed[i] / units.steps, level[i]

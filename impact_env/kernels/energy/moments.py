@@ -1,0 +1,153 @@
+"""Integrals over a stretch that the energies are sums of: of two slots, of a slot and a power of time on the force's carrier, of such powers.
+
+Each is a difference of an antiderivative between the stretch's ends, or a series where that would divide by almost zero. Its error is a few
+roundings of the antiderivative, so it is small beside the energy of the slot, though not always beside the integral of a very short stretch.
+No integral knows the equations of motion.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from impact_env.kernels.compiling.jit import jit, jit_inline
+from impact_env.kernels.motion.numbers import fma
+from impact_env.kernels.motion.slots import S
+from impact_env.kernels.motion.vector import TERMS
+
+SMALL_DECAY = 0.125  # exponent up to which a decay is a series
+FEW_TURNS, CLOSE = 0.3, 0.05  # two slots are close if their difference turns less than this over the stretch, and is below this share of them
+SLOW = 0.5  # rad over half a window: what turns less is integrated by series
+_F = tuple(1.0 / math.factorial(n + 1) for n in range(11))
+EXTRA = 10  # orders above the wanted ones where that begins: SLOW^EXTRA 8!/(8 + EXTRA)! is far below rounding of the whole
+PRODUCTS = 2 * TERMS - 1  # coefficients of a product of two polynomials
+# rows of a regime's scratch (ROWS, WIDTH): powers of the time at either end; factors of the products of forced parts, in three rows; cosine and sine
+# of the carrier at both ends; products of force and forced velocity of its point, as squares; half the force in powers of time; moments of a slot
+ENDS, FACTORS, CARRIER, POWER, FORCE, MENDED, ROWS = 0, 2, 5, 6, 9, 11, 15
+WIDTH = PRODUCTS + EXTRA + 1
+_INVERSE = 1.0 / np.maximum(np.arange(2.0 * EXTRA + 20.0), 1.0)
+
+
+@jit_inline
+def decay_series(y):
+    """Return (exp(y) - 1)/y for -SMALL_DECAY <= y <= 0."""
+    f = _F[6] + y * (_F[7] + y * (_F[8] + y * (_F[9] + y * _F[10])))
+    return 1.0 + y * (_F[1] + y * (_F[2] + y * (_F[3] + y * (_F[4] + y * (_F[5] + y * f)))))
+
+
+@jit
+def decay_integral(rate, h):
+    """Return the integral of exp(rate t) over [0, h] for rate <= 0: a series over a part of h, which is then doubled. No table is used."""
+    y, doublings = rate * h, 0
+    while y < -SMALL_DECAY:
+        y *= 0.5
+        doublings += 1
+    f = decay_series(y)
+    for _ in range(doublings):
+        f *= 1.0 + 0.5 * y * f
+        y *= 2.0
+    return h * f
+
+
+@jit
+def decay_integrals(rows, h, decay):
+    """Write the integral of |exp(s t)|^2 over [0, h] for each slot to decay (J,)."""
+    fastest, part, doublings = 0.0, 2.0 * h, 0
+    for j in range(decay.shape[0]):
+        fastest = min(fastest, rows[S, j])
+    while fastest * part < -SMALL_DECAY:
+        part *= 0.5
+        doublings += 1
+    for j in range(decay.shape[0]):
+        decay[j] = decay_series(rows[S, j] * part)
+    for _ in range(doublings):
+        for j in range(decay.shape[0]):
+            decay[j] *= 1.0 + 0.5 * part * rows[S, j] * decay[j]
+        part *= 2.0
+    for j in range(decay.shape[0]):
+        decay[j] *= h
+
+
+@jit_inline
+def is_close(l_r, l_i, size):
+    """Return whether the sum l of two eigenvalues is small beside ``size``, that of one of them."""
+    return l_r * l_r + l_i * l_i < (CLOSE * size) * (CLOSE * size)
+
+
+@jit
+def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):
+    """Return the integral of a exp(l t) over [0, h], with b the value at the end, where l is real or almost zero."""
+    if l_i == 0.0:
+        f = decay_integral(l_r, h)
+        return f * a_r, f * a_i
+    square = l_r * l_r + l_i * l_i
+    if square * h * h < FEW_TURNS * FEW_TURNS:
+        x_r, x_i = l_r * h, l_i * h
+        f_r, f_i = 1.0, 0.0
+        for n in range(11):
+            scale = 1.0 / (12.0 - n)
+            f_r, f_i = 1.0 + (f_r * x_r - f_i * x_i) * scale, (f_r * x_i + f_i * x_r) * scale
+        return h * (a_r * f_r - a_i * f_i), h * (a_r * f_i + a_i * f_r)
+    d_r, d_i = b_r - a_r, b_i - a_i
+    return (d_r * l_r + d_i * l_i) / square, (d_i * l_r - d_r * l_i) / square
+
+
+@jit_inline
+def fill_powers(first, last, count, scratch):
+    """Write the powers of the stretch's ends, in half windows from the window's centre, to the first two rows of ``scratch``."""
+    p, q = 1.0, 1.0
+    for k in range(count):
+        scratch[0, k], scratch[1, k] = p, q
+        p, q = p * first, q * last
+
+
+@jit
+def fill_moments(exponent, half, powers, first, last, out_r, out_i):
+    """Write the integrals of x^k y, k = 0 ... len(out_r) - 1, over the stretch, real and imaginary part; x is the time in half windows.
+
+    y turns as exp(exponent t), from ``first`` at the begin of the stretch to ``last`` at its end, complex numbers all three. ``powers`` (2 or more,
+    any) as from `fill_powers`, EXTRA + 1 more.
+    """
+    l_r, l_i, a_r, a_i, b_r, b_i = exponent.real, exponent.imag, first.real, first.imag, last.real, last.imag
+    count, square = out_r.shape[0], l_r * l_r + l_i * l_i
+    n_r, n_i = 0.0, 0.0
+    if square * half * half < SLOW * SLOW:
+        for m in range(count + EXTRA):
+            k = count + EXTRA - m
+            factor = half * _INVERSE[k]
+            x_r, x_i = factor * (powers[1, k] * b_r - powers[0, k] * a_r), factor * (powers[1, k] * b_i - powers[0, k] * a_i)
+            y_r, y_i = factor * l_r, factor * l_i
+            n_r, n_i = x_r - (y_r * n_r - y_i * n_i), x_i - (y_r * n_i + y_i * n_r)
+            if k <= count:
+                out_r[k - 1], out_i[k - 1] = n_r, n_i
+        return
+    q_r, q_i, inverse = l_r / square, -l_i / square, 1.0 / half
+    for k in range(count):
+        factor = k * inverse
+        x_r = powers[1, k] * b_r - powers[0, k] * a_r - factor * n_r
+        x_i = powers[1, k] * b_i - powers[0, k] * a_i - factor * n_i
+        n_r, n_i = x_r * q_r - x_i * q_i, x_r * q_i + x_i * q_r
+        out_r[k], out_i[k] = n_r, n_i
+
+
+@jit_inline
+def fill_factors(omega, half, count, first, last, scratch):
+    """Write what the products of two factors of the carrier are multiplied by, ``count`` powers; ``scratch`` as `energy_sums`.
+
+    The product of Re(a E) and Re(b E), twice: Re a Re b + Im a Im b without a carrier, and a b on its square, which turns from ``first`` to ``last``.
+    """
+    factors = scratch[FACTORS : FACTORS + 3]
+    turns, inverse = 2.0 * omega, 1.0 / half
+    if turns * half < SLOW:
+        fill_moments(complex(0.0, turns), half, scratch, first, last, factors[0, :count], factors[2, :count])
+    else:
+        slowness, x, y = 1.0 / turns, 0.0, 0.0
+        for k in range(count):
+            p, q, factor = scratch[0, k] * slowness, scratch[1, k] * slowness, k * inverse * slowness
+            x, y = fma(-factor, y, q * last.imag - p * first.imag), fma(factor, x, p * first.real - q * last.real)
+            factors[0, k], factors[2, k] = x, y
+    for k in range(count):
+        plain = half * (scratch[1, k + 1] - scratch[0, k + 1]) * _INVERSE[k + 1]
+        x = factors[0, k]
+        factors[0, k], factors[1, k], factors[2, k] = plain + x, plain - x, -factors[2, k]

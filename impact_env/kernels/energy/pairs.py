@@ -1,0 +1,129 @@
+"""Squares of velocities that are sums of any slots: what contains free parts only, slot by slot and pair by pair.
+
+An integral of the product of two slots divides the product's change by the sum of their eigenvalues. What a regime knows of its pairs is the inverse
+of that sum; pairs for which it would be almost zero are integrated by series, one by one.
+"""
+
+from __future__ import annotations
+
+from impact_env.kernels.compiling.jit import jit, jit_inline, vector_code
+from impact_env.kernels.compiling.vector_code import LANES, Code, Complex, Index
+from impact_env.kernels.energy.moments import decay_integrals, is_close, pair_integral
+from impact_env.kernels.motion.slots import SPEED, S
+
+# planes of pairs (PLANES J, J), of J rows each, for slots j <= k: inverse of s_j + s_k and of s_j + conj(s_k), real and imaginary, 0 where a series
+# is needed; which of the two need one (1, 2, 3: both); integrals over a stretch of the products of real and imaginary parts of both
+TOGETHER, APART, SERIES, FOUND, PLANES = 0, 2, 4, 5, 9
+
+
+@jit_inline
+def _needs_series(j, k, special):
+    """Return whether an integral of a pair is a series of its own, not that of a slot which turns and its conjugate: `decay_integrals`."""
+    return special > 0 and not (j == k and special == 2)
+
+
+@jit
+def learn_pairs(rows, pairs):
+    """Fill what a regime knows of its pairs, and return how many need series; a slot that decays with its own conjugate is not counted."""
+    count, size = 0, rows.shape[1]
+    for j in range(size):
+        for k in range(j, size):
+            if rows[SPEED, j] == 0.0 or rows[SPEED, k] == 0.0:
+                continue
+            special = 0
+            for side in range(2):
+                l_r, l_i = rows[S, j] + rows[S, k], rows[S + 1, j] + (1.0 - 2.0 * side) * rows[S + 1, k]
+                if l_i == 0.0 or is_close(l_r, l_i, rows[SPEED, j]):
+                    special += 1 + side
+                    continue
+                scale = (0.5 if j == k else 1.0) / (l_r * l_r + l_i * l_i)
+                pairs[2 * side * size + j, k], pairs[(2 * side + 1) * size + j, k] = l_r * scale, -l_i * scale
+            pairs[SERIES * size + j, k] = special
+            count += 1 if _needs_series(j, k, special) else 0
+    return count
+
+
+@vector_code()
+def _pair_integrals(code: Code, pairs, size: Index, z, w):
+    """Fill FOUND for slots z at begin and w at end of the stretch; what is a series counts as zero."""
+    plane = size * size
+    for j in code.loop(size):
+        one = [Complex(*(code.spread(code.number(y, j + part), LANES) for part in (0, size))) for y in (z, w)]
+        first = j & -LANES
+        for k in code.loop(size, LANES, first):
+            other = [code.complex(y, k, k + size, LANES) for y in (z, w)]
+            at = j * size + k
+            places = [at + plane * m for m in range(PLANES)]
+            both = []
+            for side, start in enumerate((TOGETHER, APART)):
+                partners = other if side == 0 else [Complex(y.real, -y.imag) for y in other]
+                begin, end = (a.times(b) for a, b in zip(one, partners, strict=True))
+                change = Complex(end.real - begin.real, end.imag - begin.imag)
+                both.append(change.times(code.complex(pairs, places[start], places[start + 1], LANES)))
+            p, m = both
+            for n, number in enumerate((m.real + p.real, m.real - p.real, p.imag - m.imag, p.imag + m.imag)):
+                code.store(number, pairs, places[FOUND + n])
+
+
+@vector_code()
+def add_pairs(code: Code, shape, size: Index, pairs, found):
+    """Add the squares of the velocities' free parts to ``found`` (size,)."""
+    plane = size * size
+    for i in code.fours(size):
+        total = code.sum(code.lanes)
+        for j in code.loop(size):
+            sums = [code.sum(code.lanes) for _ in range(4)]
+            for k in code.loop(size, 1, j):
+                at, here = size * k + i, j * size + k
+                other = code.complex(shape, at, at + plane)
+                for n, part in enumerate((other.real, other.imag, other.imag, other.real)):
+                    sums[n].add_product(part, code.spread(code.number(pairs, here + plane * (FOUND + n))))
+            at = size * j + i
+            one = code.complex(shape, at, at + plane)
+            rr, ii, ri, ir = (each.number() for each in sums)
+            total.add_product(one.real, rr - ri)
+            total.add_product(one.imag, ii - ir)
+        code.store(code.vector(found, i) + total.number(), found, i)
+
+
+@jit
+def _add_series(rows, pairs, h, z, w):
+    """Add the integrals that are series, pair by pair."""
+    size = z.shape[1]
+    for j in range(size):
+        for k in range(j, size):
+            special = pairs[SERIES * size + j, k]
+            if not _needs_series(j, k, special):
+                continue
+            factor = 0.5 if j == k else 1.0
+            for side in range(2):
+                if special != 1.0 + side and special != 3.0:
+                    continue
+                sign = 1.0 - 2.0 * side
+                l_r, l_i = rows[S, j] + rows[S, k], rows[S + 1, j] + sign * rows[S + 1, k]
+                a_r, a_i = z[0, j] * z[0, k] - sign * z[1, j] * z[1, k], sign * z[0, j] * z[1, k] + z[1, j] * z[0, k]
+                b_r, b_i = w[0, j] * w[0, k] - sign * w[1, j] * w[1, k], sign * w[0, j] * w[1, k] + w[1, j] * w[0, k]
+                x, y = pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i)
+                x, y = factor * x, factor * y
+                pairs[FOUND * size + j, k] += x
+                pairs[(FOUND + 1) * size + j, k] -= sign * x
+                pairs[(FOUND + 2) * size + j, k] += sign * y
+                pairs[(FOUND + 3) * size + j, k] += y
+
+
+@jit
+def integrate_pairs(rows, pairs, series, h, z, w, decay):
+    """Fill FOUND for a stretch of length ``h`` (s), with the slots z at its begin and w at its end (2, J).
+
+    ``series``: how many pairs need series, from `learn_pairs`; ``decay`` (J,) is scratch.
+    """
+    size = z.shape[1]
+    _pair_integrals(pairs, size, z, w)
+    decay_integrals(rows, h, decay)
+    for j in range(size):
+        if pairs[SERIES * size + j, j] == 2.0:
+            own = 0.5 * decay[j] * (z[0, j] * z[0, j] + z[1, j] * z[1, j])
+            pairs[FOUND * size + j, j] += own
+            pairs[(FOUND + 1) * size + j, j] += own
+    if series > 0:
+        _add_series(rows, pairs, h, z, w)

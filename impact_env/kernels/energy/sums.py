@@ -1,0 +1,232 @@
+"""Loops over slots and over velocities that the energies of a stretch need, as vector code (vector_code.py).
+
+Arrays are seen flat: ``rows`` (29, size) of `slots.Slots`, ``slots`` (4, TERMS, size) of `forced.Forced`, slots ``z`` and ``w`` (2, size) at begin
+and end of a stretch, ``scratch`` (ROWS, WIDTH) of `energy_account.Account`. What a slot does in powers of time is two polynomials A and B, one on the
+force's carrier, one on its conjugate, or two series of moments; ``powers`` (4, TERMS, size) holds Re (A + B), Im (A - B), Re (A - B) and Im (A + B),
+so that v A + conj(v B) takes four products. ``shape`` holds the weights v of slots in velocities, ``partner`` (2, TERMS, size) the velocities'
+forced parts as factors of the carrier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from impact_env.kernels.compiling.jit import INTEGER, NUMBER, vector_code
+from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
+from impact_env.kernels.energy.moments import CARRIER, ENDS, FACTORS, FORCE, POWER, PRODUCTS, WIDTH
+from impact_env.kernels.motion.vector import TERMS
+
+NEGLIGIBLE = 1e-17  # coefficients below this share of the largest one are left out
+
+
+def _store_powers(code: Code, up: Complex, down: Complex, powers: Any, at: Any, plane: Any) -> None:
+    for k, part in enumerate((up.real + down.real, up.imag - down.imag, up.real - down.real, up.imag + down.imag)):
+        code.store(part, powers, at + plane * k)
+
+
+@vector_code()
+def forced_powers(code: Code, slots, size: Index, half: Number, powers):
+    """Write the forced part of all slots to ``powers``, in powers of the time in half windows."""
+    plane = size * TERMS
+    for j in code.fours(size):
+        scale = code.repeated(1.0)
+        for n in range(TERMS):
+            at = size * n + j
+            a_r, a_i, b_r, b_i = (code.vector(slots, at + plane * k) * scale for k in range(4))
+            _store_powers(code, Complex(a_r, a_i), Complex(b_r, b_i), powers, at, plane)
+            scale *= code.spread(half)
+
+
+@vector_code()
+def slot_moments(code: Code, rows, size: Index, omega: Number, half: Number, scratch, z, w, powers):
+    """Write to ``powers`` the integrals of x^k y over a stretch: x the time in half windows, y a slot times the carrier, or its conjugate.
+
+    They are divided by the difference of slot and carrier; where it is almost zero they are to be mended.
+    """
+    plane, inverse_half = size * TERMS, code.repeated(1.0, 0) / half
+    ends = [[code.number(scratch, (ENDS + end) * WIDTH + k) for k in range(TERMS)] for end in range(2)]
+    for j in code.fours(size):
+        s_r, s_i = code.vector(rows, j), code.vector(rows, size + j)
+        slots = [code.complex(y, j, size + j) for y in (z, w)]
+        sides = []
+        for sign in (1.0, -1.0):
+            l_i = code.spread(omega).fma(code.repeated(sign), s_i)
+            scale = code.repeated(1.0) / s_r.fma(s_r, l_i.fma(l_i, code.repeated(1e-300)))
+            turns = [Complex(*(code.spread(code.number(scratch, CARRIER * WIDTH + 2 * end + part)) for part in range(2))) for end in range(2)]
+            both = [y.times(Complex(turn.real, turn.imag * code.repeated(sign))) for y, turn in zip(slots, turns, strict=True)]
+            sides.append((Complex(s_r * scale, -(l_i * scale)), *both))
+        moments: list[Complex] = []
+        for k in range(TERMS):
+            p, q = (code.spread(end[k]) for end in ends)
+            found = []
+            for side, (inverse, first, last) in enumerate(sides):
+                x = [b.fma(q, -(a * p)) for a, b in zip(first, last, strict=True)]
+                if k > 0:
+                    factor = code.spread(inverse_half * code.repeated(-float(k), 0))
+                    x = [factor.fma(old, new) for old, new in zip(moments[side], x, strict=True)]
+                found.append(Complex(*x).times(inverse))
+            moments = found
+            up, down = moments
+            _store_powers(code, up, down, powers, size * k + j, plane)
+
+
+def _own_velocities(code: Code, shape: Any, size: Any, powers: Any) -> Iterator[tuple[Any, list[Complex]]]:
+    """Repeat what follows for some slots each, with their velocities' powers; ``shape`` (2, size): each slot is a mode."""
+    plane = size * TERMS
+    for j in code.fours(size):
+        weight, velocities = code.complex(shape, j, size + j), []
+        for n in range(TERMS):
+            at = size * n + j
+            p_r, p_i, m_r, m_i = (code.vector(powers, at + plane * k) for k in range(4))
+            velocities.append(Complex(weight.real.fma(p_r, -(weight.imag * m_i)), weight.real.fma(p_i, weight.imag * m_r)))
+        yield j, velocities
+
+
+def _velocities(code: Code, shape: Any, size: Any, powers: Any) -> Iterator[tuple[Any, list[Complex]]]:
+    """Repeat what follows for some columns each, with their velocities' powers; ``shape`` (2, size, size)."""
+    plane = size * TERMS
+    for i in code.fours(size):
+        sums = [[code.sum(code.lanes) for _ in range(2)] for _ in range(TERMS)]
+        for j in code.loop(size):
+            at = size * j + i
+            weight = code.complex(shape, at, at + size * size)
+            minus = -weight.imag
+            for n, (real, imag) in enumerate(sums):
+                here = size * n + j
+                p_r, p_i, m_r, m_i = (code.spread(code.number(powers, here + plane * k)) for k in range(4))
+                real.add_product(weight.real, p_r)
+                real.add_product(minus, m_i)
+                imag.add_product(weight.real, p_i)
+                imag.add_product(weight.imag, m_r)
+        yield i, [Complex(real.number(), imag.number()) for real, imag in sums]
+
+
+def _partners(coupled: bool) -> Any:
+    @vector_code()
+    def partners(code: Code, shape, size: Index, powers, partner):
+        walk = _velocities(code, shape, size, powers) if coupled else _own_velocities(code, shape, size, powers)
+        for i, velocities in walk:
+            for n, velocity in enumerate(velocities):
+                at = size * n + i
+                code.store_complex(velocity, partner, at, at + size * TERMS)
+
+    partners.__doc__ = "Write the velocities' forced parts to ``partner``; ``powers``: of the slots' forced parts."
+    return partners
+
+
+def _mixed(coupled: bool) -> Any:
+    @vector_code()
+    def mixed(code: Code, shape, size: Index, powers, partner, found):
+        walk = _velocities(code, shape, size, powers) if coupled else _own_velocities(code, shape, size, powers)
+        for i, velocities in walk:
+            total = code.vector(found, i)
+            for n, velocity in enumerate(velocities):
+                at = size * n + i
+                other = code.complex(partner, at, at + size * TERMS)
+                total = other.real.fma(velocity.real, (-other.imag).fma(velocity.imag, total))
+            code.store(total, found, i)
+
+    mixed.__doc__ = "Add the integrals of the velocities' free parts times their partners to ``found`` (size,); ``powers``: the slots' moments."
+    return mixed
+
+
+own_partners, coupled_partners = _partners(False), _partners(True)
+own_mixed, coupled_mixed = _mixed(False), _mixed(True)
+
+
+@vector_code(NUMBER)
+def mixed_power(code: Code, point, size: Index, powers, scratch):
+    """Return the integral of the force times the free velocity of its point; ``point`` (2, size): weights."""
+    total = code.sum(code.lanes)
+    for _, velocities in _own_velocities(code, point, size, powers):
+        for n in range(0, TERMS, 2):
+            total.add_product(code.spread(code.number(scratch, WIDTH * FORCE + n)), velocities[n].real)
+            total.add_product(-code.spread(code.number(scratch, WIDTH * (FORCE + 1) + n)), velocities[n].imag)
+    return total.total()
+
+
+@vector_code(INTEGER)
+def square_partners(code: Code, partner, size: Index, products):
+    """Write half the squares of ``partner`` to ``products`` (3, PRODUCTS, size), and return how many powers of them count.
+
+    They are sums of products of real parts, of imaginary parts, and of real with imaginary parts.
+    """
+    order = code.variable(1)
+    for i in code.fours(size):
+        reals, imags = ([code.vector(partner, size * (TERMS * part + n) + i) for n in range(TERMS)] for part in range(2))
+        amounts = []
+        for p in range(PRODUCTS):
+            found = [_half_square(code, reals, p), _half_square(code, imags, p), _product(reals, imags, p)]
+            for k, sum_ in enumerate(found):
+                code.store(sum_, products, size * (PRODUCTS * k + p) + i)
+            amounts.append(found[0].size() + found[1].size() + found[2].size())
+        largest = amounts[0]
+        for amount in amounts[1:]:
+            largest = largest.largest(amount)
+        least = largest * code.repeated(NEGLIGIBLE)
+        for p in range(1, PRODUCTS):
+            some, old = (amounts[p] - least).not_positive() != 2**code.lanes - 1, order.value
+            order.value = code.choose(some & (old < p + 1), code.index(p + 1), old)
+    return order.value
+
+
+@vector_code()
+def power_of_point(code: Code, point, size: Index, powers, terms, half: Number, scratch):
+    """Write half the force, in powers of the time in half windows, and its products with the forced velocity of its point to ``scratch``.
+
+    ``point`` (2, size): weights; ``powers``: of the slots' forced parts; ``terms`` (2, TERMS) of `forced.Forced`.
+    """
+    sums = [(code.sum(code.lanes), code.sum(code.lanes)) for _ in range(TERMS)]
+    for _, velocities in _own_velocities(code, point, size, powers):
+        for (real, imag), velocity in zip(sums, velocities, strict=True):
+            real += velocity.real
+            imag += velocity.imag
+    whole = [Complex(real.total(), imag.total()) for real, imag in sums]
+    scale, square, driven = code.repeated(1.0, 0), half * half, {}
+    for n in range(0, TERMS, 2):
+        driven[n] = Complex(*(code.number(terms, TERMS * part + n) * scale for part in range(2)))
+        for part in range(2):
+            code.put(driven[n][part], scratch, WIDTH * (FORCE + part) + n)
+        scale *= square
+    for p in range(PRODUCTS):
+        places = [n for n in driven if 0 <= p - n < TERMS]
+        for k, pairs in enumerate((((0, 0),), ((1, 1),), ((0, 1), (1, 0)))):
+            total = code.repeated(0.0, 0)
+            for one, other in pairs:
+                for n in places:
+                    total = driven[n][one].fma(whole[p - n][other], total)
+            code.put(total, scratch, WIDTH * (POWER + k) + p)
+
+
+def _half_square(code: Code, numbers: list[Number], p: int) -> Number:
+    """Return the coefficient of power p of half the square of a polynomial."""
+    total = None
+    for k in range(max(0, p - TERMS + 1), (p + 1) // 2):
+        total = numbers[k] * numbers[p - k] if total is None else numbers[k].fma(numbers[p - k], total)
+    if p % 2 == 1:
+        assert total is not None
+        return total
+    half = numbers[p // 2] * code.repeated(0.5)
+    return half * numbers[p // 2] if total is None else half.fma(numbers[p // 2], total)
+
+
+def _product(one: list[Number], other: list[Number], p: int) -> Number:
+    """Return the coefficient of power p of the product of two polynomials."""
+    places = range(max(0, p - TERMS + 1), min(p, TERMS - 1) + 1)
+    total = one[places[0]] * other[p - places[0]]
+    for k in places[1:]:
+        total = one[k].fma(other[p - k], total)
+    return total
+
+
+@vector_code()
+def add_products(code: Code, products, size: Index, count: Index, scratch, found):
+    """Write the integrals of half the squares of all partners to ``found`` (size,), from ``count`` powers."""
+    for i in code.fours(size):
+        sums = [code.sum(code.lanes) for _ in range(3)]
+        for p in code.loop(count):
+            for k, total in enumerate(sums):
+                factor = code.number(scratch, (FACTORS + k) * WIDTH + p)
+                total.add_product(code.vector(products, size * (PRODUCTS * k + p) + i), code.spread(factor))
+        code.store(sums[0].number() + sums[1].number() + sums[2].number(), found, i)

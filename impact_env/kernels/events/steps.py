@@ -1,0 +1,156 @@
+"""One step of the search's scan (search.py): whether it is clear of the guards, also where it starts on one, and the only event in it.
+
+Start on a guard. There y(0) = wall is known, and the step is clear if the quadratic (H - wall)/t, three coefficients again, keeps off zero by more
+than its error. Of a summed slot this is y''''/24 t (h - t)^2, at most 64/27 E/h. A slot U that is not summed is part of the known zero alone:
+it adds U(t) - U(0) (1 - x)^2 (1 + 2 x) to the distance, x = t/h, at most (9/8 |U| + h |s U|) x (`start_error`; docs/method.md).
+"""
+
+from __future__ import annotations
+
+from impact_env.kernels.compiling.jit import jit_inline
+from impact_env.kernels.events.signals import HIT_HIGH, HIT_LOW, NOTHING, REVERSAL
+from impact_env.kernels.motion.numbers import fma
+from impact_env.kernels.motion.vector import BEND, POINTS, RATE, VALUE
+
+START_ERROR = 64.0 / 27.0  # of E: what a summed slot's share becomes when it is divided by t/h
+START_JUMP = 9.0 / 8.0  # of an unsummed slot's amplitude: largest (1 - (1 - x)^2 (1 + 2 x))/x
+SHARP = 5e-2  # of the way across a step: E where an event is accepted
+STEADY = 0.05  # of the way across a step: least fall between two coefficients where an event is accepted, so that Newton's method starts well
+LEVEL_RATIO = 4.0
+
+
+@jit_inline
+def start_error(w, size, summed, order, h, error):
+    """Return the error, in the quadratic (H - known zero)/t of a first step, of the derivative ``order`` with the error ``error``; times h.
+
+    Each slot that is not summed, with the amplitudes w of this derivative and the next, has a share of its own instead of that in ``error``.
+    """
+    share = START_ERROR * error
+    here, after = 2 * order * size, 2 * (order + 1) * size
+    for j in range(summed, size):
+        share += (START_JUMP - START_ERROR) * (abs(w[here + j]) + abs(w[here + size + j])) + h * (abs(w[after + j]) + abs(w[after + size + j]))
+    return share
+
+
+@jit_inline
+def start_margin(d1, slope0, slope1, h):
+    """Return the least of a first step that starts on a guard, from the distance at its end and the growth of the distance at both ends."""
+    return min(min(h * slope0, 1.5 * (d1 - h / 3.0 * slope1)), d1)
+
+
+@jit_inline
+def leaves_wall(b, guards, step, error):
+    """Return whether a block's first step, which starts on a wall, is clear of both walls; ``error`` as in `start_error`."""
+    h, y0, y1 = step.h, b[VALUE], b[VALUE + 1]
+    y2, y3 = y0 + h / 3.0 * b[RATE], y1 - h / 3.0 * b[RATE + 1]
+    if guards.side > 0:
+        clear = start_margin(guards.high - y1, -b[RATE], -b[RATE + 1], h) > error
+        return clear and min(min(y0, y1), min(y2, y3)) - guards.low > step.e0
+    clear = start_margin(y1 - guards.low, b[RATE], b[RATE + 1], h) > error
+    return clear and guards.high - max(max(y0, y1), max(y2, y3)) > step.e0
+
+
+@jit_inline
+def leaves_rest(b, h, direction, error):
+    """Return whether a block's first step, which starts with rate zero, is clear of a reversal; ``error`` as in `start_error`."""
+    return start_margin(direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], h) > error
+
+
+@jit_inline
+def leaves_guard(signal, guards, step, walls, reversals):
+    """Return what a scan found, (walls, reversals), with the bit of the first step as the guard says on which the signal starts."""
+    b, w, size = signal.block, signal.moving, signal.u.shape[1]
+    if guards.low is not None:
+        if guards.side != 0:
+            error = start_error(w, size, step.summed, 0, step.h, step.e0)
+            walls = (walls & -2) | (0 if leaves_wall(b, guards, step, error) else 1)
+    if guards.direction is not None:
+        if guards.zero_rate:
+            error = start_error(w, size, step.summed, 1, step.h, step.e1)
+            reversals = (reversals & -2) | (0 if leaves_rest(b, step.h, guards.direction, error) else 1)
+    return walls, reversals
+
+
+@jit_inline
+def sharp_root(d0, d1, d2, d3, error, slope_error):
+    """Return where in (0, 1) the secant of the cubic with these Bernstein coefficients is zero, or -1 if its root is not sharp."""
+    least = min(min(d0 - d1, d1 - d2), d2 - d3)
+    if not (d0 > error and d3 < -error and least > max(slope_error * error, STEADY * (d0 - d3)) and error < SHARP * (d0 - d3)):
+        return -1.0
+    return d0 / (d0 - d3)
+
+
+@jit_inline
+def halley(x, f, slope, bend):
+    """Return a better root than x, by Halley's method."""
+    return x - f * slope / fma(-0.5 * f, bend, slope * slope)
+
+
+@jit_inline
+def cubic_root(b, k, h, wall, x):
+    """Return a root near ``x``, in shares of step k, of the cubic through value and rate at both ends: at the wall."""
+    y, v = b[VALUE + k] - wall, h * b[RATE + k]
+    way, turn = b[VALUE + 1 + k] - b[VALUE + k] - v, h * b[RATE + 1 + k] - v
+    c2, c3 = fma(3.0, way, -turn), fma(-2.0, way, turn)
+    for _ in range(2):
+        f, slope = fma(x, fma(x, fma(x, c3, c2), v), y), fma(x, fma(x, 3.0 * c3, 2.0 * c2), v)
+        x = halley(x, f, slope, fma(x, 6.0 * c3, 2.0 * c2))
+    return x
+
+
+@jit_inline
+def closer_root(b, k, h, kind, wall, x):
+    """Return a root near ``x``, in shares of step k, of the quintic through value, rate and bend at both ends: at the wall, or of its rate."""
+    y0, v0, a0 = b[VALUE + k] - wall, h * b[RATE + k], h * h * b[BEND + k]
+    way, turn, bend = b[VALUE + 1 + k] - b[VALUE + k] - v0 - 0.5 * a0, h * b[RATE + 1 + k] - v0 - a0, h * h * b[BEND + 1 + k] - a0
+    c3, c4, c5 = 10.0 * way - 4.0 * turn + 0.5 * bend, 7.0 * turn - 15.0 * way - bend, 6.0 * way - 3.0 * turn + 0.5 * bend
+    for _ in range(2):
+        v = fma(x, fma(x, fma(x, fma(x, 5.0 * c5, 4.0 * c4), 3.0 * c3), a0), v0)
+        a = fma(x, fma(x, fma(x, 20.0 * c5, 12.0 * c4), 6.0 * c3), a0)
+        if kind == REVERSAL:
+            x = halley(x, v, a, fma(x, fma(x, 60.0 * c5, 24.0 * c4), 6.0 * c3))
+        else:
+            y = fma(x, fma(x, fma(x, fma(x, fma(x, c5, c4), c3), 0.5 * a0), v0), y0)
+            x = halley(x, y, v, a)
+    return x
+
+
+@jit_inline
+def turn_in_step(b, k, step, direction, slope_error):
+    """Return the share of step k where the rate changes its sign, or -1 if that is not sharp."""
+    h, v0, v3 = step.h, direction * b[RATE + k], direction * b[RATE + 1 + k]
+    return sharp_root(v0, v0 + h / 3.0 * direction * b[BEND + k], v3 - h / 3.0 * direction * b[BEND + 1 + k], v3, step.e1, slope_error)
+
+
+@jit_inline
+def event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
+    """Return (kind, share of the step) of the only event in step k, or NOTHING where that is not certain."""
+    low, high = guards.low, guards.high
+    if guards.direction is not None:
+        if near_rest:
+            if near_wall:
+                return NOTHING, 0.0
+            x = turn_in_step(b, k, step, guards.direction, slope_error)
+            return (REVERSAL, x) if x >= 0.0 else (NOTHING, 0.0)
+    if low is not None:
+        y0, y3 = b[VALUE + k], b[VALUE + 1 + k]
+        y1, y2 = y0 + step.h / 3.0 * b[RATE + k], y3 - step.h / 3.0 * b[RATE + 1 + k]
+        if y3 > y0:
+            x = sharp_root(high - y0, high - y1, high - y2, high - y3, step.e0, slope_error)
+            return (HIT_HIGH, x) if x >= 0.0 else (NOTHING, 0.0)
+        x = sharp_root(y0 - low, y1 - low, y2 - low, y3 - low, step.e0, slope_error)
+        return (HIT_LOW, x) if x >= 0.0 else (NOTHING, 0.0)
+    return NOTHING, 0.0
+
+
+@jit_inline
+def is_far(b, h, guards, e0, e1):
+    """Return whether a step of LEVEL_RATIO h from the block's end, with these errors, will probably be clear."""
+    far = True
+    if guards.low is not None:
+        y, way = b[VALUE + POINTS], LEVEL_RATIO * h * b[RATE + POINTS]
+        far = min(guards.high - max(y, y + way), min(y, y + way) - guards.low) > e0
+    if guards.direction is not None:
+        v, way = guards.direction * b[RATE + POINTS], LEVEL_RATIO * h * guards.direction * b[BEND + POINTS]
+        far = far and min(v, v + way) > e1
+    return far

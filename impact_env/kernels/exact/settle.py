@@ -1,0 +1,151 @@
+"""Which of the absorbers without relative velocity move with the beam: a small complementarity problem.
+
+With the forces f of their joints the relative accelerations are c + G f, G being symmetric and positive definite (masses, and the beam's mobility
+between the places). Each force lies in the interval that friction and the wall touched can give. Inside it the relative acceleration is zero; at its
+upper end the absorber lags, at its lower end it leads. These are the conditions for the minimum of f G f/2 + c f in a box, which is unique,
+so that no set of absorbers needs to be tried: Gauss-Seidel, force by force, converges to it. For one absorber it is `free_and_joined.try_join`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.compiling.jit import jit, jit_room
+from impact_env.kernels.exact.rigid_contact import FREE, JOINED, JOINT_SLACK, end_phase, friction_force, joint_bounds
+from impact_env.kernels.motion.loads import value_of
+
+MOST_ROUNDS = 1000
+SETTLED = 1e-15  # of the largest force: change in a round that ends it
+
+
+class Joints(NamedTuple):
+    """Scratch for the complementarity problem, (n,) each: relative acceleration without joint forces (m/s^2), its slack, joint force (N),
+    displacement and velocity of the beam at the absorber's place, who has no relative velocity.
+    """  # noqa: D205
+
+    start: NDArray[np.float64]
+    slack: NDArray[np.float64]
+    force: NDArray[np.float64]
+    place: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    waits: NDArray[np.bool_]
+
+
+@jit_room
+def new_joints(n):
+    """Return scratch for n absorbers."""
+    return Joints(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, np.bool_))
+
+
+@jit
+def see_places(absorbers, state, joints):
+    """Write displacement and velocity of the beam at the absorbers' places."""
+    n, modes = absorbers.shapes.shape
+    half = n + modes
+    for a in range(n):
+        q, v = 0.0, 0.0
+        for i in range(modes):
+            q += absorbers.shapes[a, i] * state[i]
+            v += absorbers.shapes[a, i] * state[half + i]
+        joints.place[a], joints.speed[a] = q, v
+
+
+@jit
+def force_now(window, tau):
+    """Return the force at an offset from the window's centre (N)."""
+    load = window.load
+    if load is not None:
+        return value_of(load.terms, window.omega, tau)
+    angle = (window.omega + 0.5 * window.alpha * tau) * tau
+    return window.force_r * math.cos(angle) - window.force_i * math.sin(angle)
+
+
+@jit
+def see_accelerations(absorbers, losses, window, now, state, joints):
+    """Write the relative accelerations without the forces of those that wait, and how far the terms' sizes make them uncertain."""
+    n, modes = absorbers.shapes.shape
+    half, tau = n + modes, now[0].tau
+    force = force_now(window, tau)
+    for a in range(n):
+        joints.start[a], joints.slack[a] = 0.0, 0.0
+        if not joints.waits[a] and now[a].regime == FREE:
+            joints.start[a] = now[a].force / absorbers.mass[a]
+    for i in range(modes):
+        pull, drag, push = absorbers.square[i] * state[i], losses.rate[i] * state[half + i], losses.force_shape[i] * force
+        rate, size = push - drag - pull, abs(push) + abs(drag) + abs(pull)
+        for b in range(n):
+            if not joints.waits[b] and now[b].regime == FREE:
+                rate -= absorbers.shapes[b, i] * now[b].force
+                size += abs(absorbers.shapes[b, i] * now[b].force)
+        for a in range(n):
+            joints.start[a] -= absorbers.shapes[a, i] * rate
+            joints.slack[a] += abs(absorbers.shapes[a, i]) * size
+
+
+@jit
+def wanted_force(absorbers, compliance, joints, a):
+    """Return the force on absorber a that would leave it without relative acceleration, the other joint forces being what they are."""
+    r = joints.start[a]
+    for b in range(joints.force.shape[0]):
+        if b != a and joints.waits[b]:
+            r += compliance[a, b] * joints.force[b]
+    return -r / compliance[a, a]
+
+
+@jit
+def balance(absorbers, compliance, now, joints):
+    """Find the joint forces of those that wait by Gauss-Seidel."""
+    n = joints.force.shape[0]
+    joints.force[:] = 0.0
+    for _ in range(MOST_ROUNDS):
+        change, largest = 0.0, 0.0
+        for a in range(n):
+            if joints.waits[a]:
+                low, high = joint_bounds(absorbers.limit[a], now[a].side)
+                f = min(max(wanted_force(absorbers, compliance, joints, a), low), high)
+                change, largest = max(change, abs(f - joints.force[a])), max(largest, abs(f))
+                joints.force[a] = f
+        if change <= SETTLED * largest:
+            break
+
+
+@jit
+def settle(absorbers, losses, compliance, window, now, state, joints, events):
+    """Decide for each absorber that waits (``joints.waits``) whether it moves with the beam or begins to slide, and which way.
+
+    ``compliance`` (n, n): of the free beam. The state is the one at the current time. At its bound a joint force is let join: there its rate
+    decides, in the joined regime.
+    """
+    see_places(absorbers, state, joints)
+    see_accelerations(absorbers, losses, window, now, state, joints)
+    balance(absorbers, compliance, now, joints)
+    time = window.centre + now[0].tau
+    for a in range(now.shape[0]):
+        if joints.waits[a]:
+            low, high = joint_bounds(absorbers.limit[a], now[a].side)
+            f, slack = wanted_force(absorbers, compliance, joints, a), JOINT_SLACK * joints.slack[a] / compliance[a, a]
+            if low - slack <= f <= high + slack:
+                join(now[a], joints.place[a], time)
+            else:
+                part(absorbers.limit[a], now[a], joints.speed[a], -1.0 if f > high else 1.0, time, events)
+
+
+@jit
+def join(now, place, time):
+    """Let an absorber move with the beam from now on; one that does so already goes on."""
+    if now.regime != JOINED:
+        now.regime, now.since, now.offset = JOINED, time, now.q - place
+    now.force, now.at_rest = 0.0, False
+
+
+@jit
+def part(limit, now, speed, sign, time, events):
+    """Let an absorber without relative velocity slide in a sign from now on; ``speed``: of the beam at its place."""
+    if now.regime == JOINED:
+        end_phase(events, now, time)
+    now.regime, now.sign, now.at_rest, now.v = FREE, sign, True, speed
+    friction_force(limit, now)

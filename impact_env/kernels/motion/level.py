@@ -1,0 +1,104 @@
+"""The response level from a stream of samples: windowed RMS around the maximum (paper, Eqs. tmax and barqtip)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, one, record
+
+BLOCK = 64
+# next sample, running sum of squares, largest |q| and its sample, running sums at the first and last sample of the window, neighbours of the maximum,
+# last |q|, whether the right neighbour is due
+LEVEL = record(
+    next=INTEGER, total=NUMBER, largest=NUMBER, at=INTEGER, first_sum=NUMBER, last_sum=NUMBER, left=NUMBER, right=NUMBER, previous=NUMBER, due=FLAG
+)
+
+
+class Level(NamedTuple):
+    """Streaming windowed RMS around the maximum (paper, Eqs. tmax and barqtip), in memory that does not grow with the run.
+
+    ``ring`` (W + 1,) holds the last running sums of q^2, W samples being half the window; ``state`` is a LEVEL record. ``block`` (any size) is where
+    samples are computed before they are pushed: sample n of a run goes to place n modulo its size, so the last ones can be read there.
+    """
+
+    ring: NDArray[np.float64]
+    state: Any
+    block: NDArray[np.float64]
+
+
+def new_level(samples_per_period: int, half_window_periods: int = 10) -> Level:
+    """Return an empty level observer for a window of +- ``half_window_periods`` pseudo periods."""
+    return Level(np.zeros(half_window_periods * samples_per_period + 1), one(LEVEL, largest=-1.0), np.zeros(BLOCK))
+
+
+@jit
+def clear_level(level):
+    """Forget all samples."""
+    state = level.state
+    state.next, state.at, state.due = 0, 0, False
+    state.total, state.largest, state.first_sum, state.last_sum = 0.0, -1.0, 0.0, 0.0
+    state.left, state.right, state.previous = 0.0, 0.0, 0.0
+
+
+@jit
+def push_level(level, q):
+    """Take the next sample of the tip displacement (m)."""
+    level.block[0] = q
+    push_block(level, 0, 1)
+
+
+@jit
+def push_block(level, first, count):
+    """Take the next ``count`` samples of the tip displacement (m), which lie in the block from place ``first`` on."""
+    ring, state, block = level
+    size = ring.shape[0]
+    width = size - 1
+    n, at, due = state.next, state.at, state.due
+    place = n % size
+    total, largest, previous = state.total, state.largest, state.previous
+    for k in range(first, first + count):
+        q = block[k]
+        total += q * q
+        q = abs(q)
+        ring[place] = total
+        place = place + 1 if place < width else 0  # now where the sum at n - width is: the first sample of the window
+        if due:
+            state.right = q
+            due = False
+        if q > largest:
+            largest, at, due = q, n, True
+            state.left, state.right = previous, q
+            state.first_sum = ring[place] if n >= width else ring[0]
+        if n <= at + width:
+            state.last_sum = total
+        previous = q
+        n += 1
+    state.next, state.at, state.due = n, at, due
+    state.total, state.largest, state.previous = total, largest, previous
+
+
+@jit
+def close_level(level):
+    """Return (response level in m, sample of the maximum with a parabola's fraction, largest |q| in m).
+
+    The window is cut where the run starts or ends. The RMS is the mean of the samples after the window's first.
+    """
+    ring, state, _ = level
+    width = ring.shape[0] - 1
+    if state.next < 2:
+        return abs(state.largest), 0.0, abs(state.largest)
+    at = state.at
+    first = max(0, at - width)
+    last = min(state.next - 1, at + width)
+    mean = (state.last_sum - state.first_sum) / max(last - first, 1)
+    left, peak, right = state.left, state.largest, state.right
+    bend = left - 2.0 * peak + right
+    shift = 0.0
+    if bend < 0.0 and at > 0:
+        shift = 0.5 * (left - right) / bend
+        peak -= 0.25 * (left - right) * shift
+    return np.sqrt(max(mean, 0.0)), at + shift, peak

@@ -1,0 +1,177 @@
+"""Loads of any kind in a window: each is a list of pieces, and their sum is one polynomial of time on a common carrier.
+
+A piece is Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the piece began: a chirp (c0 alone), the unbalance of a
+rotor that runs up (the square of its frequency), a base's displacement (two derivatives of it), straight lines between samples (no carrier), a
+pulse. In a window all pieces are expanded around its centre on the carrier halfway between the lowest and the highest frequency that is there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.motion.numbers import cos_sin
+from impact_env.kernels.motion.vector import TERMS
+
+Array = NDArray[np.float64]
+CHIRP_REMAINDER = 1e-17
+BEAT_REACH = 0.049  # rad from a window's centre to its end, of a frequency against the carrier: to the ninth power over 9! it is 5e-18
+BENT_BEAT = 1e-4  # rad that a frequency's own change may add to that
+MOST_PHASE = 300.0  # rad of the force from a window's centre to its end: rounding of time makes that times 1e-16 of the forced part noise
+SAME = 1e-12  # of the highest frequency: closer ones need no common carrier
+# numbers of a piece: when it begins (s), frequency (rad/s), its rate (rad/s^2), phase (rad), real and imaginary parts of c0, c1, c2
+BEGINS, OMEGA, ALPHA, PHASE, POLYNOMIAL, NUMBERS = 0, 1, 2, 3, 4, 10
+
+
+class Base(NamedTuple):
+    """A base that moves: its acceleration in the current window, ``terms`` as in `Load`; what a unit of it does to the modes.
+
+    ``participation`` Gamma (N_m,) in sqrt(kg); ``at_absorber``: displacement of the absorber's place for a unit rigid motion; ``carried``:
+    absorber mass times that (kg).
+    """
+
+    terms: Array
+    participation: Array
+    at_absorber: float
+    carried: float
+
+
+class Load(NamedTuple):
+    """Loads that act together: ``pieces`` (P, NUMBERS), ``which`` (K - 1, sources) the piece of each source in each stretch of time.
+
+    ``moves_base`` (sources,): whether a source is the base's acceleration (m/s^2), else a force (N). ``terms`` (2, TERMS): Taylor coefficients, in
+    the time from the centre of the current window, of half the complex force without its carrier. ``base`` None: it does not move.
+    """
+
+    pieces: Array
+    which: NDArray[np.int64]
+    moves_base: NDArray[np.bool_]
+    terms: Array
+    base: Base | None
+
+
+@jit
+def _acts(piece):
+    """Return whether a piece is more than zero."""
+    size = 0.0
+    for n in range(POLYNOMIAL, NUMBERS):
+        size += abs(piece[n])
+    return size > 0.0
+
+
+@jit
+def band(load, k, t):
+    """Return the lowest and the highest frequency (rad/s) of stretch ``k`` at time ``t``, and the largest of their rates."""
+    low, high, rate = np.inf, 0.0, 0.0
+    for source in range(load.which.shape[1]):
+        piece = load.pieces[load.which[k, source]]
+        if _acts(piece):
+            omega = piece[OMEGA] + piece[ALPHA] * (t - piece[BEGINS])
+            low, high, rate = min(low, omega), max(high, omega), max(rate, abs(piece[ALPHA]))
+    return min(low, high), high, rate
+
+
+@jit
+def count_windows(load, times, k, reach):
+    """Return how many windows stretch ``k`` between ``times`` needs, each of at most ``reach`` (s)."""
+    duration, longest, spread, highest, rate = times[k + 1] - times[k], reach, 0.0, 1e-300, 0.0
+    for end in range(2):
+        low, high, rate = band(load, k, times[k + end])
+        spread, highest = max(spread, 0.5 * (high - low)), max(highest, high)
+    bent = (120.0 * CHIRP_REMAINDER) ** 0.2
+    if spread > SAME * highest:
+        longest, bent = min(longest, 2.0 * BEAT_REACH / spread), BENT_BEAT
+    if rate > 0.0:
+        longest = min(longest, 2.0 * math.sqrt(2.0 * bent / rate))
+    longest = min(longest, 2.0 * MOST_PHASE / highest)
+    return max(1, math.ceil(duration / longest * (1.0 - 1e-12)))
+
+
+@jit
+def _expand(piece, t, carrier, terms):
+    """Add half a piece's complex polynomial around time ``t``, on a carrier (rad/s), to ``terms`` (2, TERMS)."""
+    u = t - piece[BEGINS]
+    alpha, delta = piece[ALPHA], piece[OMEGA] + piece[ALPHA] * u - carrier
+    phase = piece[PHASE] + (piece[OMEGA] + 0.5 * alpha * u) * u
+    c, s = math.cos(phase), math.sin(phase)
+    p = POLYNOMIAL
+    factors_r = (piece[p] + (piece[p + 2] + piece[p + 4] * u) * u, piece[p + 2] + 2.0 * piece[p + 4] * u, piece[p + 4])
+    factors_i = (piece[p + 1] + (piece[p + 3] + piece[p + 5] * u) * u, piece[p + 3] + 2.0 * piece[p + 5] * u, piece[p + 5])
+    # y = exp(i (delta tau + alpha tau^2/2)): y' = i (delta + alpha tau) y
+    e_r, e_i, old_r, old_i = 0.5 * c, 0.5 * s, 0.0, 0.0
+    for n in range(TERMS):
+        for m in range(3):
+            if n + m < TERMS:
+                terms[0, n + m] += factors_r[m] * e_r - factors_i[m] * e_i
+                terms[1, n + m] += factors_r[m] * e_i + factors_i[m] * e_r
+        new_r, new_i = -(delta * e_i + alpha * old_i) / (n + 1), (delta * e_r + alpha * old_r) / (n + 1)
+        old_r, old_i, e_r, e_i = e_r, e_i, new_r, new_i
+
+
+@jit
+def force_in(load, k, t):
+    """Return the force at time ``t`` of stretch ``k`` (N)."""
+    total = 0.0
+    for source in range(load.which.shape[1]):
+        piece = load.pieces[load.which[k, source]]
+        if not load.moves_base[source]:
+            u, p = t - piece[BEGINS], POLYNOMIAL
+            phase = piece[PHASE] + (piece[OMEGA] + 0.5 * piece[ALPHA] * u) * u
+            total += (piece[p] + (piece[p + 2] + piece[p + 4] * u) * u) * math.cos(phase)
+            total -= (piece[p + 1] + (piece[p + 3] + piece[p + 5] * u) * u) * math.sin(phase)
+    return total
+
+
+@jit
+def enter_load(load, k, t):
+    """Write the terms of stretch ``k`` around time ``t``, and return their carrier (rad/s)."""
+    low, high, _ = band(load, k, t)
+    carrier = high if high - low <= SAME * high else 0.5 * (low + high)
+    load.terms[:] = 0.0
+    clear_base(load.base)
+    for source in range(load.which.shape[1]):
+        piece = load.pieces[load.which[k, source]]
+        if _acts(piece):
+            if load.moves_base[source]:
+                expand_base(load.base, piece, t, carrier)
+            else:
+                _expand(piece, t, carrier, load.terms)
+    return carrier
+
+
+@jit
+def clear_base(base):
+    """Set the terms of a base's acceleration to zero."""
+    if base is not None:
+        base.terms[:] = 0.0
+
+
+@jit
+def expand_base(base, piece, t, carrier):
+    """Add a piece of a base's acceleration to its terms."""
+    if base is not None:
+        _expand(piece, t, carrier, base.terms)
+
+
+@jit
+def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
+    """Return (x_r, x_i) with what term ``n`` of the base's acceleration does to slot ``j``, whose response to a unit of it is in ``row``."""
+    if base is None:
+        return x_r, x_i
+    t_r, t_i = base.terms[0, n], sign * base.terms[1, n]
+    return x_r + rows[row, j] * t_r - rows[row + 1, j] * t_i, x_i + rows[row, j] * t_i + rows[row + 1, j] * t_r
+
+
+@jit
+def value_of(terms, omega, tau):
+    """Return the load whose terms are known at an offset (s) from the window's centre."""
+    c, s = cos_sin(omega * tau)
+    x, y = 0.0, 0.0
+    for m in range(TERMS):
+        n = TERMS - 1 - m
+        x, y = x * tau + terms[0, n], y * tau + terms[1, n]
+    return 2.0 * (x * c - y * s)

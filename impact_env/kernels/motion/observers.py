@@ -1,0 +1,167 @@
+"""What a run may be asked to observe. Each observer is a NamedTuple of arrays and records, or None; None is pruned when a kernel is compiled.
+
+Every method hands its observers the same things: the tip displacement at equidistant samples (level), the state at those samples
+(series), impacts and contact phases (events), and the terms of the energy balance (energy).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.compiling.parts import sparing
+from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, one, record
+from impact_env.kernels.motion.level import Level
+
+# kinds of contact phase
+STUCK_INSIDE, HELD_LOWER, HELD_UPPER = 0, 1, 2
+# kinds of what a search can miss
+PASSED, TURNED, PULLED = 0, 1, 2
+# status codes of all integration kernels
+DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS, TOO_MANY_EVALUATIONS, SEARCH_GAVE_UP, STOPPED = range(7)
+
+# what has been done: impacts, time in joined phases (s), steps or stretches between events, evaluations, events, time reached (s), which another
+# thread reads while the run goes on; ``stop`` is its order to end it. What may be used (budget.py): events and evaluations at once, and for each
+# second that has passed. Last, the evaluations before the stretch under way.
+COUNTS = record(
+    impacts=INTEGER,
+    stuck_time=NUMBER,
+    steps=INTEGER,
+    evaluations=INTEGER,
+    events=INTEGER,
+    reached=NUMBER,
+    stop=FLAG,
+    most_events=NUMBER,
+    events_per_s=NUMBER,
+    most_evaluations=NUMBER,
+    evaluations_per_s=NUMBER,
+    searched=INTEGER,
+)
+CLOCK = record(level=INTEGER, series=INTEGER, interval=NUMBER)  # next sample of level and series, and the time between two (s)
+IMPACT = record(time=NUMBER, relative_velocity=NUMBER, impulse=NUMBER, loss=NUMBER, absorber=INTEGER)
+PHASE = record(start=NUMBER, end=NUMBER, kind=INTEGER, absorber=INTEGER)
+LISTED = record(impacts=INTEGER, phases=INTEGER)
+TOTALS = record(work=NUMBER, friction_loss=NUMBER, impact_loss=NUMBER, absorber_damping=NUMBER)
+CHECKED = record(searches=INTEGER, misses=INTEGER)
+MISS = record(time=NUMBER, kind=INTEGER, share=NUMBER)
+MOTION = record(q=NUMBER, v=NUMBER, a=NUMBER)  # an absorber's displacement, velocity and acceleration
+FIRST_MISSES = 16
+
+
+class Check(NamedTuple):
+    """What comes of checking the exact method's searches (check.py).
+
+    ``counts``: a CHECKED record. ``worst`` (3,), by kind of miss: how deep beyond a guard, of the clearance (of the signal's terms, if
+    there is none), how fast in the wrong sense, of the rate's terms, how far the joint force out of its bounds, of its terms. ``first``
+    (FIRST_MISSES,): MISS records of the first misses.
+    """
+
+    counts: Any
+    worst: NDArray[np.float64]
+    first: NDArray[Any]
+
+
+class Counters(NamedTuple):
+    """``counts``: a COUNTS record. ``check`` None: searches are not checked."""
+
+    counts: Any
+    check: Check | None = None
+
+
+class Events(NamedTuple):
+    """What happened at the contacts: ``impacts`` and ``phases`` (capacity,), IMPACT and PHASE records.
+
+    ``counts``, a LISTED record, goes on counting when the capacity is used up, so that the caller can run again with enough of it.
+    """
+
+    impacts: NDArray[Any]
+    phases: NDArray[Any]
+    counts: Any
+
+
+@sparing
+class Series(NamedTuple):
+    """``states`` (samples, 2 N_m + 2): modal displacements, absorber displacement, modal velocities, absorber velocity."""
+
+    states: NDArray[np.float64]
+
+
+@sparing
+class Energy(NamedTuple):
+    """``totals`` (1,), a TOTALS record: work of the force, losses by friction, by impacts, in the tuned absorber's damper; ``modal`` (N_m,) loss per
+    mode. In J. An array, since a kernel that returns records does not compile.
+    """  # noqa: D205
+
+    totals: NDArray[Any]
+    modal: NDArray[np.float64]
+
+
+class Observe(NamedTuple):
+    """All observers of a lane; ``clock`` is a CLOCK record, and None is not observed.
+
+    ``energy`` is what the caller reads, an `Energy`; between the stretches of an exact lane it is the `energy_account.Account` that fills it.
+    ``place`` (N_m,): mode shape where the level is read; None: at the tip.
+    """
+
+    clock: Any
+    counters: Counters
+    level: Level | None = None
+    events: Events | None = None
+    series: Series | None = None
+    energy: Any = None
+    place: NDArray[np.float64] | None = None
+
+
+def new_counters(
+    events: float = np.inf, events_per_s: float = 0.0, evaluations: float = np.inf, evaluations_per_s: float = 0.0, check: Check | None = None
+) -> Counters:
+    """Return counters at zero, and what the run may use."""
+    counts = one(COUNTS, most_events=events, events_per_s=events_per_s, most_evaluations=evaluations, evaluations_per_s=evaluations_per_s)
+    return Counters(counts, check)
+
+
+def new_clock(interval: float) -> Any:
+    """Return the clock of a run that begins; ``interval`` (s) between samples."""
+    return one(CLOCK, interval=interval)
+
+
+def new_events(capacity: int) -> Events:
+    """Return empty lists of impacts and phases."""
+    return Events(np.zeros(capacity, IMPACT), np.zeros(capacity, PHASE), one(LISTED))
+
+
+def new_energy(modes: int) -> Energy:
+    """Return an energy balance at zero."""
+    return Energy(np.zeros(1, TOTALS), np.zeros(modes))
+
+
+def new_check() -> Check:
+    """Return an empty check."""
+    return Check(one(CHECKED), np.zeros(3), np.zeros(FIRST_MISSES, MISS))
+
+
+@jit
+def push_impact(events, time, relative_velocity, impulse, loss, absorber):
+    """Append an impact of an absorber (its number) to the list, if one is kept."""
+    if events is None:
+        return
+    k = events.counts.impacts
+    if k < events.impacts.shape[0]:
+        row = events.impacts[k]
+        row.time, row.relative_velocity, row.impulse, row.loss, row.absorber = time, relative_velocity, impulse, loss, absorber
+    events.counts.impacts = k + 1
+
+
+@jit
+def push_phase(events, start, end, kind, absorber):
+    """Append a contact phase of an absorber (its number) to the list, if one is kept."""
+    if events is None:
+        return
+    k = events.counts.phases
+    if k < events.phases.shape[0]:
+        row = events.phases[k]
+        row.start, row.end, row.kind, row.absorber = start, end, kind, absorber
+    events.counts.phases = k + 1

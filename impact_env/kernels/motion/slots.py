@@ -1,0 +1,118 @@
+"""Linear regimes in first-order modal form, and their exact propagation.
+
+In every regime the state is a sum of slots Z_j with Z_j' = s_j Z_j + drive_j f(t) + relative_j F, where f is the external force and F a
+constant force between beam and absorber (positive on the absorber). A pair of complex eigenvalues is one slot, of which real parts are
+taken; a real eigenvalue is a slot of its own. So a slot splits into z_j exp(s_j t), a forced part (forced.py) and a rest part
+-relative_j F / s_j.
+
+exp(s_j t) is a product of three table entries and a short Taylor polynomial: t = d1 h1 + d2 h2 + d3 h3 + rest, with h1 = reach/base,
+h2 = h1/base, h3 = h2/base and |s_j| h3 <= TAYLOR_REACH, so that the polynomial is exact to rounding. No transcendental function is called.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.compiling.jit import jit, jit_inline
+from impact_env.kernels.motion.slot_sums import add_row, copy_slots, multiply_row, sum_and_bounds, sum_four, sum_one, third_to_fifth, turn_to
+
+TAYLOR_TERMS = 7  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
+TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
+
+# rows of Slots.rows: real part, then imaginary part
+S, SQUARE, DRIVE, RELATIVE, REST, GUARD, TIP, TAYLOR, SPEED, SPEED_SQUARE, SPEED_CUBE, BASE = 0, 2, 4, 6, 8, 10, 12, 14, 26, 27, 28, 29
+# entries of Slots.scale
+BITS, FINEST, PER_FINEST, FASTEST = range(4)
+
+
+class Slots(NamedTuple):
+    """One regime: J slots sorted by |s_j| and padded with empty ones. Few arrays, because each costs time at every call.
+
+    ``rows`` (31, J), real and imaginary parts in turn: S eigenvalues in 1/s; SQUARE their squares; DRIVE, RELATIVE response to unit forces;
+    REST -relative/s; GUARD weights of the regime's guard signal; TIP weights of the tip displacement; TAYLOR s^n/n! for n = 1 ... 6; SPEED |s|,
+    SPEED_SQUARE and SPEED_CUBE; BASE response to a unit acceleration of the base, which a regime without a base has no rows of (29, J).
+    ``table`` (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3, largest |s|.
+
+    For the event search, at levels L of time steps h_L (search.py): ``steps`` (L, 2) h_L in s and the number of slots to sum; ``waves``
+    (L, J, 2, POINTS) and ``turns`` (L, POINTS, 2, J): exp(k s h_L), k = 1 ... POINTS, in two orders; ``errors`` (L, J) as in tables.py.
+    """
+
+    rows: NDArray[np.float64]
+    table: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    steps: NDArray[np.float64]
+    waves: NDArray[np.float64]
+    turns: NDArray[np.float64]
+    errors: NDArray[np.float64]
+
+
+@jit_inline
+def digits(scale, delta):
+    """Return (d1, d2, d3, rest) of a time offset within the tables' reach; the rest is at most h3/2 in size, and 0 on the grid of h3."""
+    n = np.int64(delta * scale[PER_FINEST] + 0.5)
+    bits = np.int64(scale[BITS])
+    mask = (np.int64(1) << bits) - 1
+    n = max(min(n, (np.int64(1) << (3 * bits)) - 1), 0)  # also where delta is not a number: the rest then says so
+    return n >> (2 * bits), (n >> bits) & mask, n & mask, delta - n * scale[FINEST]
+
+
+@jit_inline
+def advance(rows, table, scale, delta, z):
+    """Multiply z (2, J) by exp(s delta) in place."""
+    move(rows, table, scale, z, delta, z)
+
+
+@jit
+def move(rows, table, scale, u, delta, out):
+    """Write u exp(s delta) to ``out``, real parts first."""
+    d1, d2, d3, x = digits(scale, delta)
+    turn_to(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u, out)
+
+
+@jit_inline
+def sum_block(rows, table, u, d1, d2, d3, x):
+    """Return sum Re(u_j exp(s_j t)) and its first three derivatives."""
+    return sum_four(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)
+
+
+@jit_inline
+def sum_and_bound(rows, table, u, d1, d2, d3, x):
+    """Return value, first and second derivative of sum Re(u_j exp(s_j t)), and bounds of the second to fourth that hold for ever after.
+
+    A bound is the sum of |u_j exp(s_j t)| |s_j|^m.
+    """
+    return sum_and_bounds(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)
+
+
+@jit
+def copy(z, w):
+    """Write z to w, both (2, J)."""
+    copy_slots(z.shape[1], z, w)
+
+
+@jit
+def value(rows, table, scale, u, delta):
+    """Return sum Re(u_j exp(s_j delta))."""
+    d1, d2, d3, x = digits(scale, delta)
+    return sum_one(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)[0]
+
+
+@jit_inline
+def high_derivatives(rows, u):
+    """Return the third, fourth and fifth derivative of sum Re(u_j exp(s_j t)) at t = 0."""
+    return third_to_fifth(rows, rows.shape[1], u)
+
+
+@jit
+def weigh(rows, row, z, u):
+    """Write u = w z with the weights w in ``row`` and the row behind it."""
+    multiply_row(rows, row, rows.shape[1], z, u)
+
+
+@jit
+def add(rows, row, factor, z):
+    """Add factor * w to z with w in ``row`` and the row behind it."""
+    add_row(rows, row, rows.shape[1], factor, z)

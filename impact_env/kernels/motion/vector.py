@@ -1,0 +1,172 @@
+"""The innermost loops of the event search as vector code: sums over slots at POINTS times at once, and what follows from them.
+
+LLVM cannot know that a lane's amplitudes and a regime's tables do not overlap, and it unrolls short loops before it could make vectors of them. So
+these loops are written down (vector_code.py); a vector of 8 numbers becomes what the processor has: one, two or four registers.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from impact_env.kernels.compiling.jit import INTEGER, NUMBER, vector_code
+from impact_env.kernels.compiling.vector_code import Code, Index, Number
+
+POINTS = 8  # times in a block
+TERMS = 9  # coefficients of the forced part's polynomials (forced.py)
+SCAN_TERMS = 7  # those that a block keeps
+
+# entries of a block: 1 + POINTS numbers of the value, the rate and the bend, then of their forced parts, in rows; then the carrier of the force
+ROW = 16
+VALUE, RATE, BEND, FORCED, COS, SIN = 0, ROW, 2 * ROW, 3 * ROW, 6 * ROW, 6 * ROW + POINTS
+BLOCK = 7 * ROW
+
+
+class Place(NamedTuple):
+    """Where a block begins: ``offset`` (s) from the signal's reference, the force's carrier there, blocks since the amplitudes were computed."""
+
+    offset: float
+    cos: float
+    sin: float
+    turns: int
+
+
+class Step(NamedTuple):
+    """The steps of a level: their length ``h`` (s), the slots that are summed, and the errors E of the signal and of its rate within one."""
+
+    level: int
+    h: float
+    summed: int
+    e0: float
+    e1: float
+
+
+def signal_place(m: Any, n: int, part: int) -> Any:
+    """Return the place of coefficient n of signal m, its real (0) or imaginary (1) part, in the flat array `forced.Forced.signals`."""
+    return (m >> 2) * (8 * TERMS) + (m & 3) + (8 * n + 4 * part)
+
+
+def _sum_slots(code: Code, orders: int, waves: Any, first: Any, w: Any, size: Any, count: Any) -> tuple[list[Number], list[Number]]:
+    """Return sum_j Re(w[q, j] wave[j, k]) as a vector over k, and sum_j Re(w[q, j]), for each order q.
+
+    The products of real and of imaginary parts have sums of their own, so that none waits for the other.
+    """
+    reals, imags, firsts = ([code.sum(lanes) for _ in range(orders)] for lanes in (POINTS, POINTS, 0))
+    for j in code.loop(count):
+        at = first + j * (2 * POINTS)
+        wave = code.complex(waves, at, at + POINTS, POINTS)
+        for q in range(orders):
+            index = size * (2 * q) + j
+            w_r, w_i = code.number(w, index), code.number(w, index + size)
+            reals[q].add_product(code.spread(w_r, POINTS), wave.real)
+            imags[q].add_product(code.spread(w_i, POINTS), wave.imag)
+            firsts[q] += w_r
+    return [real.number() - imag.number() for real, imag in zip(reals, imags, strict=True)], [s.number() for s in firsts]
+
+
+def _horner(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
+    total = code.spread(code.number(signals, signal_place(m, SCAN_TERMS - 1, part)), POINTS)
+    for n in range(SCAN_TERMS - 2, -1, -1):
+        total = total.fma(y, code.spread(code.number(signals, signal_place(m, n, part)), POINTS))
+    return total
+
+
+def _margins(left: Number, right: Number, left_slope: Number, right_slope: Number, third: Number) -> tuple[Number, Number]:
+    """Return the least and the largest of the Bernstein coefficients of the cubics through values and slopes at both ends."""
+    a, b = third.fma(left_slope, left), (-third).fma(right_slope, right)
+    return left.least(right).least(a.least(b)), left.largest(right).largest(a.largest(b))
+
+
+def _fill_block(code: Code, orders: int, course: Any, place: Any, step: Any, size: Any) -> tuple[list[Number], list[Number]]:
+    """Write all of a block, and return the first ``orders`` derivatives at the start and at the end of each of its steps."""
+    b, w, p, signals = course.signal.block, course.signal.moving, course.signal.polynomial, course.forced.signals
+    h, x = code.spread(step.h, POINTS), course.tau + place.offset
+    first = step.level * size * (2 * POINTS)
+    sums, firsts = _sum_slots(code, orders, course.slots.waves, first, w, size, step.summed)
+    steps = code.constant(range(1, POINTS + 1))
+    y, z = (steps.fma(h, code.spread(start, POINTS)) for start in (x, place.offset))
+    at = step.level * (2 * POINTS)
+    turn = code.complex(course.forced.carrier, at, at + POINTS, POINTS)
+    c, s = code.spread(place.cos, POINTS), code.spread(place.sin, POINTS)
+    cos, sin = c.fma(turn.real, -(s * turn.imag)), s.fma(turn.real, c * turn.imag)
+    code.store(cos, b, COS)
+    code.store(sin, b, SIN)
+    p0, p1, p2 = (code.spread(code.number(p, n), POINTS) for n in range(3))
+    half = p2 * code.constant([0.5] * POINTS)
+    polynomials = (z.fma(z.fma(half, p1), p0), z.fma(p2, p1), p2)
+    lefts, rights = [], []
+    for q in range(orders):
+        real, imaginary = (_horner(code, signals, q, part, y) for part in (0, 1))
+        forced = real.fma(cos, (-imaginary).fma(sin, polynomials[q]))
+        code.store(forced, b, FORCED + ROW * q + 1)
+        rights.append(sums[q] + forced)
+        start = firsts[q] + code.number(b, FORCED + ROW * q)
+        lefts.append(code.before(start, rights[q]))
+        code.put(start, b, ROW * q)
+        code.store(rights[q], b, ROW * q + 1)
+    return lefts, rights
+
+
+@vector_code(INTEGER, 2)
+def scan(code: Code, course, guards, place, step, size: Index):
+    """Fill a block and return (walls, reversals): bit k of either is set where step k is not clear of it.
+
+    ``course``: a `signals.Course`, whose block has the forced parts at its start set, and the carrier of the step's level; ``guards``: its
+    `signals.Guards`; ``place``: where the block begins; ``size``: slots that the signal has.
+    """
+    walls, reversal = guards.low is not None, guards.direction is not None
+    lefts, rights = _fill_block(code, 3 if reversal else 2, course, place, step, size)
+    third = code.spread(step.h, POINTS) * code.constant([1.0 / 3.0] * POINTS)
+    masks = [code.index(0), code.index(0)]
+    if walls:
+        low, high, error = (code.spread(number, POINTS) for number in (guards.low, guards.high, step.e0))
+        least, largest = _margins(lefts[0], rights[0], lefts[1], rights[1], third)
+        masks[0] = ((high - largest).least(least - low) - error).not_positive()
+    if reversal:
+        sign = code.spread(guards.direction, POINTS)
+        least, _ = _margins(sign * lefts[1], sign * rights[1], sign * lefts[2], sign * rights[2], third)
+        masks[1] = (least - code.spread(step.e1, POINTS)).not_positive()
+    return masks
+
+
+def _turn(orders: int) -> Any:
+    @vector_code()
+    def turn(code: Code, turns, start: Index, w, size: Index):
+        for j in code.slots(size):
+            at = start + j
+            factor = code.complex(turns, at, at + size)
+            for q in range(orders):
+                index = size * (2 * q) + j
+                other = index + size
+                code.store_complex(code.complex(w, index, other).times(factor), w, index, other)
+
+    turn.__doc__ = "Multiply w[q, j] by turn[j] for all orders q; ``turns``: flat, from ``start`` on ``size`` real, then ``size`` imaginary parts."
+    return turn
+
+
+@vector_code()
+def begin_orders(code: Code, rows, u, w, size: Index):
+    """Write w[0] = u, w[1] = s u and w[2] = s^2 u; ``rows``: flat, its first four rows of ``size`` numbers hold s and s^2, real and imaginary."""
+    for j in code.slots(size):
+        amplitude = code.complex(u, j, j + size)
+        code.store_complex(amplitude, w, j, j + size)
+        for q in (1, 2):
+            index = size * (2 * q - 2) + j
+            speed = code.complex(rows, index, index + size)
+            index = size * (2 * q) + j
+            code.store_complex(amplitude.times(speed), w, index, index + size)
+
+
+@vector_code(NUMBER, 2)
+def weighted_sizes(code: Code, weights, start: Index, w, size: Index):
+    """Return sum_j weight[j] (|Re w[q, j]| + |Im w[q, j]|) for q = 0 and 1; ``weights``: flat, from ``start`` on."""
+    sums = [code.sum() for _ in range(2)]
+    for j in code.slots(size):
+        weight = code.vector(weights, start + j)
+        for q in range(2):
+            index = size * (2 * q) + j
+            both = code.complex(w, index, index + size)
+            sums[q].add_product(weight, both.real.size() + both.imag.size())
+    return [s.total() for s in sums]
+
+
+turn_2, turn_3 = _turn(2), _turn(3)

@@ -1,0 +1,253 @@
+"""One Runge-Kutta step as a linear map, and the compliant contact laws that feed back into it (paper, Eqs. elSignorini, elCoulomb)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
+from impact_env.kernels.stepping.moreau_law import Spring
+
+# rows of the table of oscillators. A constant distance between rows spares a run-time check for overlap; it is no power of two, so that
+# rows do not share cache lines' low address bits. Q, U: state. QQ to UU: its map over a step. QF1 to UF4: excitation at start, middle and
+# end. QP1 to UP4: feedback in the four stages. Y: four pairs, observation in each stage from Q and U.
+STRIDE = 68
+Q, U, QQ, QU, UQ, UU, QF1, QFM, UF1, UFM, UF4, QP1, QP2, QP3, UP1, UP2, UP3, UP4, Y, TIP, Q_BEFORE, U_BEFORE, ROWS = (*range(19), 26, 27, 28, 29)
+# columns of the mix: what the observation in a stage takes from the excitation at start, middle, end and from the feedback in stages 1 to 3
+_MIX = 6
+
+
+class Slider(NamedTuple):
+    """Spring (N/m) in series with a Coulomb slider (limit in N)."""
+
+    limit: float
+    stiffness: float
+
+
+class Stops(NamedTuple):
+    """Unilateral springs (N/m) at +- gap (m)."""
+
+    gap: float
+    stiffness: float
+
+
+class Cubic(NamedTuple):
+    """Spring whose force is its stiffness (N/m^3) times the cube of the relative displacement, and damper (N s/m)."""
+
+    cubic_stiffness: float
+    damping: float
+
+
+class CompliantLaws(NamedTuple):
+    """One absorber: mass (kg) of one that moves, or of one that is stuck, walls, friction, spring, cubic spring; None where absent."""
+
+    mass: float | None
+    added_mass: float | None
+    stops: Stops | None
+    slider: Slider | None
+    spring: Spring | None
+    cubic: Cubic | None
+
+
+@jit
+def textbook_step(w2, c, h, q, u, w):
+    """Return the four stages' (q, u) and the new (q, u) of q'' + c q' + w2 q = w, with w given stage by stage."""
+    w1, wm2, wm3, w4 = w
+    a1 = w1 - w2 * q - c * u
+    q2, u2 = q + 0.5 * h * u, u + 0.5 * h * a1
+    a2 = wm2 - w2 * q2 - c * u2
+    q3, u3 = q + 0.5 * h * u2, u + 0.5 * h * a2
+    a3 = wm3 - w2 * q3 - c * u3
+    q4, u4 = q + h * u3, u + h * a3
+    a4 = w4 - w2 * q4 - c * u4
+    return q, u, q2, u2, q3, u3, q4, u4, q + h / 6.0 * (u + 2.0 * u2 + 2.0 * u3 + u4), u + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+
+
+class Oscillator(NamedTuple):
+    """One column of the table: omega^2, 2 D omega, what the excitation does, its share in the tip, and its weights in the observation.
+
+    (see_q, see_u) weigh its state, ``see_push`` the excitation.
+    """
+
+    w2: float
+    c: float
+    push: float
+    tip: float
+    see_q: float
+    see_u: float
+    see_push: float
+
+
+class Speeds(NamedTuple):
+    """A second observation, the relative velocity, for laws that need it beside the displacement: eight rows as `Y`, and its ``mix``."""
+
+    cells: NDArray[np.float64]
+    mix: NDArray[np.float64]
+
+
+class Table(NamedTuple):
+    """The oscillators for the loop: rows of ``cells``, their ``mix`` (4, 6), N_m, oscillators in steps of 4, distance of rows if it is not `STRIDE`,
+    the step (s), and `Speeds`, None if no law needs them.
+    """  # noqa: D205
+
+    cells: NDArray[np.float64]
+    mix: NDArray[np.float64]
+    modes: int
+    lanes: int
+    wide: int | None
+    h: float
+    speeds: Speeds | None
+
+
+@jit_inline
+def stride_of(wide):
+    """Return the distance between rows."""
+    if wide is None:
+        return STRIDE
+    return wide
+
+
+@jit_room
+def _unit_response(w2, c, h, one):
+    """Return `textbook_step` for the unit vector ``one`` of (q, u, w1, w2, w3, w4)."""
+    e = np.zeros(6)
+    e[one] = 1.0
+    return np.array(textbook_step(w2, c, h, e[0], e[1], (e[2], e[3], e[4], e[5])))
+
+
+@jit_room
+def _add_oscillator(table, j, one):
+    """Fill column ``j`` with an `Oscillator` and add its share to the mix."""
+    cells, mix, stride = table.cells, table.mix, stride_of(table.wide)
+    responses = np.empty((6, 10))
+    for k in range(6):
+        responses[k] = _unit_response(one.w2, one.c, table.h, k)
+    cells[TIP * stride + j] = one.tip
+    for row in range(2):  # new q, new u
+        after = responses[:, 8 + row]
+        cells[(QQ + 2 * row) * stride + j] = after[0]
+        cells[(QU + 2 * row) * stride + j] = after[1]
+        cells[(QF1 + 2 * row) * stride + j] = one.push * after[2]
+        cells[(QFM + 2 * row) * stride + j] = one.push * (after[3] + after[4])
+        for stage in range(3 + row):
+            cells[(QP1 + 3 * row + stage) * stride + j] = -one.tip * after[2 + stage]
+    cells[UF4 * stride + j] = one.push * responses[5, 9]
+    _observe(cells[Y * stride :], mix, stride, j, one, responses)
+    if table.speeds is not None:
+        speed = Oscillator(one.w2, one.c, one.push, one.tip, 0.0, -one.tip, 0.0)
+        _observe(table.speeds.cells, table.speeds.mix, stride, j, speed, responses)
+
+
+@jit_room
+def _observe(cells, mix, stride, j, one, responses):
+    """Fill column ``j`` of an observation's eight rows, and add its share to the mix."""
+    for stage in range(4):
+        seen = one.see_q * responses[:, 2 * stage] + one.see_u * responses[:, 2 * stage + 1]
+        cells[2 * stage * stride + j] = seen[0]
+        cells[(2 * stage + 1) * stride + j] = seen[1]
+        mix[stage, 0] += one.push * seen[2]
+        mix[stage, 1] += one.push * (seen[3] + seen[4])
+        mix[stage, (stage + 1) // 2] += one.see_push * one.push
+        for earlier in range(3):
+            mix[stage, 3 + earlier] -= one.tip * seen[2 + earlier]
+
+
+@jit
+def _seen(spring, added_mass, tip, w2, c):
+    """Return what a mode's displacement, velocity and excitation add to the observation."""
+    if added_mass is not None:
+        return -tip * w2, -tip * c, tip
+    if spring is not None:
+        return -spring.stiffness * tip, -spring.damping * tip, 0.0
+    return -tip, -0.0 * tip, 0.0
+
+
+@jit_room
+def _add_absorber(m_a, spring, table, state):
+    """Fill the column of an absorber that moves: an oscillator of frequency zero."""
+    if m_a is None:
+        return
+    stiffness, damping = 1.0, 0.0
+    if spring is not None:
+        stiffness, damping = spring.stiffness, spring.damping
+    root, n, stride = np.sqrt(m_a), table.modes, stride_of(table.wide)
+    _add_oscillator(table, n, Oscillator(0.0, 0.0, 0.0, -1.0 / root, stiffness / root, damping / root, 0.0))
+    table.cells[Q * stride + n], table.cells[U * stride + n] = root * state[n], root * state[2 * n + 1]
+
+
+@jit_room
+def _new_speeds(cubic, stride):
+    """Return room for the relative velocity if a law needs it."""
+    if cubic is None:
+        return None
+    return Speeds(np.zeros(8 * stride), np.zeros((4, _MIX)))
+
+
+@jit_room
+def new_table(modes, laws, amplitude, state, h, wide):
+    """Return the `Table` of a scene for steps of h (s). The observation is the relative displacement; with a spring, its force; with an added mass,
+    the tip's acceleration without that mass.
+    """  # noqa: D205
+    n, stride = modes.omega.shape[0], stride_of(wide)
+    table = Table(np.zeros(ROWS * stride), np.zeros((4, _MIX)), n, 4 * ((n + 4) // 4), wide, h, _new_speeds(laws.cubic, stride))
+    for j in range(n):
+        w2, c, tip = modes.omega[j] * modes.omega[j], 2.0 * modes.damping_ratio[j] * modes.omega[j], modes.tip_shape[j]
+        see_q, see_u, see_push = _seen(laws.spring, laws.added_mass, tip, w2, c)
+        _add_oscillator(table, j, Oscillator(w2, c, modes.force_shape[j] * amplitude, tip, see_q, see_u, see_push))
+        table.cells[Q * stride + j], table.cells[U * stride + j] = state[j], state[n + 1 + j]
+    _add_absorber(laws.mass, laws.spring, table, state)
+    return table
+
+
+@jit
+def stop_force(y, stops):
+    """Return the walls' force on the absorber (N)."""
+    if stops is None:
+        return 0.0
+    if y > stops.gap:
+        return -stops.stiffness * (y - stops.gap)
+    if y < -stops.gap:
+        return -stops.stiffness * (y + stops.gap)
+    return 0.0
+
+
+@jit
+def slider_force(y, rest, slider):
+    """Return the friction on the absorber (N) with the slider at ``rest``."""
+    if slider is None:
+        return 0.0
+    return -min(max(slider.stiffness * (y - rest), -slider.limit), slider.limit)
+
+
+@jit_inline
+def _linear_feedback(y, spring, added_mass, joined_mass):
+    """Return the force of spring and added mass for an observation."""
+    force = 0.0
+    if spring is not None:
+        force -= y
+    if added_mass is not None:
+        force += joined_mass * y
+    return force
+
+
+@jit_inline
+def feedback(y, v, rest, laws, joined_mass):
+    """Return the force on the absorber (N) for an observation, and for a relative velocity (m/s) that is 0 where no law needs it.
+
+    ``joined_mass`` is m_a / (1 + m_a sum tip_shape^2).
+    """
+    force = stop_force(y, laws.stops) + slider_force(y, rest, laws.slider) + _linear_feedback(y, laws.spring, laws.added_mass, joined_mass)
+    if laws.cubic is not None:
+        force -= laws.cubic.cubic_stiffness * y * y * y + laws.cubic.damping * v
+    return force
+
+
+@jit
+def move_slider(y, rest, slider):
+    """Return the slider's place after a step that ends at relative displacement ``y``."""
+    if slider is None:
+        return rest
+    reach = slider.limit / slider.stiffness
+    return min(max(rest, y - reach), y + reach)

@@ -1,0 +1,362 @@
+"""The paper's Moreau time stepping with rigid contact laws (paper, section 2.4; laws: Eqs. signorini, coulomb, impulse).
+
+One step: q_M = q_n + dt/2 u_n; forces at q_M, u_n and t_M = t_n + dt/2; the contact problem at velocity level, with a wall taking part
+if q_M has reached it; q_n+1 = q_M + dt/2 u_n+1. Since the next q_M is q_M + dt u_n+1, the loop keeps the displacements at the middle of
+the steps, and one pass over the modes does a step. All contact acts along one line, so the contact problem has a closed form and needs
+no iteration. The scheme is of first order: damping acts at u_n and an impact is noticed at the end of its step. Without both it is of second.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.compiling.jit import NUMBER, jit, jit_inline, jit_room, vector_code
+from impact_env.kernels.compiling.vector_code import Code, Index, Number
+from impact_env.kernels.exact.budget import note_time
+from impact_env.kernels.motion.level import push_level
+from impact_env.kernels.motion.observers import DONE, NOT_FINITE, push_impact
+from impact_env.kernels.stepping.chirp import RESET, force_or, phasor, stretch_at, turns_left
+from impact_env.kernels.stepping.grid import FREE, close_phase, rows_wanted, step_of_row
+from impact_env.kernels.stepping.moreau_law import solve_contact
+
+Array = NDArray[np.float64]
+# rows of the table of modes
+STRIDE = 64
+_Q, _U, _KEEP, _PULL, _PUSH, _TIP, _Q_BEFORE, _U_BEFORE, _ROWS = range(9)
+
+
+class Table(NamedTuple):
+    """The modes for the loop: rows of ``cells``, N_m, that in steps of 4, the distance of rows if it is not `STRIDE`, and the step (s)."""
+
+    cells: Array
+    modes: int
+    lanes: int
+    wide: int | None
+    dt: float
+
+
+class Body(NamedTuple):
+    """Displacement of tip and absorber at the middle of a step, their velocities at its start, and the relative velocity."""
+
+    tip_q: float
+    tip_u: float
+    q: float
+    v: float
+    gamma: float
+
+
+class Hit(NamedTuple):
+    """What a step's contact does: percussion of friction and wall on the absorber (N s), and the kind of phase."""
+
+    friction: float
+    normal: float
+    kind: int
+
+
+@jit_room
+def _new_table(modes, amplitude, state, dt, wide):
+    stride = STRIDE
+    if wide is not None:
+        stride = wide
+    n = modes.omega.shape[0]
+    cells = np.zeros(_ROWS * stride)
+    for j in range(n):
+        cells[_Q * stride + j] = state[j] + 0.5 * dt * state[n + 1 + j]
+        cells[_U * stride + j] = state[n + 1 + j]
+        cells[_KEEP * stride + j] = 1.0 - 2.0 * modes.damping_ratio[j] * modes.omega[j] * dt
+        cells[_PULL * stride + j] = modes.omega[j] * modes.omega[j] * dt
+        cells[_PUSH * stride + j] = modes.force_shape[j] * amplitude * dt
+        cells[_TIP * stride + j] = modes.tip_shape[j]
+    return Table(cells, n, 4 * ((n + 3) // 4), wide, dt)
+
+
+def _swing_code(pushed: bool) -> Any:
+    @vector_code(NUMBER, 2)
+    def swing(code: Code, table, n: Index, stride: Index, force: Number, push: Number, dt: Number):
+        numbers, velocity, displacement = (force, push, dt), code.sum(), code.sum()
+        for j in code.slots(n):
+            force, push, dt = (code.spread(number) for number in numbers)
+            places = [stride * row + j for row in range(_TIP + 1)]
+            q, u, keep, pull, load, tip = (code.vector(table, place) for place in places)
+            given = load * force
+            if pushed:
+                given = tip.fma(push, given)
+            u = keep.fma(u, (-pull).fma(q, given))
+            q = dt.fma(u, q)
+            code.store(u, table, places[_U])
+            code.store(q, table, places[_Q])
+            velocity.add_product(tip, u)
+            displacement.add_product(tip, q)
+        return [total.total() for total in (velocity, displacement)]
+
+    return swing
+
+
+_swing_freely, _swing_pushed = _swing_code(False), _swing_code(True)
+
+
+@jit_inline
+def _stride(wide):
+    """Return the distance between rows; where it is a constant no check for overlap is needed."""
+    if wide is None:
+        return STRIDE
+    return wide
+
+
+@jit_inline
+def _swing(table, force, push):
+    """Advance the modes by a step without contact; return the tip's velocity at its end and displacement at the next step's middle."""
+    if push is None:
+        return _swing_freely(table.cells, table.lanes, _stride(table.wide), force, 0.0, table.dt)
+    return _swing_pushed(table.cells, table.lanes, _stride(table.wide), force, push, table.dt)
+
+
+@jit
+def _kick(table, percussion):
+    """Let the contact's percussion (N s, on the absorber) act back on the modes."""
+    cells, stride = table.cells, _stride(table.wide)
+    for j in range(table.lanes):
+        change = cells[_TIP * stride + j] * percussion
+        cells[_U * stride + j] -= change
+        cells[_Q * stride + j] -= change * table.dt
+
+
+@jit
+def _keep_before(table):
+    """Note displacements and velocities of the modes at the step's start."""
+    cells, stride = table.cells, _stride(table.wide)
+    for j in range(table.modes):
+        u = cells[_U * stride + j]
+        cells[_Q_BEFORE * stride + j] = cells[_Q * stride + j] - 0.5 * table.dt * u
+        cells[_U_BEFORE * stride + j] = u
+
+
+@jit_inline
+def _keep_for(energy, series, due, table):
+    """Keep the modes at the step's start where an observer wants them; ``due``: a sample is."""
+    if energy is not None:
+        _keep_before(table)
+    elif series is not None:
+        if due:
+            _keep_before(table)
+
+
+@jit_inline
+def _account_modes(energy, table, force):
+    """Add a step's work of the force and dissipation of the modes, both with the mean velocity of the step.
+
+    With that velocity the balance closes up to dt^2/8 times the change of sum omega^2 u^2, which does not grow with time.
+    """
+    if energy is None:
+        return
+    cells, stride, totals = table.cells, _stride(table.wide), energy.totals[0]
+    for j in range(table.modes):
+        old = cells[_U_BEFORE * stride + j]
+        mean = 0.5 * (old + cells[_U * stride + j])
+        totals.work += cells[_PUSH * stride + j] * force * mean
+        energy.modal[j] += (1.0 - cells[_KEEP * stride + j]) * old * mean
+
+
+@jit
+def _account_damper(energy, spring, before, mean, dt):
+    """Add a step's loss in the tuned absorber's damper."""
+    if spring is not None:
+        energy.totals[0].absorber_damping += spring.damping * before * mean * dt
+
+
+@jit_inline
+def _account_contact(energy, spring, friction, before, after, dt):
+    """Add a step's friction loss and loss in the tuned absorber's damper, with the mean relative velocity of the step."""
+    if energy is None:
+        return
+    mean = 0.5 * (before + after)
+    energy.totals[0].friction_loss -= friction * mean
+    _account_damper(energy, spring, before, mean, dt)
+
+
+@jit_inline
+def _account_impact(energy, loss):
+    """Add an impulse's loss to the energies."""
+    if energy is not None:
+        energy.totals[0].impact_loss += loss
+
+
+@jit_inline
+def _note_impact(normal, distance, before, after, time, observe):
+    """Account an impulse; it is listed as an impact where the absorber came towards the wall."""
+    loss = -0.5 * normal * (before + after)
+    _account_impact(observe.energy, loss)
+    if distance * before > 0.0:
+        observe.counters.counts.impacts += 1
+        push_impact(observe.events, time, before, normal, loss, 0)
+
+
+@jit_inline
+def _at_start(body, dt):
+    """Return tip displacement, absorber displacement and velocity at the start of the step."""
+    return body.tip_q - 0.5 * dt * body.tip_u, body.q - 0.5 * dt * body.v, body.v
+
+
+@jit_inline
+def _take_level(level, part, start, end):
+    if level is not None:
+        push_level(level, start + part * (end - start))
+
+
+@jit_inline
+def _take_row(series, row, part, start, end, table):
+    if series is None:
+        return
+    n, target = table.modes, series.states[row]
+    _store_row(target, table, part)
+    target[n] = start[1] + part * (end[1] - start[1])
+    target[2 * n + 1] = start[2] + part * (end[2] - start[2])
+
+
+@jit_inline
+def _take_sample(row, part, start, end, table, observe):
+    """Take a sample at ``part`` (0 to 1) of a step from what `_at_start` says of its two ends."""
+    _take_level(observe.level, part, start[0], end[0])
+    _take_row(observe.series, row, part, start, end, table)
+
+
+@jit
+def _store_row(target, table, part):
+    """Write the modes' state at ``part`` (0 to 1) of the step into a row of the series."""
+    cells, n, stride = table.cells, table.modes, _stride(table.wide)
+    for j in range(n):
+        q, u = cells[_Q_BEFORE * stride + j], cells[_U_BEFORE * stride + j]
+        u_after = cells[_U * stride + j]
+        target[j] = q + part * (cells[_Q * stride + j] - 0.5 * table.dt * u_after - q)
+        target[n + 1 + j] = u + part * (u_after - u)
+
+
+@jit
+def _write_state(m_a, state, table, body):
+    """Write the state at the end of the last step."""
+    cells, n, stride = table.cells, table.modes, _stride(table.wide)
+    for j in range(n):
+        u = cells[_U * stride + j]
+        state[j], state[n + 1 + j] = cells[_Q * stride + j] - 0.5 * table.dt * u, u
+    if m_a is not None:
+        state[n], state[2 * n + 1] = body.q - 0.5 * table.dt * body.v, body.v
+
+
+@jit
+def _start(m_a, tip_shape, state, dt):
+    """Return the `Body` of the first step, and the relative acceleration of absorber and tip by a unit force between them (1/kg)."""
+    n = tip_shape.shape[0]
+    displacement, velocity, square = 0.0, 0.0, 0.0
+    for j in range(n):
+        displacement += tip_shape[j] * (state[j] + 0.5 * dt * state[n + 1 + j])
+        velocity += tip_shape[j] * state[n + 1 + j]
+        square += tip_shape[j] * tip_shape[j]
+    if m_a is None:
+        return Body(displacement, velocity, state[n], 0.0, 0.0), square
+    v = state[2 * n + 1]
+    return Body(displacement, velocity, state[n] + 0.5 * dt * v, v, v - velocity), square + 1.0 / m_a
+
+
+@jit
+def _scaled(limit, dt):
+    """Return the largest friction percussion of a step, or None."""
+    if limit is None:
+        return None
+    return limit * dt
+
+
+@jit
+def _spring_percussion(spring, distance, gamma, dt):
+    """Return the percussion of the tuned absorber's spring and damper on the tip, or None."""
+    if spring is None:
+        return None
+    return (spring.stiffness * distance + spring.damping * gamma) * dt
+
+
+@jit_inline
+def _pulled(push, m_a, v):
+    """Return the absorber's velocity after the percussion of its spring."""
+    if push is None:
+        return v
+    return v - push / m_a
+
+
+@jit_inline
+def _meet(m_a, bounds, table, body, push, distance):
+    """Let the absorber meet tip and walls in a step in which the tip has swung without it; return `Body` and `Hit`."""
+    if m_a is None:
+        return body, Hit(0.0, 0.0, FREE)
+    walls, slip, compliance = bounds
+    v, tip_u, tip_q = _pulled(push, m_a, body.v), body.tip_u, body.tip_q
+    gamma, friction, normal, kind = solve_contact(body.gamma, v - tip_u, distance, walls, slip, compliance)
+    percussion = friction + normal
+    if percussion != 0.0:
+        _kick(table, percussion)
+        v += percussion / m_a
+        tip_u = v - gamma
+        tip_q -= table.dt * (compliance - 1.0 / m_a) * percussion
+    # 1.0 *: to the compiler friction may be None where the limit may
+    return Body(tip_q, tip_u, body.q + table.dt * v, v, gamma), Hit(1.0 * friction, normal, kind)
+
+
+@jit_inline
+def _advance(i, table, laws, bounds, body, force, observe):
+    """Do step i and account for it; return `Body` at its end and the kind of phase in it."""
+    dt, distance = table.dt, body.q - body.tip_q
+    push = _spring_percussion(laws.spring, distance, body.gamma, dt)
+    tip_u, tip_q = _swing(table, force, push)
+    after, hit = _meet(laws.mass, bounds, table, Body(tip_q, tip_u, body.q, body.v, body.gamma), push, distance)
+    if hit.normal != 0.0:
+        _note_impact(hit.normal, distance, body.gamma, after.gamma, (i + 1) * dt, observe)
+    _account_contact(observe.energy, laws.spring, hit.friction, body.gamma, after.gamma, dt)
+    _account_modes(observe.energy, table, force)
+    return after, hit.kind
+
+
+@jit_room
+def moreau_lane(modes, laws, force, state, step, observe):
+    """Integrate one lane from time 0 to the drive's end and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end.
+
+    `grid.Modes`, `moreau_law.RigidLaws`, `grid.Force`, `grid.Step`. Sample k lies at k ``observe.clock.interval``. ``step.wide`` is None, or N_m
+    rounded up to a multiple of 4 if that is above `STRIDE`.
+    """
+    times, sample_dt, counters = force.times, observe.clock.interval, observe.counters
+    steps = max(1, int(np.ceil(times[-1] / step.dt - 1e-9)))
+    dt = times[-1] / steps
+    table = _new_table(modes, force.amplitude, state, dt, step.wide)
+    body, compliance = _start(laws.mass, modes.tip_shape, state, dt)
+    bounds = (laws.walls, _scaled(laws.limit, dt), compliance)
+    rows, row = rows_wanted(observe.level, observe.series, times[-1], sample_dt), 0
+    row_step = step_of_row(row, rows, sample_dt, dt, steps)
+    held, held_since, i, k, status = FREE, 0.0, 0, 0, DONE
+    while i < steps:
+        k = stretch_at(times, k, (i + 0.5) * dt)
+        stop = i + turns_left(times, k, (i + 0.5) * dt, dt, min(RESET, steps - i))
+        c, s, turn_c, turn_s, change_c, change_s = phasor(force, k, (i + 0.5) * dt, dt)
+        while i < stop:
+            _keep_for(observe.energy, observe.series, i == row_step, table)
+            start = _at_start(body, dt)
+            now = force_or(force.load, k, (i + 0.5) * dt, c)
+            body, kind = _advance(i, table, laws, bounds, body, now, observe)
+            if kind != held:
+                close_phase(held, held_since, i * dt, counters, observe.events)
+                held, held_since = kind, i * dt
+            while i == row_step:
+                part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
+                _take_sample(row, part, start, _at_start(body, dt), table, observe)
+                row += 1
+                row_step = step_of_row(row, rows, sample_dt, dt, steps)
+            c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c
+            turn_c, turn_s = turn_c * change_c - turn_s * change_s, turn_c * change_s + turn_s * change_c
+            i += 1
+        status = note_time(counters, i * dt) if np.isfinite(body.tip_q + body.q) else NOT_FINITE
+        if status != DONE:
+            break
+    close_phase(held, held_since, i * dt, counters, observe.events)
+    _write_state(laws.mass, state, table, body)
+    counters.counts.steps += i
+    counters.counts.evaluations += i
+    return status

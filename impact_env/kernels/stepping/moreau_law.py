@@ -1,0 +1,76 @@
+"""The rigid contact laws of one of Moreau's time steps in closed form (paper, Eqs. signorini, coulomb, impulse)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.exact.rigid_contact import Walls, restitution_at
+from impact_env.kernels.motion.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
+from impact_env.kernels.stepping.grid import FREE
+
+# a relative velocity after impact this much smaller than what one step changes is rest: ends the scheme's endless chatter on a closed wall
+REST = 1e-6
+
+
+class Spring(NamedTuple):
+    """Spring (N/m) and damper (N s/m) between absorber and tip."""
+
+    stiffness: float
+    damping: float
+
+
+class RigidLaws(NamedTuple):
+    """One absorber: mass (kg), walls, friction limit (N, infinity: stuck), spring; None where absent."""
+
+    mass: float | None
+    walls: Walls | None
+    limit: float | None
+    spring: Spring | None
+
+
+@jit
+def solve_contact(before, free, distance, walls, slip, compliance):
+    """Solve one step's contact problem; return (relative velocity after, friction and wall percussion on the absorber, kind of phase).
+
+    ``before`` and ``free`` are the relative velocity at the step's start and at its end without contact. First friction alone is
+    tried. If it leaves a closed wall with less than -e times the velocity before (measured as opening), the wall enforces that value
+    and friction takes the share that its law gives for it.
+    """
+    after = free
+    friction = 0.0
+    normal = 0.0
+    kind = FREE
+    if slip is not None:
+        reach = slip * compliance
+        if free > reach:
+            friction = -slip
+            after = free - reach
+        elif free < -reach:
+            friction = slip
+            after = free + reach
+        else:
+            friction = -free / compliance
+            after = 0.0
+            kind = STUCK_INSIDE
+    if walls is not None:
+        if abs(distance) >= walls.gap:
+            outward = 1.0 if distance > 0.0 else -1.0
+            e = restitution_at(walls, before)
+            if outward * (after + e * before) > 0.0:
+                after = -e * before
+                if abs(after) < REST * abs(free - before):
+                    after = 0.0
+                total = (after - free) / compliance
+                kind = FREE
+                if after == 0.0:
+                    kind = HELD_UPPER if outward > 0.0 else HELD_LOWER
+                if slip is not None:
+                    if after > 0.0:
+                        friction = -slip
+                    elif after < 0.0:
+                        friction = slip
+                    else:
+                        friction = min(max(total, -slip), slip)
+                normal = total - friction
+    return after, friction, normal, kind

@@ -1,0 +1,186 @@
+"""One step of the classical Runge-Kutta method for independent oscillators with one scalar feedback, and its energies.
+
+In each of the four stages the observation y, and so the force p(y), follows from the state at the step's start, the excitation, and the p of the
+stages before, all linearly. The weights are in the table of feedback.py. Then one pass over the modes does a whole step.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from impact_env.kernels.compiling.jit import NUMBER, jit, jit_inline, jit_room, vector_code
+from impact_env.kernels.compiling.vector_code import Code, Index, Number
+from impact_env.kernels.stepping.feedback import (
+    QF1,
+    QFM,
+    QP1,
+    QP2,
+    QP3,
+    QQ,
+    QU,
+    TIP,
+    UF1,
+    UF4,
+    UFM,
+    UP1,
+    UP2,
+    UP3,
+    UP4,
+    UQ,
+    UU,
+    Q,
+    U,
+    Y,
+    feedback,
+    slider_force,
+    stride_of,
+    textbook_step,
+)
+
+
+def _swing_code(pushed: bool, watched: bool) -> Any:
+    @vector_code(NUMBER, 4)
+    def swing(code: Code, table, lanes: Index, stride: Index, f1: Number, fm: Number, f4: Number, p1: Number, p2: Number, p3: Number, p4: Number):
+        numbers, sums = (f1, fm, f4, p1, p2, p3, p4), [code.sum() for _ in range(4)]
+
+        def of(row: int, j: Any) -> Number:
+            return code.vector(table, stride * row + j)
+
+        for j in code.slots(lanes):
+            f1, fm, f4, p1, p2, p3, p4 = (code.spread(number) for number in numbers)
+            q, u = of(Q, j), of(U, j)
+            in_q = [(QU, u), (QF1, f1), (QFM, fm)] + ([(QP1, p1), (QP2, p2), (QP3, p3)] if pushed else [])
+            in_u = [(UU, u), (UF1, f1), (UFM, fm), (UF4, f4)] + ([(UP1, p1), (UP2, p2), (UP3, p3), (UP4, p4)] if pushed else [])
+            q_next, u_next = of(QQ, j) * q, of(UQ, j) * q
+            for row, number in in_q:
+                q_next = of(row, j).fma(number, q_next)
+            for row, number in in_u:
+                u_next = of(row, j).fma(number, u_next)
+            code.store(q_next, table, stride * Q + j)
+            code.store(u_next, table, stride * U + j)
+            if watched:
+                for k, total in enumerate(sums):
+                    total.add_product(of(Y + 2 * k, j), q_next)
+                    total.add_product(of(Y + 2 * k + 1, j), u_next)
+        return [total.total() for total in sums]
+
+    return swing
+
+
+_freely, _freely_watched, _pushed, _pushed_watched = (_swing_code(pushed, watched) for pushed in (False, True) for watched in (False, True))
+
+
+@jit_inline
+def swing(table, forces, at, push, watched):
+    """Advance all oscillators by a step; return the next step's four observations as far as they follow from the state."""
+    cells, lanes, stride = table.cells, table.lanes, stride_of(table.wide)
+    f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
+    if push is None:
+        if watched is None:
+            return _freely(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
+        return _freely_watched(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
+    if watched is None:
+        return _pushed(cells, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
+    return _pushed_watched(cells, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
+
+
+@jit_inline
+def swing_watched(table, forces, at, push):
+    """Advance as `swing` does, with the four feedbacks; most steps are without any."""
+    if push[0] == 0.0 and push[1] == 0.0 and push[2] == 0.0 and push[3] == 0.0:
+        return swing(table, forces, at, None, 0.0)
+    return swing(table, forces, at, push, 0.0)
+
+
+@jit_room
+def _seen(table, rows):
+    """Return what the eight rows of an observation see of the state in the four stages of the next step."""
+    cells, stride, y = table.cells, stride_of(table.wide), np.zeros(4)
+    for stage in range(4):
+        for j in range(table.lanes):
+            y[stage] += rows[2 * stage * stride + j] * cells[Q * stride + j]
+            y[stage] += rows[(2 * stage + 1) * stride + j] * cells[U * stride + j]
+    return y[0], y[1], y[2], y[3]
+
+
+@jit_room
+def observations(table):
+    """Return the four observations of the first step as far as they follow from the state."""
+    return _seen(table, table.cells[Y * stride_of(table.wide) :])
+
+
+@jit_room
+def relative_velocities(table):
+    """Return the relative velocities in the next step's four stages as far as they follow from the state, 0 where no law needs them."""
+    if table.speeds is None:
+        return 0.0, 0.0, 0.0, 0.0
+    return _seen(table, table.speeds.cells)
+
+
+@jit_inline
+def _stage_velocity(speeds, v, k, f, p):
+    """Return the relative velocity in stage ``k``, with the feedbacks ``p`` of the stages before."""
+    if speeds is None:
+        return 0.0
+    mix = speeds.mix
+    forced = mix[k, 0] * f[0] + mix[k, 1] * f[1] + mix[k, 2] * f[2]
+    return v[k] + forced + mix[k, 3] * p[0] + mix[k, 4] * p[1] + mix[k, 5] * p[2]
+
+
+@jit_inline
+def stages(absorber, table, forces, at, laws, joined_mass):
+    """Return the observations and the feedbacks in the four stages; ``absorber``: `runge_kutta.Absorber`."""
+    y, rest, v, mix, speeds = absorber.y, absorber.rest, absorber.v, table.mix, table.speeds
+    f = f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
+    y1 = y[0] + mix[0, 0] * f1
+    p1 = feedback(y1, _stage_velocity(speeds, v, 0, f, (0.0, 0.0, 0.0)), rest, laws, joined_mass)
+    y2 = y[1] + mix[1, 0] * f1 + mix[1, 1] * fm + mix[1, 3] * p1
+    p2 = feedback(y2, _stage_velocity(speeds, v, 1, f, (p1, 0.0, 0.0)), rest, laws, joined_mass)
+    y3 = y[2] + mix[2, 0] * f1 + mix[2, 1] * fm + mix[2, 3] * p1 + mix[2, 4] * p2
+    p3 = feedback(y3, _stage_velocity(speeds, v, 2, f, (p1, p2, 0.0)), rest, laws, joined_mass)
+    y4 = y[3] + mix[3, 0] * f1 + mix[3, 1] * fm + mix[3, 2] * f4 + mix[3, 3] * p1 + mix[3, 4] * p2 + mix[3, 5] * p3
+    p4 = feedback(y4, _stage_velocity(speeds, v, 3, f, (p1, p2, p3)), rest, laws, joined_mass)
+    return (y1, y2, y3, y4), (p1, p2, p3, p4)
+
+
+@jit
+def _account_laws(energy, laws, y, rest, gamma, weight):
+    """Add a stage's losses in slider and absorber's damper, at a relative velocity."""
+    if laws.slider is not None:
+        energy.totals[0].friction_loss -= weight * slider_force(y, rest, laws.slider) * gamma
+    if laws.spring is not None:
+        energy.totals[0].absorber_damping += weight * laws.spring.damping * gamma * gamma
+    if laws.cubic is not None:
+        energy.totals[0].absorber_damping += weight * laws.cubic.damping * gamma * gamma
+
+
+@jit_room
+def account_step(energy, modes, amplitude, laws, table, rest, stages):
+    """Add a step's work and losses: the powers in the four stages with the weights of the method.
+
+    ``stages``: the excitation at start, middle and end, the observations, and the feedbacks.
+    """
+    if energy is None:
+        return
+    f, y, p = stages
+    cells, n, h, stride, totals = table.cells, table.modes, table.h, stride_of(table.wide), energy.totals[0]
+    weights = (h / 6.0, h / 3.0, h / 3.0, h / 6.0)
+    gamma = np.zeros(4)
+    for j in range(n + 1):
+        w2, c, push = 0.0, 0.0, 0.0
+        if j < n:
+            w2, c, push = modes.omega[j] * modes.omega[j], 2.0 * modes.damping_ratio[j] * modes.omega[j], modes.force_shape[j] * amplitude
+        tip = cells[TIP * stride + j]
+        e = (push * f[0], push * f[1], push * f[1], push * f[2])
+        w = (e[0] - tip * p[0], e[1] - tip * p[1], e[2] - tip * p[2], e[3] - tip * p[3])
+        steps = textbook_step(w2, c, h, cells[Q * stride + j], cells[U * stride + j], w)
+        us = (steps[1], steps[3], steps[5], steps[7])
+        for s in range(4):
+            gamma[s] -= tip * us[s]
+            totals.work += weights[s] * e[s] * us[s]
+            if j < n:
+                energy.modal[j] += weights[s] * c * us[s] * us[s]
+    for s in range(4):
+        _account_laws(energy, laws, y[s], rest, gamma[s], weights[s])

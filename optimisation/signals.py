@@ -1,0 +1,150 @@
+"""What is told of a run's motion and impacts after a start that is left out: one definition each.
+
+Signals are displacement, acceleration and, where the structure has one, stress where the response level is read, relative to the base or absolute.
+The acceleration is the change of velocity from sample to sample over the time between: a mean over that time, impacts included. After rigid impacts
+it and the stress depend on the modes that are kept, and it on the samples: both are told.
+
+Of each signal x, from samples:
+
+- RMS about zero, and the percentiles of |x|;
+- exceedances: how often a second |x| rises above multiples of its RMS;
+- rainflow: cycles by their amplitude, half a range, see `measures.rainflow_amplitudes`; half cycles count 0.5;
+- spectrum: Welch's one-sided density with `SEGMENTS` segments, Hann windows that overlap by half; its integral is the mean square;
+- of several tones, the response level or RMS of what lies in each one's band: bands meet at the geometric mean of neighbouring frequencies.
+
+Of impacts on rigid walls: their number a second, also of those above a velocity, and the energy that they lose a second (the power that wears).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import scipy.signal
+from numpy.typing import NDArray
+
+from impact_env.ensemble import Lane
+from impact_env.kernels.motion.level import close_level
+from impact_env.level import level_of
+from impact_env.loads import Loads, Tones
+from impact_env.parameters import require
+from impact_env.response import Record, Response
+from impact_env.sweep import simulate
+from optimisation.load_measures import settled_after
+from optimisation.measures import rainflow_amplitudes
+
+Array = NDArray[np.float64]
+PERCENTILES = (50, 90, 95, 99, 99.9, 100)
+MULTIPLES = (1, 2, 3, 4)  # of the RMS
+BINS = 32  # of the rainflow's amplitudes
+SEGMENTS = 8
+HALVINGS = 6  # of the largest velocity: thresholds of impacts
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What a lane is measured by: plain data. ``samples`` a pseudo period; ``absolute``: of the motion in space, not relative to the base.
+
+    ``stress_shape`` (N_m,) as `measures.stress_shape` has it.
+    """
+
+    samples: int
+    absolute: bool
+    stress_shape: Array | None
+
+    def __call__(self, lane: Lane) -> dict[str, Any]:
+        """Run a lane and return what is told of it."""
+        response = simulate(lane.scene, lane.drive, record=Record(events=True, series=True, samples_per_period=self.samples))
+        return told_of(response, self)
+
+
+def told_of(response: Response, told: Told) -> dict[str, Any]:
+    """Return the measures of a run with its samples and impacts, as JSON values in SI units."""
+    history, impacts, model = response.history, response.impacts, response.scene.model
+    assert history is not None
+    assert impacts is not None
+    start, interval = settled_after(response), float(history.time[1])
+    late = history.time >= start
+    seconds = float(history.time[-1]) - start
+    signals = {name: values[late[: len(values)]] for name, values in signals_of(response, told).items()}
+    largest = float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
+    speeds = np.abs(impacts.relative_velocity[impacts.time >= start])
+    thresholds = [0.0, *(largest * 0.5 ** np.arange(HALVINGS, 0, -1)).tolist()]
+    return {
+        "from_s": start,
+        "sample_rate_hz": 1 / interval,
+        "modes": model.modes,
+        "highest_mode_hz": float(model.omega.max()) / (2 * np.pi),
+        "relative_to": "space" if told.absolute else "base",
+        **{name: of_signal(values, 1 / interval) for name, values in signals.items()},
+        "bands": bands_of(response, signals_of(response, told)["displacement_m"]),
+        "impacts": {
+            "per_s": len(speeds) / seconds,
+            "power_w": float(np.sum(impacts.energy_lost[impacts.time >= start])) / seconds,
+            "above_m_s": thresholds,
+            "per_s_above": [float(np.sum(speeds > threshold)) / seconds for threshold in thresholds],
+        },
+    }
+
+
+def signals_of(response: Response, told: Told) -> dict[str, Array]:
+    """Return displacement (m), acceleration (m/s^2) and, if it is known, stress at the samples of a run."""
+    history, model = response.history, response.scene.model
+    assert history is not None
+    displacement, velocity = history.modal_displacement @ model.level_shape, history.modal_velocity @ model.level_shape
+    if told.absolute:
+        require(isinstance(response.drive, Loads) and response.drive.moves_base, "absolute", True, "left out where the base does not move")
+        require(model.response_shape is None, "absolute", True, "with the response read at the absorber's place, where the base's share is known")
+        base_velocity, base = response.drive.base_motion(history.time)
+        displacement = displacement + model.base_at_absorber * (base - np.mean(base))
+        velocity = velocity + model.base_at_absorber * base_velocity
+    found = {"displacement_m": displacement, "acceleration_m_s2": np.diff(velocity) / np.diff(history.time)}
+    return found if told.stress_shape is None else found | {"stress": history.modal_displacement @ told.stress_shape}
+
+
+def of_signal(values: Array, rate: float) -> dict[str, Any]:
+    """Return the measures of a signal (S,) that is sampled at a ``rate`` in Hz, as JSON values in its unit."""
+    size, rms = np.abs(values), float(np.sqrt(np.mean(values**2)))
+    rises = [int(np.sum((size[:-1] <= k * rms) & (size[1:] > k * rms))) for k in MULTIPLES]
+    amplitudes, counts = rainflow_amplitudes(values)
+    cycles, edges = np.histogram(amplitudes, bins=BINS, range=(0.0, float(np.max(amplitudes, initial=0.0)) or 1.0), weights=counts)
+    segment = max(2 * len(values) // (SEGMENTS + 1), 1)
+    frequencies, density = scipy.signal.welch(values, rate, nperseg=segment, detrend=False)
+    return {
+        "rms": rms,
+        "percentiles": {f"{share:g}": float(np.percentile(size, share)) for share in PERCENTILES},
+        "exceedances": {"over_rms": list(MULTIPLES), "per_s": [n * rate / max(len(values) - 1, 1) for n in rises]},
+        "rainflow": {"amplitude_edges": edges.tolist(), "cycles": cycles.tolist()},
+        "spectrum": {"frequency_hz": frequencies.tolist(), "density": density.tolist()},
+    }
+
+
+def band_edges(loads: Loads) -> Array:
+    """Return the frequencies in Hz between which the tones of loads lie, from 0 to infinity: (number of tones + 1,)."""
+    found = []
+    for part in loads.parts:
+        if isinstance(part, Tones):
+            middle = 1.0 if part.schedule is None else float(np.mean(part.schedule.omegas)) / (2 * np.pi)
+            found += [float(tone.frequency or 0.0) if tone.order is None else tone.order * middle for tone in part.tones]
+    found = sorted(set(found))
+    return np.array([0.0, *np.sqrt(np.array(found[:-1]) * found[1:]), np.inf])
+
+
+def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:
+    """Return response level (loads with a schedule) or RMS in the band of each of several tones, none for other loads."""
+    drive, history = response.drive, response.history
+    if not isinstance(drive, Loads) or len(edges := band_edges(drive)) < 3:
+        return []
+    assert history is not None
+    spectrum, interval = np.fft.rfft(displacement), float(history.time[1])
+    frequencies = np.fft.rfftfreq(len(displacement), interval)
+    samples = round(drive.schedule.pseudo_period / interval)
+    swept, late = settled_after(response) == 0, history.time >= settled_after(response)
+    found = []
+    for low, high in pairwise(edges):
+        part = np.fft.irfft(np.where((frequencies >= low) & (frequencies < high), spectrum, 0), len(displacement))
+        value = float(close_level(level_of(part, samples))[0]) if swept else float(np.sqrt(np.mean(part[late] ** 2)))
+        found.append({"from_hz": float(low), **({} if np.isinf(high) else {"to_hz": float(high)}), "level_m" if swept else "rms_m": value})
+    return found

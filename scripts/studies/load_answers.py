@@ -1,0 +1,345 @@
+"""Answers about loads on two structures: both resonances at once, gravity along the absorber's motion, and what a start does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive, linear_sweep
+from impact_env.ensemble import Lane, draw_members, drives_of, each_lane, run_lanes
+from impact_env.loads import Force, Loads, Tone, Tones
+from impact_env.modes import ModalModel, modal_model, mode_shapes
+from impact_env.parameters import Absorber, Beam, RigidWalls, SlidingAbsorber, friction_law, impact_absorber
+from impact_env.response import Record
+from impact_env.scene import InitialState, Scene
+from impact_env.shared_mass import impact_absorbers
+from impact_env.sweep import simulate
+from optimisation.bounds import design_force, design_gap
+from optimisation.friction_rule import scaled_friction
+from optimisation.machine import sources
+from optimisation.report.markdown import markdown
+from optimisation.signals import bands_of
+from studies.study import Json, Measured, Part, Saver, Steps, Study, rows_by_case
+
+Array = NDArray[np.float64]
+MODES, MASS_RATIO, GAP, RESTITUTION = 5, 0.02, 1e-3, 0.7
+LIMITS = (0.92, 1.04)  # of the sweeps, times a resonance
+SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
+GAP_FACTORS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+FRICTIONS = (0.5, 1.0, 2.0, 4.0, 8.0)  # times the paper's by the scaling law
+RESTITUTIONS = (0.2, 0.45, 0.9, 1.0)
+WEIGHTS = (0.0, 0.05, 0.15, 0.5)  # g over gap times the first frequency squared
+FACTORS = tuple(np.geomspace(0.1, 3.2, 11).tolist())  # of the design force
+SAMPLES = 64
+BAND = (0.05, 0.5, 0.95)
+
+
+class Settings(NamedTuple):
+    """Runs for each point, and whether it is only a look."""
+
+    members: int
+    quick: bool
+
+
+@dataclass(frozen=True)
+class Case:
+    """A beam, the places of its absorber and of its response, and the forces for which the design rule gives `GAP` there."""
+
+    name: str
+    beam: Beam
+
+    @cached_property
+    def model(self) -> ModalModel:
+        """The modal model."""
+        return modal_model(self.beam)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the absorber in kg."""
+        return MASS_RATIO * self.model.beam_mass
+
+    @cached_property
+    def forces(self) -> tuple[float, float]:
+        """Forces in N near the first and the second resonance."""
+        return design_force(self.model, self.mass, GAP, 1), design_force(self.model, self.mass, GAP, 2)
+
+    @cached_property
+    def node(self) -> float:
+        """Where the second mode stands still, a share of the length."""
+        return float(scipy.optimize.brentq(lambda x: mode_shapes(self.beam, [x])[0, 1], 0.3, 0.95))
+
+    def at(self, *positions: float) -> ModalModel:
+        """Return the model with absorbers elsewhere, the response read at the same place."""
+        beam = replace(self.beam, response_position=self.beam.absorber_position)
+        return modal_model(replace(beam, absorber_position=positions[0]), positions if len(positions) > 1 else None)
+
+
+CASES = {
+    case.name: case
+    for case in (
+        Case("cantilever", Beam(modes=MODES)),
+        Case("supported beam", Beam(modes=MODES, ends="pinned-pinned", absorber_position=0.35, force_position=0.2)),
+    )
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Both:
+    """What a lane is measured by: the response levels in the bands of both orders."""
+
+    def __call__(self, lane: Lane) -> tuple[float, ...]:
+        """Run a lane."""
+        response = simulate(lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=SAMPLES))
+        assert response.history is not None
+        return tuple(band["level_m"] for band in bands_of(response, response.history.modal_displacement @ response.scene.model.level_shape))
+
+
+def orders(case: Case, share: float) -> Loads:
+    """Return both forces as orders of one schedule, the higher one times a share."""
+    omega = case.model.omega
+    tones = Tone(case.forces[0], order=1.0), Tone(share * case.forces[1], order=float(omega[1] / omega[0]))
+    return Loads((Tones(tones, schedule=linear_sweep(float(omega[0]), *LIMITS)),))
+
+
+def _found(lanes: list[Lane], measure: Callable[[Lane], Any], members: int) -> Array:
+    found = each_lane(lanes, measure)
+    if None in found:
+        raise KeyboardInterrupt
+    return np.array(found, dtype=np.float64).reshape(-1, members, *np.shape(np.asarray(found[0])))
+
+
+def both_rows(case: Case, group: str, settings: Settings) -> list[Json]:
+    """Return what is left of the level in either band, for each variant of a group."""
+    variants = GROUPS[group](case)[:: 4 if settings.quick else 1]
+    members, rows = draw_members(settings.members, 0), []
+    free: dict[float, Array] = {}
+    for label, share, scene in variants:
+        drives = drives_of(members, orders(case, share))
+        if share not in free:  # linear, and the same for all members but for phases
+            free[share] = _found([Lane(Scene(case.model), drives[0])], Both(), 1)[0]
+        ratio = _found([Lane(scene, drive) for drive in drives], Both(), settings.members)[0] / free[share]
+        rows.append(
+            {
+                "structure": case.name,
+                "group": group,
+                "variant": label,
+                "share": share,
+                "free_over_gap": (free[share][0] / GAP).tolist(),
+                "lower": ratio[:, 0].tolist(),
+                "higher": ratio[:, 1].tolist() if share > 0 else None,
+            }
+        )
+    return rows
+
+
+Variant = tuple[str, float, Scene]
+
+
+def _impact(gap: float = GAP, restitution: float = RESTITUTION, friction: float | None = None) -> Absorber:
+    return impact_absorber(gap, restitution, friction, MASS_RATIO)
+
+
+def _shares(case: Case) -> list[Variant]:
+    return [(f"{share:g}", share, Scene(case.model, _impact())) for share in SHARES]
+
+
+def _gaps(case: Case) -> list[Variant]:
+    return [(f"gap {factor * GAP * 1e3:g} mm", 1.0, Scene(case.model, _impact(factor * GAP))) for factor in GAP_FACTORS]
+
+
+def _frictions(case: Case) -> list[Variant]:
+    limits = [factor * scaled_friction(case.model, case.mass, GAP) for factor in FRICTIONS]
+    return [(f"friction {limit:.3g} N", 1.0, Scene(case.model, _impact(friction=limit))) for limit in limits]
+
+
+def _restitutions(case: Case) -> list[Variant]:
+    return [(f"restitution {e:g}", 1.0, Scene(case.model, _impact(restitution=e))) for e in RESTITUTIONS]
+
+
+def _places(case: Case) -> list[Variant]:
+    found = []
+    for label, place in (("node of the second mode", case.node), ("half-way there", (case.node + case.beam.absorber_position) / 2)):
+        model = case.at(place)
+        gap = design_gap(model, case.mass, case.forces[0], 1)
+        found += [(f"{label} ({place:.3f}), gap {1e3 * size:.2g} mm", 1.0, Scene(model, _impact(size))) for size in (gap, 1.4 * gap)]
+    return found
+
+
+def _halves(case: Case) -> list[Variant]:
+    """Return two absorbers of half the mass: side by side, and one at the second mode's node with one where the absorber was."""
+    own, found = case.beam.absorber_position, []
+    wide = design_gap(case.at(case.node), case.mass / 2, case.forces[0], 1)
+    narrow = design_gap(case.model, case.mass / 2, case.forces[1], 2)
+    pairs = [((own, own), (GAP, GAP / 2)), ((own, own), (GAP, 2 * GAP)), ((own, own), (GAP, 4 * GAP))]
+    pairs += [((case.node, own), (factor * wide, narrow)) for factor in (0.7, 1.0, 1.4)]
+    for places, gaps in pairs:
+        label = "side by side" if places[0] == places[1] else f"at {places[0]:.3f} and {places[1]:g}"
+        absorber = impact_absorbers(gaps=gaps, positions=places, mass_ratio=MASS_RATIO, shares=(0.5, 0.5), restitution=RESTITUTION)
+        text = f"two halves {label}, gaps {1e3 * gaps[0]:.2g} and {1e3 * gaps[1]:.2g} mm"
+        found.append((text, 1.0, Scene(case.at(*places), absorber)))
+    return found
+
+
+GROUPS: dict[str, Callable[[Case], list[Variant]]] = {
+    "share": _shares,
+    "gap": _gaps,
+    "friction": _frictions,
+    "restitution": _restitutions,
+    "place": _places,
+    "halves": _halves,
+}
+
+
+def _heavy(case: Case, weight: float, friction: float) -> SlidingAbsorber:
+    """Return an absorber with a weight, a share of gap times the first frequency squared, and so many times the paper's friction."""
+    limit = friction * scaled_friction(case.model, case.mass, GAP)
+    gravity = weight * GAP * float(case.model.omega[0]) ** 2
+    return SlidingAbsorber(MASS_RATIO, RigidWalls(GAP, RESTITUTION), friction_law(limit), gravity)
+
+
+def _levels(case: Case, absorber: Absorber | None, force: float, start: str | InitialState, members: int) -> list[float]:
+    """Return the members' levels over that without absorber, of sweeps up under a force in N."""
+    schedule = linear_sweep(float(case.model.omega[0]), 0.9, 1.06)
+    loads = Loads((Force(Drive(force, schedule)),))
+    drives = drives_of(draw_members(members, 0), replace(loads, start=start))
+    found = run_lanes([Lane(Scene(case.model), loads), *(Lane(Scene(case.model, absorber), drive) for drive in drives)])
+    if not found.complete:
+        raise KeyboardInterrupt
+    return np.asarray(found.level[1:] / found.level[0]).tolist()
+
+
+def gravity_rows(case: Case, weight: float, settings: Settings) -> list[Json]:
+    """Return levels over the force, without friction and with it, for an absorber that begins on its lower wall."""
+    rows = []
+    for friction in (0.0, 1.0):
+        for factor in FACTORS[:: 4 if settings.quick else 1]:
+            absorber = _heavy(case, weight, friction)
+            start = "lower-wall" if weight > 0 else "middle"
+            values = _levels(case, absorber, factor * case.forces[0], start, settings.members)
+            rows.append(
+                {
+                    "structure": case.name,
+                    "weight": weight,
+                    "gravity_m_s2": absorber.gravity,
+                    "friction": friction,
+                    "factor": factor,
+                    "force_n": factor * case.forces[0],
+                    "ratio": values,
+                }
+            )
+    return rows
+
+
+def _state(case: Case, start: str) -> str | InitialState:
+    """Return a start: bouncing, the absorber crosses its cavity in half a period."""
+    return InitialState(absorber_velocity=2 * GAP * float(case.model.omega[0]) / np.pi) if start == "bouncing" else start
+
+
+STARTS = ("middle", "lower-wall", "bouncing")
+WALLS = ((1.0, 0.0), (RESTITUTION, 0.0), (RESTITUTION, 1.0))  # restitution, and friction over the paper's by the scaling law
+
+
+def start_rows(case: Case, start: str, settings: Settings) -> list[Json]:
+    """Return levels over the force from a start."""
+    rows = []
+    for restitution, friction in WALLS:
+        limit = friction * scaled_friction(case.model, case.mass, GAP)
+        for factor in FACTORS[:: 4 if settings.quick else 1]:
+            absorber = impact_absorber(GAP, restitution, limit, MASS_RATIO)
+            values = _levels(case, absorber, factor * case.forces[0], _state(case, start), settings.members)
+            rows.append({"structure": case.name, "start": start, "restitution": restitution, "friction": friction, "factor": factor, "ratio": values})
+    return rows
+
+
+def _band(values: Sequence[float] | None) -> str:
+    if values is None:
+        return ""
+    low, middle, high = np.quantile(values, BAND)
+    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
+
+
+def _of(rows: Sequence[Json], **given: object) -> list[Json]:
+    """Return the rows with these values."""
+    return [row for row in rows if all(row[name] == value for name, value in given.items())]
+
+
+def both_text(rows: Sequence[Json]) -> str:
+    """Return a table over the share of the higher force, and one of what was tried at its whole."""
+    shares = [
+        (row["structure"], row["variant"], f"{row['free_over_gap'][1]:.2f}", _band(row["lower"]), _band(row["higher"]))
+        for row in _of(rows, group="share")
+    ]
+    tried = [
+        (row["structure"], row["variant"], _band(row["lower"]), _band(row["higher"]))
+        for row in [*_of(rows, group="share", share=1.0), *(row for row in rows if row["group"] != "share")]
+    ]
+    first = markdown(("structure", "share of the higher force", "free level there / gap", "lower band", "higher band"), shares)
+    return first + "\n\n" + markdown(("structure", "at the whole higher force", "lower band", "higher band"), tried)
+
+
+def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
+    """Return a line for each series: the ratio at each factor of the design force."""
+    factors = sorted({row["factor"] for row in rows})
+    series = {tuple(row[name] for name in ("structure", *names)): None for row in rows}
+    lines = []
+    for key in series:
+        own = {row["factor"]: row for row in rows if tuple(row[name] for name in ("structure", *names)) == key}
+        lines.append([", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in key), *(_band(own[f]["ratio"]) for f in factors)])
+    return markdown((", ".join(("structure", *names)), *(f"{factor:.2g}" for factor in factors)), lines)
+
+
+GRAVITY, START = ("weight", "friction"), ("start", "restitution", "friction")
+
+
+def _each(rows_of: Callable[[Case, Any, Settings], list[Json]], name: str, values: Sequence[Any]) -> Callable[[Settings, Json], Steps]:
+    """Return what measures the rows of each structure and value."""
+
+    def measure(settings: Settings, known: Json) -> Steps:
+        cases = {(case.name, value): partial(rows_of, case, value, settings) for case in CASES.values() for value in values}
+        return rows_by_case(cases, lambda row: (row["structure"], row[name]), known)
+
+    return measure
+
+
+def _part(name: str, title: str, *, measure: Callable[[Settings, Json], Steps], steps: int, text: Callable[[Sequence[Json]], str]) -> Part[Settings]:
+    def sections(found: Measured) -> dict[str, str]:
+        return {name: f"{text(found.values['rows'])}\n\n{sources(found.conditions)}"}
+
+    def figures(found: Measured) -> dict[str, Saver]:
+        from studies.load_figures import FIGURES  # matplotlib is slow to import
+
+        def save(path: Path) -> None:
+            FIGURES[name](path, found.values["rows"])
+
+        return {name: save}
+
+    return Part(name, title, measure=measure, steps=lambda *_: 2 * steps, markers=(name,), sections=sections, figures=figures)
+
+
+STUDY = Study(
+    (
+        _part("loads_both", "both resonances at once", measure=_each(both_rows, "group", list(GROUPS)), steps=len(GROUPS), text=both_text),
+        _part(
+            "loads_gravity",
+            "gravity along the absorber's motion",
+            measure=_each(gravity_rows, "weight", WEIGHTS),
+            steps=len(WEIGHTS),
+            text=partial(_over_force, names=GRAVITY),
+        ),
+        _part(
+            "loads_start",
+            "what a start does",
+            measure=_each(start_rows, "start", STARTS),
+            steps=len(STARTS),
+            text=partial(_over_force, names=START),
+        ),
+    ),
+    notes=lambda settings: settings._asdict(),
+)

@@ -1,0 +1,91 @@
+"""The figures of the answers about loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from optimisation.report.written_figure import write_figure
+from studies.study import Json
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+MARKS = "os^vDP"
+
+
+def _structures(rows: Sequence[Json]) -> list[str]:
+    return list(dict.fromkeys(row["structure"] for row in rows))
+
+
+def _line(panel: Axes, x: Sequence[float], every: Sequence[Sequence[float]], colour: str, style: str, label: str) -> None:
+    low, middle, high = np.quantile(np.array(every), (0.05, 0.5, 0.95), axis=1)
+    panel.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
+    panel.plot(x, middle, style, color=colour, label=label)
+
+
+def save_both(path: Path, rows: Sequence[Json]) -> None:
+    """Draw what is left in either band over the free level of the higher one, and what was tried at its largest."""
+    figure = Figure(figsize=(8.4, 7.0), layout="constrained")
+    panels = figure.subplots(len(_structures(rows)), 2, squeeze=False)
+    for (left, right), structure in zip(panels, _structures(rows), strict=True):
+        own = [row for row in rows if row["structure"] == structure]
+        shares = [row for row in own if row["group"] == "share"]
+        driven = [row for row in shares if row["share"] > 0]
+        for name, colour, part in (("lower", COLOURS[0], shares), ("higher", COLOURS[1], driven)):
+            _line(left, [row["free_over_gap"][1] for row in part], [row[name] for row in part], colour, "-o", f"{name} resonance")
+        left.set_title(structure, fontsize=10)
+        left.set_xlabel("level of the higher resonance without absorber, over the gap")
+        left.set_ylabel("level over that without absorber")
+        left.set_ylim(0, None)
+        left.legend(frameon=False)
+        tried = [row for row in own if row["higher"] is not None and row["share"] == 1.0]
+        for k, group in enumerate(dict.fromkeys(row["group"] for row in tried)):
+            part = [row for row in tried if row["group"] == group]
+            x, y = ([float(np.median(row[name])) for row in part] for name in ("lower", "higher"))
+            right.plot(x, y, MARKS[k], color=COLOURS[k], label="as it is" if group == "share" else group, markersize=5 + 3 * (group == "share"))
+        right.axvline(1, color="black", linewidth=0.6)
+        right.axhline(1, color="black", linewidth=0.6)
+        right.set_xlim(0, None)
+        right.set_ylim(0, None)
+        right.set_title(f"{structure}: what was tried", fontsize=10)
+        right.set_xlabel("lower resonance")
+        right.set_ylabel("higher resonance")
+        right.legend(frameon=False, fontsize=8)
+    write_figure(figure, path, 110)
+
+
+def _over_force(path: Path, rows: Sequence[Json], colour: str, style: str, words: dict[str, str]) -> None:
+    """Draw the level over the force: a colour for each value of one name, a style for each of the other."""
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    panels = figure.subplots(1, len(_structures(rows)), sharey=True, squeeze=False)[0]
+    colours, styles = (list(dict.fromkeys(row[name] for row in rows)) for name in (colour, style))
+    for panel, structure in zip(panels, _structures(rows), strict=True):
+        for k, value in enumerate(colours):
+            for other, look in zip(styles, ("-", "--"), strict=False):
+                part = [row for row in rows if (row["structure"], row[colour], row[style]) == (structure, value, other)]
+                label = f"{words[colour]} {value}, {words[style]} {other:g}"
+                _line(panel, [row["factor"] for row in part], [row["ratio"] for row in part], COLOURS[k], look, label)
+        panel.set_xscale("log")
+        panel.set_title(structure, fontsize=10)
+        panel.set_xlabel("force over the design rule's")
+        panel.set_ylim(0, None)
+    panels[0].set_ylabel("level over that without absorber")
+    panels[-1].legend(frameon=False, fontsize=8)
+    write_figure(figure, path, 110)
+
+
+def save_gravity(path: Path, rows: Sequence[Json]) -> None:
+    """Draw the level over the force for each weight, with friction (broken) and without."""
+    _over_force(path, rows, "weight", "friction", {"weight": "weight", "friction": "friction"})
+
+
+def save_start(path: Path, rows: Sequence[Json]) -> None:
+    """Draw the level over the force from each start, with friction and losses (broken) and without either."""
+    kept = [row for row in rows if (row["restitution"], row["friction"]) in ((1.0, 0.0), (0.7, 1.0))]
+    _over_force(path, kept, "start", "friction", {"start": "", "friction": "friction"})
+
+
+FIGURES: dict[str, Callable[[Path, Sequence[Json]], None]] = {"loads_both": save_both, "loads_gravity": save_gravity, "loads_start": save_start}

@@ -1,0 +1,91 @@
+"""Periodic responses over the frequency as plain values: exact orbits, harmonic balance as the paper did it, and the two linear curves."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
+from impact_env.periodic.overview import balance_curves, exact_curves, linear_curves
+from impact_env.periodic.response_curve import ResponseCurve
+from impact_env.scene import Scene
+from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, STUCK
+from studies.study import Json
+
+HARMONICS = 20  # the paper's
+POINTS = 400  # of a curve that are kept
+
+
+def responses(scene: Scene, force: float, low: float, high: float) -> Json:
+    """Return all curves at a force (N) between two ratios of the first resonance; displacements of the tip in m, None where there is no orbit."""
+    reference = scene.model.resonance_omega(1)
+    linear = linear_curves(scene, force, reference, low, high)
+    return {
+        "force_n": force,
+        "exact": [_plain(curve) for curve in exact_curves(scene, force, reference, low, high)],
+        "balance": balance(scene, force, low, high),
+        "linear": {name: [_digits(x) for x in getattr(linear, name)[::2]] for name in ("omega_ratio", "alone", "stuck")},
+        "stuck_peak": float(linear.omega_ratio[np.argmax(linear.stuck)]),
+    }
+
+
+def balance(scene: Scene, force: float, low: float, high: float, harmonics: int = HARMONICS, damper: float = PAPER_DAMPER) -> list[Json]:
+    """Return the curves of harmonic balance; ``damper`` in N s/m between absorber and ground."""
+    reference = scene.model.resonance_omega(1)
+    model = harmonic_balance(scene, low * reference, force, harmonics, WEIGHT, grounded_damper=damper)
+    return [_plain(curve) for curve in balance_curves(model, reference, low, high)]
+
+
+def _plain(curve: ResponseCurve) -> Json:
+    """Return a curve for the file: 7 digits, of long ones every second point or fewer. ``kind``: 2 stable, 1 but for fast multipliers, 0 not."""
+    every = slice(None, None, 1 + len(curve.omega_ratio) // POINTS)
+    plain: Json = {"closed": curve.closed, "folds": [[fold.omega_ratio, fold.tip_max] for fold in curve.folds]}
+    plain["peak"] = None if curve.peak is None else [curve.peak.omega_ratio, curve.peak.tip_max]
+    plain |= {name: [_digits(x) for x in getattr(curve, name)[every]] for name in ("omega_ratio", "tip_max")}
+    if curve.stable is not None and curve.slowly_stable is not None:
+        plain["kind"] = [int(s) + int(t) for s, t in zip(curve.stable[every], curve.slowly_stable[every], strict=True)]
+    return plain
+
+
+def _digits(value: float) -> float | None:
+    return float(f"{value:.7g}") if np.isfinite(value) else None
+
+
+KINDS = (  # of an exact orbit: unstable slowly, unstable by fast multipliers only, stable; its look and words
+    (LOOKS[1].colour, (0, (1.5, 1.2)), 1.4, "exact orbit, unstable"),
+    (LOOKS[0].colour, (0, (5, 1.2)), 1.8, "exact orbit, unstable by fast multipliers only"),
+    (LOOKS[0].colour, "-", 2.6, "exact orbit, stable"),
+)
+
+
+def draw(axes: Axes, part: Json) -> None:
+    """Draw what `responses.responses` returns, heights in mm."""
+    linear = part["linear"]
+    ratio = np.array(linear["omega_ratio"])
+    for name, look, label in (("alone", REFERENCE, "no absorber"), ("stuck", STUCK, "absorber stuck")):
+        axes.plot(ratio, MM * np.array(linear[name]), color=look.colour, ls=look.dashes, lw=0.9, label=label)
+    for number, curve in enumerate(part["balance"]):
+        axes.plot(curve["omega_ratio"], _mm(curve["tip_max"]), color=FAINT, lw=1.0, label=None if number else "harmonic balance, 20 harmonics")
+    shown: set[int] = set()
+    for curve in part["exact"]:
+        _exact(axes, curve, shown)
+
+
+def _mm(values: list[Any]) -> Any:
+    return MM * np.array([np.nan if value is None else value for value in values])
+
+
+def _exact(axes: Axes, curve: Json, shown: set[int]) -> None:
+    """Draw each stretch of one stability; neighbours share the point between."""
+    x, y, kinds = np.array(curve["omega_ratio"]), _mm(curve["tip_max"]), np.array(curve["kind"])
+    ends = np.flatnonzero(kinds[1:] != kinds[:-1]) + 1
+    for begin, end in zip([0, *ends], [*ends, len(kinds)], strict=True):
+        kind = int(kinds[begin])
+        colour, dashes, width, label = KINDS[kind]
+        part = slice(begin, min(int(end) + 1, len(kinds)))
+        axes.plot(x[part], y[part], color=colour, ls=dashes, lw=width, label=None if kind in shown else label)
+        shown.add(kind)
+    for ratio, height in curve["folds"]:
+        axes.plot(ratio, MM * height, "o", ms=3.5, mfc="white", mec="black", mew=0.7, zorder=5)
