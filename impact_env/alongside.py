@@ -1,4 +1,4 @@
-"""A kernel that will be needed is compiled by a process of its own, while this one compiles others."""
+"""Compile a kernel in another process while this one compiles others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run may use, and how it is watched and stopped from outside while its kernel runs."""
+"""The budget of a run in events, its progress, and how another thread stops it while its kernel runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of single values: what is handed in is returned if it is allowed, or refused by name."""
+"""Validation of single values: a check returns an allowed value and raises `ParameterError`, with name and value, for any other."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def one_of(name: str, value: object, allowed: Iterable[str]) -> str:
 
 
 def listed(name: str, values: Iterable[T]) -> tuple[T, ...]:
-    """Return what a list, a tuple or anything else holds that has an order and is no text."""
+    """Return the items of a list, a tuple or another sequence that is no text."""
     ok = isinstance(values, Iterable) and not isinstance(values, str | bytes | Mapping | Set) and getattr(values, "ndim", 1) == 1
     require(ok, name, values, "a list or tuple")
     return tuple(values)

@@ -1,4 +1,4 @@
-"""Runs under control: many lanes of one scene that advance by one control interval a call, and may be told something else before each.
+"""Runs under control: many lanes of one scene that advance by one control interval a call and take new orders (rate, gap, friction) before each.
 
 What a lane does is the run that `simulate` makes with the same schedule; see `impact_env.kernels.control.interval` for what is ordered and reported.
 """

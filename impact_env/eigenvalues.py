@@ -1,7 +1,7 @@
-"""All eigenvalues of a beam with masses on it: where they begin to be looked for, and which are too close to each other (see secular.py).
+"""All eigenvalues of a beam with masses on it: start values for secular.py, and which eigenvalues are too close to each other.
 
-A mode that hardly feels the masses has its eigenvalue by its own pole, whatever else there is: it is looked for from there, since no dense
-eigensolver could tell the two apart. For the others together a dense eigensolver gives start values.
+The eigenvalue of a mode that hardly feels the masses lies beside the mode's pole, which is its start value, since no dense eigensolver could tell
+the two apart. For the others together a dense eigensolver gives start values.
 """
 
 from __future__ import annotations

@@ -194,7 +194,7 @@ def each_lane(
     progress: Progress | None = None,
     executor: Executor | None = None,
 ) -> list[R | None]:
-    """Return what ``measure`` finds of each lane, None where an interrupt came first; threads, executor, interruption and errors as in `run_lanes`.
+    """Return ``measure`` of each lane, None where an interrupt came first; threads, executor, interruption and errors as in `run_lanes`.
 
     ``measure`` may run its lane with any record and from any start, but with ``method``, whose kernels are compiled in one thread. An ``executor``
     needs one that can be pickled.
@@ -263,7 +263,7 @@ def _run_elsewhere(
 
 
 def first_of_each(keys: Iterable[Hashable]) -> list[int]:
-    """Return where each key comes first: what needs kernels that may have to be compiled."""
+    """Return the first index of each key: those lanes may need kernels compiled."""
     first: dict[Hashable, int] = {}
     for k, key in enumerate(keys):
         first.setdefault(key, k)

@@ -1,4 +1,4 @@
-"""Packages that not everyone needs: an import that fails says which extra of this package brings them."""
+"""Optional packages: the error of a failed import names the extra that installs them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The first use of a kind of scene compiles its kernels, for up to a minute: one line says so, and who asked for it is called."""
+"""Notice of compilation: one line, and registered callbacks, when the first use of a kind of scene compiles its kernels for up to a minute."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plain data from files: TOML or JSON, by the name's ending. Files that are either whole or absent."""
+"""Plain data from files: TOML or JSON, by the name's ending."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels that are not kept yet are compiled by a process of its own, so that who needs them can wait, show how long, or do something else."""
+"""Compile missing kernels in another process, so that the caller can wait for them, show progress, or do something else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run may record, and what it gives back."""
+"""What a run may record (`Record`) and what it returns (`Response`)."""
 
 from __future__ import annotations
 

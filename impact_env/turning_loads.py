@@ -1,4 +1,4 @@
-"""What a load is to a run (`Pieces`), and loads that turn with a schedule: a force, an unbalance, a base that swings, tones and orders."""
+"""Loads as a run takes them (`Pieces`), and those that follow a schedule: a force, an unbalance, a base that swings, tones and orders."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Members that fall into two branches: the same design, force and structure, and two levels, by which branch a run happens to take.
+"""Ensembles whose members take two branches of response: one design, force and structure, and two levels.
 
-A median of such members is a level that hardly any run has. So two log-normal branches of one width are fitted beside a single one, and are told of
-where they are clearly better: by Schwarz's criterion, with a margin that single samples of 8 to 64 members pass in about one of a hundred.
+A median of such members is a level that hardly any run has. So two log-normal branches of one width are fitted beside a single one, and are reported
+where they fit clearly better: by Schwarz's criterion, with a margin that single samples of 8 to 64 members pass in about one of a hundred.
 """
 
 from __future__ import annotations

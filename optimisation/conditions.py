@@ -1,4 +1,4 @@
-"""Under which conditions the commands and studies judge a design, and how large a quick look is."""
+"""The conditions (resonance, force) under which commands and studies judge a design, and the size of a quick look."""
 
 from __future__ import annotations
 

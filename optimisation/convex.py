@@ -1,4 +1,4 @@
-"""Convex programmes: solve one, and accept nothing but an optimum."""
+"""Solve a convex programme, and accept no status but `optimal`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two descriptions, and the first place where they differ."""
+"""The first place where two descriptions in plain data differ."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Designs to measures: all runs of a batch in one call, on the cores of this machine or on other machines' workers.
 
-`evaluate_arrays` is the front door of other people's optimisers: arrays in, arrays out, in the order of the designs.
+`evaluate_arrays` is for optimisers of other packages: arrays in, arrays out, in the order of the designs.
 """
 
 from __future__ import annotations

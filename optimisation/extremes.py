@@ -1,4 +1,4 @@
-"""Numbers that are not wrong in themselves, and that no study can use: they are refused with a reason, before anything runs."""
+"""Bounds on forces, masses and rates: valid numbers that no study can use are refused with a reason, before anything runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output files that are either whole or absent."""
+"""Output files, written whole or not at all."""
 
 from __future__ import annotations
 

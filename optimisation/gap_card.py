@@ -113,7 +113,7 @@ def uncertain_levels(
 
 
 def _impacts(lane: Lane) -> tuple[Impacts, float]:
-    """Return what impacts do in a lane, and the frequency of its level over the resonance's."""
+    """Return a lane's impact speeds, rate and power, and the frequency of its level over the resonance's."""
     response = simulate(lane.scene, lane.drive, record=Record(events=True))
     impacts, level = response.impacts, response.level
     assert impacts is not None

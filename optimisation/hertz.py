@@ -49,7 +49,7 @@ def material(name: str) -> tuple[float, float]:
 
 
 def estimate(first: str, second: str, radius: float, mass: float, speed: float) -> Contact:
-    """Return what two materials do, a ``radius`` in m of the rounder one, an effective ``mass`` in kg and a relative ``speed`` in m/s above 0."""
+    """Return the contact of two materials: ``radius`` in m of the rounder one, effective ``mass`` in kg and relative ``speed`` in m/s above 0."""
     softness = sum((1 - poisson**2) / young for young, poisson in map(material, (first, second)))
     radius, mass, speed, stiff = positive("radius", radius), positive("mass", mass), positive("speed", speed), 1 / softness
     depth = (15 * mass * speed**2 / (16 * np.sqrt(radius) * stiff)) ** 0.4

@@ -1,4 +1,4 @@
-"""What to know about a design besides its score: its curve over the force, its neighbourhood, and what its numbers matter."""
+"""A design besides its score: its level over the force, detuned and in its neighbourhood, and the sensitivity to each of its numbers."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def member_levels(
     progress: Progress | None = None,
     rate: float | None = None,
 ) -> tuple[Array, Array]:
-    """Return what `levels` is made of: each member's level in m, (designs, members, conditions), and that without absorber, (members, conditions)."""
+    """Return single members' levels in m, (designs, members, conditions), and that without absorber, (members, conditions)."""
     count("members", members, 1)
     wider = replace(problem, conditions=tuple(conditions), objectives=(Objective(),), constraints=(), members=members)
     at = wider.measures.index(LEVEL)

@@ -1,4 +1,4 @@
-"""The folders in which compiled kernels are kept, one for each version of their sources and of the compiler: how large they are, and their end."""
+"""The folders of compiled kernels, one for each version of their sources and of the compiler: sizes, and how they are removed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From runs to what a design is judged by: level, fatigue damage, stroke, impacts, heat.
+"""The measures by which a design is judged, from its runs: level, fatigue damage, stroke, impacts, heat.
 
 A chunk is a handful of lanes with what to measure in them: plain data, so that a thread, or a worker on another machine, turns it into
 the same numbers.

@@ -1,4 +1,4 @@
-"""Finished pieces of a long piece of work in one file, by what they depend on: where a stopped or killed run goes on."""
+"""Results of finished pieces of long work in one file, keyed by what they depend on, from which a stopped or killed run goes on."""
 
 from __future__ import annotations
 

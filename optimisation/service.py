@@ -1,7 +1,7 @@
-"""A design as the one who builds and runs it needs it: impacts, wear, heat, forces it serves, tolerances, and what a lasting vibration does.
+"""A design in service, as its builder needs it: impacts, wear, heat, forces it serves, tolerances, and what a lasting vibration does.
 
 Everything is run on fresh members. Tolerances are tried one by one at both ends, and jointly: each draw has all numbers off at once, uniformly within
-their tolerances, and a member of its own, so that its quantiles hold chaos and ignorance together.
+their tolerances, and a member of its own, so that its quantiles cover both chaos and tolerances.
 """
 
 from __future__ import annotations

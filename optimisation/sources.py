@@ -1,7 +1,7 @@
-"""Which sources make a number: a module with all that it imports of this project, and the packages that compute.
+"""A fingerprint of the sources behind a number: a module with all that it imports of this project, and the packages that compute.
 
-Two processes with the same fingerprint run the same instructions on one kind of processor. One with another may find other numbers, and nothing
-would show it: so it does not go on with a study of the first, and does no work for it as a cluster's worker.
+Two processes with the same fingerprint run the same instructions on one kind of processor. One with another may get other numbers unnoticed: so it
+does not go on with a study of the first, and does no work for it as a cluster's worker.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What can be said of noisy values of two designs: the ratio of their quantiles, with an interval.
+"""Two designs compared by noisy values: the ratio of their quantiles, with an interval.
 
 Runs part after some impacts, so the same members (phases, roundings) of two designs have nothing in common: the correlation of their levels was
 measured as -0.17. Pairing them buys nothing, and the interval resamples each design's members on its own.

@@ -1,4 +1,4 @@
-"""ImpactAbsorber/Passage-v0 and Structures-v0: tasks in which the scene itself is drawn."""
+"""ImpactAbsorber/Passage-v0 and Structures-v0: tasks whose scene is drawn at random for each episode."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class Scored:
 
     @classmethod
     def of(cls, name: str, scores: Array) -> Scored:
-        """Return what the scores (E,) of a policy say."""
+        """Return the summary of a policy's scores (E,)."""
         low, high = interval(np.mean, scores[None])
         return cls(name, scores, float(scores.mean()), (float(low), float(high)), interquartile_mean(scores))
 

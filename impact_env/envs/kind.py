@@ -1,4 +1,4 @@
-"""Of what the environments of one name are made, in one place for the single one and for the vector."""
+"""The task and the groups of arguments behind an environment's name, in one place for the single environment and the vector."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A passage of which much is drawn, with walls that move slowly and have their price, and friction that is free."""
+"""Passage through a resonance with a randomly drawn scene, rate and force; moving the walls is slow and costs reward, friction is chosen freely."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ class LimitedPassageTask(SweepTask):
         return super().decide(actions)
 
     def reward(self) -> Array:
-        """Return that of the passage, less the price of the walls' way."""
+        """Return the reward of the passage, less the price of moving the walls."""
         return super().reward() - self.own.price * np.abs(self.runs.orders["gap"] - self._before) / self.length
 
     def level(self) -> Array:

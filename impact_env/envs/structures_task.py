@@ -1,4 +1,4 @@
-"""Structures that are drawn: beams, plates and modes that belong to nothing, in units of their first resonance."""
+"""Randomly drawn structures (beams, plates, random modes), in units of their first resonance."""
 
 from __future__ import annotations
 

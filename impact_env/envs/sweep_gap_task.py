@@ -59,7 +59,7 @@ class SweepGapTask(SweepTask):
         return super().decide(actions)
 
     def reward(self) -> Array:
-        """Return that of the passage."""
+        """Return the reward of the passage."""
         self.limited = self.runs.orders["gap"] > self._wanted
         return super().reward()
 

@@ -69,7 +69,7 @@ def gravity_in(scene: Scene, drive: AnyDrive | None = None) -> float | None:
 
 
 def losses_of(scene: Scene) -> Losses:
-    """Return where a scene's force acts and what its dampers take."""
+    """Return the losses of a scene: shapes at force and tip, the modes' damping, and a tuned absorber's damper."""
     model, absorber = scene.model, scene.absorber
     damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
     return Losses(np.array(model.force_shape), np.array(model.tip_shape), 2 * model.damping_ratio * model.omega, damper)

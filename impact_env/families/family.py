@@ -78,5 +78,5 @@ class Family:
     searched: bool = False
 
     def key(self, scene: Scene) -> tuple[object, ...]:
-        """Return what is the same for two scenes that the same compiled kernels simulate, under the same kind of drive."""
+        """Return a key, equal for two scenes that the same compiled kernels simulate, under the same kind of drive."""
         return self.name, *(absent(law) for law in self.laws(scene))

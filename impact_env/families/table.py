@@ -26,11 +26,11 @@ FAMILIES: dict[tuple[SceneKind, type[Method]], Family] = {
 
 
 def family(scene: Scene, method: Method) -> Family:
-    """Return what simulates a scene with a method; raises ParameterError if the method cannot do the scene."""
+    """Return the family of kernels that simulates a scene with a method; raises ParameterError if the method cannot do the scene."""
     check_supported(scene, method)
     return FAMILIES[scene.kind, method_class(method)]
 
 
 def kernel_key(scene: Scene, method: Method) -> tuple[object, ...]:
-    """Return what is the same for two scenes that the same compiled kernels simulate; raises ParameterError as `family` does."""
+    """Return a key, equal for two scenes that the same compiled kernels simulate; raises ParameterError as `family` does."""
     return family(scene, method).key(scene)

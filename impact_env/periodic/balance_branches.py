@@ -20,7 +20,7 @@ from impact_env.periodic.continuation import Problem, Steps, both_ways, continua
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import OMEGA, Balance, JointOfMass, harmonic_balance
 from impact_env.periodic.motion import Motion
-from impact_env.periodic.orbit import mended
+from impact_env.periodic.orbit import reordered
 from impact_env.periodic.orbit_branches import STEPS as ORBIT_STEPS
 from impact_env.periodic.orbit_branches import orbit_branch
 from impact_env.periodic.response_curve import ResponseCurve, balance_curve, orbit_curve
@@ -166,7 +166,7 @@ def exact_orbit(case: Case, low: float, high: float) -> Exact:
     pushed = [orbit for orbit in closed_form(case) if orbit.pushes]
     require(len(pushed) > 0, "frequency", case.omega_ratio, f"one with a symmetric orbit of two impacts at {case.force:g} N")
     best = max(pushed, key=lambda orbit: orbit.impulse)
-    motion = mended(case, symmetric_schedule(case.friction_limit > 0), [best.phase])
+    motion = reordered(case, symmetric_schedule(case.friction_limit > 0), [best.phase])
     require(not isinstance(motion, NoOrbit), "frequency", case.omega_ratio, f"one with such an orbit ({getattr(motion, 'reason', '')})")
     assert isinstance(motion, Motion)
     first = float(case.model.omega[0])

@@ -240,7 +240,7 @@ def _at(system: System, event: Located, otherwise: Place) -> Place:
 
 
 def _recentred(problem: Problem, system: System, place: Place, steps: Steps) -> tuple[Problem, System, Place]:
-    """Return what to go on with, in other unknowns if the problem wants them."""
+    """Return the point to continue from, in other unknowns if the problem wants them."""
     if problem.recentre is None:
         return problem, system, place
     z, parameter = system.plain(place.x)

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import PARAMETERS, Conditions, NoOrbit, Solution, linear_states, residual_and_jacobian, solution_of, unknowns_of
 from impact_env.periodic.motion import Motion, motion_of
-from impact_env.periodic.orbit import consistent, mended, reordered
+from impact_env.periodic.orbit import consistent, reordered, shown_order
 from impact_env.periodic.schedule import EventSchedule
 
 Array = NDArray[np.float64]
 MOST_STEPS, DIFFERENCE, CLOSE = 25, 1e-5, 1e-12
 APART = (1.001, 1.004, 1.02)  # of the fold's force: where two orbits are far enough apart for Newton's method to find one
-MOST_MENDINGS = 6
+MOST_REORDERINGS = 6
 LEVEL = 1e-11  # rad/s of the frequency, relative
 
 
@@ -98,28 +98,28 @@ def beside(case: Case, schedule: EventSchedule, z: Array, share: float) -> Array
     return np.asarray(z + np.sqrt(abs(square)) * v)
 
 
-def mended_fold(case: Case, schedule: EventSchedule, start: Array, parameter: str = "omega") -> Fold | NoOrbit:
+def reordered_fold(case: Case, schedule: EventSchedule, start: Array, parameter: str = "omega") -> Fold | NoOrbit:
     """Return the fold near ``case`` and ``start`` (unknowns) whose schedule has the reversals that its motion shows, or why there is none.
 
     Newton's method for orbits fails at a fold, so the order of events is first sought at a slightly larger force.
     """
-    motion = _mended_beside(case, schedule, start)
-    for _ in range(MOST_MENDINGS):
+    motion = _reordered_beside(case, schedule, start)
+    for _ in range(MOST_REORDERINGS):
         if isinstance(motion, NoOrbit):
             return motion
         solution = motion.solution
         fold = fold_near(solution_of(case, solution.schedule, unknowns_of(solution), solution.error), parameter)
         if isinstance(fold, NoOrbit) or case.friction_limit == 0 or consistent(fold.motion):
             return fold
-        case, (order, phases) = fold.case, reordered(fold.motion)
-        motion = _mended_beside(case, order, linear_states(case, order, phases))
+        case, (order, phases) = fold.case, shown_order(fold.motion)
+        motion = _reordered_beside(case, order, linear_states(case, order, phases))
     return NoOrbit(case, schedule, "the order of its reversals does not settle", start[: len(schedule.events)])
 
 
-def _mended_beside(case: Case, schedule: EventSchedule, start: Array) -> Motion | NoOrbit:
+def _reordered_beside(case: Case, schedule: EventSchedule, start: Array) -> Motion | NoOrbit:
     found: Motion | NoOrbit = NoOrbit(case, schedule, "no orbit beside the fold", start[: len(schedule.events)])
     for share in APART:
-        found = mended(case.changed(force=case.force * share), schedule, beside(case, schedule, start, share))
+        found = reordered(case.changed(force=case.force * share), schedule, beside(case, schedule, start, share))
         if not isinstance(found, NoOrbit):
             break
     return found
@@ -131,7 +131,7 @@ def level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
 
     def slope(omega: float) -> float:
         solution = last[-1].motion.solution
-        beside = mended_fold(solution.case.changed(omega=omega), solution.schedule, unknowns_of(solution), "force")
+        beside = reordered_fold(solution.case.changed(omega=omega), solution.schedule, unknowns_of(solution), "force")
         if isinstance(beside, NoOrbit):
             raise _LostFoldError(beside)
         last.append(beside)

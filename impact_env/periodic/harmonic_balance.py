@@ -219,7 +219,7 @@ class Balance:
         return at
 
     def response(self, z: Real) -> HarmonicResponse:
-        """Return what a solution z means."""
+        """Return the solution that the unknowns z stand for."""
         motion, d = self.polynomial(z), self.linear.dynamics(self.omega)
         dynamic = _applied(d.stiffness, motion) + self.force * real_row(d.drive)
         return HarmonicResponse(complexes(motion), self.linear.tip(complexes(dynamic), self.force, self.omega), complexes(dynamic))

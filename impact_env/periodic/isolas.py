@@ -21,10 +21,10 @@ from impact_env.parameters import count, require
 from impact_env.periodic.branch import STOPPED, NoConvergenceError
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps
-from impact_env.periodic.folds import Fold, fold_near, level_fold, mended_fold
+from impact_env.periodic.folds import Fold, fold_near, level_fold, reordered_fold
 from impact_env.periodic.green import NoOrbit, Solution, solution_of
 from impact_env.periodic.keeping import Keep, anew
-from impact_env.periodic.orbit import Orbit, confirmed, consistent, mended
+from impact_env.periodic.orbit import Orbit, confirmed, consistent, reordered
 from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
 from impact_env.periodic.symmetric import (
     BIRTH,
@@ -105,8 +105,8 @@ def _both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
     alone = not isinstance(plain, NoOrbit) and (case.friction_limit == 0 or consistent(plain.motion))
     if case.friction_limit == 0:
         return [plain]
-    mended = mended_fold(case, schedule, start, parameter)
-    return [plain, mended] if alone else [mended]
+    reordered = reordered_fold(case, schedule, start, parameter)
+    return [plain, reordered] if alone else [reordered]
 
 
 def _located(case: Case, fold: Fold | NoOrbit) -> LocatedFold:
@@ -288,7 +288,7 @@ def lowest_fold(case: Case) -> Fold | NoOrbit:
     for share in ABOVE:
         at, found = case.changed(force=share * lowest), list[Fold]()
         for start in closed_form(at):
-            motion = mended(at, schedule, [start.phase])
+            motion = reordered(at, schedule, [start.phase])
             if isinstance(motion, NoOrbit):
                 reason = motion.reason
                 continue

@@ -1,4 +1,4 @@
-"""How finished pieces of long work are kept: the caller may hand in something that has them, such as a file that an earlier run wrote."""
+"""The interface by which finished pieces of long work are kept and read again, for example in a file of an earlier run (`optimisation.pieces`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion of a solution: states at any time, the tip's extremes, what happens that the schedule does not say, and its stability.
+"""The motion of a solution: states at any time, the tip's extremes, events that its schedule does not list, and its stability.
 
 Floquet multipliers are the eigenvalues of the return map's derivative: what becomes of a small disturbance in a period, or in half of one and its
 mirror image.

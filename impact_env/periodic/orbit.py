@@ -1,4 +1,4 @@
-"""An orbit that stood its trial, and the way to it: solve, look between the events, mend the order, propagate, judge stability."""
+"""A validated orbit and how it is computed: solve, check the motion between events, re-order events, propagate exactly, judge stability."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
 from impact_env.periodic.motion import AnyMotion, Motion, ShotMotion, Stability, motion_of, stability_of
 from impact_env.periodic.schedule import EventSchedule, Regime, flying_schedule
 from impact_env.periodic.shooting import shoot, units_of
-from impact_env.periodic.validation import JOINS, Trial, chatters, trial_of
+from impact_env.periodic.validation import JOINS, Validation, chatters, validate
 
 Array = NDArray[np.float64]
-MOST_MENDINGS = 12
+MOST_REORDERINGS = 12
 WOULD_HOLD = "friction would hold the absorber at a reversal"
 TURNS = "the relative velocity turns"
-HELD = (WOULD_HOLD, JOINS, TURNS)  # what shooting may mend
+HELD = (WOULD_HOLD, JOINS, TURNS)  # what shooting may reorder
 NEIGHBOUR = 0.05  # of gap and gap times omega: how far from the motion that it starts with the orbit may lie then
 
 
@@ -33,7 +33,7 @@ class Impact:
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A periodic orbit that the exact method confirmed: ``residual`` is that of its propagation (see `validation.Trial`).
+    """A periodic orbit that the exact method confirmed: ``residual`` is that of its propagation (see `validation.Validation`).
 
     ``recorded``: the impacts of that propagation where a chatter comes to its end, so that there are as many as rounding lets there be; else None.
     """
@@ -82,19 +82,19 @@ def confirmed(motion: AnyMotion) -> Orbit | NoOrbit:
     """Return the orbit of a motion if the exact method confirms it, or why it is none."""
     solution, reason = motion.solution, objection(motion) if isinstance(motion, Motion) else None
     if reason is None:
-        trial = trial_of(motion)
-        if trial.reason is None:
-            return Orbit(motion, stability_of(motion), trial.residual, _chatter(motion, trial))
-        reason = trial.reason
+        validation = validate(motion)
+        if validation.reason is None:
+            return Orbit(motion, stability_of(motion), validation.residual, _chatter(motion, validation))
+        reason = validation.reason
     return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
 
 
-def _chatter(motion: AnyMotion, trial: Trial) -> tuple[Impact, ...] | None:
-    """Return the impacts of a trial's run if a wall holds the absorber on it, else None."""
-    impacts = None if trial.response is None else trial.response.impacts
-    if impacts is None or trial.response is None or not chatters(motion.solution.case, trial.response):
+def _chatter(motion: AnyMotion, validation: Validation) -> tuple[Impact, ...] | None:
+    """Return the impacts of a validation's run if a wall holds the absorber on it, else None."""
+    impacts = None if validation.response is None else validation.response.impacts
+    if impacts is None or validation.response is None or not chatters(motion.solution.case, validation.response):
         return None
-    phases = trial.start + motion.solution.case.omega * impacts.time
+    phases = validation.start + motion.solution.case.omega * impacts.time
     return tuple(Impact(float(p), float(i), int(-np.sign(i))) for p, i in zip(phases, impacts.impulse, strict=True))
 
 
@@ -134,7 +134,7 @@ def mirrored(orbit: Orbit) -> Orbit | NoOrbit:
 
 
 def objection(motion: Motion) -> str | None:
-    """Return what speaks against a motion without propagating it, or None: an impulse that pulls, a wall passed, friction in the wrong sense."""
+    """Return why a motion is no orbit, without propagating it, or None: an impulse that pulls, a wall passed, friction in the wrong sense."""
     solution, schedule = motion.solution, motion.solution.schedule
     if np.any(solution.impulses * schedule.order.wall > 0):
         return "a wall would have to pull"
@@ -145,16 +145,16 @@ def objection(motion: Motion) -> str | None:
     return WOULD_HOLD if is_held(motion) else None
 
 
-def orbit_at(case: Case, schedule: EventSchedule, start: ArrayLike, mend: bool = True) -> Orbit | NoOrbit:
+def orbit_at(case: Case, schedule: EventSchedule, start: ArrayLike, reorder: bool = True) -> Orbit | NoOrbit:
     """Return the confirmed orbit near ``start`` (unknowns, or phases in rad), or why there is none.
 
-    ``mend``: with friction the reversals of the schedule may be wrong at the start; they are then those that the motion shows, until both agree, and
-    where friction would hold the absorber shooting goes on from there. Raises ParameterError for a schedule with joined segments.
+    ``reorder``: with friction the reversals of the schedule may be wrong at the start; they are replaced by those that the motion shows, until both
+    agree, and where friction would hold the absorber shooting goes on from there. Raises ParameterError for a schedule with joined segments.
     """
-    found = mended(case, schedule, start) if mend else settled(case, schedule, start)
+    found = reordered(case, schedule, start) if reorder else settled(case, schedule, start)
     if isinstance(found, NoOrbit):
         return found
-    return held_orbit(found) if mend else confirmed(found)
+    return held_orbit(found) if reorder else confirmed(found)
 
 
 def settled(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
@@ -163,7 +163,7 @@ def settled(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | N
     return solution if isinstance(solution, NoOrbit) else motion_of(solution)
 
 
-def mended(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
+def reordered(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
     """Return the motion near ``start`` whose schedule has the reversals that it shows.
 
     Two reversals that change places are left out. Where friction holds the absorber for a moment no order of reversals is right: then what comes
@@ -171,7 +171,7 @@ def mended(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | No
     """
     start = np.asarray(start, dtype=float)
     motion = settled(case, schedule, start)
-    for _ in range(MOST_MENDINGS):
+    for _ in range(MOST_REORDERINGS):
         if isinstance(motion, NoOrbit):
             if schedule.reversals < 2 or case.friction_limit == 0:
                 return motion
@@ -186,7 +186,7 @@ def mended(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | No
                 return motion
             motion = settled(case, *without_held(last))
             return last if isinstance(motion, NoOrbit) else motion
-        schedule, start = reordered(motion)
+        schedule, start = shown_order(motion)
         motion = settled(case, schedule, start)
         if not isinstance(motion, NoOrbit) and is_held(motion) and not held:
             return last
@@ -208,7 +208,7 @@ def consistent(motion: Motion) -> bool:
     return bool(np.all(np.searchsorted(impacts, motion.turns) == np.searchsorted(impacts, solution.phases[~hits])))
 
 
-def reordered(motion: Motion) -> tuple[EventSchedule, Array]:
+def shown_order(motion: Motion) -> tuple[EventSchedule, Array]:
     """Return the schedule with the turns that a motion shows as its reversals, and the phases (n,) of its events in rad."""
     solution, old = motion.solution, motion.solution.schedule
     hits = old.order.wall != 0

@@ -20,7 +20,7 @@ from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, co
 from impact_env.periodic.folds import Fold, fold_near
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, solution_of, unknowns_of
 from impact_env.periodic.motion import Motion, motion_of
-from impact_env.periodic.orbit import Orbit, consistent, held_orbit, is_held, mended
+from impact_env.periodic.orbit import Orbit, consistent, held_orbit, is_held, reordered
 from impact_env.periodic.schedule import EventSchedule
 from impact_env.periodic.symmetric import closed_folds, closed_form, symmetric_schedule
 
@@ -116,7 +116,7 @@ class _Walk:
         )
 
     def _on_circle(self, z: Array, value: float) -> float:
-        """Return what is zero where the product of two multipliers is 1: the sign and the geometric mean of all of them, each less 1."""
+        """Return a monitor that is zero where the product of two multipliers is 1: the sign and the geometric mean of all of them, each less 1."""
         multipliers = np.linalg.eigvals(self.motion(z, value).derivative)
         first, second = np.triu_indices(len(multipliers), 1)
         factors = multipliers[first] * multipliers[second] - 1
@@ -127,7 +127,7 @@ class _Walk:
         return float(np.sign(turned) * np.exp(np.mean(np.log(sizes))))
 
     def _turning_back(self, z: Array, value: float) -> float:
-        """Return what is zero where a multiplier is -1: the product of all of them, each plus 1."""
+        """Return a monitor that is zero where a multiplier is -1: the product of all of them, each plus 1."""
         matrix = self.motion(z, value).derivative
         return float(np.linalg.det(matrix + np.eye(len(matrix))))
 
@@ -145,7 +145,7 @@ class _Walk:
             self.heading = np.concatenate([along[: len(hits)][hits], along[len(hits) :]])
         if consistent(motion) and not is_held(motion):
             return None
-        found = mended(motion.solution.case, self.schedule, unknowns_of(motion.solution))
+        found = reordered(motion.solution.case, self.schedule, unknowns_of(motion.solution))
         if isinstance(found, NoOrbit) or found.solution.schedule == self.schedule or found.solution.schedule.impacts != self.schedule.impacts:
             return None
         return self._chart(found.solution, float(z[0]))
@@ -190,7 +190,7 @@ def _one_way(
 
 
 def _size(parameter: str, value: float, limits: tuple[float, float]) -> float:
-    """Return what a change of a parameter is a share of: its value for the frequency, the largest one within its limits for all others."""
+    """Return the scale of a parameter, of which changes are shares: its value for the frequency, the largest one within its limits for all others."""
     if parameter == "omega":
         return abs(value)
     return max((abs(x) for x in (value, *limits) if math.isfinite(x)), default=0.0) or 1.0
@@ -237,7 +237,7 @@ def orbit_branches(
     for omega in (*np.linspace(low, high, SEEDS + 2)[1:-1], *(omega for omega in (*beside, *also) if low < omega < high)):
         at = case.changed(omega=float(omega))
         for start in closed_form(at):
-            motion = mended(at, schedule, [start.phase]) if start.pushes else None
+            motion = reordered(at, schedule, [start.phase]) if start.pushes else None
             if motion is None or isinstance(motion, NoOrbit) or any(lies_on(places, motion.solution) for places in known):
                 continue
             show = None if progress is None else partial(progress, f"orbits {len(known) + 1}")

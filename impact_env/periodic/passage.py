@@ -1,7 +1,7 @@
 """A motion from a section of the force's phase on, with its derivative: the exact method's events, and flights and saltation matrices between.
 
-The exact method says when impacts and joined phases are. The pieces between are in closed form; where friction turns in them, which the exact method
-does not list, is found there.
+The times of impacts and joined phases are the exact method's. The pieces between are in closed form; reversals of friction, which that method does
+not list, are located in them.
 """
 
 from __future__ import annotations

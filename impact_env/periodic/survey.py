@@ -126,7 +126,7 @@ class Found:
 
 
 def closed_form_orbits(case: Case) -> Found:
-    """Return the orbits that start from the closed form's branches where the wall pushes, their reversals mended."""
+    """Return the orbits that start from the closed form's branches where the wall pushes, their reversals reordered."""
     schedule = symmetric_schedule(case.friction_limit > 0)
     orbits: list[Orbit] = []
     refused: list[NoOrbit] = []

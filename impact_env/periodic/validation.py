@@ -1,4 +1,4 @@
-"""An orbit's trial: the exact method propagates its state over a period, finds the events by itself, and must come back."""
+"""Validation of an orbit: the exact method propagates its state over a period, with its own search for events, and must return to it."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ JOINS = "friction or a wall holds the absorber for a while"
 
 
 @dataclass(frozen=True)
-class Trial:
-    """What the exact method says of a motion: ``residual`` of the return, and ``reason`` why it is no orbit, None if it is one.
+class Validation:
+    """The validation of a motion by the exact method: ``residual`` of the return, and ``reason`` why it is no orbit, None if it is one.
 
     Impacts are compared one by one. A reversal that the schedule misses or invents shows in the residual: friction would push the wrong way. The
     residual is the largest difference of the state after a period (mirrored after half of one, for a symmetric orbit): displacements over the gap,
@@ -45,14 +45,14 @@ class Trial:
     start: float = 0.0
 
 
-def shortest_trial(case: Case) -> None:
-    """Run what takes a trial's kernels, for the hundredth part of a period."""
+def shortest_validation(case: Case) -> None:
+    """Run what takes a validation's kernels, for the hundredth part of a period."""
     simulate(case.scene, case.drive(0.01 * case.period, 0.0), record=RECORD)
 
 
-def trials_alongside(case: Case) -> AbstractContextManager[None]:
-    """Let another process compile what trials of such a case take, while this one compiles what finds orbits; see `alongside`."""
-    return alongside(exact_lane, partial(shortest_trial, case))
+def validation_alongside(case: Case) -> AbstractContextManager[None]:
+    """Let another process compile what validations of such a case take, while this one compiles what finds orbits; see `alongside`."""
+    return alongside(exact_lane, partial(shortest_validation, case))
 
 
 def propagated(motion: AnyMotion, record: Record) -> tuple[Response, float]:
@@ -147,8 +147,8 @@ def chatters(case: Case, response: Response) -> bool:
     return response.phases is not None and case.restitution > 0 and bool(np.any(response.phases.kind != 0))
 
 
-def trial_of(motion: AnyMotion) -> Trial:
-    """Return the trial of a motion by the exact method; a run that breaks down is a reason too.
+def validate(motion: AnyMotion) -> Validation:
+    """Return the validation of a motion by the exact method; a run that breaks down is a reason too.
 
     Over several periods of the force an unstable orbit makes what rounding leaves as many times larger as its multipliers say: there each period is
     run from the motion's own state, and must come to its state at the next.
@@ -157,13 +157,13 @@ def trial_of(motion: AnyMotion) -> Trial:
     try:
         runs = [_run(motion, a, motion.state_at(a), RECORD, b - a) for a, b in pairwise(sections.tolist())]
     except IntegrationError as error:
-        return Trial(float("inf"), str(error))
+        return Validation(float("inf"), str(error))
     residual = max(residual_of(motion, run, float(stop)) for run, stop in zip(runs, sections[1:], strict=True))
     reason = _unlike(motion, runs, sections[:-1])
     bar = CHATTER_BAR if chatters(motion.solution.case, runs[0]) else BAR
     if reason is None and not residual <= bar:
         reason = f"the exact method comes back with a residual of {residual:.1e}, more than {bar:g}"
-    return Trial(residual, reason, runs[0] if len(runs) == 1 else None, float(sections[0]))
+    return Validation(residual, reason, runs[0] if len(runs) == 1 else None, float(sections[0]))
 
 
 def _sections(motion: AnyMotion) -> Array:

@@ -1,4 +1,4 @@
-"""What looks wrong in a modal model: warnings, not errors, since it may be meant so."""
+"""Warnings about suspicious modal models: not errors, since a model may be meant so."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the scripts of the design studies share: options, and the problem that they describe."""
+"""Options that the commands of design studies share, and the problem that they describe."""
 
 from __future__ import annotations
 

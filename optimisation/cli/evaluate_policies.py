@@ -16,7 +16,7 @@ import click
 from impact_env.envs.evaluation import RESAMPLES
 from impact_env.parameters import ParameterError, require
 from optimisation.cli.common import INTERRUPTED, BadInput, command
-from optimisation.files import read_json, replacing, require_writable, write_json
+from optimisation.files import read_json, require_writable, write_json
 from optimisation.page import ROOT, fill, published
 from optimisation.progress import Bar
 from optimisation.report.policy_tables import short_table, table
@@ -81,15 +81,13 @@ def draw(task: str, out: Path, results: list[Judged], curves: dict[str, Any], re
 
 
 def report(task: str, out: Path, results: list[Judged], curves: dict[str, Any], resamples: int) -> list[Line]:
-    """Write table and figures; return the table's lines."""
+    """Write the table as JSON, and figures; return the table's lines."""
     with Bar(total=len(results), desc=f"{task}: intervals", unit="policy", leave=False) as bar:
         lines = summarise(task, results, resamples, bar.update)
     zero, one, rival = task_named(task).yardsticks
     about = {"task": task, "evaluation_seeds": len(results[0].seeds), "resamples": resamples, "normalised_0": zero, "normalised_1": one}
     about |= {CEILING: curves[CEILING]} if CEILING in curves else {}
     write_json(out / f"{task}_table.json", {**about, "rival": rival, "policies": [asdict(line) for line in lines]})
-    with replacing(out / f"{task}_table.md") as temporary:
-        temporary.write_text(table(task, lines) + "\n", encoding="utf-8")
     draw(task, out, results, curves, resamples)
     return lines
 
@@ -156,7 +154,7 @@ def read_curves(path: Path) -> dict[str, Any]:
 def main(task: str, out: Path | None, **given: Any) -> None:
     """Play every policy on the same held-out seeds, and say which is better and how sure that is.
 
-    Writes TASK_results.npz (each episode), TASK_table.json and .md, TASK_curves.json.gz, and figures.
+    Writes TASK_results.npz (each episode), TASK_table.json, TASK_curves.json.gz, and figures.
     """
     folder, tables = out or (QUICK_OUT if given["quick"] else OUT), {}
     try:

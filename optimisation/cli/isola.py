@@ -10,7 +10,7 @@ import click
 from impact_env.parameters import ParameterError
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.isolas import COLUMNS, IsolaCell, IsolaMap, isola_map
-from impact_env.periodic.validation import trials_alongside
+from impact_env.periodic.validation import validation_alongside
 from impact_env.plain import from_scene
 from optimisation.cli.common import FIGURES, RESUME, check_target, command, end_early, json_option, name_files, plain_errors
 from optimisation.cli.scene_options import scene_options
@@ -46,7 +46,7 @@ def computed(given: dict[str, Any]) -> IsolaMap:
     scene, _ = make_scene(given)
     case = case_of(scene, 1.0, float(scene.model.omega[0]))
     modes, restitutions = whole_map(case, modes, restitutions, limits)
-    with trials_alongside(case), counting_bar("isolas", "cells", leave=False) as show:
+    with validation_alongside(case), counting_bar("isolas", "cells", leave=False) as show:
         return isola_map(
             case, given["start"], given["stop"], modes, restitutions, show, limits, Pieces(given["resume"], {"scene": from_scene(scene)})
         )

@@ -20,7 +20,7 @@ from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import lies_on, orbit_branch, places_of
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.periodic.survey import Found, attractors, closed_form_orbits, different, orbits_over
-from impact_env.periodic.validation import trials_alongside
+from impact_env.periodic.validation import validation_alongside
 from optimisation.bounds import design_force
 from optimisation.cli.common import BadInput, check_target, command, end_early, json_option, plain_errors
 from optimisation.cli.structure_option import model_of, read_device, refuse_beside, scene_option, structure_option
@@ -156,7 +156,7 @@ def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
     """Return the text, the contents of the JSON file, and whether the work came to its end."""
     check(given)
     case = case_of(given)
-    with trials_alongside(case):
+    with validation_alongside(case):
         return asked_for(case, given)
 
 

@@ -136,7 +136,7 @@ def force_by_rule(given: Options, model: ModalModel) -> float:
 
 
 def by_rule(kind: str, given: Options, model: ModalModel) -> Options:
-    """Return what suits a structure that is not the paper's beam: the gap by the design rule, the LTVA tuned, the damper by the energy of a cycle."""
+    """Return the defaults for another structure than the paper's: the gap by the design rule, the LTVA tuned, the damper by the energy of a cycle."""
     ratio = DEFAULT_MASS_RATIO if given["mass_ratio"] is None else given["mass_ratio"]
     mass, force, resonance = positive("mass_ratio", ratio) * model.beam_mass, given["force"], given["resonance"]
     if kind == "impact" and given["gap"] is None:

@@ -259,7 +259,7 @@ class Work:
         yield {name: None if isinstance(x, float) and not np.isfinite(x) else x for name, x in numbers.items()}
 
     def _quick_lines(self, case: CurveCase) -> Iterator[Message]:
-        """Yield what stands faint beside the curve and takes no time: no absorber, and the limit."""
+        """Yield the curves to compare with that take no time: no absorber, and the limit."""
         forces = case.forces
         yield from self._line("none", Scene(_at_level(self.model)), case)
         gap = self.gap()

@@ -233,7 +233,7 @@ def _wider_lines(findings: Findings) -> Iterator[str]:
 
 
 def _so_far(findings: Findings) -> str:
-    """Return what a search knows that has not been judged."""
+    """Return the numbers of a search whose winner has not been judged."""
     last = max((e.rungs for e in findings.told), default=0)
     best = min((e for e in findings.told if e.score.feasible and e.rungs == last), key=lambda e: findings.problem.cost(e.score), default=None)
     if best is None:

@@ -1,4 +1,4 @@
-"""What was found of gaps in words: the answers, and the levels over the gap as a table."""
+"""The answers of `design_gap` as text, and the levels over the gap as a table."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _percent(answer: Answer, found: Advice, factor: float) -> str:
 
 
 def device(answer: Answer, mass: float) -> str:
-    """Return what is to be built, mass in kg."""
+    """Return the device to build in words, mass in kg."""
     friction = f"friction limit {answer.friction_limit:.4g} N" if answer.friction_limit else "no friction"
     restitution = answer.absorber.walls.restitution  # type: ignore[union-attr]
     return f"a clearance of {1e3 * answer.gap:.4g} mm to either wall, {friction}, restitution {restitution:g}, mass {mass:.4g} kg"
@@ -63,7 +63,7 @@ def answer(found: Advice) -> list[str]:
 
 
 def _tried(tried: Sequence[tuple[str, float, float]]) -> list[str]:
-    """Return what each value of a free variable can do, relative to the first."""
+    """Return the lowest level with each value of a free variable, relative to the first."""
     lines = []
     for name in dict.fromkeys(name for name, _, _ in tried):
         rows = [(value, level) for other, value, level in tried if other == name]
@@ -73,7 +73,7 @@ def _tried(tried: Sequence[tuple[str, float, float]]) -> list[str]:
 
 
 def warnings(found: Advice) -> list[str]:
-    """Return what to take care of, and what it took."""
+    """Return warnings, and the number of sweeps."""
     check, ratio = found.check, found.check.sweep_ratio
     lines = []
     if check.reach < SMALL_REACH:

@@ -1,4 +1,4 @@
-"""What training came to: a curve of the evaluation score over the steps of each algorithm, and a table."""
+"""Results of training: a curve of the evaluation score over the steps of each algorithm, and a table."""
 
 from __future__ import annotations
 

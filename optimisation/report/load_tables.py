@@ -1,4 +1,4 @@
-"""What a comparison under loads tells: a table, rows for a file, and its figure."""
+"""A comparison under loads as a table, rows of a CSV file, and a figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What scripts/sweep.py tells about a run: the contents of the JSON file and the printed summary."""
+"""The JSON file and the printed summary of the command `sweep`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How figures are written."""
+"""Figures written to files: the format by the ending, PNG with a palette."""
 
 from __future__ import annotations
 

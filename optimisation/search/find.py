@@ -4,7 +4,7 @@
     findings = find(problem, Plan(designs=200))
     findings.verdict.winner.design
 
-`scripts/optimise_design.py` does no more than that, with bars and files.
+The command `optimise_design` does no more than that, with bars and files.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def find(problem: Problem, plan: Plan, journal: Path | None = None, executor: Ex
 
 
 def _identity(problem: Problem, plan: Plan) -> dict[str, object]:
-    """Return what a search must be to go on with the runs of an earlier one: of the same question, by the same method and sources."""
+    """Return the identity of a search, which one that goes on with its runs must share: question, method and sources."""
     search = {"sampler": plan.sampler if plan.noisy else SCIPY, "seed": plan.seed, "from_scratch": plan.from_scratch}
     return {"problem": problem.describe(), "search": search, "sources": fingerprint(__name__)}
 

@@ -1,4 +1,4 @@
-"""What a search found, judged again: the best of many noisy values is too good to be true.
+"""A search's finalists judged again on fresh members: the best of many noisy values is biased.
 
 The finalists of a study run again on members of the ensemble that the search has not seen, and the best of them there is the
 winner. What the winner is worth is then read from yet other members, on which the designs that it is compared with run as well. A gain is the

@@ -1,4 +1,4 @@
-"""Runs that a search has made, kept in a file: a search that is repeatable goes on by asking for them again.
+"""The runs of a search kept in a file, so that a repeatable search goes on after a stop by asking for them again.
 
 Searches by SciPy and by a model of the noise follow from their seed and from what the runs have told them. Begun anew, they ask for
 the same runs in the same order, and those that the file holds are not made again. A run is known by all that goes into it, so that a search
@@ -66,7 +66,7 @@ def listed(measured: Array) -> object:
 
 
 def key_of(chunk: Chunk) -> str:
-    """Return what is the same for the same runs with the same measures, in any process, and else differs."""
+    """Return a key of the runs and their measures, the same in any process."""
     known = hashlib.sha256()
     _fold(chunk, known)
     return known.hexdigest()[:24]

@@ -1,4 +1,4 @@
-"""Searches that take the noise for what it is: many designs with one member each, and a model of the quantile over the space.
+"""Searches that model the noise: many designs with one member each, and a model of the quantile over the space.
 
 A level of one member is one draw, so a member is better spent on another design than on the same one, as long as a model joins what neighbours say.
 Both methods work in the space's coordinates, in which the scaling law has taken out force, mass and frequency (`optimisation.units`), as shares of

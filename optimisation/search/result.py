@@ -1,4 +1,4 @@
-"""All that a search found out about one concept."""
+"""The result of a search for one concept."""
 
 from __future__ import annotations
 

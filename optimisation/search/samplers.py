@@ -1,4 +1,4 @@
-"""Optuna's samplers, made to forget: what is proposed for a trial follows from the seed, its number, and the finished trials alone.
+"""Optuna's samplers without memory: what is proposed for a trial follows from the seed, its number, and the finished trials alone.
 
 A sampler that keeps a random generator from trial to trial cannot be resumed. Here each trial has a generator of its own, seeded by
 (seed, number of the trial), and each sampler object serves one trial: all that CMA-ES and NSGA-II carry along is in the study's file

@@ -1,4 +1,4 @@
-"""What a study tells: designs with what they scored, and how far it is."""
+"""Designs with their scores, and the progress of a study."""
 
 from __future__ import annotations
 

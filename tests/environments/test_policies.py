@@ -173,7 +173,7 @@ def test_the_command_judges_tells_and_draws(tmp_path: Path, monkeypatch: pytest.
     options = ("--baselines", tmp_path, "--agents", tmp_path, "--out", tmp_path / "out", "--quick", "--seeds", 3)
     result = call(evaluate_policies.main, *options)
     assert result.exit_code == 0, result.output
-    files = {f"{task}_{kind}" for task in ("sweep", "gap") for kind in ("results.npz", "table.json", "table.md", "curves.json.gz", "profile.png")}
+    files = {f"{task}_{kind}" for task in ("sweep", "gap") for kind in ("results.npz", "table.json", "curves.json.gz", "profile.png")}
     assert {file.name for file in (tmp_path / "out").iterdir()} == files | {"sweep_schedules.png", "gap_episode.png"}
     told = json.loads((tmp_path / "out" / "sweep_table.json").read_text())
     assert {row["name"] for row in told["policies"]} >= {"random", BEST_CONSTANT, BEST_SCHEDULE, "PPO"}

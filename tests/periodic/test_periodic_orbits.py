@@ -21,7 +21,7 @@ from impact_env.periodic.schedule import Regime, flying_schedule
 from impact_env.periodic.shooting import shot
 from impact_env.periodic.survey import closed_form_orbits, initial_of, orbit_of_simulation, orbits_over, same, state_after
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
-from impact_env.periodic.validation import BAR, map_over, propagated, residual_of, trial_of
+from impact_env.periodic.validation import BAR, map_over, propagated, residual_of, validate
 
 # --- the exact method as the judge --------------------------------------------------------------------------------------------------
 
@@ -190,7 +190,7 @@ def test_what_passes_a_wall_or_is_pulled_is_no_orbit() -> None:
 def test_a_schedule_that_leaves_reversals_out_is_not_confirmed() -> None:
     case = paper_case(3, 0.9523, 1.5, friction=0.01)
     large = closed_form(case)[1]
-    found = orbit_at(case, symmetric_schedule(True), [large.phase, large.impulse / case.scale.impulse], mend=False)
+    found = orbit_at(case, symmetric_schedule(True), [large.phase, large.impulse / case.scale.impulse], reorder=False)
     assert isinstance(found, NoOrbit)
     assert "turns" in found.reason
 
@@ -199,8 +199,8 @@ def test_a_motion_that_is_no_orbit_fails_its_trial() -> None:
     """Moved off the orbit by a thousandth of a radian, the exact method does not come back."""
     motion = deepcopy(one_sided().motion)
     object.__setattr__(motion.solution, "phases", motion.solution.phases + np.array([0.0, 1e-3]))
-    trial = trial_of(motion)
-    assert trial.reason is not None
+    validation = validate(motion)
+    assert validation.reason is not None
 
 
 def test_the_residual_is_measured_where_nothing_happens() -> None:
@@ -239,6 +239,6 @@ def test_a_branch_ends_where_the_absorber_grazes_a_wall() -> None:
     assert "passes a wall" in behind.reason
     beyond = settled(behind.case, at.schedule, unknowns_of(at))
     assert isinstance(beyond, Motion)
-    trial = trial_of(beyond)
-    assert trial.reason is not None
-    assert "impacts instead of" in trial.reason
+    validation = validate(beyond)
+    assert validation.reason is not None
+    assert "impacts instead of" in validation.reason

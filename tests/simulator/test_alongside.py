@@ -1,4 +1,4 @@
-"""A kernel that another process compiles is loaded from there, or compiled here if that fails; and trials of orbits use the kernel meant."""
+"""A kernel that another process compiles is loaded from there, or compiled here if that fails; and validations of orbits use the kernel meant."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from impact_env.kernels.exact.rigid import exact_lane
 from impact_env.modes import modal_model
 from impact_env.periodic.case import Case
 from impact_env.periodic.survey import orbits_over
-from impact_env.periodic.validation import shortest_trial
+from impact_env.periodic.validation import shortest_validation
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_a_kernel_comes_from_the_other_process_or_else_from_here(tmp_path: Path,
 def test_the_shortest_trial_has_the_kernels_of_trials() -> None:
     model = modal_model(Beam(modes=2))
     case = Case(model, 0.95 * float(model.omega[0]), 1.5, friction_limit=0.01)
-    shortest_trial(case)
+    shortest_validation(case)
     known = list(exact_lane.signatures)  # type: ignore[attr-defined]
     assert any(found.orbits for found in orbits_over(case, [0.95, 0.96]))
     assert exact_lane.signatures == known  # type: ignore[attr-defined]

@@ -93,8 +93,7 @@ def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest
         broken = CliRunner().invoke(design_rule.main, ["--quick", "--out", str(folder)])
     assert broken.exit_code == 130
     assert len(read_json(folder / "design_rule.json.gz")["rows"]) == 2
-    assert (tmp_path / "which_gap.md").read_text().count("| 1         |") == 2
-    assert (tmp_path / "which_gap.md").read_text().count("Not measured yet.") == 2
+    assert (tmp_path / "which_gap.md").read_text().count("Not measured yet.") == 1
     before = read_json(folder / "design_rule.json.gz")
     ran.clear()
     monkeypatch.setattr(rule, "run_case", lambda case, *arguments, **fine: ran.append(case.key) or run_case(case, *arguments, **fine))
@@ -104,7 +103,6 @@ def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest
     rows = read_json(folder / "design_rule.json.gz")["rows"]
     assert rows[:2] == before["rows"]
     page = (tmp_path / "which_gap.md").read_text()
-    assert page.count("| 1         |") == 3
     assert "| steel, resonance 1, damping 0.02, mass 0.05, place 0.8 |" in page
     assert "fresh cases, any" in page
     assert "Measured on" in page

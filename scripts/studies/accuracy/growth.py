@@ -18,7 +18,7 @@ from impact_env.scene import InitialState
 from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
 from studies.accuracy.cases import BARE, WATCHED, Case, Cases, Row, Settings, case, kind_named
-from studies.accuracy.shown import COLOURS, MARKERS, number, plain, unique
+from studies.accuracy.shown import COLOURS, MARKERS, number, plain, shown_rows, unique
 
 Array = NDArray[np.float64]
 NAME = "growth"
@@ -179,7 +179,7 @@ def growth_table(rows: list[Row]) -> str:
             f"{row['impacts_per_period']:.2f}",
             number(row["factor_per_impact"], 3),
         )
-        for row in rows
+        for row in shown_rows(rows)
         if row["impact"] is None
     ]
     return markdown(header, lines)

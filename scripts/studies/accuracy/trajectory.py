@@ -224,7 +224,7 @@ LABELS = {
     "first_impact_error_periods": "error of the first impact, pseudo periods",
 }
 MAIN = ("impact, e = 1", "impact, e = 0.7, with friction")
-SHOWN_STEPS = (20, 200, 2000, 20000)
+SHOWN_STEPS = (20, 20000)
 
 
 def trajectory_table(rows: list[Row]) -> str:

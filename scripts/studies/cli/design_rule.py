@@ -17,7 +17,7 @@ from optimisation.page import DOCS, published
 from optimisation.progress import runs_bar
 from optimisation.report.markdown import markdown
 from studies import rule
-from studies.rule import DAMPING, FRESH, MASS, PLACE, Case, Row, as_json, from_json, price_at, row_of, verdicts
+from studies.rule import FRESH, Case, Row, as_json, from_json, price_at, row_of, verdicts
 from studies.runner import run
 from studies.study import Json, Measured, Part, Steps, Study, rows_by_case, with_page
 
@@ -25,9 +25,7 @@ NAME = "design_rule"
 QUICK_OUT = Path("results/design_rule")
 OUT = published(DOCS / "which_gap", QUICK_OUT)
 MEMBERS, QUICK_MEMBERS = 2, 1
-SECTIONS = {DAMPING: "rule:damping", MASS: "rule:mass", PLACE: "rule:place", FRESH: "rule:fresh"}
-VERDICT, MACHINE = "rule:verdict", "rule:machine"
-MARKERS = (*SECTIONS.values(), VERDICT, MACHINE)
+MARKERS = VERDICT, FRESH_CASES, MACHINE = "rule:verdict", "rule:fresh", "rule:machine"
 
 
 class Settings(NamedTuple):
@@ -68,19 +66,16 @@ def _measure(given: Settings, known: Json) -> Steps:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return a line for each case kept apart, or for each of the first beam's; the other beam's are in the JSON file."""
-    case = ("case",) if rows[0].varied == FRESH else ("resonance", rows[0].varied)
-    what = (*case, "free amplitude over gap", "best gap over rule's", "expected")
-    header = (*what, "level at the best, %", "at the rule's, %", "at the expected, %")
-    return markdown(header, [_cells(row) for row in rows if row.varied == FRESH or row.structure == rows[0].structure])
+    """Return a line for each case."""
+    what = ("case", "free amplitude over gap", "best gap over rule's", "expected")
+    return markdown((*what, "level at the best, %", "at the rule's, %", "at the expected, %"), [_cells(row) for row in rows])
 
 
 def _cells(row: Row) -> tuple[str, ...]:
     at_rule = row.relative[row.factors.index(1.0)]
     least = min(row.relative)
     levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, row.expected)))
-    case = (row.key,) if row.varied == FRESH else (str(row.resonance), f"{row.value:g}")
-    return (*case, f"{row.reach:.3g}", f"{row.best:.2g}", f"{row.expected:.2g}", *levels)
+    return (row.key, f"{row.reach:.3g}", f"{row.best:.2g}", f"{row.expected:.2g}", *levels)
 
 
 def _verdict_table(rows: Sequence[Row]) -> str:
@@ -105,11 +100,10 @@ def _rows(measured: Measured) -> list[Row]:
 
 
 def sections(measured: Measured) -> dict[str, str]:
-    """Return the tables of what has been varied so far, the verdict, and where it was measured."""
+    """Return the verdict, the cases that nothing is fitted to so far, and where it was measured; all other cases are in the JSON file."""
     rows = _rows(measured)
-    by_number = {name: [row for row in rows if row.varied == varied] for varied, name in SECTIONS.items()}
-    tables = {name: table(part) if part else "Not measured yet." for name, part in by_number.items()}
-    return tables | {VERDICT: _verdict_table(rows), MACHINE: sources(measured.conditions)}
+    fresh = [row for row in rows if row.varied == FRESH]
+    return {VERDICT: _verdict_table(rows), FRESH_CASES: table(fresh) if fresh else "Not measured yet.", MACHINE: sources(measured.conditions)}
 
 
 def said(measured: Measured) -> str:

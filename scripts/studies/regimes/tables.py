@@ -12,6 +12,7 @@ from impact_env.periodic.stationary import Kind
 from optimisation.report.markdown import markdown
 from studies.regimes.measured import STAY, SWEEP, WAYS, Row
 
+SHOWN = 8  # frequencies of a case's rates on the page
 NAMES = {Kind.LINEAR: "no impacts", Kind.PERIODIC: "periodic", Kind.SUSTAINED: "sustained", Kind.MODULATED: "strongly modulated"}
 
 
@@ -35,7 +36,8 @@ def hazard_of(stays: list[Row], first: float = np.inf, last: float = -np.inf) ->
 
 
 def stay_table(stays: list[Row]) -> str:
-    """Return a line for each frequency."""
+    """Return lines for some of the frequencies, evenly chosen; the CSV file has all."""
+    step = max(1, len(stays) // SHOWN)
     lines = [
         (
             f"{row['at']:g}",
@@ -47,10 +49,10 @@ def stay_table(stays: list[Row]) -> str:
             "" if row["longest_pause"] is None else f"{row['longest_pause']:.1f}",
             str(row["returned"]),
         )
-        for row in stays
+        for row in stays[::step]
     ]
     header = ("frequency ratio", "runs there", "exits", "rate, 1e-4 per pseudo period", "95 %", "later rate", "longest pause", "returned")
-    return markdown(header, lines)
+    return markdown(header, lines) + ("" if step == 1 else f"\n\nAll {len(stays)} frequencies: [jump_stay.csv](regimes/jump_stay.csv).")
 
 
 def sweep_table(sweeps: list[Row], found: Hazard | None) -> str:

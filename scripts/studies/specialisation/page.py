@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 from optimisation.machine import sources
@@ -47,7 +48,11 @@ def _summary(results: Results, measured: Measured) -> str:
 
 
 def _claims(results: Results) -> str:
-    return markdown(("claim", "found", "holds"), [(claim.text, claim.found, "yes" if claim.holds else "NO") for claim in claims(results)])
+    """Return a line for each kind of claim with the number of scenes in which it holds, and one for each claim that does not hold."""
+    every = list(claims(results))
+    held = Counter(claim.text.rpartition(": ")[2] for claim in every if claim.holds)
+    rows = [(kind, f"holds in {number}", next(c.found for c in every if c.holds and c.text.endswith(kind))) for kind, number in held.items()]
+    return markdown(("claim", "scenes", "in the first"), rows + [(claim.text, "DOES NOT HOLD", claim.found) for claim in every if not claim.holds])
 
 
 def _scenes(results: Results) -> str:
