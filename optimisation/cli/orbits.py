@@ -118,12 +118,12 @@ def along(case: Case, given: dict[str, Any], told: Told) -> Iterator[ResponseCur
 
 
 def _renamed(plain: Any, key: str) -> Any:
-    """Return a curve's plain form with its parameter by name in place of the frequency."""
+    """Return a curve's plain form with its parameter by name in place of the frequency; its orbits have both."""
     if isinstance(plain, list):
         return [_renamed(value, key) for value in plain]
     if not isinstance(plain, dict):
         return plain
-    return {key if name == "omega_ratio" else name: _renamed(value, key) for name, value in plain.items()}
+    return {key if name == "omega_ratio" else name: value if name == "orbits" else _renamed(value, key) for name, value in plain.items()}
 
 
 def along_text(found: list[ResponseCurve], name: str) -> str:
@@ -195,7 +195,7 @@ def check(given: dict[str, Any]) -> None:
     if given["at"] is not None and not given["start"] <= given["at"] <= given["stop"]:
         raise BadInput(f"--at = {given['at']} is not allowed: a ratio from --from = {given['start']} to --to = {given['stop']}")
     count("points", given["points"], 2)
-    for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("plot", FIGURES)):
+    for option, suffixes in (("json", (".json", ".gz")), ("csv", (".csv",)), ("plot", FIGURES)):
         check_target(f"--{option}", given[option], suffixes)
 
 

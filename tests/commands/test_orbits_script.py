@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from impact_env import Drive, InitialState, constant_frequency, simulate
-from impact_env.periodic import Orbit, orbit_of
+from impact_env.periodic import Orbit, orbit_of, unpacked
 from impact_env.plain import to_scene
 from optimisation.cli import orbits
 
@@ -68,6 +68,14 @@ def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:
     """Low and high orbits of one frequency lie on one branch over the force, which turns where its fold force is."""
     _, (branch,) = listed(tmp_path, "--modes", "2", "--force", "3", "--at", "0.95", "--along", "force", "--over", "1", "6")
     assert max(branch["force_N"]) == pytest.approx(6, rel=1e-6)
+    entries = list(unpacked(branch["orbits"]))
+    assert len(entries) == sum(tip is not None for tip in branch["tip_max_m"])
+    for entry in entries[:: len(entries) // 4]:
+        orbit = orbit_of(entry)
+        assert isinstance(orbit, Orbit)
+        assert orbit.case.omega_ratio == pytest.approx(0.95)
+        assert any(abs(force - orbit.case.force) < 1e-12 for force in branch["force_N"])
+        assert orbit.motion.tip_max == pytest.approx(entry["tip_max_m"], rel=1e-7)
     (fold,) = (mark for mark in branch["located"] if mark["kind"] == "fold")
     _, levels = listed(tmp_path, "--modes", "2", "--force", f"{fold['force_N']:.9f}", "--folds", "--from", "0.94", "--to", "0.96")
     assert min(abs(level["omega_ratio"] - 0.95) for level in levels) < 1e-5
