@@ -13,12 +13,11 @@ from impact_env.envs.evaluation import interval
 from impact_env.extras import optional
 from optimisation.report.markdown import markdown
 from optimisation.rl.admission import ROOM
+from optimisation.rl.rules import EIGHT, TASKS
 from studies.study import Json
 
-NAMES = (  # in their newest versions
-    *("ActiveFriction-v0", "ActiveGap-v0", "Structures-v0", "Passage-v0"),
-    *("FrictionChoice-v1", "SweepAndGap-v1", "GapChoice-v1", "SweepRate-v1", "SweepRateHard-v0"),
-)
+NAMES = (*(name for name in TASKS if not name.startswith(("SweepRateNoisy", "SweepRateDelayed"))), "SweepRateHard-v0")
+PICTURES = "tasks"  # folder beside the page
 LANES, STEPS, SPAN = 64, 200, (1, 99)  # of random actions; percentiles
 
 
@@ -31,9 +30,9 @@ def rooms(found: Mapping[str, Json]) -> str:
         for label in columns:
             scores = np.array(one["scores"][label]) if label in one["scores"] else None
             cells.append("-" if scores is None else told(scores))
-        share, low, high = one[ROOM]
-        verdict = "admitted" if one["admitted"] else "no room shown"
-        rows.append((f"`{name.split('/')[1]}`", *cells, f"{share:.2f} [{low:.2f}, {high:.2f}]", verdict))
+        share = "{:.2f} [{:.2f}, {:.2f}]".format(*one[ROOM]) if ROOM in one else "-"
+        verdict = ("admitted" if one["admitted"] else "no room shown") if ROOM in one else "for comparison"
+        rows.append((f"`{name}`", *cells, share, verdict))
     return markdown(("task", *columns, ROOM, "verdict"), rows)
 
 
@@ -48,10 +47,10 @@ def searches(found: Mapping[str, Json]) -> str:
     """Return how each rule was found, and which family it is of."""
     rows = []
     for name, one in found.items():
-        effort, best = one["effort"], one["rules"]["rule of 8"]
+        effort, best = one["effort"], one["rules"][EIGHT]
         tried = ", ".join(f"{number:.3f}" for number in best["numbers"])
-        spent = f"{effort['searched']} / {effort['judged']}"
-        rows.append((f"`{name.split('/')[1]}`", best["family"], tried, spent, f"{effort['horizon']}, {effort['copies']}"))
+        spent, ahead = f"{effort['searched']} / {effort['judged']}", f"{effort['horizon']}, {effort['copies']}"
+        rows.append((f"`{name}`", best["family"], tried, spent, ahead if ROOM in one else "-"))
     return markdown(("task", "best family", "its numbers", "seeds of search / judged", "planner: intervals ahead, copies"), rows)
 
 
@@ -80,4 +79,6 @@ def section(name: str) -> str:
     table = markdown(("#", "feature", "unit and scale", f"{SPAN[0]} to {SPAN[1]} % under random actions"), rows)
     flat = {heading: re.sub(r"\s*\n\s*", " ", own) for heading, own in text.items()}
     head = f"## {name.split('/')[1]}\n\n{flat['']} {flat['Description']}\n\n**Action.** {flat['Action Space']}"
-    return f"{head}\n\n{table}\n\n**Score.** {flat['Rewards']}"
+    short = name.split("/")[1]
+    picture = f"![An episode of {short}: what is observed, what is done, and the level]({PICTURES}/{short}.png)"
+    return f"{head}\n\n{table}\n\n**Score.** {flat['Rewards']}\n\n{picture}"
