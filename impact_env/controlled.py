@@ -136,6 +136,7 @@ class ControlledRuns:
         """Advance all lanes but idle ones by the intervals in ``orders``; raise IntegrationError, naming the first lane, if one breaks down."""
         workers = max(1, min(self.threads, self.lanes // FEWEST)) if COMPILED and self._compiled else 1  # in plain Python threads only take turns
         self._do(self._parts(workers), workers)
+        self._check()
 
     def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
         """Advance the lanes of stretches, rows [low, high), with so many threads."""
@@ -145,6 +146,9 @@ class ControlledRuns:
             with CompilingFor(self.scene, self.method, "environments"):
                 self._work(parts, 0)
         self._compiled = True
+
+    def _check(self) -> None:
+        """Raise IntegrationError, naming the first lane, if one broke down."""
         if self.status.any():
             lane = int(np.flatnonzero(self.status != DONE)[0])
             raise IntegrationError(f"lane {lane}, {self.method} on {self.scene.absorber}: {REASONS[int(self.status[lane])]}")
@@ -225,6 +229,8 @@ class PooledRuns(ControlledRuns):
         super().__init__(scenes[0], lanes, reference, interval, method, **options)
         self._ordered, self._reported, self._ended = self._orders.copy(), self._reports.copy(), self.status.copy()
         self._laid = self.which.copy()
+        self._still: NDArray[np.bool_] | None = None  # the lanes that rested when the turns were made; None: make them anew
+        self._turns: list[tuple[int, NDArray[np.int64]]] = []  # of scenes: which rows are advanced
 
     def _member(self, number: int) -> ControlledRuns:
         if number not in self._members:
@@ -263,21 +269,28 @@ class PooledRuns(ControlledRuns):
         """Advance all lanes but idle ones, scene by scene."""
         if not np.array_equal(self._laid, self.which):
             self._lay(np.argsort(self.which, kind="stable"))
-            self._laid[...] = self.which
+            self._laid[...], self._still = self.which, None
+        if self._still is None or not np.array_equal(self._still, self.idle):
+            self._take_turns()
         rows = self._rows
         self._ordered[rows], self._reported[rows], self._ended[rows] = self._orders, self._reports, self.status
+        for number, parts in self._turns:  # one thread: to hand a scene's few lanes to a helper takes longer than to do them
+            self._member(number)._do(parts)
+        self._orders[...], self._reports[...], self.status[...] = self._ordered[rows], self._reported[rows], self._ended[rows]
+        self._check()
+
+    def _take_turns(self) -> None:
         scenes, idle = np.empty_like(self.which), np.empty_like(self.idle)
-        scenes[rows], idle[rows] = self.which, self.idle
+        scenes[self._rows], idle[self._rows] = self.which, self.idle
         cuts = np.union1d(np.flatnonzero(np.diff(scenes) | np.diff(idle)) + 1, (0, self.lanes))
         parts = _stretches(cuts)
         at, wanted = scenes[parts[:, 0]], ~idle[parts[:, 0]]
-        for number in np.unique(at[wanted]).tolist():  # one thread: to hand a scene's few lanes to a helper takes longer than to do them
-            self._member(number)._do(parts[wanted & (at == number)])
-        self._orders[...], self._reports[...], self.status[...] = self._ordered[rows], self._reported[rows], self._ended[rows]
+        self._turns = [(number, parts[wanted & (at == number)]) for number in np.unique(at[wanted]).tolist()]
+        self._still = self.idle.copy()
 
     def _variables(self) -> list[NDArray[Any]]:
         self._lay(np.arange(self.lanes))  # what is kept is then that of lane after lane
-        self._laid[...] = -1
+        self._laid[...], self._still = -1, None
         return [*super()._variables(), self.which]
 
     def close(self) -> None:

@@ -67,7 +67,7 @@ class ActiveTask(Task):
     def __init__(self, settings: Settings, cycle: Cycle, lanes: int) -> None:
         low, high = span("frequency_ratio", cycle.frequency_ratio)
         require_samples(settings.samples_per_period, high)
-        self.cycle = cycle
+        self.cycle, self._ratios = cycle, (low, high)
         super().__init__(settings, lanes, max(1, math.ceil(cycle.time_budget / settings.interval - 1e-9)), cycle.fatigue_exponent)
         self.options = {"force": FORCES, "frequency_ratio": (low, high)}
         self.costs, self._scale = np.zeros((lanes, len(COSTS))), np.ones(lanes)
@@ -76,7 +76,7 @@ class ActiveTask(Task):
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw frequency, force and phase."""
-        low, high = span("frequency_ratio", self.cycle.frequency_ratio)
+        low, high = self._ratios
         self.ratio[lane] = self.drawn("frequency_ratio", lane, low if low == high else generator.uniform(low, high))
         self.force[lane] = self.draw_force(lane, generator)
         self._scale[lane] = stationary_amplitude(self.model(lane), self.ratio[lane] * self.omega) * self.force[lane] / math.sqrt(2)
@@ -100,8 +100,9 @@ class ActiveTask(Task):
         """Return minus the interval's share of the mean relative RMS, less the price of what was moved."""
         reports, costs = self.runs.reports, self.costs
         assert costs is not None
-        self.squares = np.concatenate([self.squares[:, 1:], reports["mean_square"][:, None]], axis=1)
-        costs[:, 0] = np.sqrt(reports["mean_square"]) / self._scale / self.steps
+        mean_square = reports["mean_square"]
+        self.squares[:, :-1], self.squares[:, -1] = self.squares[:, 1:].copy(), mean_square
+        costs[:, 0] = np.sqrt(mean_square) / self._scale / self.steps
         costs[:, 1] = 1 / self.steps
         costs[:, 2] = reports["damage"] / (self.interval * self.settings.samples_per_period)
         self._moved = costs[:, 3] = self.moved()

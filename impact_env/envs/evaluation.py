@@ -124,21 +124,38 @@ class _Player:
         return np.asarray(actions)
 
 
-def _play(policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any]) -> Array:
+@dataclass(frozen=True)
+class Played:
+    """What came of one episode for each seed: ``scores`` (E,), sums of the rewards, and ``steps`` (E,), control intervals."""
+
+    scores: Array
+    steps: NDArray[np.int64]
+
+
+def play(policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None) -> Played:
+    """Play one episode a seed, each in a lane that rests when it is over; ``policy`` is one of those that `evaluate` takes.
+
+    Raises ParameterError for an unknown environment, no seeds, bad ``arguments`` of the environment, or actions of a wrong shape.
+    """
+    require(env_id in ENVIRONMENTS, "env_id", env_id, f"one of {', '.join(ENVIRONMENTS)}")
+    require(len(seeds) > 0, "seeds", seeds, "at least one seed")
     with optional():
         import gymnasium
-    env: Any = gymnasium.make_vec(env_id, num_envs=len(seeds), vectorization_mode="vector_entry_point", autoreset_mode="DISABLED", **arguments)
+    given = {"vectorization_mode": "vector_entry_point", "autoreset_mode": "DISABLED", **(arguments or {})}
+    env: Any = gymnasium.make_vec(env_id, num_envs=len(seeds), **given)
     try:
         observations, _ = env.reset(seed=list(seeds))
-        player, scores, over = _Player(policy, env.action_space.shape), np.zeros(len(seeds)), np.zeros(len(seeds), dtype=np.bool_)
+        player, over = _Player(policy, env.action_space.shape), np.zeros(len(seeds), dtype=np.bool_)
+        scores, steps = np.zeros(len(seeds)), np.zeros(len(seeds), dtype=np.int64)
         while not over.all():
             observations, rewards, terminated, truncated, _ = env.step(player.act(observations))
             scores += rewards
+            steps += ~over
             over = over | terminated | truncated
             env.rest(over)
     finally:
         env.close()
-    return scores
+    return Played(scores, steps)
 
 
 def evaluate(
@@ -161,9 +178,9 @@ def evaluate(
     one_of("split", split, SPLITS)
     seeds = SPLITS[split][: count("episodes", episodes, 2, len(SPLITS[split]))]
     given = ({"split": split} if ENVIRONMENTS[env_id].has_split else {}) | dict(arguments or {})
-    own = Scored.of(str(getattr(policy, "name", "policy")), _play(policy, env_id, seeds, given))
+    own = Scored.of(str(getattr(policy, "name", "policy")), play(policy, env_id, seeds, given).scores)
     rivals = dict(against) if isinstance(against, Mapping) else {} if against is None else {str(getattr(against, "name", "rival")): against}
-    others = {name: Scored.of(name, _play(rival, env_id, seeds, given)) for name, rival in rivals.items()}
+    others = {name: Scored.of(name, play(rival, env_id, seeds, given).scores) for name, rival in rivals.items()}
     differences = {}
     for name, other in others.items():
         low, high = interval(difference, own.scores[None], other.scores[None])

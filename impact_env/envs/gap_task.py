@@ -51,8 +51,9 @@ class GapTask(Task):
 
     def __init__(self, settings: Settings, control: GapControl, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
-        require_samples(settings.samples_per_period, span("frequency_ratio", control.frequency_ratio)[1])
-        self.control = control
+        self.control, self._ratios = control, span("frequency_ratio", control.frequency_ratio)
+        self._gaps = span("gap_limits", control.gap_limits)
+        require_samples(settings.samples_per_period, self._ratios[1])
         self.fatigue = control.objective == "fatigue"
         steps = max(1, math.ceil(control.time_budget / settings.interval - 1e-9))
         super().__init__(settings, lanes, steps, control.fatigue_exponent if self.fatigue else 0.0)
@@ -64,7 +65,7 @@ class GapTask(Task):
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw the frequency, the schedule of the force, and the phase; the cavity starts as the scene has it."""
-        low, high = span("frequency_ratio", self.control.frequency_ratio)
+        low, high = self._ratios
         self.ratio[lane] = low if low == high else generator.uniform(low, high)
         done, interval = 0, self.interval
         shortest, longest = self.control.hold
@@ -75,9 +76,8 @@ class GapTask(Task):
         model = self.settings.scene.model
         amplitude = float(abs(receptance(model, self.ratio[lane] * self.omega, model.level_shape, model.force_shape)))
         exponent = self.control.fatigue_exponent
-        for step in range(self.steps):
-            largest = amplitude * float(self._forces[lane, step])
-            self._scale[lane, step] = (largest / self.length) ** exponent * mean_power_of_cosine(exponent) if self.fatigue else largest / math.sqrt(2)
+        largest, mean = amplitude * self._forces[lane], mean_power_of_cosine(exponent)
+        self._scale[lane] = [(one / self.length) ** exponent * mean for one in largest.tolist()] if self.fatigue else largest / math.sqrt(2)
         self.force[lane] = self._forces[lane, 0]
         self.runs.orders["gap"][lane] = self.length
         self.limited[lane] = False
@@ -85,7 +85,7 @@ class GapTask(Task):
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order the wanted half-clearances and the forces of the interval."""
-        low, high = span("gap_limits", self.control.gap_limits)
+        low, high = self._gaps
         self._wanted = low + 0.5 * (actions[:, 0].astype(np.float64) + 1) * (high - low)
         self.runs.orders["gap"] = self._wanted
         self.force = self._forces[self._rows, np.minimum(self.elapsed, self.steps - 1)]

@@ -10,8 +10,8 @@ from impact_env.envs.shells import TaskEnv, choice
 from impact_env.envs.sweep_task import Passage, SweepTask
 from impact_env.envs.vector_shell import TaskVectorEnv
 
-# The paper's example of a jump during a sweep (section 3.1), where the rate decides. Range, rates, budget and price are chosen by measurement
-# (docs/agents.md): slow passage pays in a part of the range only.
+# The paper's example of a jump during a sweep (section 3.1), where the rate decides. Range, rates, budget and price are chosen such that a
+# slow passage pays in a part of the range only.
 DEFAULTS: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.025}, "limits": (0.93, 1.03)}
 KIND = Kind(SweepTask, (Settings, Passage), DEFAULTS, choice)
 

@@ -57,6 +57,7 @@ class Task(ABC):
             threads=settings.threads,
         )
         self._chosen: dict[str, Any] = {}
+        self._force_range = settings.forces
         self.force, self.ratio, self.time, self.score = (np.zeros(lanes) for _ in range(4))
         self.elapsed = np.zeros(lanes, dtype=np.int64)
         self.sensors = Sensors(self.features, lanes, settings.observation_noise, settings.observation_delay)
@@ -157,7 +158,7 @@ class Task(ABC):
 
     def draw_force(self, lane: int, generator: np.random.Generator) -> float:
         """Return an episode's force in N."""
-        low, high = self.settings.forces
+        low, high = self._force_range
         return self.drawn("force", lane, low if low == high else float(generator.uniform(low, high)))
 
     def draw_phase(self, lane: int, generator: np.random.Generator) -> None:

@@ -29,7 +29,7 @@ HEADINGS = {
     "Simulate": ("sweep", "compare_absorbers", "render_episode"),
     "Design": ("design_gap", "optimise_design", "pareto", "mass_ratios", "tune_ltva"),
     "Periodic responses": ("orbits", "frequency_response", "isola", "balance_error"),
-    "Learn": ("train_sweep_agent", "tune_baselines", "evaluate_policies", "record_demonstrations"),
+    "Learn": ("train", "judge", "record_demonstrations"),
     "This installation": ("doctor", "prepare", "cache"),
 }
 NEEDS = re.compile(r"^# needs: *(.*)$", re.MULTILINE)

@@ -14,7 +14,6 @@ from optimisation.report.comparison_figure import DPI
 from optimisation.report.design_figures import BLACK, BLUE, GREEN, GREY, ORANGE
 from optimisation.report.written_figure import write_figure
 from optimisation.rl.runs import Run
-from optimisation.rl.tasks.baseline import RANDOM
 
 Array = NDArray[np.float64]
 COLOURS = {"ppo": BLUE, "sac": ORANGE, "rppo": "#56B4E9"}
@@ -44,7 +43,7 @@ def save_learning_curve(path: Path, title: str, runs: Sequence[Run], baselines: 
     """Draw evaluation scores over the steps: seeds thinly, an algorithm's mean of the middle half with 10 to 90 % of its seeds, and baselines."""
     figure = Figure(figsize=(7.4, 4.9), layout="constrained")
     panel = figure.subplots()
-    ends = [score for name, score in baselines.items() if name != RANDOM]  # chance may lie so far below that nothing else could be told apart
+    ends = [score for name, score in baselines.items() if name != "random"]  # chance may lie so far below that nothing else could be told apart
     for algorithm, group in sorted(by_algorithm(runs).items()):
         steps, scores = curves(group)
         colour = COLOURS.get(algorithm, BLACK)

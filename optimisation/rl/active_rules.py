@@ -7,12 +7,10 @@ square of the tip. Friction and gap that suit a response go in proportion to its
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from optimisation.rl.families import Array, Info, Stateless
-from optimisation.rl.policies import Observations
+from optimisation.rl.families import Array, Family, Observations
 
 X, V, R, W, COS, SIN, RATIO, LEFT, RMS = 0, 1, 2, 3, 5, 6, 7, 8, 9  # columns of a task within a period
 PAIR_IMPACTS, PAIR_RATIO, PAIR_SIZE, PAIR_WAY = 4, 6, 8, 9  # of the limited passage
@@ -26,7 +24,7 @@ def _columns(observations: Observations) -> tuple[Array, Array, Array]:
     return seen, np.log(size), 1 / size**2
 
 
-class Switch(Stateless):
+class Switch(Family):
     """One action while the slip takes energy from a motion of a certain phase, another while it gives.
 
     Eight numbers; the first four alone are a rule, with the others at `neutral`.
@@ -37,7 +35,7 @@ class Switch(Stateless):
     names = ("middle", "half step", "phase", "per size", "frequency", "time", "softness", "per place")
     neutral = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0)
 
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
+    def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
         middle, step, phase, size, ratio, time, softness, place = parameters.T
         seen, log_size, per_square = _columns(observations)
@@ -46,7 +44,7 @@ class Switch(Stateless):
         return middle + step * np.tanh(np.exp(softness) * power) + rest
 
 
-class Phase(Stateless):
+class Phase(Family):
     """An action that swings twice a period with the force's phase: blind to the motion but for its size."""
 
     few = 4
@@ -54,7 +52,7 @@ class Phase(Stateless):
     names = ("middle", "swing", "phase", "per size", "frequency", "time", "phase over the frequency", "swing over size")
     neutral = (0.0,) * 8
 
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
+    def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
         middle, swing, phase, size, ratio, time, bent, grown = parameters.T
         seen, log_size, _ = _columns(observations)
@@ -62,7 +60,7 @@ class Phase(Stateless):
         return middle + (swing + grown * log_size) * np.sin(angle) + size * log_size + ratio * seen[:, RATIO] + time * seen[:, LEFT]
 
 
-class Products(Stateless):
+class Products(Family):
     """An action that is linear in products of the state."""
 
     few = 4
@@ -70,7 +68,7 @@ class Products(Stateless):
     names = ("middle", "per size", "slip with velocity", "slip with place", "slip with displacement", "place with displacement", "frequency", "time")
     neutral = (0.0,) * 8
 
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
+    def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
         seen, log_size, square = _columns(observations)
         x, v, r, w = (seen[:, k] for k in (X, V, R, W))
@@ -78,17 +76,14 @@ class Products(Stateless):
         return np.einsum("lk,lk->l", parameters, terms)
 
 
-class Blind(Stateless):
+class Blind(Family):
     """A schedule over time that looks at nothing: actions at equidistant knots."""
 
     knots = 6
     names = tuple(f"action at {share:.1f} of the time" for share in np.linspace(0, 1, knots))
+    begins = (lambda c: (c[0],) * Blind.knots,)
 
-    def start(self, constant: Sequence[float]) -> tuple[float, ...]:
-        """Return the numbers that are a constant action."""
-        return (constant[0],) * self.knots
-
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
+    def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
         at = np.clip(1 - observations[:, LEFT].astype(np.float64), 0, 1) * (self.knots - 1)
         left = np.minimum(at.astype(np.int64), self.knots - 2)
@@ -96,7 +91,7 @@ class Blind(Stateless):
         return parameters[lanes, left] * (1 - at + left) + parameters[lanes, left + 1] * (at - left)
 
 
-class PairBySize(Stateless):
+class PairBySize(Family):
     """Gap and friction of the limited passage by the size of the response, the frequency and, if all numbers are free, more.
 
     Both in proportion to a power of the size (scaling law); the first four numbers are two places and two powers.
@@ -116,7 +111,7 @@ class PairBySize(Stateless):
     neutral = (0.0,) * 8
     begins = (lambda c: (c[0], 0.0, c[1], 0.0), lambda c: (c[0], 0.3, c[1], 0.3))
 
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
+    def act(self, parameters: Array, observations: Observations) -> Array:
         """Return gap and friction actions (L, 2)."""
         seen = observations.astype(np.float64)
         size, ratio, way = np.log(seen[:, PAIR_SIZE] + SMALL), seen[:, PAIR_RATIO], np.abs(seen[:, PAIR_WAY])
@@ -130,7 +125,7 @@ class PairBySize(Stateless):
         )
 
 
-class PairByImpacts(Stateless):
+class PairByImpacts(Family):
     """The same with impacts in place of the way."""
 
     few = 4
@@ -147,27 +142,21 @@ class PairByImpacts(Stateless):
     neutral = (0.0,) * 8
     begins = PairBySize.begins[:1]
 
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
+    def act(self, parameters: Array, observations: Observations) -> Array:
         """Return gap and friction actions (L, 2)."""
         seen = observations.astype(np.float64)
         terms = np.column_stack([np.ones(len(seen)), np.log(seen[:, PAIR_SIZE] + SMALL), seen[:, PAIR_RATIO], seen[:, PAIR_IMPACTS]])
         return np.stack([np.einsum("lk,lk->l", parameters[:, own], terms) for own in ((0, 1, 4, 6), (2, 3, 5, 7))], axis=1)
 
 
-class BlindPair(Stateless):
+class BlindPair(Family):
     """Gap and friction as parabolas over the way that is left: a schedule that does not look at the response."""
 
     names = ("gap", "gap's slope", "gap's bend", "friction", "friction's slope", "friction's bend")
+    begins = (lambda c: (c[0], 0.0, 0.0, c[1], 0.0, 0.0),)
 
-    def start(self, constant: Sequence[float]) -> tuple[float, ...]:
-        """Return the numbers that are constant actions."""
-        return (constant[0], 0.0, 0.0, constant[1], 0.0, 0.0)
-
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
+    def act(self, parameters: Array, observations: Observations) -> Array:
         """Return gap and friction actions (L, 2)."""
         way = np.abs(observations[:, PAIR_WAY].astype(np.float64)) - 0.5
         gap, gap_slope, gap_bend, friction, friction_slope, friction_bend = parameters.T
         return np.stack([gap + gap_slope * way + gap_bend * way * way, friction + friction_slope * way + friction_bend * way * way], axis=1)
-
-
-ACTIVE, PAIRS = (Switch, Phase, Products), (PairBySize, PairByImpacts)

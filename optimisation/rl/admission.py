@@ -13,22 +13,18 @@ from typing import Any
 import numpy as np
 
 from impact_env.envs import ENVIRONMENTS
-from impact_env.envs.evaluation import interval
-from optimisation.rl.active_rules import ACTIVE, PAIRS, Blind, BlindPair
-from optimisation.rl.families import Array, ConstantAction, policy_of
+from impact_env.envs.evaluation import interval, play
+from optimisation.rl.families import Array, Family, FamilyPolicy, task_of
 from optimisation.rl.oracle import Planner, plan
-from optimisation.rl.play import play
-from optimisation.rl.sweep_gap_rules import ConstantPair
+from optimisation.rl.rules import BLIND, CONSTANT, EIGHT, FOUR, TASKS, env_of
 from optimisation.rl.tuning import Progress, Search, best_of, evolve
 
 FIRST_SEARCHED, FIRST_JUDGED = 1000, 2_500_000  # seeds; the latter are apart from those that train, validate and test
-CONSTANT, BLIND, FOUR, EIGHT, CLAIRVOYANT, ROBUST = "best constant", "blind schedule", "rule of 4", "rule of 8", "clairvoyant oracle", "robust oracle"
+CLAIRVOYANT, ROBUST = "clairvoyant oracle", "robust oracle"
 ROOM, LEAST, SURE = "room", 0.15, 0.1
-LARGEST = 3.0  # of a rule's numbers
 
-
-FOURS = Search(generations=20, population=12, sigma=0.1, finalists=5, relative=True)
-EIGHTS = Search(generations=45, population=14, sigma=0.04, finalists=8, relative=True)
+FOURS = Search(generations=20, population=12, sigma=0.1, finalists=5)
+EIGHTS = Search(generations=45, population=14, sigma=0.04, finalists=8)
 
 
 @dataclass(frozen=True)
@@ -48,36 +44,29 @@ class Effort:
 LESS = Effort(
     searched=48,
     judged=48,
-    four=Search(generations=14, population=10, sigma=0.1, finalists=5, relative=True),
-    eight=Search(generations=25, population=12, sigma=0.04, finalists=5, relative=True),
+    four=Search(generations=14, population=10, sigma=0.1, finalists=5),
+    eight=Search(generations=25, population=12, sigma=0.04, finalists=5),
 )
 EFFORTS = {
-    "ImpactAbsorber/ActiveFriction-v0": Effort(),
-    "ImpactAbsorber/ActiveGap-v0": LESS,
-    "ImpactAbsorber/Structures-v0": replace(LESS, judged=32, horizon=12, points=5),
-    "ImpactAbsorber/Passage-v0": replace(LESS, horizon=10),
+    **dict.fromkeys(TASKS, LESS),
+    "ActiveFriction-v0": Effort(),
+    "Structures-v0": replace(LESS, judged=32, horizon=12, points=5),
+    "Passage-v0": replace(LESS, horizon=10),
 }  # what an hour of one core is enough for
-FEW = Search(generations=2, population=6, sigma=0.1, finalists=2, relative=True)
+FEW = Search(generations=2, population=6, sigma=0.1, finalists=2)
 QUICK = Effort(searched=12, judged=8, grid=5, four=FEW, eight=FEW, horizon=4, points=3)
 
 
-class Held:
+class Held(Family):
     """A family with its last numbers held at what leaves it a rule of few."""
 
-    informed = False
+    def __init__(self, family: Family) -> None:
+        self.family, self.names, self.begins = family, family.names[: family.few], family.begins
 
-    def __init__(self, family: Any) -> None:
-        self.family, self.names = family, family.names[: family.few]
-
-    def begin(self, lanes: int) -> None:
-        """Forget what was seen."""
-        self.family.begin(lanes)
-
-    def act(self, parameters: Array, observations: Any, info: Any) -> Array:
+    def act(self, parameters: Array, observations: Any) -> Array:
         """Return the family's actions."""
         rest = np.broadcast_to(self.family.neutral[self.family.few :], (len(parameters), len(self.family.names) - self.family.few))
-        actions: Array = self.family.act(np.concatenate([parameters, rest], axis=1), observations, info)
-        return actions
+        return self.family.act(np.concatenate([parameters, rest], axis=1), observations)
 
 
 @dataclass(frozen=True)
@@ -94,39 +83,43 @@ class Rule:
         return type(getattr(self.family, "family", self.family)).__name__
 
 
-def tried(name: str, effort: Effort) -> int:
+def tried(task: str, effort: Effort) -> int:
     """Return how many candidates, and decisions of planners, an admission is going to try at most."""
-    spent = sum(effort.four.generations * effort.four.population * len(family.begins) for family in families(name))
-    return spent + (len(families(name)) * effort.eight.generations + effort.four.generations) * effort.eight.population
+    looking = TASKS[task].looking
+    spent = sum(effort.four.generations * effort.four.population * len(family.begins) for family in (*looking, TASKS[task].blind))
+    return spent + sum(len(family.begins) for family in looking) * effort.eight.generations * effort.eight.population
 
 
-def families(name: str) -> list[Any]:
-    """Return the families of rules for an environment."""
-    return [family() for family in (PAIRS if ENVIRONMENTS[name].numbers == 2 else ACTIVE)]
+def rules(task: str, arguments: Mapping[str, Any], effort: Effort, advance: Progress | None = None) -> dict[str, Rule]:
+    """Return the best constant, blind schedule, rule of at most four and of at most eight numbers: the latter begins at the former.
 
+    There is no rule of four for a task whose families all need more.
+    """
+    own, behind = TASKS[task], task_of(env_of(task), arguments)
+    rest = (env_of(task), range(FIRST_SEARCHED, FIRST_SEARCHED + effort.searched), arguments)
 
-def rules(name: str, arguments: Mapping[str, Any], effort: Effort, advance: Progress | None = None) -> dict[str, Rule]:
-    """Return the best constant, blind schedule, rule of at most four and of at most eight numbers: the latter begins at the former."""
-    pair = ENVIRONMENTS[name].numbers == 2
-    rest = (name, range(FIRST_SEARCHED, FIRST_SEARCHED + effort.searched), arguments)
-
-    def found(family: Any, starts: Sequence[Sequence[float]], search: Search) -> Rule:
-        tuned = evolve(family, starts, np.array([(-LARGEST, LARGEST)] * len(family.names)), *rest, search, advance)
+    def found(family: Family, starts: Sequence[Sequence[float]], search: Search) -> Rule:
+        tuned = evolve(family, starts, *rest, search, advance)
         return Rule(family, tuned.parameters, tuned.score)
 
-    points = np.linspace(-1, 1, effort.grid)
-    grid = np.array([(a, b) for a in points for b in points]) if pair else points[:, None]
-    best = best_of(ConstantPair() if pair else ConstantAction(), grid, *rest)
-    constant = Rule(ConstantPair() if pair else ConstantAction(), best.parameters, best.score)
-    blind = BlindPair() if pair else Blind()
+    points, always = np.linspace(-1, 1, effort.grid), own.constant(behind)
+    best = best_of(always, np.stack(np.meshgrid(*[points] * len(always.names), indexing="ij"), axis=-1).reshape(-1, len(always.names)), *rest)
+    constant = Rule(always, best.parameters, best.score)
     few, many = [], []
-    for family in families(name):
+    for family in (kind(behind) for kind in own.looking):
         starts = [begin(constant.numbers) for begin in family.begins]
-        few.append(found(Held(family), starts, effort.four))
-        many.append(found(family, [(*few[-1].numbers, *family.neutral[family.few :])], effort.eight))
-    four = max(few, key=lambda rule: rule.score)
-    eight = max([four, *many], key=lambda rule: rule.score)
-    return {CONSTANT: constant, BLIND: found(blind, [blind.start(constant.numbers)], effort.four), FOUR: four, EIGHT: eight}
+        if family.few:
+            few.append(found(Held(family), starts, effort.four))
+            start = (*few[-1].numbers, *family.neutral[family.few :])
+            many.append(found(family, [start], effort.eight))
+        else:
+            (few if len(family.names) <= 4 else many).append(found(family, starts, effort.eight))
+    blind = own.blind(behind)
+    chosen = {CONSTANT: constant, BLIND: found(blind, [begin(constant.numbers) for begin in blind.begins], effort.four)}
+    for label, group in ((FOUR, few), (EIGHT, [*few, *many])):
+        if group:
+            chosen[label] = max(group, key=lambda rule: rule.score)
+    return chosen
 
 
 def room(oracle: Array, rule: Array, constant: Array) -> float:
@@ -134,30 +127,34 @@ def room(oracle: Array, rule: Array, constant: Array) -> float:
     return float((oracle.mean() - rule.mean()) / (oracle.mean() - constant.mean()))
 
 
-def admit(name: str, arguments: Mapping[str, Any], effort: Effort, agents: Sequence[Any] = (), advance: Progress | None = None) -> dict[str, Any]:
+def admit(task: str, arguments: Mapping[str, Any], effort: Effort, agents: Sequence[Any] = (), advance: Progress | None = None) -> dict[str, Any]:
     """Return what an admission finds: rules with their numbers, scores (E,) of all, and room with its interval."""
-    chosen = rules(name, arguments, effort, advance)
+    chosen, name = rules(task, arguments, effort, advance), env_of(task)
     seeds = range(FIRST_JUDGED, FIRST_JUDGED + effort.judged)
-    scores = {label: play(policy_of(label, rule.family, list(rule.numbers)), name, seeds, arguments).scores[None] for label, rule in chosen.items()}
-    points = np.linspace(-1, 1, effort.points)
-    actions = [(a, b) for a in points[::3] for b in points[::3]] if ENVIRONMENTS[name].numbers == 2 else [(a,) for a in points]
-    planner = Planner(actions, horizon=effort.horizon, copies=effort.copies)
-    best = (chosen[EIGHT].family, np.array(chosen[EIGHT].numbers))
-    scores[ROBUST] = plan(name, seeds, arguments, best, planner, advance)[None]
-    scores[CLAIRVOYANT] = plan(name, seeds, arguments, best, replace(planner, copies=1, exact=True), advance)[None]
+    scores = {label: play(FamilyPolicy(label, rule.family, rule.numbers), name, seeds, arguments).scores[None] for label, rule in chosen.items()}
+    if TASKS[task].planned:
+        points = np.linspace(-1, 1, effort.points)
+        actions = [(a, b) for a in points[::3] for b in points[::3]] if ENVIRONMENTS[name].numbers == 2 else [(a,) for a in points]
+        planner = Planner(actions, horizon=effort.horizon, copies=effort.copies)
+        best = (chosen[EIGHT].family, np.array(chosen[EIGHT].numbers))
+        scores[ROBUST] = plan(name, seeds, arguments, best, planner, advance)[None]
+        scores[CLAIRVOYANT] = plan(name, seeds, arguments, best, replace(planner, copies=1, exact=True), advance)[None]
     by_algorithm: dict[str, list[Array]] = {}
     for agent in agents:
         by_algorithm.setdefault(agent.algorithm.upper(), []).append(play(agent, name, seeds, arguments).scores)
     scores |= {algorithm: np.stack(runs) for algorithm, runs in by_algorithm.items()}
-    compared = (scores[ROBUST], scores[EIGHT], scores[CONSTANT])
-    low, high = interval(room, *compared)
-    share = room(*compared)
     return {
-        "env_id": name,
         "arguments": dict(arguments),
         "effort": asdict(effort),
         "rules": {label: {"family": rule.name, "numbers": list(rule.numbers)} for label, rule in chosen.items()},
         "scores": {label: np.round(values, 6).tolist() for label, values in scores.items()},
-        ROOM: [share, float(low), float(high)],
-        "admitted": bool(share >= LEAST and low > SURE),
+        **(verdict(scores) if ROBUST in scores else {}),
     }
+
+
+def verdict(scores: Mapping[str, Array]) -> dict[str, Any]:
+    """Return the room with its interval, and whether that admits a task."""
+    compared = (scores[ROBUST], scores[EIGHT], scores[CONSTANT])
+    low, high = interval(room, *compared)
+    share = room(*compared)
+    return {ROOM: [share, float(low), float(high)], "admitted": bool(share >= LEAST and low > SURE)}

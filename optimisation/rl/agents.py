@@ -127,22 +127,28 @@ def save_agent(path: Path, agent: Agent) -> None:
         np.savez(temporary, about=np.array(text), **arrays)  # type: ignore[arg-type]
 
 
+def shipped() -> dict[str, list[str]]:
+    """Return the algorithms of which an agent ships with the package, by task."""
+    known: dict[str, list[str]] = {}
+    for path in sorted(TRAINED.glob("*.zip")):
+        task, _, algorithm = path.stem.rpartition("_")
+        known.setdefault(task, []).append(algorithm)
+    return known
+
+
 def packaged_file(task: str, algorithm: str = "ppo") -> Path:
     """Return the file of an agent that ships with the package, which stable-baselines3 goes on from: ``PPO.load(file, env=...)``.
 
     It holds critic and optimiser, too, and beside them the small file that needs no torch. Raises ParameterError if there is none.
     """
-    known: dict[str, list[str]] = {}
-    for path in sorted(TRAINED.glob("*.zip")):
-        of, _, by = path.stem.rpartition("_")
-        known.setdefault(of, []).append(by)
+    known = shipped()
     require(task in known, "task", task, f"one of {', '.join(known)}")
     require(algorithm in known[task], "algorithm", algorithm, f"one of {', '.join(known[task])}")
     return TRAINED / f"{task}_{algorithm}.zip"
 
 
 def load_agent(place: Path | str, algorithm: str = "ppo") -> Agent:
-    """Return the agent of a file that `save_agent` wrote, or, for the name of a task, the one that ships with the package.
+    """Return the agent of a file that `save_agent` wrote, or, for the name of a task (ActiveGap-v0), the one that ships with the package.
 
     Raises ParameterError for any other file, task or algorithm.
     """
@@ -158,7 +164,7 @@ def load_agent(place: Path | str, algorithm: str = "ppo") -> Agent:
     except ParameterError:
         raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-        raise ParameterError(f"agent = {str(path)!r} is not allowed: a file that train_sweep_agent wrote ({error})") from error
+        raise ParameterError(f"agent = {str(path)!r} is not allowed: a file that train wrote ({error})") from error
 
 
 def find_agents(folder: Path, name: str = FINAL, env_id: str | None = None) -> list[Agent]:

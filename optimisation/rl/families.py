@@ -1,10 +1,14 @@
-"""Kinds of policies with a few numbers to choose, each lane with its own numbers: the engineer's answers that an agent is compared with."""
+"""Kinds of policies with a few numbers to choose, each lane with its own numbers: the engineer's answers that an agent is compared with.
+
+A family is made from the task behind its environment, whose scales it may need. What lies outside [-1, 1] of its actions is cut off.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,149 +18,97 @@ from impact_env.envs.observation import STATE
 from impact_env.envs.sweep_task import SweepTask
 from impact_env.envs.task import FREQUENCY_SCALE
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, count, require
-from optimisation.rl.policies import Observations
+from impact_env.parameters import ParameterError, require
 
 Array = NDArray[np.float64]
-Info = Mapping[str, NDArray[Any]]
+Observations = NDArray[np.float32]
 FREQUENCY = [feature.name for feature in STATE].index("frequency")
+LARGEST = 3.0  # of a rule's numbers, where a family does not say otherwise
+Start = Callable[[Sequence[float]], Sequence[float]]
 
 
-class Family(Protocol):
-    """A kind of policy: lane i acts by row i of ``parameters`` (L, P)."""
+class Family(ABC):
+    """A kind of policy: lane i acts by row i of ``parameters`` (L, P), which have ``names`` and ``limits`` (P pairs, or `LARGEST` to either side).
 
-    informed: bool
+    ``begins``: where a search begins, for the numbers of the best constant action. The first ``few`` numbers alone are a rule, with the others at
+    ``neutral``; ``few`` is 0 for a family that has no such rule in it.
+    """
+
+    names: Sequence[str] = ()
+    limits: Sequence[tuple[float, float]] = ()
+    begins: Sequence[Start] = ()
+    few = 0
+    neutral: Sequence[float] = ()
+
+    def __init__(self, task: Any = None) -> None:
+        self.task = task
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the P parameters."""
+    def bounds(self) -> Array:
+        """Where the numbers may lie (P, 2)."""
+        return np.array(self.limits or [(-LARGEST, LARGEST)] * len(self.names), dtype=np.float64)
 
-    def begin(self, lanes: int) -> None:
+    def begin(self, lanes: int) -> None:  # noqa: B027 - most have no memory
         """Forget what was seen in earlier episodes."""
 
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:
-        """Return actions (L,), or (L, A) for tasks that take several numbers; what lies outside [-1, 1] is cut off. ``info`` is empty unless
-        ``informed``.
-        """  # noqa: D205
+    @abstractmethod
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return actions (L,), or (L, A) for tasks that take several numbers."""
 
 
-class Stateless:
-    """What families without memory have in common."""
-
-    informed = False
-
-    def begin(self, lanes: int) -> None:
-        """Do nothing: there is no memory."""
-
-
-def task_of(name: str, arguments: Mapping[str, Any]) -> Any:
+def task_of(name: str, arguments: Mapping[str, Any] | None = None) -> Any:
     """Return the task behind one environment, for its settings."""
     with optional():
         import gymnasium
-    env = gymnasium.make(name, **arguments)
+    env = gymnasium.make(name, **(arguments or {}))
     env.close()
     return env.unwrapped.task  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True)
 class Rates:
-    """The sweep's scale: slowest and fastest rate in % per 100 pseudo periods, range of frequency ratios, rate of going back (0: never), and zero
-    and unit of the frequency in observations.
-    """  # noqa: D205
+    """The sweep's scale: range of frequency ratios, and zero and unit of the frequency in observations."""
 
-    slow: float
-    fast: float
     low: float
     high: float
-    back: float = 0.0
     origin: float = 1.0
     unit: float = FREQUENCY_SCALE
 
     @classmethod
     def of(cls, task: SweepTask) -> Rates:
         """Return the scale of a task."""
-        passage = task.passage
-        return cls(*passage.rates, *passage.limits, passage.backward_rate, task.frequency_origin, task.frequency_unit)
-
-    @property
-    def slowest(self) -> float:
-        """Action of the slowest rate forward."""
-        return -1.0 if self.back == 0 else 0.0
-
-    def action(self, rate: NDArray[Any] | float) -> Array:
-        """Return the action of a rate forward."""
-        share = np.log(np.asarray(rate) / self.slow) / np.log(self.fast / self.slow)
-        return np.asarray(self.slowest + (1 - self.slowest) * share)
-
-    def rate(self, action: NDArray[Any] | float) -> Array:
-        """Return the rate of an action, below 0 for one that goes back."""
-        cut = np.clip(action, -1, 1)
-        forward = self.slow * (self.fast / self.slow) ** np.maximum((cut - self.slowest) / (1 - self.slowest), 0)
-        return np.asarray(np.where(cut < self.slowest, cut * self.back, forward))
-
-    def ratio(self, observations: Observations) -> Array:
-        """Return the frequency ratios (L,) in observations."""
-        return np.asarray(self.origin + self.unit * observations[:, FREQUENCY].astype(np.float64))
+        return cls(*task.passage.limits, task.frequency_origin, task.frequency_unit)
 
     def share(self, observations: Observations) -> Array:
         """Return where in the range the frequencies in observations are (L,): 0 at its low end, 1 at its high one."""
-        return (self.ratio(observations) - self.low) / (self.high - self.low)
+        ratio = self.origin + self.unit * observations[:, FREQUENCY].astype(np.float64)
+        return (ratio - self.low) / (self.high - self.low)
 
 
-class ConstantAction(Stateless):
-    """One number, always: a constant rate, or a fixed gap."""
+class ConstantAction(Family):
+    """The same action always."""
 
-    names = ("action",)
+    names: Sequence[str] = ("action",)
 
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
-        """Return the parameter."""
-        return parameters[:, 0]
-
-
-class FrequencyWindow(Stateless):
-    """A rule that looks at the frequency ratio: one rate inside a window, another outside. Edges are shares of the range, in any order."""
-
-    names = ("edge", "other edge", "action inside", "action outside")
-
-    def __init__(self, rates: Rates) -> None:
-        self.rates = rates
-
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
-        """Return the action inside or outside."""
-        share = self.rates.share(observations)
-        edges = np.sort(parameters[:, :2], axis=1)
-        return np.where((share > edges[:, 0]) & (share <= edges[:, 1]), parameters[:, 2], parameters[:, 3])
+    def act(self, parameters: Array, observations: Observations) -> Array:  # noqa: ARG002
+        """Return the numbers."""
+        return parameters
 
 
-class OpenLoop(Stateless):
-    """A schedule over the frequency: actions at equidistant knots over the range, linear between them (so that rates are geometric)."""
+class ConstantPair(ConstantAction):
+    """The same for a task that takes two numbers."""
 
-    def __init__(self, rates: Rates, knots: int) -> None:
-        self.rates, self.knots = rates, count("knots", knots, 2)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The knots' places."""
-        return tuple(f"action at {ratio:.4f}" for ratio in np.linspace(self.rates.low, self.rates.high, self.knots))
-
-    def act(self, parameters: Array, observations: Observations, info: Info) -> Array:  # noqa: ARG002
-        """Return the interpolated action."""
-        share = self.rates.share(observations) * (self.knots - 1)
-        left = np.clip(share.astype(np.int64), 0, self.knots - 2)
-        part, lanes = np.clip(share - left, 0, 1), np.arange(len(share))
-        actions = np.clip(parameters, -1, 1)
-        return actions[lanes, left] * (1 - part) + actions[lanes, left + 1] * part
+    names = ("first action", "second action")
 
 
 class FamilyPolicy:
     """A family with its numbers chosen: one row (P,) for all lanes, or one for each lane (L, P)."""
 
-    def __init__(self, name: str, family: Family, parameters: NDArray[Any] | list[float]) -> None:
+    def __init__(self, name: str, family: Family, parameters: NDArray[Any] | Sequence[float]) -> None:
         self.name, self.family = name, family
         self.parameters = np.atleast_2d(np.asarray(parameters, dtype=np.float64))
         if self.parameters.shape[1] != len(family.names):
             raise ParameterError(f"parameters of {name} = {parameters!r} is not allowed: {len(family.names)} numbers ({', '.join(family.names)})")
-        self._info: Info = {}
 
     def start(self, lanes: int) -> None:
         """Begin new episodes in all lanes."""
@@ -166,18 +118,23 @@ class FamilyPolicy:
 
     def act(self, observations: Observations) -> NDArray[np.float32]:
         """Return what the family does with the numbers."""
-        actions = self.family.act(self._rows, observations, self._info)
+        actions = self.family.act(self._rows, observations)
         return np.clip(actions, -1, 1).astype(np.float32).reshape(len(actions), -1)
 
 
-class InformedPolicy(FamilyPolicy):
-    """A policy of an informed family: it is given info."""
+class Random:
+    """Any action from [-1, 1] in every interval, the same ones again after `start`; ``numbers`` of them for a task that takes several."""
 
-    def inform(self, info: Info) -> None:
-        """Take info for the next action."""
-        self._info = info
+    name = "random"
 
+    def __init__(self, seed: int = 0, numbers: int = 1) -> None:
+        self.seed, self.numbers = seed, numbers
+        self.start(0)
 
-def policy_of(name: str, family: Family, parameters: NDArray[Any] | list[float]) -> FamilyPolicy:
-    """Return the policy of a family, one that is given info if the family wants it."""
-    return (InformedPolicy if family.informed else FamilyPolicy)(name, family, parameters)
+    def start(self, lanes: int) -> None:  # noqa: ARG002 - one generator serves all lanes
+        """Begin the sequence again."""
+        self._generator = np.random.default_rng(self.seed)
+
+    def act(self, observations: Observations) -> NDArray[np.float32]:
+        """Return one draw for each lane."""
+        return self._generator.uniform(-1, 1, (len(observations), self.numbers)).astype(np.float32)

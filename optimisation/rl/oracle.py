@@ -17,8 +17,7 @@ import impact_env  # noqa: F401 - registers the environments
 from impact_env.envs.task import Mask, Task
 from impact_env.extras import optional
 from impact_env.parameters import count, require
-from optimisation.rl.families import Array, Family
-from optimisation.rl.policies import Observations
+from optimisation.rl.families import Array, Family, Observations
 from optimisation.rl.tuning import Progress
 
 FORCE_OFF, PHASE_OFF = (0.002, 0.01), (0.02, 0.1)  # of a copy: share of the force, rad
@@ -65,7 +64,7 @@ class Lanes:
     def step(self, observations: Observations, given: Array, takes: Mask, over: Mask) -> tuple[Observations, Array, Mask]:
         """Advance lanes that are not over, by the rule or, where ``takes`` (L,), as ``given`` (L, A); return what is seen, rewards, who is over."""
         rows = np.broadcast_to(self.numbers, (len(observations), len(self.numbers)))
-        ruled = np.clip(self.family.act(rows, observations, {}), -1, 1).reshape(len(observations), -1)
+        ruled = np.clip(self.family.act(rows, observations), -1, 1).reshape(len(observations), -1)
         actions = np.where(takes[:, None], given, ruled).astype(np.float32)
         rewards, terminated, truncated = self.task.step(actions, over if over.any() else None)
         return self.task.observe([]), rewards, over | terminated | truncated

@@ -102,26 +102,6 @@ def typical(runs: Sequence[Run]) -> Run:
     return sorted(runs, key=lambda run: (run.evaluations[-1].score, run.seed))[len(runs) // 2]
 
 
-def collect(source: Path, target: Path) -> list[Path]:
-    """Copy what is worth keeping of the runs under ``source``, and return the files that were written.
-
-    These are learning curves of all runs, as they lie in ``source``, and of each task and algorithm the `typical` one of the finished runs, its
-    settings and its agent at the end, in TASK/ALGORITHM.
-    """
-    groups: dict[Path, list[Run]] = {}
-    for run in find_runs(source):
-        if run.finished:
-            groups.setdefault(run.folder.parent, []).append(run)
-    files = {file: target / file.name for file in source.glob("learning_*")}
-    for folder, runs in groups.items():
-        files |= {typical(runs).folder / name: target / folder.relative_to(source) / name for name in (SETTINGS, FINAL)}
-    for file, copy in files.items():
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(copy) as temporary:
-            shutil.copyfile(file, temporary)
-    return list(files.values())
-
-
 def ship(source: Path, target: Path) -> list[Path]:
     """Write the `typical` run of each task and algorithm under ``source`` as one file, stable-baselines3's with the agent's own in it."""
     groups: dict[tuple[str, str], list[Run]] = {}
@@ -139,16 +119,3 @@ def ship(source: Path, target: Path) -> list[Path]:
                 archive.write(folder / FINAL, FINAL)
         files.append(file)
     return files
-
-
-def read_learning(file: Path) -> list[Run]:
-    """Return the runs whose evaluations are in a table of learning curves. Raises ParameterError for a file that is damaged."""
-    try:
-        with file.open(newline="", encoding="utf-8") as lines:
-            rows = list(csv.DictReader(lines))
-        groups: dict[tuple[str, int], list[Evaluation]] = {}
-        for row in rows:
-            groups.setdefault((row["algorithm"], int(row["seed"])), []).append(_evaluation(row))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ParameterError(f"evaluations = {str(file)!r} is not allowed: a table that a training wrote ({error})") from error
-    return [Run(file.parent, {"algorithm": name, "seed": seed}, tuple(found), True) for (name, seed), found in groups.items()]

@@ -18,9 +18,9 @@ from typing import Any
 import numba
 import numpy as np
 import scipy
-from scipy.stats import trim_mean
 
 from impact_env.envs import ENVIRONMENTS
+from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
@@ -32,8 +32,6 @@ from optimisation.rl.cloning import imitate
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings
 from optimisation.rl.models import Model, ScaledRewards, begin_leg, make_lanes, make_model
-from optimisation.rl.play import play
-from optimisation.rl.policies import Policy
 from optimisation.rl.runs import SETTINGS, Evaluation, read_evaluations, write_evaluations
 
 with optional():
@@ -101,11 +99,11 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {module.__name__: str(module.__version__) for module in modules}
 
 
-def evaluate(policy: Policy, job: Job, leg: int, steps: int) -> Evaluation:
+def evaluate(policy: Any, job: Job, leg: int, steps: int) -> Evaluation:
     """Return what a policy reaches on the job's evaluation seeds."""
     played = play(policy, job.env_id, job.evaluation_seeds, job.arguments)
     low, high = np.percentile(played.scores, (10, 90)).tolist()
-    return Evaluation(leg, steps, float(played.scores.mean()), float(trim_mean(played.scores, 0.25)), low, high, float(played.steps.mean()))
+    return Evaluation(leg, steps, float(played.scores.mean()), interquartile_mean(played.scores), low, high, float(played.steps.mean()))
 
 
 def train(job: Job, folder: Path, show: Show | None = None, threads: int | None = None) -> list[Evaluation]:

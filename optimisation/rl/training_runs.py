@@ -1,4 +1,4 @@
-"""What `train_sweep_agent` does with its runs: one after the other with a live bar, or in several processes whose files are watched."""
+"""What `train` does with its runs: one after the other with a live bar, or in several processes whose files are watched."""
 
 from __future__ import annotations
 

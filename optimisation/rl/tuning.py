@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.envs.evaluation import play
 from impact_env.extras import optional
 from impact_env.parameters import require
-from optimisation.rl.families import Array, Family, policy_of
-from optimisation.rl.play import play
+from optimisation.rl.families import Array, Family, FamilyPolicy
 
 CHUNK = 512  # lanes that are played together: candidates times seeds
 Progress = Callable[[int], None]
@@ -36,7 +36,7 @@ def mean_scores(family: Family, candidates: NDArray[Any], name: str, seeds: Sequ
     together = max(1, CHUNK // len(seeds))
     means = []
     for part in np.array_split(candidates, range(together, len(candidates), together)):
-        policy = policy_of("candidates", family, np.repeat(part, len(seeds), axis=0))
+        policy = FamilyPolicy("candidates", family, np.repeat(part, len(seeds), axis=0))
         means.append(play(policy, name, list(seeds) * len(part), arguments).scores.reshape(len(part), len(seeds)).mean(axis=1))
     return np.concatenate(means)
 
@@ -59,15 +59,14 @@ def best_of(
 
 @dataclass(frozen=True)
 class Search:
-    """How far CMA-ES looks from each start: generations of ``population`` candidates, first standard deviation ``sigma``, in the numbers' own units
-    or, if ``relative``, in those of their bounds' widths.
+    """How far CMA-ES looks from each start: generations of ``population`` candidates, first standard deviation ``sigma``, in units of the
+    width of the numbers' bounds.
     """  # noqa: D205
 
     generations: int = 50
     population: int = 16
-    sigma: float = 0.4
+    sigma: float = 0.1
     finalists: int = 8
-    relative: bool = False
 
 
 def searched(seeds: Sequence[int]) -> Sequence[int]:
@@ -79,14 +78,13 @@ def searched(seeds: Sequence[int]) -> Sequence[int]:
 def evolve(
     family: Family,
     starts: Sequence[Sequence[float]],
-    bounds: NDArray[Any],
     name: str,
     seeds: Sequence[int],
     arguments: Mapping[str, Any],
     search: Search,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Return the best numbers that CMA-ES finds from each of several starts (P,) within ``bounds`` (P, 2).
+    """Return the best numbers that CMA-ES finds from each of several starts (P,) within the family's bounds.
 
     It sees a third of the seeds; the means of the distributions, the starts, and the best candidates of all generations (``finalists`` a start) are
     then compared on the others, which were not searched on, so that the luckiest candidate has no advantage.
@@ -96,10 +94,10 @@ def evolve(
     shown = searched(seeds)
     kept = seeds[len(shown) :]
     finalists: list[Array] = []
-    tried = 0
+    tried, bounds = 0, family.bounds
+    shape = np.diag((bounds[:, 1] - bounds[:, 0]) ** 2)
     for number, start in enumerate(starts):
         mean = np.asarray(start, dtype=np.float64)
-        shape = np.diag((bounds[:, 1] - bounds[:, 0]) ** 2) if search.relative else None
         optimiser = CMA(mean=mean, sigma=search.sigma, bounds=bounds, seed=number + 1, population_size=search.population, cov=shape)
         seen: list[tuple[float, Array]] = []
         for _ in range(search.generations):

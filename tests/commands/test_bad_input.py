@@ -132,7 +132,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
             "--env nothing": "--env",
             "--interval 0.01": "interval = 0.01",
             "--force -1": "force = -1",
-            "--agent {root}/docs/agents/passage/ppo/seed-3/final.npz --interval 3": "--interval",
+            "--agent {root}/optimisation/rl/trained/ActiveGap-v0_ppo.zip --interval 3": "--interval",
         },
     ),
     "design_gap": (
@@ -283,9 +283,8 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     "doctor": ("", {"--json nowhere/a.json": NOWHERE, "--json a.txt": "--json = a.txt", "extra": "unexpected extra argument"}),
     "cache": ("", {"empty": "'empty' is not one of 'info', 'clear'", "info --older": "--older goes with clear alone"}),
     "record_demonstrations": ("", {"--task nothing": "'nothing' is not one of"}),
-    "train_sweep_agent": ("", {"--algorithm nothing": "'nothing' is not one of"}),
-    "tune_baselines": ("", {"--task nothing": "'nothing' is not one of"}),
-    "evaluate_policies": ("", {"--task nothing": "'nothing' is not one of"}),
+    "train": ("", {"--algorithm nothing": "'nothing' is not one of"}),
+    "judge": ("", {"--task nothing": "'nothing' is not one of", "--board a.txt": ".csv", "--page tasks.md": "--board"}),
     "admit_tasks": (
         "",
         {
@@ -311,7 +310,6 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     "design_rule": ("--quick", {f"--out no {CLUSTER} --threads 2": BOTH, "--out numbers": EARLIER}),
     "search_methods": ("--quick", {f"{CLUSTER} --threads 2": BOTH, "--question nothing": "'nothing' is not one of"}),
     "friction_branches": ("--quick", {f"{CLUSTER} --threads 2": BOTH}),
-    "sweep_tradeoff": ("", {"--redraw --out .": "a folder with results of sweep_tradeoff"}),
     "your_structure": ("", {"--page none.md": "none.md"}),
     "check_gaps": ("--quick", {f"{CLUSTER} --threads 2": BOTH, "--rate 0": "rate = 0.0 is not allowed", "--page none.md": "none.md"}),
     "error_vs_runtime": (

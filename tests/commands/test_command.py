@@ -31,7 +31,7 @@ QUICK = {  # the shortest form of each command
     "design_gap": "--quick --force 3.5",
     "doctor": "",
     "explore": "--help",  # it serves until Ctrl-C
-    "evaluate_policies": "--quick --without-agents --task sweep",
+    "judge": "--task GapChoice-v1 --episodes 4",
     "frequency_response": BALANCE,
     "isola": "--modes 1 --from 0.93",
     "mass_ratios": "--rate 100 --members 1 --mass-ratio 0.02 --resonances 1 1",
@@ -39,12 +39,11 @@ QUICK = {  # the shortest form of each command
     "orbits": "--modes 3 --friction-limit 0.01 --at 0.95 --symmetric",
     "pareto": f"{STEEP} --batch 4 --designs 4",
     "prepare": "",
-    "record_demonstrations": "--task passage --episodes 2",
+    "record_demonstrations": "--task GapChoice-v1 --episodes 2",
     "render_episode": "--frames 4 --gif film.gif",
     "structure": f"{ROOT}/docs/examples/steel_beam.toml",
     "sweep": "--modes 2 --from 0.98 --to 1 --rate 10 --energy --time --plot sweep.png",
-    "train_sweep_agent": "--quick --steps 512",
-    "tune_baselines": "--quick --task gap",
+    "train": "--quick --steps 512",
     "tune_ltva": "--quick --modes 1",
 }
 
@@ -148,7 +147,7 @@ def test_a_shell_completes_without_any_extra(shell: str, installed: Path, tmp_pa
         source = run(installed, tmp_path, _IMPACT_ABSORBER_COMPLETE=f"{shell}_source")
         assert (source.returncode, source.stderr) == (0, "")
         assert "_IMPACT_ABSORBER_COMPLETE" in source.stdout
-    for words, wanted in (("impact-absorber tra", "train_sweep_agent"), ("impact-absorber optimise_design --samp", "--sampler")):
+    for words, wanted in (("impact-absorber tra", "train"), ("impact-absorber optimise_design --samp", "--sampler")):
         last = words.rsplit(" ", 1)[1]
         typed = {
             "COMP_WORDS": words.removesuffix(last) if shell == "fish" else words,

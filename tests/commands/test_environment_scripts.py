@@ -10,11 +10,10 @@ from commands import call
 
 pytest.importorskip("stable_baselines3")
 from PIL import Image
-from places import ROOT
 
+from impact_env.envs.evaluation import play
 from optimisation.cli import render_episode
-from optimisation.rl.agents import load_agent
-from optimisation.rl.play import play
+from optimisation.rl.agents import load_agent, packaged_file
 from studies.cli import benchmark_envs
 
 
@@ -44,12 +43,12 @@ def test_random_film_follows_from_the_seed(tmp_path: Path) -> None:
 
 
 def test_an_agent_acts_in_its_own_environment(tmp_path: Path) -> None:
-    file = ROOT / "docs" / "agents" / "passage" / "ppo" / "final.npz"
+    file = packaged_file("FrictionChoice-v1")
     target = tmp_path / "agent.gif"
     result = call(render_episode.main, "--agent", file, "--seed", 2000403, "--gif", target, "--frames", 3)
     assert result.exit_code == 0, result.output
     assert "3 frames" in result.output
-    played = play(load_agent(file), "ImpactAbsorber/SweepRate-v1", [2000403])
+    played = play(load_agent(file), "ImpactAbsorber/FrictionChoice-v1", [2000403])
     whole = call(render_episode.main, "--agent", file, "--seed", 2000403, "--gif", target)
     assert f"{int(played.steps[0]) + 1} frames" in whole.output
 

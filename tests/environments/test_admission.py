@@ -12,18 +12,24 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("cmaes")
 from commands import call
-from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, LIMITED, STRUCTURES
+from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, LIMITED, RUBBING, STRUCTURES
 
+from impact_env.envs.evaluation import play
 from optimisation.files import read_json
-from optimisation.rl.active_rules import ACTIVE, PAIRS, Switch
+from optimisation.rl.active_rules import Switch
 from optimisation.rl.admission import QUICK, Held, admit, room
-from optimisation.rl.families import policy_of
+from optimisation.rl.families import FamilyPolicy
 from optimisation.rl.oracle import Planner, copy_lanes, disturb, plan
-from optimisation.rl.play import play
+from optimisation.rl.rules import TASKS, chosen
+from studies.admission import rooms
 from studies.cli import admit_tasks
 
 RULE = (-0.22, -0.14, -0.6, 0.4, -0.29, 0.09, 2.3, 0.09)
+KINDS = {"best constant", "blind schedule", "rule of 4", "rule of 8"}
 BRIEF: dict[str, Any] = {"time_budget": 10.0}
+
+
+ACTIVE, PAIRS = TASKS["ActiveGap-v0"].looking, TASKS["Passage-v0"].looking
 
 
 @pytest.mark.parametrize("family", [*ACTIVE, *PAIRS])
@@ -32,14 +38,14 @@ def test_a_rule_of_four_is_one_of_eight_and_rules_are_even(family: Any) -> None:
     generator = np.random.default_rng(0)
     numbers, seen = generator.normal(size=(20, 4)), np.abs(generator.normal(size=(20, 13))).astype(np.float32)
     rest = np.tile(family.neutral[4:], (20, 1))
-    four, eight = Held(family()).act(numbers, seen, {}), family().act(np.concatenate([numbers, rest], axis=1), seen, {})
+    four, eight = Held(family()).act(numbers, seen), family().act(np.concatenate([numbers, rest], axis=1), seen)
     np.testing.assert_array_equal(four, eight)
     assert np.std(four) > 0.1
     mirror = seen.copy()
     mirror[:, :4] *= -1
     if family in ACTIVE:
         mirror[:, 5:7] *= -1
-    np.testing.assert_allclose(family().act(np.concatenate([numbers, rest], axis=1), mirror, {}), eight, rtol=1e-6)
+    np.testing.assert_allclose(family().act(np.concatenate([numbers, rest], axis=1), mirror), eight, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", [ACTIVE_FRICTION, ACTIVE_GAP, STRUCTURES, LIMITED])
@@ -75,7 +81,7 @@ def test_copies_are_off_by_little_and_to_both_sides() -> None:
 
 def test_planners_are_above_their_rule_on_64_seeds() -> None:
     seeds = range(2_600_000, 2_600_064)
-    rule = play(policy_of("rule", Switch(), list(RULE)), ACTIVE_FRICTION, seeds, BRIEF).scores
+    rule = play(FamilyPolicy("rule", Switch(), list(RULE)), ACTIVE_FRICTION, seeds, BRIEF).scores
     planner = Planner([(a,) for a in (-1.0, -0.4, 0.2, 0.8)], horizon=10)
     robust, exact = (
         plan(ACTIVE_FRICTION, seeds, BRIEF, (Switch(), np.array(RULE)), one) for one in (planner, replace(planner, copies=1, exact=True))
@@ -89,7 +95,7 @@ def test_planners_are_above_their_rule_on_64_seeds() -> None:
 
 def test_room_is_the_share_that_a_rule_leaves() -> None:
     assert room(np.array([[-0.1, -0.3]]), np.array([[-0.3, -0.5]]), np.array([[-0.6, -0.6]])) == pytest.approx(0.5)
-    found = admit(ACTIVE_GAP, BRIEF, replace(QUICK, judged=4))
+    found = admit("ActiveGap-v0", BRIEF, replace(QUICK, judged=4))
     scores = {label: np.mean(values) for label, values in found["scores"].items()}
     share = (scores["robust oracle"] - scores["rule of 8"]) / (scores["robust oracle"] - scores["best constant"])
     assert found["room"][0] == pytest.approx(share, abs=1e-3)
@@ -101,21 +107,21 @@ def test_the_command_fills_the_page_and_keeps_what_is_known(tmp_path: Path, monk
     monkeypatch.setattr("studies.cli.admit_tasks.STEPS", 3)
     target, page = tmp_path / "tasks.json.gz", tmp_path / "page.md"
     page.write_text("".join(f"<!-- {name} -->\n<!-- /{name} -->\n" for name in admit_tasks.MARKERS))
-    for task in ("active_gap", "active_friction"):
+    for task in ("ActiveGap-v0", "ActiveFriction-v0"):
         result = call(admit_tasks.main, "--quick", "--task", task, "--json", target, "--page", page)
         assert result.exit_code == 0, result.output
-    assert list(read_json(target)["tasks"]) == [ACTIVE_FRICTION, ACTIVE_GAP]
+    assert list(read_json(target)["tasks"]) == ["ActiveFriction-v0", "ActiveGap-v0"]
     text = page.read_text()
     assert result.output.splitlines()[-1] in text
     assert all(words in text for words in ("`ActiveGap-v0`", "## Structures-v0", "| 14 ", "frequency ratio to the resonance"))
-    before, board = target.read_bytes(), tmp_path / "board.csv"
-    theirs = "ActiveGap-v0,a better one,somebody,abc,test,256,-0.1,-0.2,-0.05"
-    board.write_text("task,policy,who,commit,split,episodes,score,low,high\n" + theirs + "\nActiveGap-v0,old,this project,abc,test,4,-9,-9,-9\n")
-    monkeypatch.setattr(admit_tasks, "EPISODES", 4)
-    assert call(admit_tasks.main, "--redraw", "--json", target, "--leaderboard", board).exit_code == 0
+    before, rules = target.read_bytes(), tmp_path / "rules.json"
+    assert call(admit_tasks.main, "--redraw", "--json", target, "--rules", rules).exit_code == 0
     assert target.read_bytes() == before
-    lines = board.read_text().splitlines()
-    assert theirs in lines
-    assert not any(",old," in line for line in lines)
-    assert sum("PPO, one agent" in line for line in lines) >= 3
-    assert any(line.startswith("SweepRate-v1,small rule,") for line in lines)
+    assert set(chosen(rules)["ActiveGap-v0"]) == KINDS
+
+
+def test_a_task_for_comparison_gets_rules_and_no_planner() -> None:
+    found = admit("GapChoice-v1", {"hold": (20.0, 40.0), "time_budget": 100.0} | RUBBING, replace(QUICK, judged=4))
+    assert set(found["scores"]) == KINDS
+    assert "room" not in found
+    assert "| for comparison |" in rooms({"GapChoice-v1": found})

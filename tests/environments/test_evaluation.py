@@ -15,7 +15,7 @@ from environment_cases import ACTIVE_FRICTION, SHORT, V1, actions, vector
 
 import impact_env
 from impact_env import ParameterError
-from impact_env.envs.evaluation import SPLITS
+from impact_env.envs.evaluation import SPLITS, play
 
 BRIEF: dict[str, Any] = {"time_budget": 5.0}
 
@@ -32,14 +32,15 @@ def test_splits_do_not_meet() -> None:
 @pytest.mark.parametrize("name", [ACTIVE_FRICTION, V1])
 def test_scores_are_those_of_single_environments(name: str) -> None:
     found = impact_env.evaluate(by_velocity, name, "validation", episodes=5, arguments=SHORT[name])
+    lengths = play(by_velocity, name, found.seeds, SHORT[name]).steps
     assert found.seeds == tuple(range(1_000_000, 1_000_005))
     env = gymnasium.make(name, **SHORT[name])
-    for seed, score in zip(found.seeds, found.scores, strict=True):
-        observation, total, over = env.reset(seed=seed)[0], 0.0, False
+    for seed, score, steps in zip(found.seeds, found.scores, lengths, strict=True):
+        observation, total, done, over = env.reset(seed=seed)[0], 0.0, 0, False
         while not over:
             observation, reward, end, cut, _ = env.step(by_velocity(observation[None])[0])
-            total, over = total + reward, end or cut
-        assert score == total
+            total, done, over = total + reward, done + 1, end or cut
+        assert (score, steps) == (total, done)
 
 
 def test_differences_are_paired_and_the_table_says_all() -> None:

@@ -9,10 +9,10 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 import torch
+from environment_cases import GAP1 as GAP
 
 from optimisation.rl import training
 from optimisation.rl.hyperparameters import settings_for
-from optimisation.rl.play import GAP
 
 
 def test_torch_has_its_threads_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

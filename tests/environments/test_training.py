@@ -9,24 +9,28 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from environment_cases import GAP1 as GAP
+from environment_cases import HARD
+from environment_cases import V1 as SWEEP
 from places import ROOT
 
 pytest.importorskip("stable_baselines3")
 
 import torch
 
+from impact_env.envs.evaluation import play
 from impact_env.parameters import ParameterError
-from optimisation.cli import train_sweep_agent
+from optimisation.cli import train as command
 from optimisation.rl.agents import Agent, actor_of, find_agents, load_agent, save_agent
 from optimisation.rl.checkpoints import checkpoints
+from optimisation.rl.families import Random
 from optimisation.rl.hyperparameters import PACKAGED, PPOSettings, SACSettings, read, settings_for
 from optimisation.rl.models import begin_leg, make_lanes, make_model
-from optimisation.rl.play import GAP, SWEEP, play
-from optimisation.rl.policies import Random
 from optimisation.rl.runs import find_runs, read_evaluations
 from optimisation.rl.training import Job, train
 
@@ -49,7 +53,7 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 
 
 def started(*arguments: object) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "optimisation.cli.group", "train_sweep_agent", *map(str, arguments)]
+    command = [sys.executable, "-m", "optimisation.cli.group", "train", *map(str, arguments)]
     return subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
 
 
@@ -60,7 +64,7 @@ def finished(process: subprocess.Popen[str]) -> str:
 
 
 def call(*arguments: object) -> Result:
-    return CliRunner().invoke(train_sweep_agent.main, [str(argument) for argument in arguments])
+    return CliRunner().invoke(command.main, [str(argument) for argument in arguments])
 
 
 class Interrupt:
@@ -192,7 +196,7 @@ def test_file_that_is_no_agent_is_refused(tmp_path: Path) -> None:
 def test_end_by_the_clock_is_no_end_for_the_value() -> None:
     """A passage whose budget is spent is told to PPO as cut off: what it was still worth is added to its last reward."""
     chosen = replace(settings_for(SWEEP, "ppo", **SMALL["ppo"]), n_steps=8, gamma=0.5, reward_scale=3.0)
-    env = make_lanes(SWEEP, chosen, SHORT[SWEEP] | {"time_budget": 40.0, "limits": [0.9, 1.1]}, 1)
+    env = make_lanes(HARD, chosen, SHORT[SWEEP] | {"time_budget": 40.0, "limits": [0.9, 1.1]}, 1)
     model = make_model(chosen, env, 0)
     seen: dict[str, Any] = {}
 
@@ -268,7 +272,7 @@ def test_hyperparameters_of_the_package_are_whole_and_a_file_replaces_what_it_na
 def test_bad_hyperparameters_are_named(tmp_path: Path, text: str, words: str) -> None:
     file = tmp_path / "bad.yaml"
     file.write_text(text)
-    result = call("--task", "gap", "--algorithm", "ppo", "--hyperparameters", file, "--out", tmp_path / "out")
+    result = call("--task", "GapChoice-v1", "--algorithm", "ppo", "--hyperparameters", file, "--out", tmp_path / "out")
     assert result.exit_code == 2, result.output
     assert words in result.output
     assert not list((tmp_path / "out").rglob("*.*"))
@@ -290,27 +294,28 @@ def test_command_goes_on_after_kill_and_reports(tmp_path: Path) -> None:
     file.write_text(json.dumps({GAP: {"ppo": names}}))
     arguments = [f"--argument {name} {json.dumps(value)}" for name, value in SHORT[GAP].items()]
     words = [part for argument in arguments for part in argument.split(" ", 2)]
-    command = ["--task", "gap", "--algorithm", "ppo", "--seeds", "1", "--workers", "1", "--hyperparameters", str(file), *words]
-    out, folder = tmp_path / "out", tmp_path / "out" / "gap" / "ppo" / "seed-0"
-    undisturbed = call(*command, "--out", tmp_path / "undisturbed")  # in this process, after other trainings
+    options = ["--task", "GapChoice-v1", "--algorithm", "ppo", "--seeds", "1", "--workers", "1", "--hyperparameters", str(file), *words]
+    out, folder = tmp_path / "out", tmp_path / "out" / "GapChoice-v1" / "ppo" / "seed-0"
+    undisturbed = call(*options, "--out", tmp_path / "undisturbed")  # in this process, after other trainings
     assert undisturbed.exit_code == 0, undisturbed.output
-    process = started(*command, "--out", out)
+    process = started(*options, "--out", out)
     until = time.monotonic() + 120
-    while process.poll() is None and len(checkpoints(folder / "checkpoints")) < 2 and time.monotonic() < until:
+    while process.poll() is None and len(read_evaluations(folder)) < 2 and time.monotonic() < until:
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.wait()
     (run,) = find_runs(out)
     assert 2 <= len(run.evaluations) < 10
     assert not run.finished
-    refused = call(*command, "--steps", 1280, "--out", out)
+    refused = call(*options, "--steps", 1280, "--out", out)
     assert refused.exit_code == 2
     assert "steps is 2560 there and 1280 here" in refused.output
-    output = finished(started(*command, "--out", out, "--collect", tmp_path / "kept"))
+    output = finished(started(*options, "--out", out, "--ship", tmp_path / "kept"))
     assert "| PPO " in output
-    assert (out / "learning_gap.png").stat().st_size > 10_000
-    other = tmp_path / "undisturbed" / "gap" / "ppo" / "seed-0"
+    assert (out / "learning_GapChoice-v1.png").stat().st_size > 10_000
+    other = tmp_path / "undisturbed" / "GapChoice-v1" / "ppo" / "seed-0"
     assert read_evaluations(folder) == read_evaluations(other)
-    kept = tmp_path / "kept" / "gap" / "ppo"
-    assert sorted(file.name for file in kept.iterdir()) == ["final.npz", "settings.json"]
-    assert (kept / "final.npz").read_bytes() == (other / "final.npz").read_bytes()
+    (kept,) = (tmp_path / "kept").iterdir()
+    assert kept.name == "GapChoice-v1_ppo.zip"
+    with ZipFile(kept) as archive:
+        assert archive.read("final.npz") == (other / "final.npz").read_bytes()

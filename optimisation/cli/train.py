@@ -1,0 +1,156 @@
+"""Train agents for the environments with PPO and SAC: learning curves, checkpoints that resume, one small file an agent."""
+
+# needs: env, rl
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from impact_env.ensemble import available_cores
+from impact_env.parameters import ParameterError
+from optimisation.cli.common import INTERRUPTED, BadInput, command
+from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.progress import Bar
+from optimisation.report.markdown import markdown
+from optimisation.rl.families import Random
+from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for
+from optimisation.rl.rules import TASKS, env_of, policies
+from optimisation.rl.runs import Evaluation, Run, find_runs, run_folder, ship
+
+BOTH, DEFAULT = "both", "ActiveFriction-v0"  # a task that is learnt in minutes
+SEEDS, QUICK_SHARE, QUICK_LEGS = 10, 0.25, 10
+OUT = Path("results/train")
+
+
+def plan(task: str, given: dict[str, Any]) -> list[Any]:
+    """Return the runs of a task; raise ParameterError before anything is trained if one cannot be made or gone on with."""
+    from optimisation.rl.training import Job, check_folder  # torch is slow to import
+    from optimisation.rl.training_runs import Planned
+
+    env_id = env_of(task)
+    algorithms = recipes(env_id) if given["algorithm"] == BOTH else [given["algorithm"]]
+    runs = []
+    for seed in range(given["seeds"]):
+        for algorithm in algorithms:
+            chosen = settings_for(env_id, algorithm, given["hyperparameters"])
+            steps = given["steps"] or (round(QUICK_SHARE * chosen.steps) if given["quick"] else chosen.steps)
+            legs = max(1, min(QUICK_LEGS if given["quick"] else chosen.legs, steps // chosen.round))
+            chosen = settings_for(env_id, algorithm, given["hyperparameters"], steps=steps, legs=legs)
+            job = Job(env_id, algorithm, seed, chosen, given["arguments"], demonstrations=given["demonstrations"])
+            folder = run_folder(given["out"], task, algorithm, seed)
+            check_folder(job, folder)
+            runs.append(Planned(job, folder))
+    return runs
+
+
+def beside(task: str, job: Any) -> dict[str, float]:
+    """Return mean scores on the evaluation seeds of chance and of what was chosen without learning."""
+    from optimisation.rl.training import evaluate
+
+    chosen = {"random": Random(numbers=TASKS[task].numbers), **policies(task, job.arguments)}
+    return {name: evaluate(policy, job, 0, 0).score for name, policy in Bar(chosen.items(), desc="without learning", leave=False)}
+
+
+def told(baselines: dict[str, float]) -> Any:
+    """Return what says how an agent does, beside the policies that need no training."""
+    beside = ", ".join(f"{name} {score:.4f}" for name, score in baselines.items())
+
+    def line(planned: Any, evaluation: Evaluation) -> str:
+        return f"{planned.label}: score {evaluation.score:.4f} after {evaluation.steps:,} steps   ({beside})"
+
+    return line
+
+
+def write(out: Path, task: str, baselines: dict[str, float], runs: list[Run]) -> None:
+    """Write figure and tables of a task's runs, and print the table."""
+    from optimisation.report.learning_report import COLUMNS, HEADER, learning_rows, save_learning_curve, table_rows  # matplotlib is slow to import
+
+    write_csv(out / f"learning_{task}.csv", COLUMNS, learning_rows(runs))
+    write_json(out / f"learning_{task}.json", {"baselines": baselines, "agents": table_rows(runs, {})})
+    with replacing(out / f"learning_{task}.png") as temporary:
+        save_learning_curve(temporary, task, runs, baselines)
+    unfinished = sum(not run.finished for run in runs)
+    click.echo(markdown(HEADER, table_rows(runs, baselines)))
+    click.echo(f"\n{task}; mean scores on the evaluation seeds" + (f"; {unfinished} of {len(runs)} runs are not finished" if unfinished else ""))
+    click.echo(f"written: {out / f'learning_{task}.png'}, .csv, .json\n")
+
+
+def environment_arguments(pairs: tuple[tuple[str, str], ...]) -> dict[str, Any]:
+    """Return keyword arguments of the environment from names and JSON values; what is no JSON is text."""
+    arguments: dict[str, Any] = {}
+    for name, text in pairs:
+        try:
+            arguments[name] = json.loads(text)
+        except ValueError:
+            arguments[name] = text
+    return arguments
+
+
+def train_task(task: str, given: dict[str, Any]) -> bool:
+    """Train all runs of a task and report; return False if Ctrl-C ended it early."""
+    from optimisation.rl.training_runs import report_failures, train_all
+
+    runs, finished, failures = plan(task, given), True, []
+    baselines = beside(task, runs[0].job)
+    for name, score in baselines.items():
+        click.echo(f"{task}, {name}: score {score:.4f}")
+    try:
+        failures = train_all(runs, given["workers"], told(baselines) if given["quick"] else None)
+    except KeyboardInterrupt:
+        finished = False
+    write(given["out"], task, baselines, find_runs(given["out"] / task))
+    report_failures(failures)
+    return finished
+
+
+@command()
+@click.option("--task", "tasks", multiple=True, type=click.Choice(list(TASKS)), default=(DEFAULT,), show_default=True, help="May be repeated.")
+@click.option(
+    "--algorithm",
+    type=click.Choice([*ALGORITHMS, BOTH]),
+    default=BOTH,
+    show_default=True,
+    help="Both: all that the task has.",
+)
+@click.option("--seeds", type=click.IntRange(min=1), help=f"Agents of each algorithm.  [default: {SEEDS}, with --quick 1]")
+@click.option("--steps", type=click.IntRange(min=1), help="Steps of the environment for each agent.  [default: as in the hyperparameters]")
+@click.option("--quick", is_flag=True, help=f"A look: one seed, {100 * QUICK_SHARE:g} % of the steps, and a line for every evaluation.")
+@click.option("--hyperparameters", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="YAML; replaces those it names.")
+@click.option("--argument", "arguments", multiple=True, type=(str, str), metavar="NAME VALUE", help="Argument of the environment; may be repeated.")
+@click.option("--demonstrations", type=click.Path(path_type=Path), metavar="FOLDER", help="Data set of record_demonstrations to begin by imitating.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes to train in, each on one core.  [default: all cores]")
+@click.option("--out", type=click.Path(path_type=Path), help=f"Folder.  [default: {OUT}, with --quick {OUT}_quick]")
+@click.option("--ship", type=click.Path(path_type=Path), metavar="FOLDER", help="Write typical agents there, each as the one file that ships.")
+def main(**given: Any) -> None:
+    """Train agents, seed by seed, and draw their learning curves.
+
+    Each agent has a folder TASK/ALGORITHM/seed-N with settings.json, evaluations.csv, final.npz, its last two checkpoints and
+    TensorBoard's files. Ctrl-C, or kill -9, ends training early, and the same command goes on from the last
+    checkpoint; agents that are finished are not trained again.
+    """
+    quick = given["quick"]
+    given["seeds"] = given["seeds"] or (1 if quick else SEEDS)
+    given["workers"] = given["workers"] or available_cores()
+    given["out"] = given["out"] or (OUT.with_name(f"{OUT.name}_quick") if quick else OUT)
+    given["arguments"] = environment_arguments(given["arguments"])
+    finished = True
+    try:
+        require_writable("--out", given["out"])
+        if given["ship"] is not None:
+            require_writable("--ship", given["ship"])
+        for task in given["tasks"]:
+            finished = finished and train_task(task, given)
+        if finished and given["ship"] is not None:
+            click.echo(f"{len(ship(given['out'], given['ship']))} agents written to {given['ship']}")
+    except ParameterError as error:
+        raise BadInput(str(error)) from error
+    except KeyboardInterrupt:
+        finished = False
+    if not finished:
+        click.echo("Stopped early: the same command goes on from the last checkpoints.", err=True)
+        sys.exit(INTERRUPTED)
