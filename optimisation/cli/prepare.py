@@ -19,7 +19,7 @@ from optimisation.cli.common import command, plain_errors
 def main(what: str | None, host: bool) -> None:
     """Compile the kernels of the usual scenes, those of the environments, or both with all that is usually recorded (all), unless they are there.
 
-    Kernels that came with the package run on any processor with AVX2; those for this one are up to a third faster with friction, to the same digits.
+    Kernels that came with the package run on any processor with AVX2; those for this one are up to a third faster, and give the same digits.
     """
     with plain_errors():
         if host:
