@@ -236,8 +236,8 @@ class Loads:
     """Loads that act together, of one duration; ``reference`` in rad/s defines the pseudo period, and is a schedule's where there is one.
 
     ``start`` is the state at time 0, in coordinates relative to the base. "middle": all at rest relative to the base, the absorber in the middle of
-    its cavity; "lower-wall": the same, the absorber on its lower wall; "base-mean-rest": the base already moves about a mean at rest, and structure
-    and absorber are at rest in space, undeformed.
+    its cavity; "lower-wall": the same, an absorber with rigid walls on its lower one; "base-mean-rest": the base already moves about a mean at rest,
+    and structure and absorber are at rest in space, undeformed.
     """
 
     parts: tuple[Load, ...]
@@ -313,9 +313,7 @@ class Loads:
             return self.start if isinstance(self.start, InitialState) else InitialState()
         if self.start == "lower-wall":
             walls = scene.cavity(0)
-            require(walls is not None, "start", self.start, "one of the others without rigid walls: there is none to rest on")
-            assert walls is not None
-            return InitialState(absorber_displacement=-walls.gap)
+            return InitialState() if walls is None else InitialState(absorber_displacement=-walls.gap)
         participation = scene.model.base_participation
         require(self.moves_base and participation is not None, "start", self.start, "one of the others where the base does not move")
         assert participation is not None

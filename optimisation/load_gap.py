@@ -25,10 +25,9 @@ from optimisation.gap_advice import MOST_TOLERANCE, TOLERANCE, Answer
 from optimisation.gap_check import RESTITUTION
 from optimisation.gap_search import MEMBERS, PAIRS, STEP, Table, answers, search, worst
 from optimisation.load_comparison import runs_of
-from optimisation.load_measures import DECAY, free_size, measure_of
+from optimisation.load_measures import DECAY, START, free_size, measure_of
 
 Array = NDArray[np.float64]
-START = 1.5  # of the free RMS at the absorber
 
 
 @dataclass(frozen=True, eq=False)

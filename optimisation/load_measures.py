@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 
 import numpy as np
@@ -16,13 +17,18 @@ import numpy as np
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
 from impact_env.loads import Loads, Shock, schedule_in
+from impact_env.modes import ModalModel
 from impact_env.response import Record, Response
+from impact_env.scene import Scene
 from impact_env.sweep import simulate
 
 LEVEL, RMS, DECAY = "level", "rms", "decay"
 UNITS = {LEVEL: "m", RMS: "m", DECAY: "s"}
+TOLD = {LEVEL: "response level", RMS: "RMS", DECAY: "decay time of the energy"}
+SHOWN = {"m": (1e3, "mm"), "s": (1.0, "s")}  # factor and unit for people
 SETTLING = 5.0
 SAMPLES = 64  # a pseudo period
+START = 1.5  # of the size of the free motion at the absorber: a gap where there is no rule
 
 
 def measure_of(loads: Loads) -> str:
@@ -68,10 +74,27 @@ MEASURES: dict[str, tuple[Callable[[Response], float], Record]] = {
 }
 
 
+def record_of(loads: Loads) -> Record:
+    """Return what a run under loads must record for their measure."""
+    return MEASURES[measure_of(loads)][1]
+
+
+def read(response: Response) -> float:
+    """Return the measure of a run's loads, of a harmonic force the response level."""
+    return MEASURES[measure_of(response.drive) if isinstance(response.drive, Loads) else LEVEL][0](response)
+
+
 def measured(lane: Lane) -> float:
     """Return the measure of a lane's loads."""
-    read, record = MEASURES[measure_of(lane.drive)]
-    return read(simulate(lane.scene, lane.drive, record=record))
+    return read(simulate(lane.scene, lane.drive, record=record_of(lane.drive)))
+
+
+def fingerprint_of(loads: Loads) -> str:
+    """Return what is the same for the same loads, and else differs."""
+    known = hashlib.sha256(f"{loads.reference!r} {loads.start!r}".encode())
+    for part in loads.on_one_clock():
+        known.update(np.ascontiguousarray(part).tobytes())
+    return known.hexdigest()
 
 
 def free_size(lane: Lane) -> float:
@@ -83,3 +106,8 @@ def free_size(lane: Lane) -> float:
     assert found is not None
     motion = found.tip_displacement
     return float(np.max(np.abs(motion)) / np.sqrt(2) if measure_of(lane.drive) == DECAY else np.sqrt(np.mean(motion**2)))
+
+
+def design_gap_for(model: ModalModel, loads: Loads) -> float:
+    """Return the gap in m from which a search begins where there is no rule: `START` times `free_size` (0 where nothing moves)."""
+    return START * free_size(Lane(Scene(model), loads))

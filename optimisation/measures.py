@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.ensemble import Lane
+from impact_env.loads import Loads
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import ParameterError, SeveralAbsorbers, SlidingAbsorber, require
 from impact_env.response import Record, Response
 from impact_env.sweep import IntegrationError, simulate
+from optimisation.load_measures import read, record_of
 
 Array = NDArray[np.float64]
 
@@ -23,7 +25,7 @@ Array = NDArray[np.float64]
 LEVEL, STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, DAMAGE = "level", "stroke", "impact_power", "impact_speed", "friction_heat", "damage"
 IMPACT_RATE, RMS, ACCELERATION, STRESS = "impact_rate", "rms", "acceleration", "stress"
 MEASURES = {
-    LEVEL: "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end",
+    LEVEL: "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end; of loads the measure that belongs to them",
     STROKE: "largest distance of the absorber from the middle of its cavity in m",
     IMPACT_POWER: "energy lost in impacts over the sweep, per second, in W",
     IMPACT_SPEED: "largest relative velocity before an impact in m/s",
@@ -77,8 +79,9 @@ class Chunk:
 
         The energy account would give losses too, but it takes many times the time of the run itself.
         """
-        wanted = set(self.measures)
-        return Record(events=bool(wanted & _OF_IMPACTS), series=bool(wanted & _OF_SAMPLES))
+        wanted, drive = set(self.measures), self.lanes[0].drive
+        own = record_of(drive) if isinstance(drive, Loads) else Record()
+        return replace(own, events=bool(wanted & _OF_IMPACTS), series=own.series or bool(wanted & _OF_SAMPLES))
 
 
 def measure(chunk: Chunk) -> Array:
@@ -98,8 +101,7 @@ def _measure_lane(chunk: Chunk, lane: Lane) -> list[float]:
 
 def _value(name: str, chunk: Chunk, response: Response) -> float:
     if name == LEVEL:
-        assert response.level is not None
-        return response.level.value
+        return read(response)
     impacts, history = response.impacts, response.history
     if name in _OF_IMPACTS:
         assert impacts is not None

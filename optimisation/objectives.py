@@ -23,9 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS
+from impact_env.loads import Loads, amplitude_in_words
 from impact_env.parameters import ParameterError, count, finite, fraction, one_of, positive, require, two
 from optimisation.designs import MASS_RATIO, Design
 from optimisation.extremes import usable_force
+from optimisation.load_measures import UNITS, fingerprint_of, measure_of
 from optimisation.measures import ACCELERATION, DAMAGE, FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_SPEED, LEVEL, STRESS, STROKE
 
 Array = NDArray[np.float64]
@@ -77,13 +79,15 @@ class Condition:
     """What a design must bear: a resonance (counted from 1) swept through ``limits`` times its frequency by a force in N.
 
     ``detuning`` shifts all of the beam's frequencies by this share: the bending stiffness is not what it was thought to be. The sweep
-    follows the frequency that the resonance then has.
+    follows the frequency that the resonance then has. Other ``loads`` take the place of resonance and limits, and ``force`` is a factor on them; what
+    is the level elsewhere is then their measure (`optimisation.load_measures`).
     """
 
     resonance: int
     force: float
     limits: tuple[float, float] = PAPER_LIMITS
     detuning: float = 0.0
+    loads: Loads | None = None
 
     def __post_init__(self) -> None:
         count("resonance", self.resonance, 1)
@@ -94,7 +98,24 @@ class Condition:
 
     def describe(self) -> dict[str, object]:
         """Return the condition as JSON values."""
-        return {"resonance": self.resonance, "force": self.force, "limits": list(self.limits), "detuning": self.detuning}
+        own = {"resonance": self.resonance, "force": self.force, "limits": list(self.limits), "detuning": self.detuning}
+        return own if self.loads is None else own | {"loads": amplitude_in_words(self.loads), "sha256": fingerprint_of(self.loads)}
+
+    @property
+    def place(self) -> str:
+        """What acts, in words, without how much."""
+        return f"resonance {self.resonance}" if self.loads is None else amplitude_in_words(self.loads)
+
+    @property
+    def told(self) -> tuple[str, str]:
+        """Name and unit of what is measured."""
+        name = LEVEL if self.loads is None else measure_of(self.loads)
+        return name, UNITS[name]
+
+    @property
+    def words(self) -> str:
+        """What acts, in words, and how much."""
+        return f"{self.place}, {self.force:g} {'N' if self.loads is None else 'times'}"
 
 
 @dataclass(frozen=True)

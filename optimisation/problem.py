@@ -13,12 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import FrequencySchedule, default_rate, linear_sweep
 from impact_env.ensemble import Executor, Lane, Members, draw_members
+from impact_env.loads import Loads, Member
+from impact_env.methods import Exact, check_load
 from impact_env.modes import ModalModel, Structure
-from impact_env.parameters import Beam, count, positive, require
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, count, positive, require
 from impact_env.scene import Scene
+from optimisation.bounds import design_force
 from optimisation.designs import MASS_RATIO, POSITION, SEVERAL, TUNED, Design, DesignSpace
 from optimisation.evaluation import Evaluation, Progress, evaluate_arrays
 from optimisation.extremes import usable_rate
+from optimisation.load_measures import DECAY, design_gap_for, measure_of
 from optimisation.measures import DAMAGE, FATIGUES, LEVEL, MEASURES, STRESS, Chunk, measure, stress_shape
 from optimisation.mounting import described, detuned, mounted
 from optimisation.objectives import Condition, Constraint, Objective, Score, own_values
@@ -70,6 +74,7 @@ class Problem:
         require(len(set(names)) == len(names), "constraints", names, "each of them once")
         if self.space.concept == TUNED:
             self._require_both_peaks()
+        self._require_loads()
         self._require_uncertain()
         for name in {DAMAGE, STRESS} & set(self.measures):
             require(self._beams[self.conditions[0].detuning][1] is not None, "objective or constraint", name, FATIGUES)
@@ -86,6 +91,23 @@ class Problem:
     def spreads(self) -> tuple[Spread, ...]:
         """What is uncertain."""
         return spreads(self.uncertain)
+
+    def _require_loads(self) -> None:
+        """Raise ParameterError for what does not go with loads: forces beside them, what is uncertain, limits in m where a decay is measured."""
+        given = [condition.loads for condition in self.conditions if condition.loads is not None]
+        if not given:
+            return
+        require(len(given) == len(self.conditions), "conditions", self.conditions, "loads in all of them, or in none")
+        require(not self.spreads, "uncertain", plain(self.spreads), "left out under loads")
+        for loads in given:
+            check_load(self.space.default.scene(self.beam), loads, Exact())
+        in_m = [*(o.kind for o in self.objectives if o.kind == "absolute"), *(c.name for c in self.constraints if c.name == LEVEL)]
+        require(not in_m or DECAY not in map(measure_of, given), "objective or constraint", in_m, "another under shocks, which are told by a time")
+
+    @property
+    def under_loads(self) -> bool:
+        """Whether other loads than forces act."""
+        return self.conditions[0].loads is not None
 
     def _usable_rate(self) -> float:
         return usable_rate("rate", self.rate, [condition.limits for condition in self.conditions])
@@ -108,7 +130,7 @@ class Problem:
     def _require_both_peaks(self) -> None:
         """Raise ParameterError if a sweep is so narrow that an optimiser could push a tuned absorber's second peak out of it."""
         mass = max([v.high for v in self.space.free if v.name == MASS_RATIO] + [self.space.default.values[MASS_RATIO]])
-        for condition in self.conditions:
+        for condition in self.conditions if not self.under_loads else ():
             require_wide_range(self.model, mass, condition.resonance, *condition.limits)
 
     @cached_property
@@ -118,10 +140,18 @@ class Problem:
 
     @cached_property
     def units(self) -> Units:
-        """Units of the structure by which the space counts; of several forces at a resonance their geometric mean."""
+        """Units of the structure by which the space counts; of several forces at a resonance their geometric mean.
+
+        Of loads the force counts for which the design rule gives the gap that a search begins with.
+        """
         forces: dict[int, list[float]] = {}
+        gaps = {loads: design_gap_for(self.model, loads) for loads in {c.loads for c in self.conditions} if loads is not None}
         for condition in self.conditions:
-            forces.setdefault(condition.resonance, []).append(condition.force)
+            force = condition.force
+            if condition.loads is not None:
+                require(gaps[condition.loads] > 0, "load", 0.0, "one that moves the absorber's place")
+                force *= design_force(self.model, DEFAULT_MASS_RATIO * self.model.beam_mass, gaps[condition.loads], condition.resonance)
+            forces.setdefault(condition.resonance, []).append(force)
         return Units(self.beam, {resonance: float(np.exp(np.mean(np.log(values)))) for resonance, values in forces.items()})
 
     @cached_property
@@ -130,7 +160,9 @@ class Problem:
         return default_rate(self.model, [condition.resonance for condition in self.conditions])
 
     def sweep_ratio(self, condition: Condition) -> float:
-        """Return the level of a condition's sweeps without absorber over the stationary one, see `optimisation.sweep_rate`."""
+        """Return the level of a condition's sweeps without absorber over the stationary one, see `optimisation.sweep_rate`; NaN of loads."""
+        if condition.loads is not None:
+            return math.nan
         return sweep_ratio(self.model, self.rate, condition.resonance, condition.limits)
 
     @property
@@ -166,7 +198,7 @@ class Problem:
         }
 
     def chunks(self, design: Design | None, ensemble: Members, rate: float) -> list[Chunk]:
-        """Return a design's runs, condition by condition and a few members at a time; each member sweeps up and down.
+        """Return a design's runs, condition by condition and a few members at a time; each member sweeps up and down, or meets the loads once.
 
         None is the beam without absorber, under one newton.
         """
@@ -178,6 +210,9 @@ class Problem:
         ]
 
     def _chunk(self, design: Design | None, scene: Scene, condition: Condition, ensemble: Members, rate: float) -> Chunk:
+        if condition.loads is not None:
+            lanes = tuple(Lane(scene, drive) for drive in _met(condition.loads, condition.force, ensemble))
+            return Chunk(lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent)
         force = 1.0 if design is None else condition.force
         up, down = (ensemble.drives(force, schedule) for schedule in _up_and_down(scene.model, condition, rate))
         lanes = tuple(Lane(scene, drive) for pair in zip(up, down, strict=True) for drive in pair)
@@ -208,24 +243,25 @@ class Problem:
 
     def join(self, parts: Sequence[Array], members: int) -> Array:
         """Return the measures of a design's chunks as one array, (members, conditions, up or down, measures)."""
-        rows = np.concatenate(parts).reshape(len(self.conditions), members, 2, len(self.measures))
+        rows = np.concatenate(parts).reshape(len(self.conditions), members, -1, len(self.measures))
         return np.ascontiguousarray(rows.transpose(1, 0, 2, 3))
 
     def reference(self, ensemble: Members, rate: float) -> Array:
         """Return the measures of the beam without absorber, (members, conditions, up or down, measures), under the conditions' forces.
 
-        It is linear, so that one newton serves all forces. Kept for the next call.
+        It is linear, so that one newton serves all forces; loads are met as they are. Kept for the next call.
         """
         key = (rate, ensemble.key)
         if key not in self._references:
             seen: dict[tuple[object, ...], Array] = {}
             rows = []
             for condition in self.conditions:
-                kind = (condition.resonance, condition.limits, condition.detuning)
+                own = () if condition.loads is None else (id(condition.loads), condition.force)
+                kind = (condition.resonance, condition.limits, condition.detuning, *own)
                 if kind not in seen:
                     seen[kind] = measure(self._chunk(None, self._scene(None, condition.detuning), condition, ensemble, rate))
                 powers = [self.fatigue_exponent if name == DAMAGE else 1.0 for name in self.measures]
-                rows.append(seen[kind] * condition.force ** np.array(powers))
+                rows.append(seen[kind] * (1.0 if own else condition.force) ** np.array(powers))
             self._references[key] = self.join(rows, len(ensemble))
         return self._references[key]
 
@@ -271,6 +307,13 @@ class Problem:
     def penalised_cost(self, score: Score) -> float:
         """Return `cost`, or a finite number far above all costs that rises with what is broken."""
         return self.cost(score) if score.feasible else PENALTY * (1 + min(score.violation, PENALTY))
+
+
+def _met(loads: Loads, factor: float, ensemble: Members) -> list[Loads]:
+    """Return each member's loads. What a member draws (records, tones' phases) follows from its phase, so that no two members share it."""
+    numbers = np.asarray(ensemble.phases, dtype=np.float64).view(np.uint64).tolist()
+    pairs = zip(numbers, ensemble.phases.tolist(), ensemble.factors.tolist(), strict=True)
+    return [loads.member(Member(number, phase, factor * own)) for number, phase, own in pairs]
 
 
 def _up_and_down(model: ModalModel, condition: Condition, rate: float) -> tuple[FrequencySchedule, FrequencySchedule]:

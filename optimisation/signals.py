@@ -10,7 +10,8 @@ Of each signal x, from samples:
 - exceedances: how often a second |x| rises above multiples of its RMS;
 - rainflow: cycles by their amplitude, half a range, see `measures.rainflow_amplitudes`; half cycles count 0.5;
 - spectrum: Welch's one-sided density with `SEGMENTS` segments, Hann windows that overlap by half; its integral is the mean square;
-- of several tones, the response level or RMS of what lies in each one's band: bands meet at the geometric mean of neighbouring frequencies.
+- of several tones, the response level or RMS of what lies in each one's band: bands meet at the geometric mean of neighbouring frequencies. What is
+  cut out of the spectrum rings at both ends of the run, where as much as a level's half window is left out.
 
 Of impacts on rigid walls: their number a second, also of those above a velocity, and the energy that they lose a second (the power that wears).
 """
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Lane
 from impact_env.kernels.motion.level import close_level
-from impact_env.level import level_of
+from impact_env.level import HALF_WINDOW_PERIODS, level_of
 from impact_env.loads import Loads, Tones
 from impact_env.parameters import require
 from impact_env.response import Record, Response
@@ -141,10 +142,11 @@ def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:
     spectrum, interval = np.fft.rfft(displacement), float(history.time[1])
     frequencies = np.fft.rfftfreq(len(displacement), interval)
     samples = round(drive.schedule.pseudo_period / interval)
-    swept, late = settled_after(response) == 0, history.time >= settled_after(response)
+    swept, cut = settled_after(response) == 0, min(HALF_WINDOW_PERIODS * samples, len(displacement) // 4)
+    kept = slice(max(cut, int(settled_after(response) / interval)), -cut)
     found = []
     for low, high in pairwise(edges):
-        part = np.fft.irfft(np.where((frequencies >= low) & (frequencies < high), spectrum, 0), len(displacement))
-        value = float(close_level(level_of(part, samples))[0]) if swept else float(np.sqrt(np.mean(part[late] ** 2)))
+        part = np.fft.irfft(np.where((frequencies >= low) & (frequencies < high), spectrum, 0), len(displacement))[kept]
+        value = float(close_level(level_of(part, samples))[0]) if swept else float(np.sqrt(np.mean(part**2)))
         found.append({"from_hz": float(low), **({} if np.isinf(high) else {"to_hz": float(high)}), "level_m" if swept else "rms_m": value})
     return found

@@ -9,6 +9,7 @@ from choice import LONGEST_FIRST, QUICK
 from cpu_times import CPUTimes
 from hypothesis import settings
 from peak import Peaks
+from rounding import round_models
 
 settings.register_profile("workbench", derandomize=True, deadline=None)
 settings.load_profile("workbench")
@@ -20,11 +21,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("workbench")
     group.addoption("--quick", action="store_true", help="the tests to run at every save: some of every kind, none that is marked slow")
     group.addoption("--cpu", metavar="FILE", type=Path, help="add each test's processor time to a file of JSON lines; with -n 0")
+    group.addoption("--rounding", metavar="N", type=int, help="other last bits in every modal model: 0 to 7, as another machine has them")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "slow: takes long for its file; left out by --quick")
     config.pluginmanager.register(Peaks())
+    if config.getoption("--rounding") is not None:
+        round_models(config.getoption("--rounding"))
     if config.getoption("--cpu"):
         config.pluginmanager.register(CPUTimes(config.getoption("--cpu")))
 

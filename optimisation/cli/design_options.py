@@ -12,10 +12,12 @@ import click
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import Executor, available_cores
+from impact_env.loads import Loads
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, ParameterError, RigidWalls, positive
 from optimisation.bounds import LEAST_REACH, design_force, reach
 from optimisation.cli.common import BadInput, uncertain_of, uncertain_option
+from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
 from optimisation.cli.structure_option import (
     RESONANCES_HELP,
     is_given,
@@ -61,6 +63,7 @@ class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 SHARED = (
     structure_option,
     scene_option,
+    load_option,
     click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=f"{RESONANCES_HELP} Forces by the design rule."),
     click.option("--free", multiple=True, metavar="NAME", help="Variable to search; may be repeated."),
     click.option("--bounds", multiple=True, type=(str, float, float), metavar="NAME LOW HIGH", help="Bounds of a free variable, in SI units."),
@@ -179,6 +182,13 @@ def forces_at(given: dict[str, Any], usual: tuple[tuple[int, float], ...]) -> li
             click.echo(f"warning: at resonance {k} the free amplitude is {found:.2g} of the rule's gap: no wall would be touched there", err=True)
     wanted = tuple(dict.fromkeys(given["resonances"]))[: len(usual)]
     return [(k, float(f"{share * design_force(model, mass, RigidWalls.gap, k):.3g}")) for k, share in zip(wanted, shares, strict=False)]
+
+
+def loads_in(given: dict[str, Any]) -> Loads | None:
+    """Return the loads of --load, None without it; raises BadInput for options that do not go with it."""
+    refuse_beside_load(given["load"], "at", "resonances", "rate")
+    refuse_beside_load(given["load"], "uncertain", why="there a member's loads are what differs")
+    return None if given["load"] is None else loads_of(given["load"], mounted(structure_of(given)))
 
 
 def make_problem(concept: str, conditions: tuple[Condition, ...], objectives: tuple[Objective, ...], given: dict[str, Any]) -> Problem:

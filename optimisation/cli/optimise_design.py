@@ -25,12 +25,13 @@ from optimisation.cli.design_options import (
     executor_of,
     forces_at,
     journal_of,
+    loads_in,
     make_problem,
     shared_options,
     study_option,
     variables_help,
 )
-from optimisation.conditions import make_conditions
+from optimisation.conditions import load_conditions, make_conditions
 from optimisation.designs import GAP, IMPACT, VARIABLES
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.insight import detuned, levels, over_force, sensitivity, varied, with_gaps
@@ -40,11 +41,11 @@ from optimisation.progress import runs_bar
 from optimisation.report.card import write_card
 from optimisation.report.cards import findings_card
 from optimisation.report.design_tables import (
-    LEVEL_COLUMNS,
     PAPER,
     WINNER,
     design_columns,
     design_rows,
+    level_columns,
     level_rows,
     summary,
     text,
@@ -72,9 +73,10 @@ def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Fi
     if found is None or not found.feasible or given["no_figures"] or not findings.finished:
         return findings
     name, few = problem.space.concept, min(FEW, problem.members)
-    with runs_bar(f"{name}: winner in service") as show:
-        draws = QUICK_DRAWS if given["quick"] else DRAWS
-        findings = replace(findings, service=service(problem, found.winner.design, executor, few, draws, show))
+    if not problem.under_loads:  # its ranges and tolerances are those of a force
+        with runs_bar(f"{name}: winner in service") as show:
+            draws = QUICK_DRAWS if given["quick"] else DRAWS
+            findings = replace(findings, service=service(problem, found.winner.design, executor, few, draws, show))
     both = [found.winner.design, found.paper.design]
     main = _one_a_resonance(problem)
     with runs_bar(f"{name}: curves over the force") as show:
@@ -117,7 +119,7 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
     for name, part, save in tables:
         if part is not None:
             names, gaps = ([], findings.gaps) if name == "map" else ((WINNER, PAPER), ())
-            write_csv(out / f"{name}.csv", LEVEL_COLUMNS, level_rows(part, names, gaps))
+            write_csv(out / f"{name}.csv", level_columns(part[0].conditions[0]), level_rows(part, names, gaps))
             with replacing(out / f"{name}.png") as temporary:
                 save(temporary, findings)
             files += [out / f"{name}.csv", out / f"{name}.png"]
@@ -130,7 +132,8 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
 
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
     """Return what was found of a concept, and written."""
-    conditions = make_conditions(concept, forces_at(given, USUAL), given["objective"] == "range")
+    loads, spread = loads_in(given), given["objective"] == "range"
+    conditions = make_conditions(concept, forces_at(given, USUAL), spread) if loads is None else load_conditions(loads, spread)
     objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])
     problem = make_problem(concept, conditions, (objective,), given)
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)

@@ -24,12 +24,15 @@ from optimisation.cli.design_options import (
     executor_of,
     forces_at,
     journal_of,
+    loads_in,
     make_problem,
     shared_options,
     study_option,
     variables_help,
 )
-from optimisation.conditions import make_conditions
+from optimisation.cli.load_option import refuse_beside_load
+from optimisation.cli.structure_option import is_given
+from optimisation.conditions import load_conditions, make_conditions
 from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.objectives import Objective
@@ -51,7 +54,8 @@ CORNERS = {RESONANCES: CORNER, SEVERITY: (CORNER[0], SEVEREST)}
 
 def make(against: str, given: dict[str, Any]) -> Problem:
     """Return the problem; where severity counts, the restitution is the material's and not free, as elastic walls lose nothing."""
-    pairs = forces_at(given, DEFAULT_AT[against])
+    loads = loads_in(given)
+    pairs = forces_at(given, DEFAULT_AT[against]) if loads is None else []
     if against == RESONANCES:
         if len({resonance for resonance, _ in pairs}) != 2:
             raise ParameterError(f"--at = {pairs} is not allowed: with --against {RESONANCES} two resonances")
@@ -60,7 +64,7 @@ def make(against: str, given: dict[str, Any]) -> Problem:
         objectives = (Objective(), Objective("severity"))
         given["free"] = given["free"] or (GAP, FRICTION_LIMIT)
     given["members"] = given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS)
-    return make_problem(IMPACT, make_conditions(IMPACT, pairs), objectives, given)
+    return make_problem(IMPACT, make_conditions(IMPACT, pairs) if loads is None else load_conditions(loads), objectives, given)
 
 
 def study(problem: Problem, given: dict[str, Any], journal: Path, executor: Executor) -> Front:
@@ -112,8 +116,12 @@ def main(**given: Any) -> None:
     Writes front.png, front.csv (every design) and summary.json, and prints the front. Ctrl-C ends the search; the same command goes
     on from there.
     """
+    if given["load"] is not None and not is_given("against"):
+        given["against"] = SEVERITY
     out = given["out"] / given["against"]
     with plain_errors(KEPT):
+        if given["against"] == RESONANCES:
+            refuse_beside_load(given["load"], "against", why=f"loads are met as they are; {SEVERITY} goes with it")
         require_writable("--out", out)
         problem = make(given["against"], given)
         with executor_of(given) as executor:

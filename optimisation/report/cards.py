@@ -8,6 +8,7 @@ from impact_env.frequency import tip_response
 from optimisation.comparison import IMPACT, NONE, Comparison, ResonanceComparison
 from optimisation.designs import VARIABLES
 from optimisation.insight import Levels
+from optimisation.load_measures import SHOWN, TOLD
 from optimisation.report.card import Card, Chart, Curve, Row, numbers
 from optimisation.report.design_tables import compared, kept
 from optimisation.report.front_tables import Front
@@ -76,7 +77,8 @@ def tuning_card(table: TuningTable, bounds: dict[str, float]) -> Card:
 def findings_card(found: Findings) -> Card:
     """Return a search's winner beside paper and rule, with its constraints, and what it bears."""
     problem, verdict = found.problem, found.verdict
-    search = (Row("designs", str(found.cost.designs)), Row("runs", str(found.cost.runs)), Row("rate", problem.rate, "% per 100 pseudo periods"))
+    rate = () if problem.under_loads else (Row("rate", problem.rate, "% per 100 pseudo periods"),)
+    search = (Row("designs", str(found.cost.designs)), Row("runs", str(found.cost.runs)), *rate)
     groups: list[tuple[str, tuple[Row, ...]]] = []
     warnings = [] if found.finished else ["stopped early"]
     if verdict is not None:
@@ -100,13 +102,15 @@ def findings_card(found: Findings) -> Card:
 
 
 def _over_force(part: Levels) -> Chart:
-    forces = [condition.force for condition in part.conditions]
+    forces, own = [condition.force for condition in part.conditions], part.conditions[0]
+    name, (scale, unit) = own.told[0], SHOWN[own.told[1]]
     curves = [
-        Curve(name, numbers(forces), numbers(MM * part.median[d]), numbers(MM * part.low[d]), numbers(MM * part.high[d]))
-        for d, name in enumerate(("winner", "paper"))
+        Curve(who, numbers(forces), numbers(scale * part.median[d]), numbers(scale * part.low[d]), numbers(scale * part.high[d]))
+        for d, who in enumerate(("winner", "paper"))
     ]
-    curves.append(Curve("no absorber", numbers(forces), numbers(MM * part.without)))
-    return Chart(f"Resonance {part.conditions[0].resonance}", "force in N", "level in mm (RMS)", tuple(curves), log_x=True, log_y=True)
+    curves.append(Curve("no absorber", numbers(forces), numbers(scale * part.without)))
+    x, y = ("force in N", "level in mm (RMS)") if own.loads is None else ("factor on the loads", f"{TOLD[name]} in {unit}")
+    return Chart(own.place[0].upper() + own.place[1:], x, y, tuple(curves), log_x=True, log_y=True)
 
 
 def front_card(found: Front) -> Card:

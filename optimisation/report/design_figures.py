@@ -17,6 +17,7 @@ from impact_env.parameters import ParameterError
 from optimisation.bounds import design_gap
 from optimisation.designs import GAP, MASS_RATIO, POSITION
 from optimisation.insight import Levels, over_force
+from optimisation.load_measures import SHOWN, TOLD
 from optimisation.mounting import mounted
 from optimisation.objectives import Condition
 from optimisation.report.comparison_figure import MM, ORDINALS
@@ -30,7 +31,11 @@ LOOKS = (("winner", BLUE, "-", 2.2), ("paper's design", ORANGE, (0, (5, 2)), 1.8
 
 
 def _title(condition: Condition) -> str:
-    return f"{ORDINALS.get(condition.resonance, condition.resonance)} resonance"
+    return f"{ORDINALS.get(condition.resonance, condition.resonance)} resonance" if condition.loads is None else f"under {condition.place}"
+
+
+def _axis(condition: Condition) -> str:
+    return "amplitude of the force in N" if condition.loads is None else "factor on the loads"
 
 
 def force_axis(axis: object) -> None:
@@ -66,25 +71,26 @@ def save_curves(path: Path, findings: Findings) -> None:
     figure, panels = figure_with(len(findings.curves))
     for panel, levels, own in zip(panels, findings.curves, findings.problem.conditions, strict=True):
         forces = np.array([condition.force for condition in levels.conditions])
-        panel.plot(forces, MM * levels.without, color=BLACK, lw=1.2, label="no absorber")
-        _lines(panel, forces, levels, np.full(len(forces), MM))
-        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), xlabel="amplitude of the force in N")
-        bottom = 0.5 * MM * float(np.min(levels.low))
+        scale, shown = SHOWN[own.told[1]]
+        panel.plot(forces, scale * levels.without, color=BLACK, lw=1.2, label="no absorber")
+        _lines(panel, forces, levels, np.full(len(forces), scale))
+        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), xlabel=_axis(own))
+        bottom = 0.5 * scale * float(np.min(levels.low))
         dense = over_force(own, np.geomspace(forces[0], forces[-1], 60))
         bound = np.array([limit(findings.problem, findings.verdict.winner.design, condition) for condition in dense])
         if np.isfinite(bound).all():
-            top = np.maximum(MM * bound, bottom)
+            top = np.maximum(scale * bound, bottom)
             label = "out of stationary reach"
             panel.fill_between(
                 [c.force for c in dense], bottom, top, facecolor="0.93", edgecolor="0.7", hatch="////", lw=0.6, zorder=0.4, label=label
             )
-        panel.axvline(own.force, color=GREY, lw=1, ls=":", label="force of the study")
-        panel.set_ylim(bottom, 1.3 * MM * float(np.max(levels.without)))
+        panel.axvline(own.force, color=GREY, lw=1, ls=":", label="force of the study" if own.loads is None else "the loads as they are")
+        panel.set_ylim(bottom, 1.3 * scale * float(np.max(levels.without)))
         panel.set_title(_title(own))
         force_axis(panel.xaxis)
         force_axis(panel.yaxis)
         draw_grid(panel)
-    panels[0].set_ylabel("response level of the free end in mm (RMS)")
+    panels[0].set_ylabel("response level of the free end in mm (RMS)" if own.loads is None else f"{TOLD[own.told[0]]} in {shown}")
     draw_legend(figure, panels[0])
     write_figure(figure, path)
 
@@ -106,13 +112,13 @@ def save_map(path: Path, findings: Findings) -> None:
         forces = np.array([condition.force for condition in levels.conditions])
         norm = LogNorm(vmin=10, vmax=125)
         mesh = panel.pcolormesh(forces, gaps, 100 * levels.relative, norm=norm, cmap="viridis_r", shading="nearest", rasterized=True)
-        rule = [_rule(findings, own.resonance, force) for force in forces]
+        rule = [_rule(findings, own.resonance, force) if own.loads is None else None for force in forces]
         if rule[0] is not None:
             panel.plot(forces, MM * np.array(rule, dtype=float), color="white", lw=1.8, ls="--", label="design rule: gap = force / f* · 1 mm")
         for slope in _diagonals(forces, gaps):
             panel.plot(forces, slope * forces, color="white", lw=0.5, alpha=0.6)
         panel.plot(own.force, MM * winner.values[GAP], "o", ms=9, mfc=ORANGE, mec="white", mew=1.5, label="winner")
-        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), ylim=(gaps[0], gaps[-1]), xlabel="amplitude of the force in N")
+        panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), ylim=(gaps[0], gaps[-1]), xlabel=_axis(own))
         panel.set_title(_title(own))
         force_axis(panel.xaxis)
         force_axis(panel.yaxis)
@@ -149,7 +155,7 @@ def save_robustness(path: Path, findings: Findings) -> None:
     for panel, levels, own in zip(panels, findings.detuned, findings.problem.conditions, strict=True):
         _lines(panel, 100 * np.array([condition.detuning for condition in levels.conditions]), levels, 100 / levels.without)
         panel.axvline(0, color=GREY, lw=1, ls=":")
-        panel.set_title(f"{_title(own)}, {own.force:g} N")
+        panel.set_title(f"{_title(own)}, {own.force:g} N" if own.loads is None else _title(own))
         panel.set_xlabel("shift of the beam's frequencies in %")
         panel.set_ylim(bottom=0)
         draw_grid(panel)

@@ -9,6 +9,7 @@ from optimisation.bounds import reduction_share, resonance_limit
 from optimisation.branches import Branches, branches
 from optimisation.designs import VARIABLES, Design
 from optimisation.insight import Levels
+from optimisation.load_measures import SHOWN, TOLD
 from optimisation.mounting import detuned
 from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem
@@ -29,10 +30,12 @@ def number(value: float) -> float | None:
 
 
 def limit(problem: Problem, design: Design, condition: Condition) -> float:
-    """Return the stationary limit in m of the level that no device in this design's cavities beats; NaN if an absorber has none.
+    """Return the stationary limit in m of the level that no device in this design's cavities beats; NaN if an absorber has none, and of loads.
 
     See `optimisation.bounds`; a sweep's level is near it, not bound by it.
     """
+    if condition.loads is not None:
+        return math.nan
     scene = design.scene(detuned(problem.beam, condition.detuning))
     cavities = [scene.cavity(which) for which in range(scene.places)]
     gaps = [cavity.gap for cavity in cavities if cavity is not None]
@@ -56,14 +59,23 @@ def design_rows(problem: Problem, told: Sequence[Evaluated]) -> Iterator[list[ob
 LEVEL_COLUMNS = ("resonance", "force_n", "detuning", "design", "gap_m", "level_median_m", "level_5_percent_m", "level_95_percent_m", "without_m")
 
 
+def level_columns(condition: Condition) -> tuple[str, ...]:
+    """Return the columns of `level_rows`: `LEVEL_COLUMNS`, under loads those of their measure and of a factor on them."""
+    if condition.loads is None:
+        return LEVEL_COLUMNS
+    name, unit = condition.told
+    return ("load", "factor", "detuning", "design", "gap_m", *(f"{name}_{part}_{unit}" for part in ("median", "5_percent", "95_percent", "without")))
+
+
 def level_rows(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[float] = ()) -> Iterator[list[object]]:
-    """Yield a row of `LEVEL_COLUMNS` for each condition and design."""
+    """Yield a row of `level_columns` for each condition and design."""
     for part in parts:
         for k, condition in enumerate(part.conditions):
             for d in range(len(part.median)):
                 who = [names[d], ""] if names else [WINNER, gaps[d]]
                 values = [float(x[d, k]) for x in (part.median, part.low, part.high)]
-                yield [condition.resonance, condition.force, condition.detuning, *who, *values, float(part.without[k])]
+                place = condition.resonance if condition.loads is None else condition.place
+                yield [place, condition.force, condition.detuning, *who, *values, float(part.without[k])]
 
 
 def kept(problem: Problem, score: Score) -> str:
@@ -152,14 +164,15 @@ def _condition(findings: Findings, k: int) -> Json:
     assert verdict is not None
     condition, without = own.conditions[k], float(own.without[k])
     sweep = problem.sweep_ratio(condition)
-    rows: Json = {"resonance": condition.resonance, "force_n": condition.force, "detuning": condition.detuning, "without_m": without}
-    rows["sweep_over_stationary_level"] = number(sweep)
-    for d, (name, judged) in enumerate(((WINNER, verdict.winner), (PAPER, verdict.paper))):
+    name, unit = condition.told
+    rows: Json = {"resonance": condition.resonance, "force_n": condition.force} if condition.loads is None else {"factor": condition.force}
+    rows |= {"detuning": condition.detuning, f"without_{unit}": without, "sweep_over_stationary_level": number(sweep)}
+    for d, (who, judged) in enumerate(((WINNER, verdict.winner), (PAPER, verdict.paper))):
         level, bound = float(own.median[d, k]), limit(problem, judged.design, condition)
         share = float(reduction_share(level, without, bound)) if bound < without and sweep >= LEAST_RATIO else math.nan
-        rows[name] = {
-            "level_m": number(level),
-            "level_5_to_95_percent_m": [number(own.low[d, k]), number(own.high[d, k])],
+        rows[who] = {
+            f"{name}_{unit}": number(level),
+            f"{name}_5_to_95_percent_{unit}": [number(own.low[d, k]), number(own.high[d, k])],
             "relative": number(level / without),
             "branches": _branches(branches(judged.levels[:, k]), without),
             "limit_m": number(bound),
@@ -172,7 +185,8 @@ def text(findings: Findings) -> str:
     """Return a concept's result as a text to read."""
     problem, verdict, cost = findings.problem, findings.verdict, findings.cost
     title = f"{problem.space.concept}: {problem.objectives[0].label}, {'larger' if problem.objectives[0].maximise else 'smaller'} is better"
-    lines = [title, f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s{_overhead(cost)}"]
+    loads = [f"  under {one.words}; the level is the {TOLD[one.told[0]]}" for one in problem.conditions if one.loads is not None]
+    lines = [title, *loads, f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s{_overhead(cost)}"]
     if verdict is None:
         return "\n".join([*lines, _so_far(findings)])
     if not findings.finished:
@@ -242,8 +256,10 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
         assert isinstance(sweep, float | None)
         share = mine["share_of_possible_reduction"]
         reached = "" if share is None else f", {100 * share:.0f} % of the reduction that the stationary limit leaves room for"
-        levels = f"{1e3 * mine['level_m']:.3f} mm, {100 * mine['relative']:.1f} % of no absorber"
-        yield f"  resonance {row['resonance']}, {row['force_n']:g} N: {levels} (paper {100 * paper['relative']:.1f} %){reached}"
+        condition = findings.own.conditions[k]
+        (name, unit), (scale, shown) = condition.told, SHOWN[condition.told[1]]
+        levels = f"{scale * mine[f'{name}_{unit}']:.3f} {shown}, {100 * mine['relative']:.1f} % of no absorber"
+        yield f"  {condition.words}: {levels} (paper {100 * paper['relative']:.1f} %){reached}"
         for name, part in ((WINNER, mine), (PAPER, paper)):
             if part["branches"] is not None:
                 low, high = (

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from optimisation.load_measures import TOLD
 from optimisation.objectives import Score
 from optimisation.problem import Problem
 from optimisation.report.design_tables import number
@@ -116,6 +117,9 @@ def front_text(front: Front) -> str:
     lines.append(f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s, {100 * cost.overhead:.1f} % of it outside the runs")
     for condition in problem.conditions:
         ratio = problem.sweep_ratio(condition)
+        if condition.loads is not None:
+            lines.append(f"  under {condition.words}; the level is the {TOLD[condition.told[0]]}")
+            continue
         lines.append(f"  resonance {condition.resonance}: sweeps show {ratio:.3f} of the stationary level without absorber")
     header = [*(v.name for v in problem.space.free), *(_name(problem, k) for k in range(2)), *(f"{_name(problem, k)} fresh" for k in range(2))]
     lines.append("  " + "  ".join(f"{name:>14}" for name in header))

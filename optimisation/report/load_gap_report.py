@@ -10,14 +10,13 @@ import numpy as np
 
 from impact_env.loads import amplitude_in_words
 from optimisation.gap_advice import Answer
-from optimisation.load_gap import START, LoadAdvice
-from optimisation.load_measures import UNITS
+from optimisation.load_gap import LoadAdvice
+from optimisation.load_measures import SHOWN, START, TOLD, UNITS
 from optimisation.report.gap_table import device
-from optimisation.report.load_tables import BAND, TOLD
+from optimisation.report.load_tables import BAND
 
 Json = dict[str, object]
 COLUMNS = ("gap_m", "member", "value")
-SHOWN = {"m": (1e3, "mm"), "s": (1.0, "s")}
 
 
 def rows(found: LoadAdvice) -> Iterator[tuple[object, ...]]:

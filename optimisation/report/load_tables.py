@@ -11,12 +11,11 @@ import numpy as np
 from impact_env.laws import values, words
 from impact_env.loads import amplitude_in_words
 from optimisation.load_comparison import LoadComparison, TunedUnder
-from optimisation.load_measures import UNITS
+from optimisation.load_measures import TOLD, UNITS
 
 BAND = (0.05, 0.5, 0.95)
 COLUMNS = ("concept", "factor", "member", "value")
 LOOKS = {"impact": ("impact absorber", "#0072B2", "-"), "friction": ("friction damper", "#D55E00", "-"), "tuned": ("tuned absorber", "#009E73", "--")}
-TOLD = {"level": "response level", "rms": "RMS", "decay": "decay time of the energy"}
 
 
 def rows(comparison: LoadComparison) -> Iterator[tuple[object, ...]]:

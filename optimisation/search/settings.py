@@ -124,7 +124,7 @@ def default_settings(
         few, speed = min(FEW, problem.members), FAST * problem.usual_rate / problem.rate
         if few < problem.members:
             rungs = (Rung(few, 1.0, KEPT[1]), *rungs)
-        if speed > 1:
+        if speed > 1 and not problem.under_loads:  # loads have no speed
             rungs = (Rung(few, speed, KEPT[0]), *rungs)
     settings = Settings(name, batch or BATCHES.get(name, BATCHES[CMA]), rungs, seed, from_scratch)
     settings.check(problem)

@@ -39,6 +39,7 @@ class Machine(NamedTuple):
     settings: dict[str, str]
     layers: tuple[str, ...] = LAYERS
     wheel: bool = False
+    options: tuple[str, ...] = ()  # of pytest
 
 
 MACHINES = {
@@ -55,6 +56,7 @@ MACHINES = {
         },
         wheel=True,
     ),
+    "other-rounding": Machine("3.11", "pinned", {}, options=("--rounding", "5")),
     "oldest-versions": Machine("3.11", "oldest", {"MKL_CBWR": "AVX2,STRICT", "OPENBLAS_CORETYPE": "Haswell"}),
     "newest-versions": Machine("3.13", "newest", {}, tuple(layer for layer in LAYERS if layer not in TORCH)),
 }
@@ -103,7 +105,9 @@ def packages(python: Path) -> tuple[str, str]:
 
 def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], bool]:
     """Run the suite on a machine; return its row of the table, and whether tests ran and none failed."""
-    settings = " ".join(f"`{key}={value}`" for key, value in machine.settings.items())
+    settings = " ".join(
+        [*(f"`{key}={value}`" for key, value in machine.settings.items()), *([f"`{shlex.join(machine.options)}`"] if machine.options else [])]
+    )
     made = f"{datetime.datetime.now(datetime.UTC).date().isoformat()}, {digest()}"
     try:
         python = environment(name, machine)
@@ -115,7 +119,7 @@ def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], boo
     command = [str(python), "-m", "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-q", f"--junitxml={report}"]
     marked = "wheel or not wheel" if machine.wheel else "not wheel"
     began = time.monotonic()
-    process = subprocess.Popen([*command, "-m", marked, *options], cwd=ROOT, env={**os.environ, **cache, **machine.settings})
+    process = subprocess.Popen([*command, "-m", marked, *machine.options, *options], cwd=ROOT, env={**os.environ, **cache, **machine.settings})
     _, status, usage = os.wait4(process.pid, 0)  # the usage is that of its children, too
     process.returncode = os.waitstatus_to_exitcode(status)
     passed, failed, skipped = read(report)

@@ -31,8 +31,8 @@ from studies.study import Json, Measured, Part, Saver, Steps, Study, rows_by_cas
 Array = NDArray[np.float64]
 MODES, MASS_RATIO, GAP, RESTITUTION = 5, 0.02, 1e-3, 0.7
 LIMITS = (0.92, 1.04)  # of the sweeps, times a resonance
-SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
-GAP_FACTORS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+SHARES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.35, 0.5, 0.75, 1.0)
+GAP_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6)
 FRICTIONS = (0.5, 1.0, 2.0, 4.0, 8.0)  # times the paper's by the scaling law
 RESTITUTIONS = (0.2, 0.45, 0.9, 1.0)
 WEIGHTS = (0.0, 0.05, 0.15, 0.5)  # g over gap times the first frequency squared
@@ -112,7 +112,8 @@ def _found(lanes: list[Lane], measure: Callable[[Lane], Any], members: int) -> A
     found = each_lane(lanes, measure)
     if None in found:
         raise KeyboardInterrupt
-    return np.array(found, dtype=np.float64).reshape(-1, members, *np.shape(np.asarray(found[0])))
+    values = np.array(found, dtype=np.float64)
+    return values.reshape(-1, members, *values.shape[1:])
 
 
 def both_rows(case: Case, group: str, settings: Settings) -> list[Json]:
@@ -168,7 +169,7 @@ def _places(case: Case) -> list[Variant]:
     for label, place in (("node of the second mode", case.node), ("half-way there", (case.node + case.beam.absorber_position) / 2)):
         model = case.at(place)
         gap = design_gap(model, case.mass, case.forces[0], 1)
-        found += [(f"{label} ({place:.3f}), gap {1e3 * size:.2g} mm", 1.0, Scene(model, _impact(size))) for size in (gap, 1.4 * gap)]
+        found += [(f"{label} ({place:.3f}), gap {1e3 * size:.2g} mm", 1.0, Scene(model, _impact(size))) for size in (0.7 * gap, gap, 1.4 * gap)]
     return found
 
 
@@ -177,7 +178,7 @@ def _halves(case: Case) -> list[Variant]:
     own, found = case.beam.absorber_position, []
     wide = design_gap(case.at(case.node), case.mass / 2, case.forces[0], 1)
     narrow = design_gap(case.model, case.mass / 2, case.forces[1], 2)
-    pairs = [((own, own), (GAP, GAP / 2)), ((own, own), (GAP, 2 * GAP)), ((own, own), (GAP, 4 * GAP))]
+    pairs = [((own, own), (first * GAP, second * GAP)) for first, second in ((0.5, 1.0), (1.0, 4.0), (1.4, 2.8), (1.4, 4.0), (2.0, 4.0))]
     pairs += [((case.node, own), (factor * wide, narrow)) for factor in (0.7, 1.0, 1.4)]
     for places, gaps in pairs:
         label = "side by side" if places[0] == places[1] else f"at {places[0]:.3f} and {places[1]:g}"
@@ -271,27 +272,32 @@ def _of(rows: Sequence[Json], **given: object) -> list[Json]:
 
 
 def both_text(rows: Sequence[Json]) -> str:
-    """Return a table over the share of the higher force, and one of what was tried at its whole."""
+    """Return a table over the share of the higher force, and the best of what was tried at its whole: with the least of the larger number."""
     shares = [
         (row["structure"], row["variant"], f"{row['free_over_gap'][1]:.2f}", _band(row["lower"]), _band(row["higher"]))
         for row in _of(rows, group="share")
     ]
-    tried = [
-        (row["structure"], row["variant"], _band(row["lower"]), _band(row["higher"]))
-        for row in [*_of(rows, group="share", share=1.0), *(row for row in rows if row["group"] != "share")]
-    ]
+    tried = []
+    for structure in CASES:
+        for group in GROUPS:
+            own = _of(rows, structure=structure, group=group, share=1.0)
+            best = min(own, key=lambda row: max(np.median(row["lower"]), np.median(row["higher"])))
+            words = "as it is, gap 1 mm, restitution 0.7" if group == "share" else f"{best['variant']}, best of {len(own)}"
+            tried.append((structure, words, _band(best["lower"]), _band(best["higher"])))
     first = markdown(("structure", "share of the higher force", "free level there / gap", "lower band", "higher band"), shares)
     return first + "\n\n" + markdown(("structure", "at the whole higher force", "lower band", "higher band"), tried)
 
 
 def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
-    """Return a line for each series: the ratio at each factor of the design force."""
+    """Return a line for each series: the members' median at each factor of the design force."""
     factors = sorted({row["factor"] for row in rows})
-    series = {tuple(row[name] for name in ("structure", *names)): None for row in rows}
-    lines = []
-    for key in series:
-        own = {row["factor"]: row for row in rows if tuple(row[name] for name in ("structure", *names)) == key}
-        lines.append([", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in key), *(_band(own[f]["ratio"]) for f in factors)])
+    series: dict[tuple[Any, ...], dict[float, float]] = {}
+    for row in rows:
+        series.setdefault(tuple(row[name] for name in ("structure", *names)), {})[row["factor"]] = float(np.median(row["ratio"]))
+    lines = [
+        [", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in key), *(f"{found[f]:.2f}" for f in factors)]
+        for key, found in series.items()
+    ]
     return markdown((", ".join(("structure", *names)), *(f"{factor:.2g}" for factor in factors)), lines)
 
 

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from optimisation.report.written_figure import write_figure
 from studies.study import Json
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 MARKS = "os^vDP"
+TICKS = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 
 def _structures(rows: Sequence[Json]) -> list[str]:
@@ -57,18 +59,20 @@ def save_both(path: Path, rows: Sequence[Json]) -> None:
     write_figure(figure, path, 110)
 
 
-def _over_force(path: Path, rows: Sequence[Json], colour: str, style: str, words: dict[str, str]) -> None:
-    """Draw the level over the force: a colour for each value of one name, a style for each of the other."""
+def _over_force(path: Path, rows: Sequence[Json], colour: str, style: str, words: tuple[str, str]) -> None:
+    """Draw the level over the force: a colour for each value of one name, a style for both of the other, in ``words``."""
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     panels = figure.subplots(1, len(_structures(rows)), sharey=True, squeeze=False)[0]
     colours, styles = (list(dict.fromkeys(row[name] for row in rows)) for name in (colour, style))
     for panel, structure in zip(panels, _structures(rows), strict=True):
         for k, value in enumerate(colours):
-            for other, look in zip(styles, ("-", "--"), strict=False):
+            for other, look, text in zip(styles, ("-", "--"), words, strict=True):
                 part = [row for row in rows if (row["structure"], row[colour], row[style]) == (structure, value, other)]
-                label = f"{words[colour]} {value}, {words[style]} {other:g}"
+                label = f"{value if isinstance(value, str) else f'weight {value:g}'}, {text}"
                 _line(panel, [row["factor"] for row in part], [row["ratio"] for row in part], COLOURS[k], look, label)
         panel.set_xscale("log")
+        panel.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
+        panel.xaxis.set_minor_locator(NullLocator())
         panel.set_title(structure, fontsize=10)
         panel.set_xlabel("force over the design rule's")
         panel.set_ylim(0, None)
@@ -79,13 +83,13 @@ def _over_force(path: Path, rows: Sequence[Json], colour: str, style: str, words
 
 def save_gravity(path: Path, rows: Sequence[Json]) -> None:
     """Draw the level over the force for each weight, with friction (broken) and without."""
-    _over_force(path, rows, "weight", "friction", {"weight": "weight", "friction": "friction"})
+    _over_force(path, rows, "weight", "friction", ("no friction", "with friction"))
 
 
 def save_start(path: Path, rows: Sequence[Json]) -> None:
     """Draw the level over the force from each start, with friction and losses (broken) and without either."""
     kept = [row for row in rows if (row["restitution"], row["friction"]) in ((1.0, 0.0), (0.7, 1.0))]
-    _over_force(path, kept, "start", "friction", {"start": "", "friction": "friction"})
+    _over_force(path, kept, "start", "friction", ("no friction, e = 1", "with friction, e = 0.7"))
 
 
 FIGURES: dict[str, Callable[[Path, Sequence[Json]], None]] = {"loads_both": save_both, "loads_gravity": save_gravity, "loads_start": save_start}

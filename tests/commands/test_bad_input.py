@@ -307,6 +307,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     "benchmark_start": ("--quick", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
     "cost_of_exact": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
     "reference_levels": ("", {"--json nowhere/a.json": NOWHERE, "--members 0": "0 is not in the range", "--page bare.md": MARKERS}),
+    "load_answers": ("--quick", {"--members 0": "0 is not in the range", "--redraw --out no": "--redraw", "--only all": "'all' is not one of"}),
     "design_rule": ("--quick", {f"--out no {CLUSTER} --threads 2": BOTH, "--out numbers": EARLIER}),
     "search_methods": ("--quick", {f"{CLUSTER} --threads 2": BOTH, "--question nothing": "'nothing' is not one of"}),
     "friction_branches": ("--quick", {f"{CLUSTER} --threads 2": BOTH}),

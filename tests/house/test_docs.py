@@ -23,6 +23,7 @@ MARKED = {
     "docs/method.md": ["benchmark_energies"],
     "docs/environments.md": ["speeds"],
     "docs/which_gap.md": ["tunings"],
+    "docs/loads.md": ["loads_both", "loads_gravity", "loads_start"],
 }
 
 
