@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
 
 from optimisation.cli.common import Command, check_target, json_option
 from optimisation.machine import machine, sources
+from optimisation.report.markdown import markdown
 from studies.study import Json, Measured, Part, Place, Steps, Study
 
 S = TypeVar("S")
@@ -30,6 +31,11 @@ def table_study(name: str, title: str, measure: Callable[[S], Json], said: Calla
         return {name: f"{said(found)}\n\n{sources(found.conditions)}"}
 
     return Study((Part(name, title, measure=measured, markers=(name,), sections=sections, said=said),), pack=pack, kept="nothing is written.")
+
+
+def lines(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return a Markdown table with a line for each row; ``columns`` say by their headers how values of a row are written, as for `str.format`."""
+    return markdown(tuple(columns), [tuple(form.format(**row) for form in columns.values()) for row in rows])
 
 
 def table_options(marker: str, page: str) -> Callable[[Command], Command]:

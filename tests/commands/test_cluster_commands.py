@@ -17,7 +17,8 @@ import distributed
 from optimisation.cli import design_gap, frequency_response, mass_ratios
 from optimisation.evaluation import Threads
 from optimisation.search.cluster import Workers
-from studies import rule, search_methods
+from studies import rule
+from studies.cli import search_methods
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,6 @@ from places import ROOT
 from optimisation.cli import render_episode
 from optimisation.rl.agents import load_agent
 from optimisation.rl.play import play
-from studies.benchmarks import environments
 from studies.cli import benchmark_envs
 
 
@@ -56,17 +55,17 @@ def test_an_agent_acts_in_its_own_environment(tmp_path: Path) -> None:
 
 
 def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(environments, "QUICK_SECONDS", 0.02)
-    monkeypatch.setattr(environments, "REPEATS", 2)
-    monkeypatch.setattr(environments, "SETTLE", 2)
+    monkeypatch.setattr(benchmark_envs, "QUICK_SECONDS", 0.02)
+    monkeypatch.setattr(benchmark_envs, "REPEATS", 2)
+    monkeypatch.setattr(benchmark_envs, "SETTLE", 2)
     monkeypatch.setattr(
-        environments,
+        benchmark_envs,
         "cases",
         lambda: [
-            environments.single,
-            lambda seconds, advance: environments.vector("native vector", "vector_entry_point", 64, seconds, advance),
-            lambda seconds, advance: environments.vector("Gymnasium's SyncVectorEnv", "sync", 2, seconds, advance),
-            lambda seconds, advance: environments.task("ImpactAbsorber/ActiveGap-v0", seconds, advance),
+            benchmark_envs.single,
+            lambda seconds, advance: benchmark_envs.vector("native vector", "vector_entry_point", 64, seconds, advance),
+            lambda seconds, advance: benchmark_envs.vector("Gymnasium's SyncVectorEnv", "sync", 2, seconds, advance),
+            lambda seconds, advance: benchmark_envs.task("ImpactAbsorber/ActiveGap-v0", seconds, advance),
         ],
     )
     target, page = tmp_path / "speed.json", tmp_path / "page.md"
@@ -75,9 +74,9 @@ def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.Monkey
     assert result.exit_code == 0, result.output
     values = json.loads(target.read_text())
     speeds = {speed["name"]: speed for speed in values["speeds"]}
-    assert all(len(speed["each"]) == environments.REPEATS and min(speed["each"]) > 0 for speed in speeds.values())
+    assert all(len(speed["each"]) == benchmark_envs.REPEATS and min(speed["each"]) > 0 for speed in speeds.values())
     native, own = speeds["native vector"]["steps_per_s"], speeds["Gymnasium's SyncVectorEnv"]["steps_per_s"]
-    shown = environments.table(values["speeds"])
+    shown = benchmark_envs.table(values["speeds"])
     assert shown in result.output
     assert f"<!-- speeds -->\n{shown}\n\n" in page.read_text()
     assert f" {native / own:.1f} |" in shown

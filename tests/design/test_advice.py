@@ -21,7 +21,7 @@ from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
 from optimisation.statistics import ratio_of_quantiles, standard_error
 from reference import dense
-from studies.friction import LIMITS, rows
+from studies.cli.friction_branches import LIMITS, rows
 from studies.rule import STRUCTURES
 
 STEEL = replace(STRUCTURES["steel"], modes=2)

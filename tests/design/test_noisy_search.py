@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.stats import norm
 
-from studies.cli import search_methods as search_methods_command
+from studies.cli import search_methods
 
 pytest.importorskip("optuna")
 
@@ -23,8 +23,7 @@ from optimisation.objectives import Condition
 from optimisation.search.find import Plan, find
 from optimisation.search.noisy import NOISY, best_width, fitted, kernel_quantile, noisy_search
 from optimisation.search.settings import Rung, Settings, default_settings
-from studies import search_methods, search_methods_study
-from studies.search_methods import Trial, standings, winner
+from studies.cli.search_methods import Trial, standings, winner
 
 
 class Noisy(Model):
@@ -141,13 +140,13 @@ def test_methods_are_ranked_by_the_median_over_seeds() -> None:
 def test_comparison_runs_goes_on_and_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     beam, conditions = search_methods.QUESTIONS["steel, second"]
     monkeypatch.setitem(search_methods.QUESTIONS, "steel, second", (replace(beam, modes=2), conditions))
-    monkeypatch.setattr(search_methods_study, "QUICK", {"designs": 10, "members": 2, "seeds": 1, "speed": 100.0})
+    monkeypatch.setattr(search_methods, "QUICK", {"designs": 10, "members": 2, "seeds": 1, "speed": 100.0})
     arguments = ["--quick", "--question", "steel, second", "--out", str(tmp_path)]
-    result = CliRunner().invoke(search_methods_command.main, arguments)
+    result = CliRunner().invoke(search_methods.main, arguments)
     assert result.exit_code == 0, result.output
     content = read_json(tmp_path / "search_methods.json.gz")
     assert [t["method"] for t in content["trials"]] == list(search_methods.METHODS)
     assert all(0 < t["level"] < 1.1 and len(t["members"]) == 2 for t in content["trials"])
     assert "Least mean rank" in (tmp_path / "search_methods.md").read_text()
     monkeypatch.setattr(search_methods, "trial", lambda *_: pytest.fail("searched again"))
-    assert CliRunner().invoke(search_methods_command.main, arguments).exit_code == 0
+    assert CliRunner().invoke(search_methods.main, arguments).exit_code == 0

@@ -31,7 +31,6 @@ from optimisation.rl.tasks.effort import QUICK, Effort
 from optimisation.rl.tasks.table import task_named
 from optimisation.rl.traces import gap_curves, passage_curves
 from optimisation.rl.tuning import Search, Tuned, best_of, evolve, mean_scores
-from studies import tradeoff
 from studies.cli import sweep_tradeoff
 
 RUBBING = {"modes": 2, "absorber_options": {"friction_limit": 0.025}}
@@ -247,9 +246,9 @@ def test_curves_show_the_rates_that_were_driven_and_the_force_that_acted() -> No
 
 
 def test_tradeoff_study_and_tuning_write_what_they_measure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tradeoff, "QUICK_RATES", np.array([4.0, 8.0]))
-    monkeypatch.setattr(tradeoff, "QUICK_SEEDS", 2)
-    monkeypatch.setattr(tradeoff, "SLOW", (2.0,))
+    monkeypatch.setattr(sweep_tradeoff, "QUICK_RATES", np.array([4.0, 8.0]))
+    monkeypatch.setattr(sweep_tradeoff, "QUICK_SEEDS", 2)
+    monkeypatch.setattr(sweep_tradeoff, "SLOW", (2.0,))
     result = call(sweep_tradeoff.main, "--quick", "--out", tmp_path)
     assert result.exit_code == 0, result.output
     told = read_json(tmp_path / "sweep_tradeoff.json.gz")

@@ -9,13 +9,14 @@ import pytest
 from click.testing import CliRunner
 from places import ROOT
 
-from studies.benchmarks import periodic
 from studies.cli import benchmark_periodic
 
 
 def test_every_line_is_measured_and_the_accuracy_lines_keep_their_bars(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    timed = periodic.timed
-    monkeypatch.setattr(periodic, "timed", lambda what, bar, unit, _, *work: timed(what, bar, unit, 2, *work))  # repeats tell about times alone
+    timed = benchmark_periodic.timed
+    monkeypatch.setattr(
+        benchmark_periodic, "timed", lambda what, bar, unit, _, *work: timed(what, bar, unit, 2, *work)
+    )  # repeats tell about times alone
     target = tmp_path / "periodic.json"
     result = CliRunner().invoke(benchmark_periodic.main, ["--quick", "--json", str(target)])
     assert result.exit_code == 0, result.output
@@ -35,7 +36,7 @@ def test_every_line_is_measured_and_the_accuracy_lines_keep_their_bars(monkeypat
 
 def test_the_page_has_a_place_for_the_table(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     lines = [{"what": "closed form", "bar": 2.0, "median": 1.5, "unit": "us", "each": (1.5,)}]
-    monkeypatch.setattr(periodic, "measure", lambda _repeats: [periodic.Line(**lines[0])])
+    monkeypatch.setattr(benchmark_periodic, "measure", lambda _repeats: [benchmark_periodic.Line(**lines[0])])
     page = tmp_path / "frequency_domain.md"
     page.write_text((ROOT / "docs" / "frequency_domain.md").read_text(encoding="utf-8"), encoding="utf-8")
     result = CliRunner().invoke(benchmark_periodic.main, ["--page", str(page)])

@@ -8,10 +8,7 @@ import pytest
 from commands import call
 
 from optimisation.report.markdown import markdown
-from studies import levels
-from studies.benchmarks import energies, speed
 from studies.cli import benchmark, benchmark_energies, cost_of_exact, reference_levels
-from studies.cost import study as cost
 
 
 def assert_block(page: Path, name: str, table: str, kernels: str) -> None:
@@ -35,8 +32,8 @@ def test_table_is_aligned_markdown() -> None:
 
 
 def test_quick_benchmark_writes_what_it_prints(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    few = replace(speed.CASES[0], moreau_periods=20.0)
-    monkeypatch.setattr(speed, "CASES", (few,))
+    few = replace(benchmark.CASES[0], moreau_periods=20.0)
+    monkeypatch.setattr(benchmark, "CASES", (few,))
     target, page = tmp_path / "benchmark.json", tmp_path / "page.md"
     page.write_text("before\n<!-- benchmark -->\nold\n<!-- /benchmark -->\nafter\n")
     result = call(benchmark.main, "--quick", "--repeats", 3, "--json", target, "--page", page)
@@ -45,21 +42,22 @@ def test_quick_benchmark_writes_what_it_prints(monkeypatch: pytest.MonkeyPatch, 
     assert set(values) == {"machine", "repeats", "cases"}
     (case,) = values["cases"]
     assert case["name"] == few.name == "3 modes, 1.5 N, e = 1"
-    assert case["pseudo_periods"] == speed.QUICK
+    assert case["pseudo_periods"] == benchmark.QUICK
     assert case["moreau_pseudo_periods"] == 20
     assert case["impacts_per_period"] > 0
     assert len(case["exact_us_each"]) == len(case["moreau_us_each"]) == 3
     assert case["ratio"] == pytest.approx(case["moreau_us"] / case["exact_us"])
     assert case["reference_ratio"] == pytest.approx(7 / case["exact_us"])
     assert few.name in result.output
-    assert_block(page, "benchmark", speed.table(values["cases"]), values["machine"]["versions"]["kernels"])
+    assert_block(page, "benchmark", benchmark.table(values["cases"]), values["machine"]["versions"]["kernels"])
     assert "given, not measured here" in result.output
 
 
 def test_median_of_the_repeats_counts() -> None:
-    measured = speed.Times(speed.CASES[1], 800.0, 800.0, 2.0, 3.0, 20.0, (5.0, 4.0, 90.0), (200.0, 150.0, 100.0))
-    assert (measured.exact_us, measured.moreau_us, measured.ratio, measured.reference_ratio) == (5.0, 150.0, 30.0, 34.0)
-    row = speed.table([measured.values()]).splitlines()[-1]
+    measured = benchmark.Times(benchmark.CASES[1], 800.0, 800.0, 2.0, 3.0, 20.0, (5.0, 4.0, 90.0), (200.0, 150.0, 100.0))
+    values = measured.values()
+    assert [values[name] for name in ("exact_us", "moreau_us", "ratio", "reference_ratio")] == [5.0, 150.0, 30.0, 34.0]
+    row = benchmark.table([measured.values()]).splitlines()[-1]
     assert [cell.strip() for cell in row.strip("|").split("|")] == ["10 modes, 5 N, e = 1", "5", "2.00", "3.0", "20", "150", "30.0", "170", "34.0"]
 
 
@@ -67,8 +65,8 @@ def test_median_of_the_repeats_counts() -> None:
 
 
 def test_quick_price_of_energies_writes_what_it_prints(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    few = (energies.CASES[0], energies.CASES[-1])
-    monkeypatch.setattr(energies, "CASES", few)
+    few = (benchmark_energies.CASES[0], benchmark_energies.CASES[-1])
+    monkeypatch.setattr(benchmark_energies, "CASES", few)
     target, page = tmp_path / "energies.json", tmp_path / "page.md"
     page.write_text("before\n<!-- benchmark_energies -->\nold\n<!-- /benchmark_energies -->\nafter\n")
     result = call(benchmark_energies.main, "--quick", "--json", target, "--page", page)
@@ -76,20 +74,20 @@ def test_quick_price_of_energies_writes_what_it_prints(monkeypatch: pytest.Monke
     values = json.loads(target.read_text())
     assert [case["name"] for case in values["cases"]] == [case.name for case in few]
     for case in values["cases"]:
-        assert len(case["bare_us_each"]) == len(case["energies_us_each"]) == energies.QUICK_REPEATS
+        assert len(case["bare_us_each"]) == len(case["energies_us_each"]) == benchmark_energies.QUICK_REPEATS
         assert case["ratio"] == pytest.approx(case["energies_us"] / case["bare_us"])
         assert 0.0 < case["balance"] < 1e-12
         assert case["name"] in result.output
     events, windows = (case["stretches_per_period"] for case in values["cases"])
     assert events > 1 > windows
-    assert_block(page, "benchmark_energies", energies.table(values["cases"]), values["machine"]["versions"]["kernels"])
+    assert_block(page, "benchmark_energies", benchmark_energies.table(values["cases"]), values["machine"]["versions"]["kernels"])
 
 
 # --- reference levels --------------------------------------------------------------------------------------------------------------------------
 
 
-def compared(earlier: str, median: float, low: float, high: float) -> levels.Compared:
-    return levels.Compared(levels.COLUMNS[0], 1.5, median, (low, high), earlier)
+def compared(earlier: str, median: float, low: float, high: float) -> reference_levels.Compared:
+    return reference_levels.Compared(reference_levels.COLUMNS[0], 1.5, median, (low, high), earlier)
 
 
 @pytest.mark.parametrize(
@@ -115,11 +113,11 @@ def test_deviation_is_relative_to_a_number_and_absent_for_a_span() -> None:
 
 def test_levels_without_absorber_agree(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The linear columns are quick to compute, and chaos has no part in them; the plateau is stood in for by another linear one."""
-    linear = tuple(column for column in levels.COLUMNS if column.absorber is None)
+    linear = tuple(column for column in reference_levels.COLUMNS if column.absorber is None)
     plateau = replace(linear[0], resonance=2)
-    monkeypatch.setattr(levels, "PLATEAU", plateau)
-    monkeypatch.setattr(levels, "COLUMNS", (*linear, plateau))
-    monkeypatch.setattr(levels, "PAST", linear[0])
+    monkeypatch.setattr(reference_levels, "PLATEAU", plateau)
+    monkeypatch.setattr(reference_levels, "COLUMNS", (*linear, plateau))
+    monkeypatch.setattr(reference_levels, "PAST", linear[0])
     target, page = tmp_path / "levels.json", tmp_path / "page.md"
     page.write_text("before\n<!-- levels -->\nold\n<!-- /levels -->\nafter\n")
     result = call(reference_levels.main, "--members", 2, "--json", target, "--page", page)
@@ -134,21 +132,21 @@ def test_levels_without_absorber_agree(monkeypatch: pytest.MonkeyPatch, tmp_path
         assert 0 < low <= level["level_median_m"] <= high
         assert abs(level["deviation_percent"]) < 2
     assert "members lie above the plateau's" in result.output
-    assert_block(page, "levels", levels.table(values["levels"]), values["machine"]["versions"]["kernels"])
+    assert_block(page, "levels", reference_levels.table(values["levels"]), values["machine"]["versions"]["kernels"])
 
 
 # --- cost of the exact method -----------------------------------------------------------------------------------------------------------------
 
 
 def test_cost_names_its_parts_and_what_is_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(cost, "CASES", speed.CASES[:1])
-    monkeypatch.setattr(cost, "CALLS", 200)
+    monkeypatch.setattr(cost_of_exact, "CASES", benchmark.CASES[:1])
+    monkeypatch.setattr(cost_of_exact, "CALLS", 200)
     target, page = tmp_path / "cost.json", tmp_path / "page.md"
     page.write_text("before\n<!-- cost -->\nold\n<!-- /cost -->\nafter\n")
     result = call(cost_of_exact.main, "--quick", "--json", target, "--page", page)
     assert result.exit_code == 0, result.output
     values = json.loads(target.read_text())
-    assert_block(page, "cost", cost.table(values["cases"]), values["machine"]["versions"]["kernels"])
+    assert_block(page, "cost", cost_of_exact.table(values["cases"]), values["machine"]["versions"]["kernels"])
     (case,) = values["cases"]
     assert case["slots"] == 4
     assert all(part["ns"] > 0 and part["calls"] > 0 for part in case["parts"])

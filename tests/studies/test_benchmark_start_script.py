@@ -12,7 +12,6 @@ import pytest
 from click.testing import CliRunner
 
 from studies.cli import benchmark_start
-from studies.specialisation import start
 
 SET_UP = """
 import os, sys, time
@@ -46,8 +45,8 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     git = ["git", "-C", str(root), "-c", "user.name=a", "-c", "user.email=a@b"]
     for words in (["init", "-q"], ["add", "-A"], ["commit", "-qm", "all"]):
         subprocess.run([*git, *words], check=True)
-    monkeypatch.setattr(start, "ROOT", root)
-    monkeypatch.setattr(start, "FIRST_CALL", "import sys; sys.exit(sys.argv[1:] != ['impact', 'exact', 'level and events'])")
+    monkeypatch.setattr(benchmark_start, "ROOT", root)
+    monkeypatch.setattr(benchmark_start, "FIRST_CALL", "import sys; sys.exit(sys.argv[1:] != ['impact', 'exact', 'level and events'])")
     monkeypatch.setenv("IMPACT_ENV_CACHE", "somewhere")
     monkeypatch.setenv("PYTHONPATH", "somewhere")
     return root
@@ -60,7 +59,11 @@ def test_every_step_is_timed_and_the_table_goes_to_the_page(tmp_path: Path) -> N
     result = CliRunner().invoke(benchmark_start.main, ["--quick", "--json", str(target), "--page", str(page)])
     assert result.exit_code == 0, result.output
     steps = json.loads(target.read_text())["steps"]
-    assert [step["what"] for step in steps] == [*start.STARTED, "to the table and the figure", "first call: impact, exact, level and events recorded"]
+    assert [step["what"] for step in steps] == [
+        *benchmark_start.STARTED,
+        "to the table and the figure",
+        "first call: impact, exact, level and events recorded",
+    ]
     assert steps[1]["cpu_s"] >= 0.4 > steps[0]["cpu_s"]
     assert steps[3]["wall_s"] == pytest.approx(sum(step["wall_s"] for step in steps[:3]))
     assert [step["wanted_s"] for step in steps] == [None, None, None, 75.0, 15.0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,38 +13,17 @@ from click.testing import CliRunner, Result
 pytest.importorskip("mpmath")
 from impact_env import Exact, Moreau
 from optimisation.files import read_json
-from studies.accuracy import bands, cost, distribution, growth, jumps, settings, study, tables, trajectory
-from studies.accuracy.cases import case, kind_named
-from studies.accuracy.statistics import wilson
+from studies.accuracy import bands, cost, distribution, growth, jumps, study, trajectory
+from studies.accuracy.cases import Row, Settings, case, kind_named
+from studies.accuracy.statistics import between_groups, bootstrap, distance_at_size, mean_difference, relative_distance
 from studies.cli import error_vs_runtime
 from studies.study import left, rows_by_case
 
-TINY = settings.Settings(
-    quick=True,
-    modes=(1,),
-    kinds=("impact, e = 1",),
-    steps=(20, 200),
-    scipy_tolerances=(1e-6,),
-    heyoka_tolerances=(1e-9,),
-    starts=2,
-    repeats=1,
-    timed_seconds=0.001,
-    sweep=(0.95, 0.952),
-    sweep_steps=(20,),
-    truth_members=6,
-    members=4,
-    band_members=4,
-    band_phases=2,
-    band_repeats=2,
-    stretches=30,
-    twins=2,
-    jump_rates=(2.0, 4.0),
-    jump_steps=(20,),
-    jump_members=3,
-    cost_modes=(1, 2),
-    cost_lanes=(1, 2),
-    cost_periods=(5, 10),
-)
+TINY = Settings(
+    quick=True, modes=(1,), kinds=("impact, e = 1",), steps=(20, 200), scipy_tolerances=(1e-6,), heyoka_tolerances=(1e-9,), starts=2, repeats=1,
+    timed_seconds=0.001, sweep=(0.95, 0.952), sweep_steps=(20,), truth_members=6, members=4, band_members=4, band_phases=2, band_repeats=2, stretches=30,
+    twins=2, jump_rates=(2.0, 4.0), jump_steps=(20,), jump_members=3, cost_modes=(1, 2), cost_lanes=(1, 2), cost_periods=(5, 10),
+)  # fmt: skip
 
 
 def call(*arguments: object) -> Result:
@@ -82,7 +62,7 @@ def test_impacts_make_errors_grow_and_friction_does_not() -> None:
     assert exponent["friction damper"]["exponent_per_period"] < 0.2
 
 
-def level_row(method: str, setting: float | None, level: float, seconds: float) -> settings.Row:
+def level_row(method: str, setting: float | None, level: float, seconds: float) -> Row:
     return {"scene": "s", "modes": 3, "method": method, "setting": setting, "level_m": level, "wall_s": seconds}
 
 
@@ -96,12 +76,12 @@ def test_distribution_sees_a_bias_and_its_cost() -> None:
     assert 0.1 < low < moreau.mean_difference < high < 0.3
     assert exact.distance < 0.05 < moreau.distance
     assert exact.at_cost(3.0) < exact.at_cost(0.1)
-    table = tables.distribution_table(rows)
+    table = distribution.distribution_table(rows)
     assert "Moreau, 20 steps" in table
     assert distribution.TRUTH not in table
 
 
-def band_row(kind: str, member: int, level: float, group: int) -> settings.Row:
+def band_row(kind: str, member: int, level: float, group: int) -> Row:
     return {"direction": "up", "kind": kind, "member": member, "group": group, "phase_rad": 0.0, "force_factor": 1.0, "level_m": level}
 
 
@@ -121,7 +101,7 @@ def test_bands_compare_the_kinds_of_members() -> None:
     assert both.between is not None
     assert both.between[0] > 0.9
     assert phase.between is None
-    assert tables.band_table(rows).count("(") > 6
+    assert bands.band_table(rows).count("(") > 6
 
 
 def test_members_of_a_band_are_of_their_kind() -> None:
@@ -142,7 +122,7 @@ def test_shares_count_the_high_branch() -> None:
     levels = (0.5e-3, 0.52e-3, 0.8e-3, 1.0e-3)
     (share,) = jumps.shares([{**shared, "member": k, "level_m": level} for k, level in enumerate(levels)])
     assert (share.hits, share.runs, share.between, share.share) == (2, 4, 1, 0.5)
-    assert share.wilson == wilson(2, 4)
+    assert share.interval() == pytest.approx((0.1500, 0.8500), abs=1e-4)  # Wilson's
 
 
 @pytest.fixture
@@ -186,7 +166,7 @@ def test_tiny_run_writes_files_figures_and_page(tmp_path: Path) -> None:
 
 
 def test_a_scene_that_is_measured_anew_replaces_its_rows_only() -> None:
-    def rows(modes: int, time: float, scene: str = "a") -> list[settings.Row]:
+    def rows(modes: int, time: float, scene: str = "a") -> list[Row]:
         return [{"scene": scene, "modes": modes, "method": method, "us_per_period": time} for method in ("x", "y")]
 
     known = trajectory.without_scenes({"rows": rows(1, 1.0, "b") + rows(3, 1.0)}, ("a",))
@@ -203,3 +183,39 @@ def test_one_scene_on_the_command_line(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert call("--quick", "--scene", "no absorber", "--no-peers", "--out", out).exit_code == 0
     scenes = [row["scene"] for row in read_json(out / "trajectory.json.gz")["rows"]]
     assert list(dict.fromkeys(scenes)) == ["no absorber", "impact, e = 1"]
+
+
+# --- statistics --------------------------------------------------------------------------------------------------------------------------------
+
+
+def test_distances_of_shifted_samples() -> None:
+    sample = np.random.default_rng(1).normal(3.0, 0.2, 500)
+    assert relative_distance(sample + 0.3, sample) == pytest.approx(0.3 / sample.mean())
+    assert mean_difference(1.1 * sample, sample) == pytest.approx(0.1)
+    low, high = bootstrap(mean_difference, 1.1 * sample, sample)
+    assert 0.08 < low < 0.1 < high < 0.12
+
+
+def test_more_runs_come_closer_to_the_truth_down_to_the_bias() -> None:
+    truth = np.random.default_rng(2).normal(1.0, 0.1, 4000)
+    right = [distance_at_size(truth, truth, size) for size in (1, 4, 16, 64)]
+    wrong = [distance_at_size(truth + 0.2, truth, size) for size in (1, 4, 16, 64)]
+    assert all(a > 1.5 * b for a, b in pairwise(right))
+    assert wrong[-1] == pytest.approx(0.2, rel=0.05)
+    with pytest.raises(ValueError, match="size"):
+        distance_at_size(truth, truth, 0)
+
+
+def test_share_between_groups_is_that_of_the_model() -> None:
+    generator = np.random.default_rng(4)
+    groups = 0.5 * generator.normal(size=(400, 1)) + generator.normal(size=(400, 20))
+    share, low, high = between_groups(groups)
+    assert share == pytest.approx(0.2, abs=0.03)  # 0.25 / (0.25 + 1)
+    assert low < 0.2 < high
+    assert high - low < 0.08
+    assert abs(between_groups(generator.normal(size=(400, 20)))[0]) < 0.02
+    # six ratings of four judges, table 2 of Shrout and Fleiss: ICC(1,1) = 0.17
+    ratings = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]]
+    assert between_groups(ratings)[0] == pytest.approx(0.17, abs=0.005)
+    with pytest.raises(ValueError, match="groups"):
+        between_groups([[1.0, 2.0]])

@@ -13,13 +13,12 @@ from studies.cli import friction_branches
 
 pytest.importorskip("optuna")
 
-from studies import friction
-from studies.friction import CASES, LIMITS, Row
+from studies.cli.friction_branches import CASES, LIMITS, Row
 
 
 def test_less_damping_gets_fewer_members() -> None:
-    assert [friction.members_of(damping, 32) for damping in (0.02, 0.01, 0.005, 0.002)] == [32, 32, 16, 8]
-    assert friction.members_of(0.002, 1) == 1
+    assert [friction_branches.members_of(damping, 32) for damping in (0.02, 0.01, 0.005, 0.002)] == [32, 32, 16, 8]
+    assert friction_branches.members_of(0.002, 1) == 1
 
 
 def test_it_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,10 +32,10 @@ def test_it_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.Mon
         if len(done) == stop_at:
             raise KeyboardInterrupt
         done.append((damping, gap))
-        assert members in (friction.members_of(damping, 8), friction.members_of(damping, 4))
+        assert members in (friction_branches.members_of(damping, 8), friction_branches.members_of(damping, 4))
         yield from (Row(damping, gap, limit, 0.2 * damping / 0.01, 0.1, 0.3, None) for limit in LIMITS)
 
-    monkeypatch.setattr(friction, "rows", fake)
+    monkeypatch.setattr(friction_branches, "rows", fake)
     stopped = CliRunner().invoke(friction_branches.main, line)
     assert stopped.exit_code == 130
     assert len(json.loads(numbers.read_text())["rows"]) == 2 * len(LIMITS)

@@ -8,14 +8,16 @@ from functools import partial
 from typing import get_args
 
 import numpy as np
+import scipy.stats
 
 from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import Lane, MemberKind, Members, draw_members, run_lanes
 from impact_env.parameters import Beam
 from impact_env.scene import beam_scene
-from studies.accuracy.cases import kind_named
-from studies.accuracy.settings import Cases, Row, Settings, unique
-from studies.accuracy.statistics import between_groups, kolmogorov_smirnov
+from optimisation.report.markdown import markdown
+from studies.accuracy.cases import Cases, Row, Settings, kind_named
+from studies.accuracy.shown import unique
+from studies.accuracy.statistics import between_groups
 
 NAME = "bands"
 KIND, MODES = "impact, e = 0.7, with friction", 10
@@ -88,7 +90,8 @@ class Band:
 
     def against(self, kind: str) -> tuple[float, float]:
         """Return statistic and p-value of the two-sample Kolmogorov-Smirnov test."""
-        return kolmogorov_smirnov(self.levels, self.others[kind])
+        result = scipy.stats.ks_2samp(self.levels, self.others[kind])
+        return float(result.statistic), float(result.pvalue)
 
     @property
     def between(self) -> tuple[float, float, float] | None:
@@ -110,3 +113,15 @@ def bands(all_rows: list[Row]) -> list[Band]:
             others = {name: values for name, values in found.items() if name != kind}
             result.append(Band(direction, kind, levels, others, groups if kind == KINDS[0] else None))
     return result
+
+
+def band_table(rows: list[Row]) -> str:
+    """Return a line for each direction and kind of members."""
+    header = ("sweep", "members differ in", "runs", "median, mm", "5 to 95 %, mm", *(f"D (p) against {kind}" for kind in KINDS), "between phases")
+    lines = []
+    for band in bands(rows):
+        low, middle, high = (1e3 * x for x in band.quantiles)
+        tests = ("" if kind not in band.others else "{:.2f} ({:.1g})".format(*band.against(kind)) for kind in KINDS)
+        share = "" if band.between is None else "{:.0f} % ({:.0f} to {:.0f})".format(*(100 * x for x in band.between))
+        lines.append((band.direction, band.kind, str(len(band.levels)), f"{middle:.4f}", f"{low:.4f} to {high:.4f}", *tests, share))
+    return markdown(header, lines)

@@ -7,6 +7,9 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from impact_env.drive import Drive, linear_sweep
 from impact_env.ensemble import Lane, available_cores, draw_members, run_lanes
@@ -14,8 +17,9 @@ from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam
 from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
-from studies.accuracy.cases import case, kind_named, method_name
-from studies.accuracy.settings import Cases, Row, Settings, median_time
+from optimisation.report.markdown import markdown
+from studies.accuracy.cases import Cases, Row, Settings, case, kind_named, median_time, method_name
+from studies.accuracy.shown import COLOURS, MARKERS, number, plain, unique
 from studies.accuracy.trajectory import own_time
 
 NAME = "cost"
@@ -37,8 +41,12 @@ def _thread_counts() -> list[int]:
     return sorted({2**k for k in range(cores.bit_length()) if 2**k <= cores} | {cores})
 
 
-def _row(over: str, value: float, scene: str, modes: int, method: str, us: float) -> Row:
-    return {"over": over, "value": value, "scene": scene, "modes": modes, "method": method, "us_per_period": us}
+def _rows(over: str, value: float, scene: str, modes: int, method: str, us: Callable[[], float]) -> list[Row]:
+    return [{"over": over, "value": value, "scene": scene, "modes": modes, "method": method, "us_per_period": us()}]
+
+
+def _own_time(name: str, modes: int, method: Method, settings: Settings) -> float:
+    return own_time(case(kind_named(name), modes), method, 1.0, settings)
 
 
 def key(row: Row) -> tuple[str, float, str, str]:
@@ -51,8 +59,9 @@ def cases(settings: Settings) -> Cases:
     found: dict[tuple[str, float, str, str], Callable[[], list[Row]]] = {}
     for name, method in OVER_MODES:
         for modes in settings.cost_modes:
-            label = _label(name, modes, method)
-            found[MODES, modes, name, label] = partial(_own_row, name, modes, method, label, settings)
+            words = method_name(method, beam_scene(Beam(modes=modes), kind_named(name).absorber()))
+            label = f"{words}, {method.steps_per_period} steps" if isinstance(method, Moreau) else words
+            found[MODES, modes, name, label] = partial(_rows, MODES, modes, name, modes, label, partial(_own_time, name, modes, method, settings))
     for over, values, measure in (
         (LANES, settings.cost_lanes, partial(_lanes_time, threads=1)),
         (THREADS, _thread_counts(), partial(_lanes_time, THREAD_LANES)),
@@ -60,21 +69,8 @@ def cases(settings: Settings) -> Cases:
     ):
         scene, modes = (LENGTH_KIND, LENGTH_MODES) if over == LENGTH else (LANE_KIND, LANE_MODES)
         for value in values:
-            found[over, value, scene, "Exact"] = partial(_timed_row, over, value, scene, modes, measure, settings)
+            found[over, value, scene, "Exact"] = partial(_rows, over, value, scene, modes, "Exact", partial(measure, value, settings=settings))
     return found
-
-
-def _label(name: str, modes: int, method: Method) -> str:
-    words = method_name(method, beam_scene(Beam(modes=modes), kind_named(name).absorber()))
-    return f"{words}, {method.steps_per_period} steps" if isinstance(method, Moreau) else words
-
-
-def _own_row(name: str, modes: int, method: Method, label: str, settings: Settings) -> list[Row]:
-    return [_row(MODES, modes, name, modes, label, own_time(case(kind_named(name), modes), method, 1.0, settings))]
-
-
-def _timed_row(over: str, value: int, scene: str, modes: int, measure: Callable[..., float], settings: Settings) -> list[Row]:
-    return [_row(over, value, scene, modes, "Exact", measure(value, settings=settings))]
 
 
 def _lanes_time(lanes: int, threads: int, settings: Settings) -> float:
@@ -101,3 +97,57 @@ def _length_time(periods: float, settings: Settings) -> float:
     schedule = linear_sweep(scene.model.resonance_omega(1), *LENGTH_LIMITS, percent_per_100_periods=1e4 * width / periods)
     simulate(scene, Drive(kind.force, linear_sweep(scene.model.resonance_omega(1), 0.94, 0.9401)), Exact())  # compile
     return 1e6 * median_time(lambda: simulate(scene, Drive(kind.force, schedule), Exact()).wall_time, settings.repeats, settings.patience) / periods
+
+
+def cost_table(rows: list[Row]) -> str:
+    """Return the costs over modes, lanes, threads and length, a table each."""
+    over_modes = [row for row in rows if row["over"] == MODES]
+    counts = unique(row["value"] for row in over_modes)
+    lines = []
+    for scene, method in unique((row["scene"], row["method"]) for row in over_modes):
+        found = {row["value"]: row["us_per_period"] for row in over_modes if (row["scene"], row["method"]) == (scene, method)}
+        lines.append((f"{scene}: {method}", *(number(found.get(count), 3) for count in counts)))
+    parts = [markdown(("µs per pseudo period at this number of modes", *map(str, counts)), lines)] if lines else []
+    names = {LANES: "lanes, one thread", THREADS: "threads, 64 lanes", LENGTH: "pseudo periods in the sweep"}
+    for over, name in names.items():
+        found = {row["value"]: row["us_per_period"] for row in rows if row["over"] == over}
+        if found:
+            parts.append(markdown((name, *(f"{x:g}" for x in found)), [("µs per pseudo period and lane", *(number(us, 3) for us in found.values()))]))
+    return "\n\n".join(parts)
+
+
+def cost_figures(all_rows: list[Row]) -> dict[str, Figure]:
+    """Draw the cost over modes, lanes, threads and length."""
+    figure = Figure(figsize=(11, 8.6), layout="constrained")
+    panels = figure.subplots(2, 2)
+    titles = {
+        MODES: ("number of modes", "Number of modes"),
+        LANES: ("lanes, one thread", "Number of lanes: impact, e = 1, 10 modes"),
+        THREADS: ("threads", "Number of threads: impact, e = 1, 10 modes, 64 lanes"),
+        LENGTH: ("pseudo periods in the sweep", "Length of the sweep: impact, e = 1, 3 modes"),
+    }
+    for panel, (over, (label, title)) in zip(panels.flat, titles.items(), strict=True):
+        rows = [row for row in all_rows if row["over"] == over]
+        for k, (scene, method) in enumerate(unique((row["scene"], row["method"]) for row in rows)):
+            line = [row for row in rows if (row["scene"], row["method"]) == (scene, method)]
+            at, us = [row["value"] for row in line], [row["us_per_period"] for row in line]
+            panel.plot(at, us, color=COLOURS[k], marker=MARKERS[k], ms=5, lw=1.2, label=f"{scene}: {method}")
+        panel.set(xscale="log", yscale="log", xlabel=label, ylabel="µs per pseudo period and lane")
+        panel.set_title(title, fontsize=10)
+        panel.grid(True, which="both", color="0.92", lw=0.6)
+        if over in (THREADS, MODES) and rows:
+            plain(panel, [value for value in unique(row["value"] for row in rows) if over == THREADS or value in (1, 2, 3, 5, 10, 20, 30, 60)])
+        _room(panel, rows)
+    figure.legend(*panels.flat[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, title="first panel", fontsize=9)
+    return {"cost": figure}
+
+
+def _room(panel: Axes, rows: list[Row]) -> None:
+    """Show a decade at least, so that what is constant looks so."""
+    values = [row["us_per_period"] for row in rows]
+    if values and max(values) < 10 * min(values):
+        middle = float(np.sqrt(min(values) * max(values)))
+        panel.set_ylim(middle / 4, middle * 4)
+        panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        panel.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        panel.yaxis.set_minor_locator(NullLocator())

@@ -8,6 +8,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import Members, draw_members
@@ -16,18 +20,15 @@ from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Beam
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
-from studies.accuracy.cases import Kind, kind_named, method_name
-from studies.accuracy.settings import Cases, Row, Settings, unique
+from optimisation.report.markdown import markdown
+from studies.accuracy.cases import Cases, Kind, Row, Settings, kind_named, method_name
+from studies.accuracy.shown import LOOKS, named, number, shown_rows, unique
 from studies.accuracy.statistics import bootstrap, distance_at_size, mean_difference, relative_distance
 
 NAME = "distribution"
 KINDS = ("impact, e = 1", "impact, e = 0.7", "impact, e = 0.7, with friction", "compliant walls, stiff")
 TRUTH = "truth"
 FEWEST = 3  # runs of a method, however slow it is
-
-
-def _kinds(settings: Settings) -> list[Kind]:
-    return [kind_named(name) for name in KINDS if not settings.kinds or name in settings.kinds]
 
 
 def _levels(
@@ -51,7 +52,12 @@ def key(row: Row) -> tuple[str, int]:
 
 def cases(settings: Settings) -> Cases:
     """Return a case for each scene and number of modes."""
-    return {(kind.name, modes): partial(_measured, kind, modes, settings) for kind in _kinds(settings) for modes in settings.modes}
+    return {
+        (kind.name, modes): partial(_measured, kind, modes, settings)
+        for kind in map(kind_named, KINDS)
+        if not settings.kinds or kind.name in settings.kinds
+        for modes in settings.modes
+    }
 
 
 def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
@@ -61,9 +67,10 @@ def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
     step_method = RungeKutta if scene.kind is SceneKind.COMPLIANT else Moreau
     plans: list[tuple[str, Method, Members]] = [(TRUTH, Exact(), truth), ("", Exact(), members)]
     plans += [("", step_method(steps), members) for steps in settings.sweep_steps]
+    short = replace(settings, sweep=(settings.sweep[0], settings.sweep[0] + 1e-4))  # a sweep of one pseudo period
     found = []
     for label, method, own in plans:
-        list(_levels(scene, kind, method, own[:1], _short(settings), None))  # compile
+        list(_levels(scene, kind, method, own[:1], short, None))  # compile
         for member, level, seconds in _levels(scene, kind, method, own, settings, None if label else settings.budget):
             row: Row = {
                 "scene": kind.name,
@@ -76,11 +83,6 @@ def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
             }
             found.append(row)
     return found
-
-
-def _short(settings: Settings) -> Settings:
-    """Return settings with a sweep of one pseudo period."""
-    return replace(settings, sweep=(settings.sweep[0], settings.sweep[0] + 1e-4))
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,82 @@ def compared(all_rows: list[Row]) -> list[Compared]:
     return result
 
 
-def cells_of(all_rows: list[Row]) -> tuple[list[str], list[int]]:
-    """Return scenes and numbers of modes."""
-    return unique(row["scene"] for row in all_rows), unique(row["modes"] for row in all_rows)
+MATCHED_RUNS = 16  # of the exact method: the cost at which methods are compared
+
+
+def distribution_table(rows: list[Row]) -> str:
+    """Return a line for each method of each scene and number of modes."""
+    methods = compared(shown_rows(rows))
+    header = ("scene", "modes", "method", "runs", "ms a run", "mean, %", "95 %", "distance, %", "95 %", "at matched cost, %")
+    lines = []
+    for method in methods:
+        exact = next(m for m in methods if (m.scene, m.modes, m.setting) == (method.scene, method.modes, None))
+        mean, distance = (tuple(100 * x for x in interval) for interval in (method.mean_interval(), method.distance_interval()))
+        lines.append(
+            (
+                method.scene,
+                str(method.modes),
+                named({"method": method.method, "setting": method.setting}),
+                str(len(method.levels)),
+                number(1e3 * method.seconds, 3),
+                f"{100 * method.mean_difference:+.2f}",
+                f"{mean[0]:+.2f} to {mean[1]:+.2f}",
+                f"{100 * method.distance:.2f}",
+                f"{distance[0]:.2f} to {distance[1]:.2f}",
+                f"{100 * method.at_cost(MATCHED_RUNS * exact.seconds):.2f}",
+            )
+        )
+    return markdown(header, lines)
+
+
+def distribution_figures(all_rows: list[Row]) -> dict[str, Figure]:
+    """Draw the distance from the truth to expect against the time spent, for ensembles of growing size."""
+    scenes, modes = (unique(row[name] for row in all_rows) for name in ("scene", "modes"))
+    methods = compared(all_rows)
+    figure = Figure(figsize=(2.6 + 2.9 * len(modes), 1.6 + 2.35 * len(scenes)), layout="constrained")
+    panels = figure.subplots(len(scenes), len(modes), squeeze=False)
+    settings = sorted({m.setting for m in methods if m.setting is not None})
+    for line, scene in zip(panels, scenes, strict=True):
+        for panel, count in zip(line, modes, strict=True):
+            for method in methods:
+                if (method.scene, method.modes) == (scene, count):
+                    _ensemble_line(panel, method, settings)
+            _few_ticks(panel)
+            panel.set_title(f"{scene}, {count} mode{'s' * (count > 1)}", fontsize=9)
+    for panel in panels[-1]:
+        panel.set_xlabel("time of the ensemble, s")
+    for panel in panels[:, 0]:
+        panel.set_ylabel("distance of the distributions, %", fontsize=9)
+    named = {f"{m.method}, {m.setting:g} steps" if m.setting else m.method: _style(m, settings) for m in methods}
+    handles = [Line2D([], [], color=colour, marker=marker, alpha=alpha, label=name) for name, (colour, marker, alpha) in named.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+    figure.suptitle("Distance of the response level's distribution from the exact one, against the time spent on runs", fontsize=12)
+    return {"distribution": figure}
+
+
+def _few_ticks(panel: Axes) -> None:
+    panel.set(xscale="log", yscale="log")
+    low, high = panel.get_ylim()
+    if high < 10 * low:
+        panel.set_ylim(np.sqrt(low * high) / np.sqrt(10), np.sqrt(low * high) * np.sqrt(10))
+    for axis in (panel.xaxis, panel.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1, 3)))
+        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        axis.set_minor_locator(NullLocator())
+    panel.grid(True, color="0.9", lw=0.6)
+    panel.set_axisbelow(True)
+
+
+def _style(method: Compared, settings: list[float]) -> tuple[str, str, float]:
+    colour, marker = LOOKS[method.method]
+    if method.setting is None:
+        return colour, marker, 1.0
+    at = settings.index(method.setting)
+    return colour, ("sPX*h" if method.method == "Moreau" else "^<>vd")[at % 5], 0.45 + 0.55 * (at + 1) / len(settings)
+
+
+def _ensemble_line(panel: Axes, method: Compared, settings: list[float]) -> None:
+    sizes = np.unique(np.round(np.geomspace(1, len(method.levels), 6)).astype(int))
+    values = [100 * method.at_cost(method.seconds * size * (1 + 1e-9)) for size in sizes]
+    colour, marker, alpha = _style(method, settings)
+    panel.plot(method.seconds * sizes, np.maximum(values, 1e-4), marker=marker, color=colour, alpha=alpha, ms=5, lw=1)

@@ -9,25 +9,22 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, constant_frequency
 from impact_env.methods import Exact
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
-from studies.accuracy.cases import BARE, WATCHED, Case, case, kind_named
-from studies.accuracy.settings import Cases, Row, Settings
+from optimisation.report.markdown import markdown
+from studies.accuracy.cases import BARE, WATCHED, Case, Cases, Row, Settings, case, kind_named
+from studies.accuracy.shown import COLOURS, MARKERS, number, plain, shown_rows, unique
 
 Array = NDArray[np.float64]
 NAME = "growth"
 KINDS = (
-    "friction damper",
-    "impact, e = 1",
-    "impact, e = 0.7",
-    "impact, e = 0.7, with friction",
-    "compliant walls, soft",
-    "compliant walls, stiff",
-)
+    "friction damper", "impact, e = 1", "impact, e = 0.7", "impact, e = 0.7, with friction", "compliant walls, soft", "compliant walls, stiff",
+)  # fmt: skip
 STRETCH = 0.5  # pseudo periods at most; less where impacts are many, since the distance has to stay small
 STRETCH_IMPACTS = 3.0
 DISTANCE = 1e-8  # of the state's norm
@@ -36,10 +33,6 @@ SETTLING = 4  # stretches until the difference points where it grows most
 TWIN_DISTANCE = 1e-15
 FOLLOWED = 40  # impacts
 MOST_PERIODS = 80.0
-
-
-def _kinds(settings: Settings) -> list[str]:
-    return [name for name in KINDS if not settings.kinds or name in settings.kinds]
 
 
 class _Continued:
@@ -131,7 +124,12 @@ def key(row: Row) -> tuple[str, int]:
 
 def cases(settings: Settings) -> Cases:
     """Return a case for each scene and number of modes."""
-    return {(name, modes): partial(_measured, name, modes, settings) for name in _kinds(settings) for modes in settings.modes}
+    return {
+        (name, modes): partial(_measured, name, modes, settings)
+        for name in KINDS
+        if not settings.kinds or name in settings.kinds
+        for modes in settings.modes
+    }
 
 
 def _measured(name: str, modes: int, settings: Settings) -> list[Row]:
@@ -167,3 +165,50 @@ def _rows(
             if known.size:
                 found.append({**dict.fromkeys(row), **shared, "impact": k + 1, "difference_periods": float(np.median(known))})
     return found
+
+
+def growth_table(rows: list[Row]) -> str:
+    """Return a line for each scene and number of modes."""
+    header = ("scene", "modes", "exponent per pseudo period", "95 %", "impacts per pseudo period", "factor per impact")
+    lines = [
+        (
+            row["scene"],
+            str(row["modes"]),
+            f"{row['exponent_per_period']:.2f}",
+            f"{row['exponent_low']:.2f} to {row['exponent_high']:.2f}",
+            f"{row['impacts_per_period']:.2f}",
+            number(row["factor_per_impact"], 3),
+        )
+        for row in shown_rows(rows)
+        if row["impact"] is None
+    ]
+    return markdown(header, lines)
+
+
+def growth_figures(all_rows: list[Row]) -> dict[str, Figure]:
+    """Draw how twins drift apart, and the growth per impact over the number of modes."""
+    exponents, twins = [row for row in all_rows if row["impact"] is None], [row for row in all_rows if row["impact"] is not None]
+    scenes, modes = unique(row["scene"] for row in exponents), unique(row["modes"] for row in exponents)
+    most = 10 if 10 in modes else modes[-1]
+    figure = Figure(figsize=(11, 4.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for scene, colour, marker in zip(scenes, COLOURS, MARKERS, strict=False):
+        line = [row for row in twins if row["scene"] == scene and row["modes"] == most]
+        if line:
+            y = np.maximum([row["difference_periods"] for row in line], 1e-17)
+            left.plot([row["impact"] for row in line], y, color=colour, marker=marker, ms=3.5, lw=1)
+        points = [row for row in exponents if row["scene"] == scene and row["factor_per_impact"] is not None]
+        if points:
+            factors = [row["factor_per_impact"] for row in points]
+            right.plot([row["modes"] for row in points], factors, color=colour, marker=marker, ms=6, lw=1, label=scene)
+    left.axhline(1.0, color="0.6", lw=0.8, ls=":")
+    left.set(
+        yscale="log", xlabel="impact", ylabel="difference of its time, pseudo periods", title=f"Twins that differ by rounding, {most} modes: median"
+    )
+    right.set(xscale="log", xlabel="number of modes", ylabel="factor by which errors grow per impact", title="From the largest Lyapunov exponent")
+    plain(right, modes)
+    right.axhline(1.0, color="0.6", lw=0.8, ls=":")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    for panel in (left, right):
+        panel.grid(True, color="0.9", lw=0.6)
+    return {"growth": figure}

@@ -6,7 +6,6 @@ a guard is entered by a very short step without events, after which all guards m
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -109,8 +108,3 @@ def _reachable(automaton: Automaton) -> list[str]:
     if automaton.restitution is not None and automaton.restitution < 1:
         names += ["held +", "held -"]
     return names
-
-
-def heyoka_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integrator]:
-    """Return the maker of integrators with a tolerance."""
-    return HeyokaRegimes(tolerance)

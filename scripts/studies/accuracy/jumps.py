@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
+from matplotlib.figure import Figure
+from scipy.stats import binomtest
 
 from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import draw_members
@@ -13,16 +16,13 @@ from impact_env.methods import Exact, Method, Moreau
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
-from studies.accuracy.settings import Cases, Row, Settings
-from studies.accuracy.statistics import clopper_pearson, wilson
+from optimisation.report.markdown import markdown
+from studies.accuracy.cases import Cases, Row, Settings
+from studies.accuracy.shown import MARKERS, named, plain, unique
 
 NAME = "jumps"
 FORCE, FRICTION = 1.5, 0.025  # N
 HIGH = 0.75e-3  # m: between the two branches, which lie at about 0.5e-3 and 1.0e-3
-
-
-def _methods(settings: Settings) -> list[Method]:
-    return [Exact(), *(Moreau(steps) for steps in settings.jump_steps)]
 
 
 def key(row: Row) -> tuple[float, str, float | None]:
@@ -35,7 +35,7 @@ def cases(settings: Settings) -> Cases:
     return {
         (slowness, *_names(method).values()): partial(_measured, slowness, method, settings)
         for slowness in settings.jump_rates
-        for method in _methods(settings)
+        for method in (Exact(), *map(Moreau, settings.jump_steps))
     }
 
 
@@ -73,15 +73,10 @@ class Share:
         """Share of the runs."""
         return self.hits / self.runs
 
-    @property
-    def wilson(self) -> tuple[float, float]:
-        """Wilson's interval."""
-        return wilson(self.hits, self.runs)
-
-    @property
-    def clopper_pearson(self) -> tuple[float, float]:
-        """The exact interval."""
-        return clopper_pearson(self.hits, self.runs)
+    def interval(self, method: Literal["wilson", "exact"] = "wilson") -> tuple[float, float]:
+        """Return Wilson's interval, or the exact one (Clopper and Pearson's)."""
+        found = binomtest(self.hits, self.runs).proportion_ci(method=method)
+        return float(found.low), float(found.high)
 
 
 def shares(all_rows: list[Row]) -> list[Share]:
@@ -95,3 +90,43 @@ def shares(all_rows: list[Row]) -> list[Share]:
         between = int(np.sum(np.abs(values - HIGH) < 0.1 * HIGH))
         result.append(Share(slowness, method, setting, int(np.sum(values > HIGH)), len(values), between))
     return result
+
+
+def jump_table(rows: list[Row]) -> str:
+    """Return a line for each slowness and method."""
+    header = ("pseudo periods per 1 %", "method", "runs", "reach the high branch", "95 %, Wilson", "95 %, Clopper-Pearson", "near the limit")
+    lines = [
+        (
+            f"{share.slowness:g}",
+            named({"method": share.method, "setting": share.setting}),
+            str(share.runs),
+            f"{share.share:.2f}",
+            "{:.2f} to {:.2f}".format(*share.interval()),
+            "{:.2f} to {:.2f}".format(*share.interval("exact")),
+            str(share.between),
+        )
+        for share in shares(rows)
+    ]
+    return markdown(header, lines)
+
+
+def jump_figures(all_rows: list[Row]) -> dict[str, Figure]:
+    """Draw the share of runs that reach the high branch over the slowness."""
+    found = shares(all_rows)
+    figure = Figure(figsize=(8, 4.8), layout="constrained")
+    panel = figure.subplots()
+    lines = unique((share.method, share.setting) for share in found)
+    for k, (method, setting) in enumerate(lines):
+        line = [share for share in found if (share.method, share.setting) == (method, setting)]
+        at = np.array([share.slowness for share in line]) * 1.03 ** (k - (len(lines) - 1) / 2)  # side by side
+        y = np.array([share.share for share in line])
+        bars = np.abs(np.array([share.interval() for share in line]).T - y)
+        label = method if setting is None else f"{method}, {setting:g} steps per highest period"
+        colour = "#0072B2" if setting is None else ("#D55E00", "#E69F00", "#CC79A7", "#777777")[(k - 1) % 4]
+        panel.errorbar(at, y, bars, color=colour, marker=MARKERS[k % len(MARKERS)], ms=6, lw=1.4, capsize=3, label=label)
+    panel.set(xscale="log", ylim=(-0.03, 1.03), xlabel="slowness of the sweep, pseudo periods per 1 % of the resonance frequency")
+    panel.set(ylabel="share of runs that reach the high branch", title="Jump of the two-mode absorber: share of runs, with 95 % intervals (Wilson)")
+    plain(panel, unique(share.slowness for share in found))
+    panel.grid(True, color="0.9", lw=0.6)
+    panel.legend(frameon=True, fontsize=9)
+    return {"jumps": figure}

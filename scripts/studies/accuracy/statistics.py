@@ -1,4 +1,4 @@
-"""Intervals for shares, distances between samples, and bootstrap intervals. All samples are rows of numbers."""
+"""Distances between samples, bootstrap intervals, and shares of groups in a variance. All samples are rows of numbers."""
 
 from __future__ import annotations
 
@@ -10,37 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 LEVEL = 0.95
-
-
-def wilson(hits: int, runs: int, level: float = LEVEL) -> tuple[float, float]:
-    """Return Wilson's score interval of a share (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927)."""
-    _check(hits, runs, level)
-    z = float(scipy.stats.norm.ppf(0.5 + level / 2))
-    share = hits / runs
-    centre = (share + z**2 / (2 * runs)) / (1 + z**2 / runs)
-    half = z / (1 + z**2 / runs) * np.sqrt(share * (1 - share) / runs + z**2 / (4 * runs**2))
-    return (0.0 if hits == 0 else float(centre - half)), (1.0 if hits == runs else float(centre + half))
-
-
-def clopper_pearson(hits: int, runs: int, level: float = LEVEL) -> tuple[float, float]:
-    """Return the exact interval of a share, which holds at least its level (C. J. Clopper, E. S. Pearson, Biometrika 26, 1934)."""
-    _check(hits, runs, level)
-    tail = (1 - level) / 2
-    low = 0.0 if hits == 0 else float(scipy.stats.beta.ppf(tail, hits, runs - hits + 1))
-    high = 1.0 if hits == runs else float(scipy.stats.beta.ppf(1 - tail, hits + 1, runs - hits))
-    return low, high
-
-
-def _check(hits: int, runs: int, level: float) -> None:
-    if runs < 1 or not 0 <= hits <= runs:
-        raise ValueError(f"hits = {hits} of runs = {runs} is not allowed: at least one run, and no more hits than runs")
-    if not 0 < level < 1:
-        raise ValueError(f"level = {level} is not allowed: a number between 0 and 1")
-
-
-def wasserstein(one: ArrayLike, other: ArrayLike) -> float:
-    """Return the area between the distribution functions of two samples (the distance W1), in the samples' unit."""
-    return float(scipy.stats.wasserstein_distance(np.asarray(one, dtype=float), np.asarray(other, dtype=float)))
 
 
 def bootstrap(
@@ -63,7 +32,7 @@ def mean_difference(one: Array, other: Array) -> float:
 
 def relative_distance(one: Array, other: Array) -> float:
     """Return W1 relative to the mean of the other sample."""
-    return wasserstein(one, other) / abs(float(np.mean(other)))
+    return float(scipy.stats.wasserstein_distance(one, other)) / abs(float(np.mean(other)))
 
 
 def distance_at_size(sample: ArrayLike, truth: ArrayLike, size: int, resamples: int = 200, seed: int = 0) -> float:
@@ -73,12 +42,6 @@ def distance_at_size(sample: ArrayLike, truth: ArrayLike, size: int, resamples: 
         raise ValueError(f"size = {size} is not allowed: at least one run, of a sample that is not empty")
     generator = np.random.default_rng(seed)
     return float(np.mean([relative_distance(generator.choice(values, size), target) for _ in range(resamples)]))
-
-
-def kolmogorov_smirnov(one: ArrayLike, other: ArrayLike) -> tuple[float, float]:
-    """Return the largest difference of two samples' distribution functions, and the chance of so large a one between samples of one distribution."""
-    result = scipy.stats.ks_2samp(np.asarray(one, dtype=float), np.asarray(other, dtype=float))
-    return float(result.statistic), float(result.pvalue)
 
 
 def between_groups(values: ArrayLike, level: float = LEVEL) -> tuple[float, float, float]:

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
+
+from matplotlib.figure import Figure
 
 from optimisation.page import published
 from optimisation.report.written_figure import write_figure
-from studies.accuracy import bands, cost, distribution, figures, growth, jumps, more_figures, tables, trajectory
-from studies.accuracy.settings import Cases, Row, Settings
+from studies.accuracy import bands, cost, distribution, growth, jumps, shown, trajectory
+from studies.accuracy.cases import Cases, Row, Settings
 from studies.study import Json, Measured, Part, Study, left, rows_by_case
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 QUICK_OUT = Path("results/error_vs_runtime")
 OUT = published(Path("docs/methods"), QUICK_OUT)
@@ -47,7 +46,7 @@ def _part(
         title,
         measure=lambda settings, known: rows_by_case(module.cases(settings), module.key, known, order(settings)),
         markers=(module.NAME,),
-        sections=lambda measured: {module.NAME: f"{table(measured.values['rows'])}\n\n{tables.made_with(measured)}"},
+        sections=lambda measured: {module.NAME: f"{table(measured.values['rows'])}\n\n{shown.made_with(measured)}"},
         steps=lambda settings, known: len(left(module.cases(settings), module.key, known)),
         whole=whole,
         figures=lambda measured: {file: partial(write_figure, figure, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()},
@@ -91,13 +90,18 @@ def unpack(name: str, content: Json) -> Measured:
 STUDY: Study[Settings] = Study(
     (
         _part(
-            trajectory, "errors over the first impacts", tables.trajectory_table, figures.trajectory_figures, trajectory.order, trajectory.is_whole
+            trajectory,
+            "errors over the first impacts",
+            trajectory.trajectory_table,
+            trajectory.trajectory_figures,
+            trajectory.order,
+            trajectory.is_whole,
         ),
-        _part(distribution, "errors of the level's distribution", tables.distribution_table, figures.distribution_figures),
-        _part(bands, "what a band stands for", tables.band_table),
-        _part(growth, "how fast errors grow", tables.growth_table, more_figures.growth_figures),
-        _part(jumps, "the jump of the two-mode absorber", tables.jump_table, more_figures.jump_figures),
-        _part(cost, "what a pseudo period costs", tables.cost_table, more_figures.cost_figures),
+        _part(distribution, "errors of the level's distribution", distribution.distribution_table, distribution.distribution_figures),
+        _part(bands, "what a band stands for", bands.band_table),
+        _part(growth, "how fast errors grow", growth.growth_table, growth.growth_figures),
+        _part(jumps, "the jump of the two-mode absorber", jumps.jump_table, jumps.jump_figures),
+        _part(cost, "what a pseudo period costs", cost.cost_table, cost.cost_figures),
     ),
     notes=lambda settings: {"quick": settings.quick, "seed": settings.seed, "peers": settings.peers},
     pack=pack,

@@ -9,15 +9,19 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
 from impact_env.sweep import IntegrationError, simulate
-from studies.accuracy.cases import BARE, KINDS, WATCHED, Case, Kind, case, method_name
+from optimisation.report.markdown import markdown
+from studies.accuracy.cases import BARE, FULL, KINDS, WATCHED, Case, Cases, Kind, Row, Settings, case, median_time, method_name
 from studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
-from studies.accuracy.settings import FULL, Cases, Row, Settings, median_time
+from studies.accuracy.shown import LOOKS, named, number, shown_rows, unique
 from studies.study import left
 
 if TYPE_CHECKING:
@@ -49,21 +53,20 @@ def truth_of(it: Case) -> Truth:
     """Compute the reference up to the middle of the widest gap between late impacts, where no method is just at one."""
     from reference import digits  # needs an extra
 
+    def impact_times(run: digits.Trajectory) -> Array:
+        return np.array([float(t) for t in run.impact_time])
+
     drive = it.drive(MOST_PERIODS)
     walled = getattr(it.scene.absorber, "walls", None) is not None
     periods = WITHOUT_IMPACTS
     if walled:
-        times = _times(digits.follow(it.scene, drive, it.initial, impacts=LATEST)) / it.period
+        times = impact_times(digits.follow(it.scene, drive, it.initial, impacts=LATEST)) / it.period
         late = times[IMPACTS - 1 :]
         if len(late) > 1:
             k = int(np.argmax(np.diff(late)))
             periods = float(0.5 * (late[k] + late[k + 1]))
     ended = digits.follow(it.scene, it.drive(periods), it.initial)
-    return Truth(periods, ended.end_state, _times(ended))
-
-
-def _times(trajectory: digits.Trajectory) -> Array:
-    return np.array([float(t) for t in trajectory.impact_time])
+    return Truth(periods, ended.end_state, impact_times(ended))
 
 
 def state_error(it: Case, state: Array, true: Array) -> float:
@@ -77,18 +80,7 @@ def state_error(it: Case, state: Array, true: Array) -> float:
     return float(np.sqrt(np.sum(weights * (state - true) ** 2) / np.sum(weights * true**2)))
 
 
-def _impact_error(it: Case, times: Array, truth: Truth, k: int) -> float | None:
-    if min(len(times), len(truth.impact_time)) < k:
-        return None
-    return float(abs(times[k - 1] - truth.impact_time[k - 1]) / it.period)
-
-
 ERRORS = ("state_error", "first_impact_error_periods", "fifth_impact_error_periods", "balance_error")
-
-
-def _errors(it: Case, truth: Truth, state: Array, times: Array, balance: float | None) -> tuple[float | None, ...]:
-    """Return what the names in ERRORS say."""
-    return state_error(it, state, truth.end_state), _impact_error(it, times, truth, 1), _impact_error(it, times, truth, IMPACTS), balance
 
 
 def _row(start: Start, name: str, setting: float | None, found: list[tuple[float | None, ...]], us: float | None, note: str = "") -> Row:
@@ -108,6 +100,13 @@ def _row(start: Start, name: str, setting: float | None, found: list[tuple[float
         known = [values[k] for values in found if values[k] is not None]
         row[error] = float(np.median(known)) if known else None  # type: ignore[arg-type]
     return {**row, "note": note}
+
+
+def _errors(it: Case, truth: Truth, state: Array, times: Array, balance: float | None) -> tuple[float | None, ...]:
+    """Return what the names in ERRORS say."""
+    both = min(len(times), len(truth.impact_time))
+    impacts = [float(abs(times[k - 1] - truth.impact_time[k - 1]) / it.period) if k <= both else None for k in (1, IMPACTS)]
+    return state_error(it, state, truth.end_state), *impacts, balance
 
 
 def own_row(starts: list[Start], method: Method, settings: Settings) -> Row:
@@ -154,18 +153,15 @@ def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, sett
             run: PeerRun = follow(it.scene, drive, it.initial, maker)
             found.append(_errors(it, truth, run.end_state, run.impact_time, balance))
             if us is None:
-                us = 1e6 * _peer_time(it, drive, maker, run.wall_time, settings) / truth.periods
+                again = partial(follow, it.scene, drive, it.initial, maker)
+                slow = run.wall_time > settings.patience
+                seconds = run.wall_time if slow else median_time(lambda again=again: again().wall_time, settings.repeats, settings.patience)
+                us = 1e6 * seconds / truth.periods
             if time.perf_counter() - began > settings.patience:
                 break
     except PeerFailedError as error:
         note = str(error)
     return _row(starts[0], name, tolerance, found, us, note)
-
-
-def _peer_time(it: Case, drive: Drive, maker: Any, first: float, settings: Settings) -> float:
-    if first > settings.patience:
-        return first
-    return median_time(lambda: follow(it.scene, drive, it.initial, maker).wall_time, settings.repeats, settings.patience)
 
 
 def peers(settings: Settings) -> list[tuple[str, float, Maker]]:
@@ -174,10 +170,10 @@ def peers(settings: Settings) -> list[tuple[str, float, Maker]]:
         return []
     found: list[tuple[str, float, Maker]] = [("SciPy", tolerance, scipy_integrator) for tolerance in settings.scipy_tolerances]
     try:
-        from studies.accuracy.heyoka_peer import heyoka_integrator
+        from studies.accuracy.heyoka_peer import HeyokaRegimes
     except ModuleNotFoundError:
         return found
-    return found + [("heyoka", tolerance, heyoka_integrator) for tolerance in settings.heyoka_tolerances]
+    return found + [("heyoka", tolerance, HeyokaRegimes) for tolerance in settings.heyoka_tolerances]
 
 
 def key(row: Row) -> tuple[str, int]:
@@ -218,3 +214,100 @@ def _starts(kind: Kind, modes: int, settings: Settings) -> list[Start]:
     if found[0].scene.kind is not SceneKind.LINEAR:
         found += [case(kind, modes, number) for number in range(1, settings.starts)]
     return [(it, truth_of(it)) for it in found]
+
+
+FLOOR = 1e-17  # errors below are drawn there  # errors below are drawn there
+CEILING = 3.0
+LABELS = {
+    "state_error": "error of the state",
+    "balance_error": "error of the energy balance",
+    "first_impact_error_periods": "error of the first impact, pseudo periods",
+}
+MAIN = ("impact, e = 1", "impact, e = 0.7, with friction")
+SHOWN_STEPS = (20, 20000)
+
+
+def trajectory_table(rows: list[Row]) -> str:
+    """Return the lines of most interest; all are in the JSON file."""
+    failed = [f"- {row['scene']}, {row['modes']} modes, {named(row)}: {row['note']}" for row in rows if row["note"]]
+    rows = shown_rows(rows)
+    own = ("Moreau", "Runge-Kutta")
+    tight = {name: min((row["setting"] for row in rows if row["method"] == name), default=None) for name in ("SciPy", "heyoka")}
+    shown = [
+        row
+        for row in rows
+        if row["setting"] is None or (row["method"] in own and row["setting"] in SHOWN_STEPS) or row["setting"] == tight.get(row["method"])
+    ]
+    header = ("scene", "modes", "method", "µs per pseudo period", "state", "first impact", "fifth impact", "energy")
+    errors = ("state_error", "first_impact_error_periods", "fifth_impact_error_periods", "balance_error")
+    lines = [
+        (
+            row["scene"],
+            str(row["modes"]),
+            named(row),
+            number(row["us_per_period"], 3),
+            *(("" if row[name] is None else f"{row[name]:.1e}") for name in errors),
+        )
+        for row in shown
+    ]
+    return markdown(header, lines) + ("\n\nNot finished:\n\n" + "\n".join(failed) if failed else "")
+
+
+def grid(all_rows: list[Row], value: str, scenes: list[str], title: str) -> Figure:
+    """Draw a panel for each scene and number of modes: a value against the time of a pseudo period."""
+    modes = unique(row["modes"] for row in all_rows)
+    scenes = [scene for scene in scenes if any(row["scene"] == scene for row in all_rows)]
+    all_rows = [row for row in all_rows if row["scene"] in scenes]
+    figure = Figure(figsize=(2.6 + 2.9 * len(modes), 1.6 + 2.35 * len(scenes)), layout="constrained")
+    panels = figure.subplots(len(scenes), len(modes), squeeze=False, sharex=True, sharey=True)
+    for line, scene in zip(panels, scenes, strict=True):
+        for panel, count in zip(line, modes, strict=True):
+            _panel(panel, [row for row in all_rows if row["scene"] == scene and row["modes"] == count], value)
+            panel.set_title(f"{scene}, {count} mode{'s' * (count > 1)}", fontsize=9)
+    for panel in panels[-1]:
+        panel.set_xlabel("time of a pseudo period, µs")
+    for panel in panels[:, 0]:
+        panel.set_ylabel(LABELS[value], fontsize=9)
+    shown = [name for name in LOOKS if any(row["method"] == name for row in all_rows) and (name != "closed form" or len(scenes) == 1)]
+    names = {"Exact": "Exact (closed form where there are no events)"}
+    handles = [Line2D([], [], color=LOOKS[name][0], marker=LOOKS[name][1], lw=1, ls=_line(name), label=names.get(name, name)) for name in shown]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(shown), frameon=False)
+    figure.suptitle(title, fontsize=12)
+    return figure
+
+
+def _panel(panel: Axes, cell: list[Row], value: str) -> None:
+    for name in unique(row["method"] for row in cell):
+        points = [(row["us_per_period"], row[value]) for row in cell if row["method"] == name and row[value] is not None and row["us_per_period"]]
+        if points:
+            x, y = np.array(sorted(points)).T
+            colour, marker = LOOKS[name]
+            size = 7 if name in ("Exact", "closed form") else 4.5
+            panel.plot(x, np.clip(y, FLOOR, CEILING), marker=marker, ls=_line(name), color=colour, ms=size, lw=1, clip_on=False)
+    panel.set(xscale="log", yscale="log")
+    panel.yaxis.set_major_locator(LogLocator(numticks=7))
+    panel.yaxis.set_minor_formatter(NullFormatter())
+    panel.grid(True, color="0.9", lw=0.6)
+    panel.set_axisbelow(True)
+    panel.set_ylim(FLOOR, CEILING)
+
+
+def _line(name: str) -> str:
+    """Return the style of the line that joins the settings of a method."""
+    return "" if name in ("Exact", "closed form") else "-"
+
+
+def trajectory_figures(all_rows: list[Row]) -> dict[str, Figure]:
+    """Draw errors of the state and of the energy balance over all scenes, and the errors of the main ones."""
+    scenes = unique(row["scene"] for row in all_rows)
+    without = f"(without impacts: after {WITHOUT_IMPACTS} pseudo periods)"
+    error = f"Error of the state after {IMPACTS} to {LATEST - 1} impacts {without}, against run time"
+    figures = {
+        "trajectory_error": grid(all_rows, "state_error", scenes, error),
+        "energy_balance": grid(all_rows, "balance_error", scenes, "Relative error of the energy balance over the same stretch, against run time"),
+    }
+    main = [scene for scene in MAIN if scene in scenes]
+    if main:
+        title = f"Error of the state after {IMPACTS} to {LATEST - 1} impacts against run time"
+        figures["main"] = grid(all_rows, "state_error", main, title)
+    return figures

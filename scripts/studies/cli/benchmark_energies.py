@@ -2,14 +2,143 @@
 
 from __future__ import annotations
 
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
+from impact_env.drive import PAPER_RATE, Drive, linear_sweep
+from impact_env.methods import Exact
+from impact_env.parameters import (
+    Beam,
+    CompliantWalls,
+    ElasticCoulombFriction,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    friction_damper,
+    impact_absorber,
+)
+from impact_env.response import Record
+from impact_env.scene import beam_scene
+from impact_env.shared_mass import impact_absorbers
 from optimisation.cli.common import command
-from studies.benchmarks.energies import NAME, QUICK, QUICK_REPEATS, REPEATS, STUDY, WHOLE, Settings
-from studies.one_table import table_options, table_place
+from optimisation.progress import Bar
+from optimisation.timing import Timed
+from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
+from studies.study import Json, Measured
+
+NAME = "benchmark_energies"
+START = 0.9  # of the first resonance; with the whole length the sweep ends at 1.06
+WHOLE, QUICK = 1600.0, 40.0  # pseudo periods
+REPEATS, QUICK_REPEATS = 40, 3
+STIFFNESS = 1e6  # N/m, of compliant walls
+LEVEL, ENERGIES = Record(), Record(energy=True)
+
+
+class Settings(NamedTuple):
+    """Pseudo periods of a run, and runs with and without an account."""
+
+    periods: float
+    repeats: int
+
+
+@dataclass(frozen=True)
+class Case:
+    """One line of the benchmark: the force is in N."""
+
+    name: str
+    absorber: StuckAbsorber | TunedAbsorber | SlidingAbsorber | SeveralAbsorbers | None
+    force: float = 3.5
+    modes: int = 10
+
+
+CASES = (
+    Case("e = 0.7, muN = 0.1 N", impact_absorber(restitution=0.7, friction_limit=0.1)),
+    Case("e = 0, muN = 0.05 N", impact_absorber(restitution=0.0, friction_limit=0.05)),
+    Case("e = 1", impact_absorber(), 5.0),
+    Case("e = 1, 30 modes", impact_absorber(), 5.0, modes=30),
+    Case("two absorbers, e = 0.7, muN = 0.05 N", impact_absorbers((1e-3, 1e-3), (0.8, 1.0), 0.7, 0.05)),
+    Case("compliant walls", SlidingAbsorber(walls=CompliantWalls(STIFFNESS)), 5.0),
+    Case("compliant walls, elastic friction", SlidingAbsorber(walls=CompliantWalls(STIFFNESS), friction=ElasticCoulombFriction(0.1, 1e5))),
+    Case("friction damper, muN = 0.3 N", friction_damper(0.3)),
+    Case("no absorber", None, 5.0),
+    Case("stuck absorber", StuckAbsorber(0.05), 5.0),
+    Case("tuned absorber", TunedAbsorber(), 5.0),
+)
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times per pseudo period in us, all repeats in the order in which they were made, and the balance's relative error."""
+
+    name: str
+    pseudo_periods: float
+    stretches_per_period: float
+    bare_us_each: tuple[float, ...]
+    energies_us_each: tuple[float, ...]
+    balance: float
+
+    def values(self) -> Json:
+        """Return what the JSON file holds: the medians too, and how many times the bare run a run with an account takes."""
+        bare, energies = statistics.median(self.bare_us_each), statistics.median(self.energies_us_each)
+        return {**asdict(self), "bare_us": bare, "energies_us": energies, "ratio": energies / bare}
+
+
+def measure(case: Case, settings: Settings, advance: Callable[[], object]) -> Times:
+    """Time both in turn, so that a machine that slows down meets both."""
+    scene, periods = beam_scene(Beam(modes=case.modes), case.absorber), settings.periods
+    drive = Drive(case.force, linear_sweep(scene.model.resonance_omega(1), START, START + periods * PAPER_RATE / 1e4))
+    bare, watched = (Timed(scene, drive, Exact(), record=record) for record in (LEVEL, ENERGIES))
+    times: tuple[list[float], list[float]] = ([], [])
+    stretches, balance = 0.0, 0.0
+    for _ in range(settings.repeats):
+        times[0].append(1e6 * bare.run().wall_time / periods)
+        response = watched.run()
+        times[1].append(1e6 * response.wall_time / periods)
+        assert response.energy is not None
+        stretches, balance = response.steps / periods, response.energy.relative_error
+        advance()
+    return Times(case.name, periods, stretches, tuple(times[0]), tuple(times[1]), balance)
+
+
+def table(cases: Sequence[Json]) -> str:
+    """Return a line for each case."""
+    columns = {
+        "scene": "{name}",
+        "stretches": "{stretches_per_period:.1f}",
+        "bare, us": "{bare_us:.3g}",
+        "with energies, us": "{energies_us:.3g}",
+        "ratio": "{ratio:.2f}",
+        "balance": "{balance:.0e}",
+    }
+    return lines(columns, cases)
+
+
+def _said(measured: Measured) -> str:
+    cases, repeats = measured.values["cases"], measured.values["repeats"]
+    periods = cases[0]["pseudo_periods"]
+    return (
+        f"{table(cases)}\n\n"
+        f"Per pseudo period; medians of {repeats} runs of either kind, in turn, on one core, integration alone, compiled before. Sweep up\n"
+        f"from {START:g} times the first resonance at {PAPER_RATE:g} % per 100 pseudo periods over {periods:g} of them, 10 modes unless said.\n"
+        "Bare: only the level is observed. A stretch lies between two events or two windows of the force. Balance: what work, losses and\n"
+        "stored energy leave, over the largest."
+    )
+
+
+def _measure(settings: Settings) -> Json:
+    with Bar(total=settings.repeats * len(CASES), desc="timing", unit="repeat", leave=False) as bar:
+        results = [measure(case, settings, bar.update) for case in CASES]
+    return {"repeats": settings.repeats, "cases": [result.values() for result in results]}
+
+
+STUDY = table_study(NAME, "price of an energy account", _measure, _said)
 
 
 @command()

@@ -5,14 +5,212 @@
 from __future__ import annotations
 
 import multiprocessing
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
 
+from impact_env.ensemble import available_cores
+from impact_env.extras import optional
 from optimisation.cli.common import command
-from studies.benchmarks.environments import NAME, QUICK_SECONDS, SECONDS, STUDY
-from studies.one_table import table_options, table_place
+from optimisation.progress import Bar
+from optimisation.report.markdown import markdown
+from studies.one_table import table_options, table_place, table_study
 from studies.runner import run
+from studies.study import Json, Measured
+
+NAME = "speeds"
+PASSIVE, SWEEP = "ImpactAbsorber/Passive-v0", "ImpactAbsorber/SweepRate-v0"
+PASSAGE: dict[str, Any] = {"modes": 3, "force": 1.5, "interval": 1.0, "direction": "up", "limits": (0.98, 1.06)}
+SCENE = "3 modes, 1.5 N, e = 1, no friction; up from 0.98 times the first resonance at 1 % per 100 pseudo periods; one pseudo period a step"
+NATIVE, OWN, BRIDGE, TRAINED = (64, 256, 1024, 16384), 64, 1024, 256
+TRAINED_ON = (
+    *("ActiveFriction-v0", "ActiveGap-v0", "Structures-v0", "Passage-v0"),
+    *("FrictionChoice-v1", "SweepAndGap-v1", "SweepRate-v1", "GapChoice-v1"),
+)
+SETTLE = 60  # steps before the clock starts: from rest to steady impacts
+SECONDS, QUICK_SECONDS, REPEATS = 4.0, 0.4, 3
+FIRST_STEP = (
+    "import time; start = time.perf_counter(); import gymnasium, impact_env; imported = time.perf_counter(); "
+    f"env = gymnasium.make('{PASSIVE}', modes=3, interval=1.0); env.reset(seed=0); env.step(0); "
+    "print(imported - start, time.perf_counter() - imported)"
+)
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Environment steps per second over all lanes: the median of the repeats, and each of them; ``interval`` of a step in pseudo periods."""
+
+    name: str
+    lanes: int
+    steps_per_s: float
+    each: tuple[float, ...]
+    interval: float = PASSAGE["interval"]
+
+
+def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, advance: Callable[[], object]) -> Speed:
+    """Call ``step``, which advances all lanes once, for ``seconds`` in each repeat."""
+    for _ in range(SETTLE):
+        step()
+    rates = []
+    for _ in range(REPEATS):
+        count, start = 0, time.perf_counter()
+        while (passed := time.perf_counter() - start) < seconds:
+            step()
+            count += 1
+        rates.append(count * lanes / passed)
+        advance()
+    return Speed(name, lanes, statistics.median(rates), tuple(rates))
+
+
+def single(seconds: float, advance: Callable[[], object]) -> Speed:
+    """Time one environment."""
+    with optional():
+        import gymnasium
+    env = gymnasium.make(PASSIVE, **PASSAGE)
+    env.reset(seed=0)
+
+    def step() -> None:
+        _, _, end, cut, _ = env.step(0)
+        if end or cut:
+            env.reset()
+
+    return timed("single", 1, step, seconds, advance)
+
+
+def vector(name: str, mode: str, lanes: int, seconds: float, advance: Callable[[], object], **options: Any) -> Speed:
+    """Time a vector of environments, made by Gymnasium's `make_vec` in this mode."""
+    with optional():
+        import gymnasium
+    env = gymnasium.make_vec(PASSIVE, num_envs=lanes, vectorization_mode=mode, **options, **PASSAGE)
+    try:
+        env.reset(seed=0)
+        actions = np.zeros(lanes, dtype=np.int64)
+        return timed(name, lanes, lambda: env.step(actions), seconds, advance)
+    finally:
+        env.close()
+
+
+def task(name: str, seconds: float, advance: Callable[[], object]) -> Speed:
+    """Time a task that people train on, as it is, under random actions."""
+    with optional():
+        import gymnasium
+    env: Any = gymnasium.make_vec(name, num_envs=BRIDGE)
+    env.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1, 1, env.action_space.shape).astype(np.float32)
+    speed = timed(name.split("/")[1], BRIDGE, lambda: env.step(actions), seconds, advance)
+    env.close()
+    return replace(speed, interval=env.unwrapped.task.interval)
+
+
+def bridge(seconds: float, advance: Callable[[], object]) -> Speed:
+    """Time the native vector behind the interface of stable-baselines3."""
+    from optimisation.rl.vec_env import make_native
+
+    env = make_native(PASSIVE, BRIDGE, **PASSAGE)
+    env.reset()
+    actions = np.zeros(BRIDGE, dtype=np.int64)
+    speed = timed("stable-baselines3 bridge", BRIDGE, lambda: env.step(actions), seconds, advance)
+    env.close()
+    return speed
+
+
+def training(seconds: float, advance: Callable[[], object]) -> Speed:
+    """Time PPO's whole loop on the sweep task: collecting, learning, resetting."""
+    with optional():
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.logger import Logger
+        from stable_baselines3.common.vec_env import VecMonitor
+
+    from optimisation.rl.vec_env import make_native
+
+    env = VecMonitor(make_native(SWEEP, TRAINED, **PASSAGE, absorber_options={}))
+    model = PPO("MlpPolicy", env, n_steps=16, batch_size=1024, n_epochs=4, seed=0, device="cpu")
+    model.set_logger(Logger(None, []))  # its own would leave a folder in the temporary one at every call of learn
+    round_of = 16 * TRAINED
+    model.learn(round_of)
+    rates = []
+    for _ in range(REPEATS):
+        count, start = 0, time.perf_counter()
+        while (passed := time.perf_counter() - start) < seconds:
+            model.learn(round_of, reset_num_timesteps=False)
+            count += round_of
+        rates.append(count / passed)
+        advance()
+    env.close()
+    return Speed("PPO's whole loop", TRAINED, statistics.median(rates), tuple(rates))
+
+
+def first_step() -> tuple[float, float]:
+    """Return the times in s that a new process needs to import what there is, and then to make an environment and do its first step."""
+    pairs = []
+    for _ in range(REPEATS):
+        done = subprocess.run([sys.executable, "-c", FIRST_STEP], capture_output=True, text=True, check=True)
+        pairs.append([float(number) for number in done.stdout.split()])
+    imported, made = zip(*pairs, strict=True)
+    return statistics.median(imported), statistics.median(made)
+
+
+def cases() -> list[Callable[[float, Callable[[], object]], Speed]]:
+    """Return what is timed, in the order of the table."""
+    cores = available_cores()
+
+    def native(lanes: int) -> Callable[[float, Callable[[], object]], Speed]:
+        return lambda seconds, advance: vector("native vector", "vector_entry_point", lanes, seconds, advance)
+
+    def asynchronous(lanes: int) -> Callable[[float, Callable[[], object]], Speed]:
+        return lambda seconds, advance: vector("Gymnasium's AsyncVectorEnv", "async", lanes, seconds, advance, vector_kwargs={"context": "spawn"})
+
+    return [
+        single,
+        *map(native, NATIVE),
+        lambda seconds, advance: vector("Gymnasium's SyncVectorEnv", "sync", OWN, seconds, advance),
+        *map(asynchronous, sorted({cores, 4 * cores})),
+        bridge,
+        training,
+        *(partial(task, f"ImpactAbsorber/{name}") for name in TRAINED_ON),
+    ]
+
+
+def table(speeds: Sequence[Json]) -> str:
+    """Return a line for each kind and number of environments."""
+    best = max(speed["steps_per_s"] for speed in speeds if speed["name"].startswith("Gymnasium"))
+    rows = []
+    for speed in speeds:
+        rate, interval = speed["steps_per_s"], speed["interval"]
+        over = f"{rate / best:.1f}" if speed["name"] not in TRAINED_ON else "-"
+        rows.append((speed["name"], f"{speed['lanes']:,}", f"{rate:,.0f}", f"{rate * interval:,.0f}", over))
+    return markdown(("environment", "lanes", "steps/s", "pseudo periods/s", "over Gymnasium's best"), rows)
+
+
+def _measure(seconds: float) -> Json:
+    every = cases()
+    with Bar(total=REPEATS * len(every), desc="timing", unit="repeat", leave=False) as bar:
+        speeds = [asdict(case(seconds, bar.update)) for case in every]
+    imported, made = first_step()
+    return {"scene": SCENE, "repeat_s": seconds, "make_and_first_step_s": made, "import_s": imported, "speeds": speeds}
+
+
+def _said(measured: Measured) -> str:
+    values, made = measured.values, measured.conditions
+    return (
+        f"{table(values['speeds'])}\n\n"
+        f"{SCENE}.\nMedian of {REPEATS} repeats of {values['repeat_s']:g} s on {made['cores']} cores ({made['processor']}).\n"
+        f"In a new process, kernels compiled: {values['import_s']:.2f} s to import gymnasium and impact_env, "
+        f"{values['make_and_first_step_s']:.2f} s for make, reset and first step."
+    )
+
+
+# settings: length of a repeat in s
+STUDY = table_study(NAME, "speed of the environments", _measure, _said)
 
 
 @command()

@@ -2,14 +2,274 @@
 
 from __future__ import annotations
 
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
+import numpy as np
 
+from impact_env.modes import modal_model
+from impact_env.parameters import Beam
+from impact_env.periodic.balance_branches import BALANCE_STEPS, frequency_problem, start_of_orbit
+from impact_env.periodic.case import Case
+from impact_env.periodic.continuation import Steps, both_ways
+from impact_env.periodic.folds import fold_near
+from impact_env.periodic.green import NoOrbit, Solution, solve, unknowns_of
+from impact_env.periodic.harmonic_balance import harmonic_balance
+from impact_env.periodic.motion import motion_of, stability_of
+from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.orbit_branches import orbit_branch
+from impact_env.periodic.schedule import EventSchedule, flying_schedule
+from impact_env.periodic.shooting import shoot
+from impact_env.periodic.survey import attractors, closed_form_orbits, orbit_of_simulation
+from impact_env.periodic.symmetric import FEWEST, closed_folds, closed_form, closed_form_branches, level_places, map_frequencies, symmetric_schedule
+from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over
 from optimisation.cli.common import command
-from studies.benchmarks.periodic import NAME, QUICK_REPEATS, REPEATS, STUDY
-from studies.one_table import table_options, table_place
+from optimisation.progress import Bar
+from optimisation.report.markdown import markdown
+from studies.one_table import table_options, table_place, table_study
 from studies.runner import run
+from studies.study import Json, Study
+
+NAME = "benchmark_periodic"
+REPEATS, QUICK_REPEATS = 21, 3
+BRANCH_POINTS = 200
+BALANCE_POINTS = 250
+MOVED = 1e-3  # rad, units of impulse: how far from the orbit Newton's method begins
+FINE_STEPS = Steps(first=0.005, least=1e-8, most=0.02, points=BRANCH_POINTS)
+DIFFERENCE = 2e-7  # of each coordinate's unit, by which a run is disturbed
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line: what was measured, its bar (None: there is none) and its median, both in ``unit``, and all repeats in the order they were made in."""
+
+    what: str
+    bar: float | None
+    median: float
+    unit: str
+    each: tuple[float, ...]
+
+
+def timed(what: str, bar: float | None, unit: str, repeats: int, work: Callable[[], object], parts: float = 1.0) -> Line:
+    """Time ``work``, which does ``parts`` of what is measured; the first call compiles and is not counted."""
+    work()
+    factor, each = {"s": 1.0, "ms": 1e3, "us": 1e6}[unit] / parts, []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        each.append(factor * (time.perf_counter() - began))
+    return Line(what, bar, statistics.median(each), unit, tuple(each))
+
+
+def case_at(modes: int, ratio: float, force: float, restitution: float = 1.0, friction: float = 0.0) -> Case:
+    """Return the paper's beam and absorber at a frequency over the first resonance's and a force in N."""
+    model = modal_model(Beam(modes=modes))
+    return Case(model, ratio * float(model.omega[0]), force, restitution=restitution, friction_limit=friction)
+
+
+def first_orbit(case: Case) -> Orbit:
+    """Return the orbit of the larger impulse."""
+    return closed_form_orbits(case).orbits[0]
+
+
+def newton(schedule: EventSchedule, orbit: Orbit, repeated: int = 1) -> Callable[[], object]:
+    """Return Newton's method from beside an orbit, whose events are listed once, or over several of its periods."""
+    case, z = orbit.case, unknowns_of(orbit.solution)
+    if repeated > 1:
+        n, m = len(orbit.schedule.events), orbit.schedule.impacts
+        phases = [z[:n] + k * orbit.schedule.turn for k in range(repeated)]
+        z = np.concatenate([*phases, *[z[n : n + m]] * repeated, z[n + m :]])
+    start = z + MOVED * np.cos(np.arange(len(z)))
+
+    def work() -> None:
+        if not isinstance(solve(case, schedule, start), Solution):
+            raise click.ClickException(f"Newton's method failed on {schedule}")
+
+    return work
+
+
+def closed_form_line(modes: int, friction: float, repeats: int) -> Line:
+    """Both branches of the closed form, for each frequency."""
+    case, count = case_at(modes, 1.0, 3.0, 1.0, friction), 1000
+    omegas = np.linspace(0.9, 1.06, count) * case.omega
+    what = f"closed form, both branches, {modes} modes"
+    return timed(what, 2.0, "us", repeats, lambda: closed_form_branches(case, omegas), count)
+
+
+def map_line(modes: int, repeats: int) -> Line:
+    """The map of the fold force with births and mergers."""
+    case = case_at(modes, 1.0, 3.0, 1.0, 0.01)
+    assert len(map_frequencies(case, 0.9, 1.06)) == FEWEST
+    what = f"fold force at {FEWEST} frequencies, births and mergers, {modes} modes"
+    return timed(what, 0.1, "s", repeats, lambda: level_places(case, 0.9, 1.06))
+
+
+def frictionless_branch(repeats: int) -> Line:
+    """200 points: events, motion and multipliers, each from the point before."""
+    case = case_at(3, 0.9, 3.0)
+    schedule, first = symmetric_schedule(False), float(case.model.omega[0])
+
+    def work() -> None:
+        z = unknowns_of(first_orbit(case_at(3, 1.0, 3.0)).solution)
+        for ratio in np.linspace(1.0, 1.06, BRANCH_POINTS):
+            solution = solve(case.changed(omega=float(ratio) * first), schedule, z)
+            if isinstance(solution, NoOrbit):
+                raise click.ClickException(solution.reason)
+            z = unknowns_of(solution)
+            stability_of(motion_of(solution))
+
+    return timed(f"frictionless, {BRANCH_POINTS} branch points with multipliers", 0.5, "s", repeats, work)
+
+
+def branch_line(what: str, bar: float, orbit: Orbit, reach: tuple[float, float], repeats: int) -> Line:
+    """Continuation through changes of the events' order, for 200 points; monitors and the order are looked at on every point."""
+    first = float(orbit.case.model.omega[0])
+    limits = (reach[0] * first, reach[1] * first)
+    points = len(orbit_branch(orbit.solution, "omega", limits, FINE_STEPS).schedules)
+    return timed(what, bar, "s", repeats, lambda: orbit_branch(orbit.solution, "omega", limits, FINE_STEPS), points / BRANCH_POINTS)
+
+
+def residual_line(orbits: dict[str, Orbit], reach: tuple[float, float]) -> Line:
+    """The exact method's residual of every orbit on the isola of three modes, and of the single ones."""
+    isola = orbits["isola"]
+    first = float(isola.case.model.omega[0])
+    branch = orbit_branch(isola.solution, "omega", (reach[0] * first, reach[1] * first), FINE_STEPS)
+    each = [orbit.residual for orbit in branch.orbits() if isinstance(orbit, Orbit)] + [orbit.residual for orbit in orbits.values()]
+    return Line(f"largest residual by propagation, {len(each)} orbits", BAR, max(each), "", tuple(each))
+
+
+def balance_line(repeats: int) -> Line:
+    """Harmonic balance as in the paper: the isola of three modes at 20 harmonics, folds located, for 250 points."""
+    case, harmonics = case_at(3, 0.95, 1.5, 1.0, 0.01), 20
+    first, best = float(case.model.omega[0]), closed_form(case)[-1]
+    balance = harmonic_balance(case.scene, case.omega, case.force, harmonics)
+    z = balance.solved(start_of_orbit(balance, best.impulse, best.phase))
+    problem = frequency_problem(balance, 0.85 * first, 1.0 * first)
+    points = len(both_ways(problem, z, case.omega, BALANCE_STEPS))
+    what = f"harmonic balance, {harmonics} harmonics, {BALANCE_POINTS} branch points, 3 modes"
+    return timed(what, 5.0, "s", repeats, lambda: both_ways(problem, z, case.omega, BALANCE_STEPS), points / BALANCE_POINTS)
+
+
+def fold_line() -> Line:
+    """Folds by Newton's method on their own conditions, against the discriminant of the closed form."""
+    each = []
+    for case in (case_at(3, 1.0, 1.5), case_at(1, 1.0, 1.5, 0.75)):
+        for omega in closed_folds(case, 0.9, 1.06):
+            at = case.changed(omega=omega, force=case.force * (1 + 1e-5))
+            for branch in closed_form_orbits(at).orbits:
+                fold = fold_near(branch.solution, "force")
+                if not isinstance(fold, NoOrbit):
+                    each.append(abs(fold.case.force / case.force - 1))
+    return Line(f"folds against the closed form, {len(each)} folds", 1e-9, max(each), "", tuple(each))
+
+
+def held_orbits() -> dict[str, Orbit]:
+    """What runs settle to with a wall that holds the absorber after a complete chatter, and with friction that holds it."""
+    cases = {"chatter": (case_at(3, 0.9, 20.0, 0.1), 300.0), "stuck": (case_at(10, 0.9726, 3.5, 0.7, 0.1), 1000.0)}
+    return {name: orbit for name, (case, settle) in cases.items() if isinstance(orbit := orbit_of_simulation(case, settle), Orbit)}
+
+
+def shooting_line(what: str, orbit: Orbit, repeats: int) -> Line:
+    """Shooting from beside an orbit: each of Newton's steps follows the whole motion event by event."""
+    phase, state = orbit.motion.mid_flight()
+    start, schedule = state * (1 + 1e-5 * np.cos(np.arange(len(state)))), orbit.schedule
+
+    def work() -> None:
+        if isinstance(shoot(orbit.case, phase, start, schedule.symmetric, schedule.period_multiple), NoOrbit):
+            raise click.ClickException(f"shooting failed on {schedule}")
+
+    return timed(what, None, "ms", repeats, work)
+
+
+def held_residual_line(orbits: dict[str, Orbit]) -> Line:
+    """The exact method's residual of the orbits on which something holds the absorber."""
+    each = [orbit.residual for orbit in orbits.values()]
+    return Line(f"largest residual by propagation, {len(each)} orbits by shooting", CHATTER_BAR, max(each), "", tuple(each))
+
+
+def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Line:
+    """Multipliers against eigenvalues of the exact method's map, differentiated by runs that are disturbed in each coordinate."""
+    each = []
+    for orbit in orbits.values():
+        case, n = orbit.case, orbit.case.model.modes
+        unit = case.gap * np.concatenate([case.omega / case.model.omega, [1.0], np.full(n, case.omega), [case.omega]])
+        start, state = orbit.motion.mid_flight()
+        columns = []
+        for k in range(len(state)):
+            step = DIFFERENCE * unit[k] * np.eye(len(state))[k]
+            columns.append((map_over(orbit.motion, start, state + step) - map_over(orbit.motion, start, state - step)) / (2 * DIFFERENCE * unit))
+        truth, values = list(np.linalg.eigvals(np.array(columns).T)), orbit.stability.multipliers
+        for value in values:
+            k = int(np.argmin(np.abs(np.array(truth) - value)))
+            each.append(float(abs(truth.pop(k) - value) / max(1.0, abs(values[0]))))
+    return Line(
+        f"multipliers against disturbed runs, {len(each)} of {len(orbits)} orbits{', complete chatter' * (bar > 1e-6)}",
+        bar,
+        max(each),
+        "",
+        tuple(each),
+    )
+
+
+def measure(repeats: int) -> list[Line]:
+    """Make all lines, one after the other."""
+    losses = first_orbit(case_at(1, 0.93, 1.5, 0.75))
+    sided = next(orbit for orbit in attractors(losses.case, [losses]) if isinstance(orbit, Orbit))
+    isola, many = first_orbit(case_at(3, 0.9523, 1.5, 1.0, 0.01)), first_orbit(case_at(10, 0.97, 3.5, 0.7, 0.1))
+    free = first_orbit(case_at(3, 0.9523, 1.5))
+    orbits = {"isola": isola, "many": many, "sided": sided, "losses": losses, "free": free}
+    twice = flying_schedule([int(wall) for wall in sided.schedule.order.wall] * 2, False, period_multiple=2)
+    slow, held = max(repeats // 4, 3), held_orbits()
+    jobs: list[Callable[[], Line]] = [
+        lambda: closed_form_line(3, 0.01, repeats),
+        lambda: closed_form_line(10, 0.1, repeats),
+        lambda: map_line(3, repeats),
+        lambda: map_line(10, repeats),
+        lambda: timed("frictionless orbit of 2 impacts by Newton, 3 modes", 0.2, "ms", repeats, newton(free.schedule, free)),
+        lambda: timed("frictionless orbit of 4 impacts by Newton, 1 mode", 0.2, "ms", repeats, newton(twice, sided, 2)),
+        lambda: frictionless_branch(slow),
+        lambda: timed("orbit with friction by Newton, 3 modes, 4 reversals", 0.1, "ms", repeats, newton(isola.schedule, isola)),
+        lambda: branch_line(f"{BRANCH_POINTS}-point branch with friction, 3 modes", 0.5, isola, (0.9, 1.0), slow),
+        lambda: timed("orbit with friction by Newton, 10 modes, 48 reversals", 2.0, "ms", repeats, newton(many.schedule, many)),
+        lambda: branch_line(f"{BRANCH_POINTS}-point branch with friction, 10 modes", 5.0, many, (0.967, 0.9712), slow),
+        lambda: shooting_line("orbit with complete chatter by shooting, 3 modes, 26 impacts", held["chatter"], slow),
+        lambda: shooting_line("orbit with a stuck phase by shooting, 10 modes, period 3, 158 reversals", held["stuck"], slow),
+        lambda: balance_line(QUICK_REPEATS),
+        lambda: residual_line(orbits, (0.9, 1.0)),
+        lambda: held_residual_line(held),
+        fold_line,
+        lambda: multiplier_line(orbits),
+        lambda: multiplier_line({"chatter": held["chatter"]}, 1e-4),
+    ]
+    return [job() for job in Bar(jobs, desc="measuring", leave=False)]
+
+
+def number(value: float, unit: str) -> str:
+    """Return a value as the table shows it."""
+    return f"{value:.1e}" if unit == "" else f"{value:.3g} {unit}"
+
+
+def _judged(line: Json) -> tuple[str, str]:
+    bar = line["bar"]
+    return ("none", "") if bar is None else (number(bar, line["unit"]), "yes" if line["median"] <= bar else "no")
+
+
+def table(lines: Sequence[Json]) -> str:
+    """Return a line for each median, with its bar."""
+    rows = [[line["what"], number(line["median"], line["unit"]), *_judged(line)] for line in lines]
+    return markdown(("what", "median", "bar", "reached"), rows)
+
+
+STUDY: Study[int] = table_study(
+    NAME,
+    "speed and accuracy of periodic orbits",
+    lambda repeats: {"lines": [asdict(line) for line in measure(repeats)]},
+    lambda measured: table(measured.values["lines"]),
+)
 
 
 @command()

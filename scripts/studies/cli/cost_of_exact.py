@@ -2,14 +2,119 @@
 
 from __future__ import annotations
 
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
+import numpy as np
 
+from impact_env.drive import PAPER_RATE, Drive, linear_sweep
+from impact_env.families.common import WINDOW_PERIODS
+from impact_env.families.rigid import rigid_regimes
+from impact_env.kernels.motion.vector import POINTS
+from impact_env.methods import Exact
 from optimisation.cli.common import command
-from studies.cost.study import NAME, PERIODS, QUICK_PERIODS, STUDY
-from studies.one_table import table_options, table_place
+from optimisation.progress import Bar
+from optimisation.report.markdown import markdown
+from optimisation.timing import Timed
+from studies.cli.benchmark import CASES, START, Case
+from studies.cost.pieces import make_room, repeat_advance, repeat_refine, repeat_scan, repeat_solve, repeat_turn
+from studies.one_table import table_options, table_place, table_study
 from studies.runner import run
+from studies.study import Json, Measured
+
+NAME = "cost"
+PERIODS, QUICK_PERIODS = 800.0, 60.0
+CALLS = 20_000
+REPEATS = 7
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part of the kernel: time of one call in ns, calls per pseudo period."""
+
+    name: str
+    ns: float
+    calls: float
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Time per pseudo period in us, slots, the least time, and the parts that were timed alone."""
+
+    case: str
+    us: float
+    slots: int
+    least_us: float
+    parts: tuple[Piece, ...]
+
+
+def nanoseconds(call: Callable[[], object]) -> float:
+    """Return the median time of one of CALLS calls."""
+    call()
+    times = []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - began)
+    return 1e9 * statistics.median(times) / CALLS
+
+
+def measure(case: Case, periods: float) -> Cost:
+    """Time a whole run, and each part in a loop of its own on the same scene."""
+    scene = case.scene()
+    omega = scene.model.resonance_omega(1)
+    run = Timed(scene, Drive(case.force, linear_sweep(omega, START, START + periods * PAPER_RATE / 1e4)), Exact())
+    responses = [run.run() for _ in range(REPEATS)]
+    us = 1e6 * statistics.median(response.wall_time for response in responses) / periods
+    events, evaluations = responses[0].steps / periods, responses[0].evaluations / periods
+    regime = rigid_regimes(scene, WINDOW_PERIODS * 2 * np.pi / omega)[0]
+    room = make_room(regime, omega, 0.5 * WINDOW_PERIODS * 2 * np.pi / omega)
+    level = 1
+    scan = nanoseconds(lambda: repeat_scan(CALLS, regime.slots, room, level))
+    turn = nanoseconds(lambda: repeat_turn(CALLS, regime.slots, room, level))
+    parts = (
+        Piece(f"{POINTS} times of the signal, its rate and the margins to walls", scan, evaluations - events),
+        Piece("amplitudes moved on", turn, evaluations - events),
+        Piece("one exact value and three derivatives (refining an event)", nanoseconds(lambda: repeat_refine(CALLS, regime.slots, room)), events),
+        Piece("slots advanced to the event", nanoseconds(lambda: repeat_advance(CALLS, regime.slots, room)), events),
+        Piece("chirp of a window", nanoseconds(lambda: repeat_solve(CALLS, regime.slots, room)), 1 / WINDOW_PERIODS),
+    )
+    return Cost(case.name, us, int(regime.slots.rows.shape[1]), 1e-3 * events * (scan + turn), parts)
+
+
+def table(cases: Sequence[Json]) -> str:
+    """Return the parts of every case: time of a call, calls, share."""
+    rows: list[tuple[str, ...]] = []
+    for case in cases:
+        us, spent = case["us"], [1e-3 * part["ns"] * part["calls"] for part in case["parts"]]
+        rest, least = us - sum(spent), case["least_us"]
+        rows.append((case["case"], f"{case['slots']} slots", "", f"{us:.3g}", "100 %"))
+        rows += [
+            ("", part["name"], f"{part['ns']:.0f} x {part['calls']:.1f}", f"{own:.2f}", f"{100 * own / us:.0f} %")
+            for part, own in zip(case["parts"], spent, strict=True)
+        ]
+        rows.append(("", "all else: jumps, joined phases, decisions, arguments", "", f"{rest:.2f}", f"{100 * rest / us:.0f} %"))
+        rows.append(("", "least: one block an event", "", f"{least:.2f}", f"{100 * least / us:.0f} %"))
+    return markdown(("case", "part", "ns x calls per period", "us", "share"), rows)
+
+
+def _measure(periods: float) -> Json:
+    return {"cases": [asdict(measure(case, periods)) for case in Bar(CASES, desc="timing", unit="case", leave=False)]}
+
+
+def _said(measured: Measured) -> str:
+    return (
+        f"{table(measured.values['cases'])}\n\n"
+        "Times per pseudo period, medians on one core. Parts are timed alone in a loop, with warm caches, and their sum is therefore a lower bound."
+    )
+
+
+# settings: pseudo periods of a run
+STUDY = table_study(NAME, "what the exact method's time is spent on", _measure, _said)
 
 
 @command()

@@ -2,15 +2,149 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
+from impact_env.ensemble import Executor
 from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
-from studies.rule_study import MARKERS, MEMBERS, OUT, QUICK_MEMBERS, QUICK_OUT, STUDY, settings
+from optimisation.machine import sources
+from optimisation.page import DOCS, published
+from optimisation.progress import runs_bar
+from optimisation.report.markdown import markdown
+from studies import rule
+from studies.rule import FRESH, Case, Row, as_json, from_json, price_at, row_of, verdicts
 from studies.runner import run
-from studies.study import with_page
+from studies.study import Json, Measured, Part, Steps, Study, rows_by_case, with_page
+
+NAME = "design_rule"
+QUICK_OUT = Path("results/design_rule")
+OUT = published(DOCS / "which_gap", QUICK_OUT)
+MEMBERS, QUICK_MEMBERS = 2, 1
+MARKERS = VERDICT, FRESH_CASES, MACHINE = "rule:verdict", "rule:fresh", "rule:machine"
+
+
+class Settings(NamedTuple):
+    """Runs for each point, whether it is a look only (no gaps halfway, no light damping), and threads (None: all cores) or an executor."""
+
+    members: int
+    quick: bool
+    threads: int | None
+    executor: Executor | None = None
+
+    @property
+    def told(self) -> Json:
+        """What the numbers depend on, as the file holds it."""
+        return {"members": self.members, "quick": self.quick}
+
+    def keep(self, values: Json) -> Json:
+        """Return what an earlier run has measured with the same settings."""
+        return values if values["settings"] == self.told else {}
+
+
+def settings(quick: bool, members: int | None, threads: int | None, executor: Executor | None = None) -> Settings:
+    """Return how much to simulate, and where."""
+    return Settings(members or (QUICK_MEMBERS if quick else MEMBERS), quick, threads, executor)
+
+
+def _run(case: Case, given: Settings) -> list[Json]:
+    with runs_bar(case.key) as show:
+        checks = rule.run_case(case, given.members, rule.STEPS, given.threads, show, given.executor, fine=not given.quick)
+    if not all(check.complete for check in checks):
+        raise KeyboardInterrupt
+    return [as_json(row_of(case, checks))]
+
+
+def _measure(given: Settings, known: Json) -> Steps:
+    cases: dict[str, Callable[[], list[Json]]] = {case.key: partial(_run, case, given) for case in rule.cases(given.quick)}
+    for values in rows_by_case(cases, lambda row: row["key"], known):
+        yield {"settings": given.told, **values}
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Return a line for each case."""
+    what = ("case", "free amplitude over gap", "best gap over rule's", "expected")
+    return markdown((*what, "level at the best, %", "at the rule's, %", "at the expected, %"), [_cells(row) for row in rows])
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    at_rule = row.relative[row.factors.index(1.0)]
+    least = min(row.relative)
+    levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, row.expected)))
+    return (row.key, f"{row.reach:.3g}", f"{row.best:.2g}", f"{row.expected:.2g}", *levels)
+
+
+def _verdict_table(rows: Sequence[Row]) -> str:
+    good = ("rule within 10 %", "expected within 10 %", "rule's worst, times", "expected's worst, times")
+    header = ("free amplitude over gap", "cases", "best gap over rule's", "from", "to", *good)
+    lines = [
+        (
+            v.label,
+            *(f"{x:.2g}" for x in (v.cases, v.median, v.low, v.high)),
+            str(v.good),
+            str(v.expected),
+            f"{v.worst:.2f}",
+            f"{v.worst_expected:.2f}",
+        )
+        for v in verdicts(rows)
+    ]
+    return markdown(header, lines)
+
+
+def _rows(measured: Measured) -> list[Row]:
+    return [from_json(row) for row in measured.values["rows"]]
+
+
+def sections(measured: Measured) -> dict[str, str]:
+    """Return the verdict, the cases that nothing is fitted to so far, and where it was measured; all other cases are in the JSON file."""
+    rows = _rows(measured)
+    fresh = [row for row in rows if row.varied == FRESH]
+    return {VERDICT: _verdict_table(rows), FRESH_CASES: table(fresh) if fresh else "Not measured yet.", MACHINE: sources(measured.conditions)}
+
+
+def said(measured: Measured) -> str:
+    """Return a line for each class of cases."""
+    return "\n".join(
+        f"free amplitude over gap {v.label}: best gap {v.low:.2g} to {v.high:.2g} of the rule's, {v.cases} cases" for v in verdicts(_rows(measured))
+    )
+
+
+def pack(_name: str, measured: Measured) -> Json:
+    """Return what the JSON file holds."""
+    return {
+        "settings": measured.values["settings"],
+        "conditions": measured.conditions,
+        "complete": measured.complete,
+        "rows": measured.values["rows"],
+    }
+
+
+def unpack(_name: str, content: Json) -> Measured:
+    """Return what `pack` has packed; raises KeyError or TypeError if it was another."""
+    rows = [as_json(from_json(row)) for row in content["rows"]]
+    return Measured({"settings": content["settings"], "rows": rows}, {"wall_s": 0.0, **content["conditions"]}, bool(content.get("complete", True)))
+
+
+STUDY: Study[Settings] = Study(
+    (
+        Part(
+            NAME,
+            "where the design rule holds",
+            measure=_measure,
+            markers=MARKERS,
+            sections=sections,
+            whole=lambda given, values: len(values["rows"]) == len(rule.cases(given.quick)),
+            said=said,
+        ),
+    ),
+    pack=pack,
+    unpack=unpack,
+    kept="the same command goes on from here.",
+)
 
 
 @command()

@@ -11,8 +11,7 @@ import click
 
 from optimisation.cli.common import command
 from studies.accuracy import trajectory
-from studies.accuracy.cases import KINDS
-from studies.accuracy.settings import FULL, QUICK
+from studies.accuracy.cases import FULL, KINDS, QUICK
 from studies.accuracy.study import OUT, PARTS, QUICK_OUT, STUDY
 from studies.runner import run
 from studies.study import with_page

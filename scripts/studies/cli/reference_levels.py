@@ -2,15 +2,188 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import click
+import numpy as np
 
-from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.curve import BAND, DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves, quantiles
+from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorber
+from impact_env.scene import beam_scene
 from optimisation.cli.common import command
-from studies.levels import NAME, STUDY, Settings
-from studies.one_table import table_options, table_place
+from optimisation.progress import sweeps_bar
+from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
+from studies.study import Json, Measured
+
+NAME = "levels"
+MM = 1e3
+
+
+class Settings(NamedTuple):
+    """Runs for each point, and the seed of their phases and forces."""
+
+    members: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Column:
+    """A scene near a resonance: forces in N, and for each the earlier level in mm with the digits in which it is known, as a number or a span.
+
+    An earlier number is one draw of what is a random variable in the impact regimes: the Moreau scheme at 20 steps per period of the highest mode.
+    """
+
+    name: str
+    absorber: Absorber | None
+    forces: tuple[float, ...]
+    earlier: tuple[str, ...]
+    resonance: int = 1
+    modes: int = 10
+
+    def case(self) -> CurveCase:
+        """Return what is to be computed."""
+        return CurveCase(beam_scene(Beam(modes=self.modes), self.absorber), np.array(self.forces), self.resonance)
+
+
+PAPERS_BEST = impact_absorber(restitution=0.7, friction_limit=0.1)
+FIRST = (1.5, 3.5, 5.0, 20.0)
+END_OF_PLATEAU = (40.0, 45.0)
+PLATEAU = Column("e = 0.7, muN = 0.1 N", PAPERS_BEST, (15.0, 20.0, 25.0, 30.0, 35.0, 40.0), ("0.44 to 0.57",) * 6, 2)
+PAST_PLATEAU = 45.0
+COLUMNS = (
+    Column("no absorber", None, FIRST, ("1.345", "3.138", "4.483", "17.93")),
+    Column("e = 1, no friction", impact_absorber(), FIRST, ("0.57", "0.79", "2.24", "16.8")),
+    Column("e = 0.7, muN = 0.1 N", PAPERS_BEST, FIRST, ("0.60", "0.64", "1.84", "16.7")),
+    Column("friction damper, muN = 0.5 N", friction_damper(), FIRST, ("0.77", "1.26", "2.19", "15.5")),
+    Column("1 mode, e = 1, no friction", impact_absorber(), FIRST, ("1.28", "3.19", "4.67", "18.6"), modes=1),
+    Column("3 modes, e = 1, no friction", impact_absorber(), FIRST, ("0.74", "2.51", "3.96", "18.1"), modes=3),
+    PLATEAU,
+    Column("no absorber", None, END_OF_PLATEAU, ("2.7", "3.1"), 2),
+    Column("friction damper, muN = 0.5 N", friction_damper(), END_OF_PLATEAU, ("2.7", "3.0"), 2),
+)
+PAST = Column("past the plateau", PAPERS_BEST, (PAST_PLATEAU,), ("above 0.57",), 2)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Median and band over the members, and the earlier number or span, all in mm."""
+
+    column: Column
+    force: float
+    median: float
+    band: tuple[float, float]
+    earlier: str
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """What the earlier number stands for: half a unit of its last digit to either side."""
+        ends = self.earlier.split(" to ")
+        half = [0.5 * 10.0 ** -len(end.partition(".")[2]) for end in ends]
+        return float(ends[0]) - half[0], float(ends[-1]) + half[-1]
+
+    @property
+    def inside(self) -> bool:
+        """Whether the earlier number is in the band; for a span, whether the median is in it."""
+        low, high = self.span
+        if " to " in self.earlier:
+            return low <= self.median <= high
+        return self.band[0] <= high and low <= self.band[1]
+
+    @property
+    def deviation(self) -> float | None:
+        """Median less the earlier number, in percent of it; None for a span."""
+        return None if " to " in self.earlier else 100 * (self.median / float(self.earlier) - 1)
+
+    def values(self) -> dict[str, object]:
+        """Return what the JSON file holds."""
+        return {
+            "resonance": self.column.resonance,
+            "scene": self.column.name,
+            "modes": self.column.modes,
+            "force_n": self.force,
+            "level_median_m": self.median / MM,
+            "level_5_to_95_percent_m": [x / MM for x in self.band],
+            "earlier_mm": self.earlier,
+            "deviation_percent": self.deviation,
+            "inside": self.inside,
+        }
+
+
+def compare(column: Column, curve: PerformanceCurve) -> Iterator[Compared]:
+    """Yield a line for each force of a column."""
+    for k, earlier in enumerate(column.earlier):
+        median, low, high = (float(x) for x in MM * quantiles(curve.combined, (0.5, *BAND))[:, k])
+        yield Compared(column, column.forces[k], median, (low, high), earlier)
+
+
+def plateau_sentence(levels: Sequence[Json], past: Sequence[float]) -> str:
+    """Say in words where the second resonance's plateau lies and how many members (their levels in m in ``past``) have left it past its end."""
+    own = (PLATEAU.resonance, PLATEAU.name)
+    plateau = [level for level in levels if (level["resonance"], level["scene"]) == own and level["force_n"] in PLATEAU.forces]
+    medians, top = [MM * level["level_median_m"] for level in plateau], MM * max(level["level_5_to_95_percent_m"][1] for level in plateau)
+    beyond = MM * np.array(past)
+    return (
+        f"Second resonance, {PLATEAU.name}: the median lies between {min(medians):.3f} and {max(medians):.3f} mm\n"
+        f"from {PLATEAU.forces[0]:g} to {PLATEAU.forces[-1]:g} N. At {PAST_PLATEAU:g} N it is {np.median(beyond):.3f} mm, and "
+        f"{np.sum(beyond > top)} of {len(beyond)} members lie above the plateau's\nhighest band, which ends at {top:.3f} mm."
+    )
+
+
+def table(levels: Sequence[Json]) -> str:
+    """Return a line for each scene and force."""
+    columns = {
+        "resonance and scene": "{resonance}: {scene}",
+        "force, N": "{force_n:g}",
+        "median, mm": "{mm[0]:.4g}",
+        "5 to 95 %, mm": "{mm[1]:.4g} to {mm[2]:.4g}",
+        "earlier, mm": "{earlier_mm}",
+        "median less earlier": "{less}",
+        "in band": "{word}",
+    }
+    off = ("" if (x := level["deviation_percent"]) is None else f"{x:+.1f} %" for level in levels)
+    rows = (
+        {
+            **level,
+            "mm": [MM * x for x in (level["level_median_m"], *level["level_5_to_95_percent_m"])],
+            "less": less,
+            "word": "yes" if level["inside"] else "no",
+        }
+        for level, less in zip(levels, off, strict=True)
+    )
+    return lines(columns, rows)
+
+
+def notes(levels: Sequence[Json], members: int) -> str:
+    """Say how many levels are in their bands, how far off the others are, and how to read the table."""
+    inside, off = sum(level["inside"] for level in levels), [abs(x) for level in levels if (x := level["deviation_percent"]) is not None]
+    return (
+        f"{inside} of {len(levels)} lie in the band. The medians differ from the earlier numbers by {np.median(off):.1f} % as a rule (median), "
+        f"{max(off):.1f} % at most.\n"
+        f"Levels: the larger of a sweep up and a sweep down; exact method, {members} members. Earlier: the Moreau scheme, 20 steps per\n"
+        "period of the highest mode, one draw each. A number is in the band to its last digit; a span, if the median is in it. Where the\n"
+        "level hardly depends on the phase, the band is narrower than the error of a scheme with steps: there the deviation says more."
+    )
+
+
+def _measure(settings: Settings) -> Json:
+    with sweeps_bar("sweeping", leave=False) as show:
+        curves = performance_curves([column.case() for column in (*COLUMNS, PAST)], settings.members, settings.seed, progress=show)
+    if not all(curve.complete for curve in curves):
+        raise KeyboardInterrupt
+    levels = [result.values() for column, curve in zip(COLUMNS, curves, strict=False) for result in compare(column, curve)]
+    return {"members": settings.members, "seed": settings.seed, "levels": levels, "past_plateau_level_m": curves[-1].combined[0].tolist()}
+
+
+def _said(measured: Measured) -> str:
+    levels, past = measured.values["levels"], measured.values["past_plateau_level_m"]
+    return f"{table(levels)}\n\n{notes(levels, measured.values['members'])}\n\n{plateau_sentence(levels, past)}"
+
+
+STUDY = table_study(NAME, "levels beside earlier numbers", _measure, _said)
 
 
 @command()

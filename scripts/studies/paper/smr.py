@@ -163,7 +163,8 @@ def _elsewhere(settings: Settings, size: Sizes) -> list[Json]:
         k = slice(resonance - 1, resonance)
         model = ModalModel(whole.omega[k], whole.damping_ratio[k], whole.force_shape[k], whole.tip_shape[k], whole.beam_mass)
         own = Scene(model, impact_absorber())
-        force = FORCE * _free_tip(scene().model) / _free_tip(model)
+        free = [RigidWalls.gap / _free_tip(each) for each in (model, scene().model)]  # N at which the free tip fills the gap
+        force = FORCE * free[0] / free[1]
         schedule = constant_frequency(model.resonance_omega(1), 1.0, SETTLE + periods)
         found = settings.each(f"{LABEL}: resonance {resonance}", [Lane(own, drive) for drive in drawn.drives(force, schedule)], Shares(periods))
         rows.append({"resonance": resonance, "force_n": force, "share": [x for one in found for x in one]})
