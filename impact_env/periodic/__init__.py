@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from impact_env.periodic.bifurcation_curves import BifurcationCurve, bifurcation_curve, bifurcation_curves
     from impact_env.periodic.case import Case, case_of
     from impact_env.periodic.green import NoOrbit
     from impact_env.periodic.jump import Hazard, Range, hazard, jumps
@@ -16,11 +17,13 @@ if TYPE_CHECKING:
     from impact_env.periodic.offspring import descendants
     from impact_env.periodic.orbit import Orbit, confirmed, shot_orbit
     from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
+    from impact_env.periodic.plain_orbits import orbit_of, plain_orbit, unpacked
     from impact_env.periodic.residence import Approach, exit_rate, stays
     from impact_env.periodic.survey import closed_form_orbits, orbit_of_simulation
 
 __all__ = [
     "Approach",
+    "BifurcationCurve",
     "Case",
     "Exponent",
     "Hazard",
@@ -28,6 +31,8 @@ __all__ = [
     "Orbit",
     "OrbitBranch",
     "Range",
+    "bifurcation_curve",
+    "bifurcation_curves",
     "case_of",
     "closed_form_orbits",
     "confirmed",
@@ -38,11 +43,15 @@ __all__ = [
     "largest_exponent",
     "orbit_branch",
     "orbit_branches",
+    "orbit_of",
     "orbit_of_simulation",
+    "plain_orbit",
     "shot_orbit",
     "stays",
+    "unpacked",
 ]
 _MODULES = {
+    "bifurcation_curves": ("BifurcationCurve", "bifurcation_curve", "bifurcation_curves"),
     "case": ("Case", "case_of"),
     "green": ("NoOrbit",),
     "jump": ("Hazard", "Range", "hazard", "jumps"),
@@ -50,6 +59,7 @@ _MODULES = {
     "offspring": ("descendants",),
     "orbit": ("Orbit", "confirmed", "shot_orbit"),
     "orbit_branches": ("OrbitBranch", "orbit_branch", "orbit_branches"),
+    "plain_orbits": ("orbit_of", "plain_orbit", "unpacked"),
     "residence": ("Approach", "exit_rate", "stays"),
     "survey": ("closed_form_orbits", "orbit_of_simulation"),
 }

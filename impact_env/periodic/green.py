@@ -120,9 +120,14 @@ class Conditions:
 
     def __call__(self, z: Array, value: float) -> tuple[Array, Array]:
         """Return the conditions (m,) at unknowns (m,), and their derivatives (m, m + 1) by the unknowns and by the parameter."""
+        return self.over(z, {self.parameter: value})
+
+    def over(self, z: Array, values: dict[str, float]) -> tuple[Array, Array]:
+        """Return the same with several parameters: one more column (m,) for each."""
         order, structure = self.schedule.order, self.case.structure
-        field = Point._fields[PARAMETERS[self.parameter]]
-        point = self.case.point._replace(**{field: value})  # the units stay those of the case's own gap
+        # the units stay those of the case's own gap
+        point = self.case.point._replace(**{Point._fields[PARAMETERS[name]]: value for name, value in values.items()})
         system, z = new_system(len(z)), np.ascontiguousarray(z, dtype=float)
         conditions(structure, point, order, z, self.case.scale, new_room(structure, order), system, True)
-        return system.residual, np.column_stack([system.jacobian[:, : len(z)], system.jacobian[:, len(z) + PARAMETERS[self.parameter]]])
+        columns = [*range(len(z)), *(len(z) + PARAMETERS[name] for name in values)]
+        return system.residual, np.asarray(system.jacobian[:, columns])

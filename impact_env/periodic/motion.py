@@ -162,13 +162,23 @@ class Motion(Periodic):
 
     @cached_property
     def _monodromy(self) -> tuple[Array, Array]:
-        solution = self.solution
-        case, order = solution.case, solution.schedule.order
-        size = 2 * case.model.modes + 2
-        jumps = case.friction_limit * (np.append(order.mirror * order.sign[-1], order.sign[:-1]) - order.sign)
-        matrix, turning = np.empty((size, size)), np.empty(len(jumps))
-        monodromy(case.structure, case.point, order, self.flights, solution.impulses, jumps, matrix, turning)
-        return matrix, turning
+        return _monodromy_of(self.solution, self.flights)
+
+
+def _monodromy_of(solution: Solution, flights: Flights) -> tuple[Array, Array]:
+    """Return `Motion.derivative` and `Motion.turning`."""
+    case, order = solution.case, solution.schedule.order
+    size = 2 * case.model.modes + 2
+    jumps = case.friction_limit * (np.append(order.mirror * order.sign[-1], order.sign[:-1]) - order.sign)
+    matrix, turning = np.empty((size, size)), np.empty(len(jumps))
+    monodromy(case.structure, case.point, order, flights, solution.impulses, jumps, matrix, turning)
+    return matrix, turning
+
+
+def derivative_of(solution: Solution) -> Array:
+    """Return `Motion.derivative` without a look at what the motion does between its events; next to a solution too."""
+    case, order = solution.case, solution.schedule.order
+    return _monodromy_of(solution, flights_of(case.structure, case.point, order, solution.phases, solution.impulses))[0]
 
 
 def motion_of(solution: Solution) -> Motion:

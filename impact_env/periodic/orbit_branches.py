@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import CLOSED, FOLD, STOPPED, Branch, Located, Monitor
+from impact_env.periodic.branch import CLOSED, FOLD, STOPPED, Branch, Located, Monitor, Residual
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, continuation
 from impact_env.periodic.folds import Fold, fold_near
@@ -52,7 +52,7 @@ class OrbitBranch:
 
     def solution(self, k: int) -> Solution:
         """Return the solution at point ``k``."""
-        return _solution(self.case, self.branch.parameter, self.schedules[k], self.branch.points[k], float(self.branch.parameters[k]))
+        return solution_in(self.case, self.schedules[k], self.branch.points[k], {self.branch.parameter: float(self.branch.parameters[k])})
 
     def orbits(self) -> Iterator[Orbit | NoOrbit]:
         """Yield each point's orbit, confirmed by the exact method, or why it is none."""
@@ -71,7 +71,7 @@ class OrbitBranch:
     def _located(self, kind: str) -> Iterator[Solution]:
         for event, schedule in zip(self.branch.located, self.located_schedules, strict=True):
             if event.kind == kind:
-                yield _solution(self.case, self.branch.parameter, schedule, event.point, event.parameter)
+                yield solution_in(self.case, schedule, event.point, {self.branch.parameter: event.parameter})
 
 
 def _turns_on_circle(motion: Motion) -> bool:
@@ -80,9 +80,9 @@ def _turns_on_circle(motion: Motion) -> bool:
     return bool(np.min(np.abs(np.abs(pairs) - 1), initial=np.inf) < ON_CIRCLE)
 
 
-def _solution(units: Case, parameter: str, schedule: EventSchedule, z: Array, value: float) -> Solution:
-    """Return the solution with unknowns (m,) in the units of a branch's own case, at a value of its parameter."""
-    case = units.changed(**{parameter: value})
+def solution_in(units: Case, schedule: EventSchedule, z: Array, values: dict[str, float]) -> Solution:
+    """Return the solution with unknowns (m,) in the units of a branch's own case, at values of its parameters."""
+    case = units.changed(**values)
     n, scaled = len(schedule.events), np.array(z)
     scaled[n : n + schedule.impacts] *= units.scale.impulse / case.scale.impulse
     scaled[n + schedule.impacts :] *= units.scale.length / case.scale.length
@@ -90,7 +90,7 @@ def _solution(units: Case, parameter: str, schedule: EventSchedule, z: Array, va
 
 
 @dataclass(eq=False)
-class _Walk:
+class Walk:
     """What a continuation needs to know on its way: the schedule in use, and those of the points passed."""
 
     case: Case
@@ -104,13 +104,26 @@ class _Walk:
         """Return the motion at a point; monitors and `recentre` ask for the same one."""
         key = (self.schedule, value, z.tobytes())
         if self.last is None or self.last[0] != key:
-            self.last = (key, motion_of(_solution(self.case, self.parameter, self.schedule, z, value)))
+            self.last = (key, motion_of(self.solution(z, value)))
         return self.last[1]
 
+    def solution(self, z: Array, value: float) -> Solution:
+        """Return the solution at a point."""
+        return solution_in(self.case, self.schedule, z, {self.parameter: value})
+
+    def residual(self) -> Residual:
+        """Return what is continued, with the schedule in use."""
+        return Conditions(self.case, self.schedule, self.parameter)
+
+    def clearance(self, z: Array, value: float) -> float:
+        """Return what is zero where the absorber grazes a wall."""
+        return self.motion(z, value).clearance / self.case.gap
+
     def monitors(self) -> tuple[Monitor, ...]:
+        """Return what is watched."""
         return (
-            Monitor(GRAZING, lambda z, value: self.motion(z, value).clearance / self.case.gap, ends=True),
-            Monitor(PULLING, lambda z, _value: self._weakest(z), ends=True),
+            Monitor(GRAZING, self.clearance, ends=True),
+            Monitor(PULLING, self.weakest, ends=True),
             Monitor(SYMMETRY_BREAKING if self.schedule.symmetric else PERIOD_DOUBLING, self._turning_back),
             Monitor(TORUS, self._on_circle),
         )
@@ -131,65 +144,74 @@ class _Walk:
         matrix = self.motion(z, value).derivative
         return float(np.linalg.det(matrix + np.eye(len(matrix))))
 
-    def _weakest(self, z: Array) -> float:
+    def weakest(self, z: Array, _value: float) -> float:
+        """Return the least of the impulses, above 0 where all walls push."""
         order, n = self.schedule.order, len(self.schedule.events)
         return float(np.min(-order.wall[order.wall != 0] * z[n : n + self.schedule.impacts]))
+
+    def schedules(self, first: EventSchedule, number: int) -> list[EventSchedule]:
+        """Return those of the points passed: point k > 0 was found with the one that was in use before it was asked whether to change."""
+        passed = [first, *self.passed]
+        return [*passed, *[self.schedule] * (number - len(passed))][:number]
 
     def recentre(self, z: Array, value: float, along: Array) -> Chart | None:
         """Return the unknowns of the order of events that the motion shows, if it is another one."""
         self.passed.append(self.schedule)
         if self.case.changed(**{self.parameter: value}).friction_limit == 0:
             return None
-        motion, hits = self.motion(z, value), self.schedule.order.wall != 0
-        if self.heading is None or (consistent(motion) and not is_held(motion)):
-            self.heading = np.concatenate([along[: len(hits)][hits], along[len(hits) :]])
-        if consistent(motion) and not is_held(motion):
+        motion = self.motion(z, value)
+        if self.right(motion, along):
             return None
         found = reordered(motion.solution.case, self.schedule, unknowns_of(motion.solution))
         if isinstance(found, NoOrbit) or found.solution.schedule == self.schedule or found.solution.schedule.impacts != self.schedule.impacts:
             return None
-        return self._chart(found.solution, float(z[0]))
+        return self.chart(found.solution, float(z[0]))
 
-    def _chart(self, solution: Solution, first: float) -> Chart:
+    def right(self, motion: Motion, along: Array) -> bool:
+        """Return whether the schedule is the motion's; the way ``along`` the branch is remembered then."""
+        right, hits = consistent(motion) and not is_held(motion), self.schedule.order.wall != 0
+        if self.heading is None or right:
+            self.heading = np.concatenate([along[: len(hits)][hits], along[len(hits) :]])
+        return right
+
+    def chart(self, solution: Solution, first: float, more: tuple[float, ...] = (), scale: Array | float = 1.0) -> Chart:
         """Return the unknowns of a solution, the first event's phase counted on from ``first`` (rad); the way on is that at the last orbit passed.
 
-        Where two reversals meet the unknowns have a fold of their own, behind which the old tangent leads back.
+        Where two reversals meet the unknowns have a fold of their own, behind which the old tangent leads back. ``more`` unknowns come behind those
+        of the solution.
         """
-        new, direction = solution.schedule.order.wall != 0, np.zeros(solution.schedule.unknowns + 1)
+        new, direction = solution.schedule.order.wall != 0, np.zeros(solution.schedule.unknowns + len(more) + 1)
         assert self.heading is not None
         direction[: len(new)][new] = self.heading[: int(np.sum(new))]
         direction[len(new) :] = self.heading[int(np.sum(new)) :]
         self.schedule = solution.schedule
-        conditions = Conditions(self.case, self.schedule, self.parameter)
         z, m = unknowns_of(solution), self.schedule.impacts
         whole = 2 * np.pi * self.schedule.period_multiple
         z[: len(new)] += whole * round((first - float(z[0])) / whole)  # so that a closed branch is known again
         z[len(new) : len(new) + m] *= solution.case.scale.impulse / self.case.scale.impulse
         z[len(new) + m :] *= solution.case.scale.length / self.case.scale.length
-        return Chart(conditions, z, direction, 1.0, self.monitors())
+        return Chart(self.residual(), np.append(z, more), direction, scale, self.monitors())
 
 
 def _one_way(
     solution: Solution, parameter: str, limits: tuple[float, float], direction: float, steps: Steps, progress: Progress | None
 ) -> tuple[Branch, list[EventSchedule]]:
-    walk = _Walk(solution.case, parameter, solution.schedule)
+    walk = Walk(solution.case, parameter, solution.schedule)
     value = getattr(solution.case, parameter)
     problem = Problem(
-        Conditions(solution.case, solution.schedule, parameter),
+        walk.residual(),
         parameter,
         1.0,
-        PARAMETER_SHARE * _size(parameter, value, limits),
+        PARAMETER_SHARE * size_of(parameter, value, limits),
         limits,
         walk.monitors(),
         walk.recentre,
     )
     branch = continuation(problem, unknowns_of(solution), value, direction, steps, progress)
-    # point k > 0 was found with the schedule that was in use before it was asked whether to change
-    passed = [solution.schedule, *walk.passed]
-    return branch, [*passed, *[walk.schedule] * (len(branch) - len(passed))][: len(branch)]
+    return branch, walk.schedules(solution.schedule, len(branch))
 
 
-def _size(parameter: str, value: float, limits: tuple[float, float]) -> float:
+def size_of(parameter: str, value: float, limits: tuple[float, float]) -> float:
     """Return the scale of a parameter, of which changes are shares: its value for the frequency, the largest one within its limits for all others."""
     if parameter == "omega":
         return abs(value)
@@ -206,13 +228,14 @@ def orbit_branch(
     """
     forward, schedules = _one_way(solution, parameter, limits, 1.0, steps, progress)
     if forward.ended in (CLOSED, STOPPED):
-        return OrbitBranch(solution.case, forward, tuple(schedules), _located(forward.located, schedules))
+        return OrbitBranch(solution.case, forward, tuple(schedules), located_schedules(forward.located, schedules))
     backward, others = _one_way(solution, parameter, limits, -1.0, steps, progress)
-    located = (*reversed(_located(backward.located, others)), *_located(forward.located, schedules))
+    located = (*reversed(located_schedules(backward.located, others)), *located_schedules(forward.located, schedules))
     return OrbitBranch(solution.case, forward.joined(backward), (*others[:0:-1], *schedules), located)
 
 
-def _located(located: tuple[Located, ...], schedules: list[EventSchedule]) -> tuple[EventSchedule, ...]:
+def located_schedules(located: tuple[Located, ...], schedules: list[EventSchedule]) -> tuple[EventSchedule, ...]:
+    """Return the schedule of each place located, from those of the points."""
     return tuple(schedules[min(event.after + 1, len(schedules) - 1)] for event in located)
 
 
@@ -264,12 +287,15 @@ def lies_on(places: Array, solution: Solution) -> bool:
     return near(places, place(solution))
 
 
-def mirrors(places: Array, solution: Solution) -> bool:
-    """Return whether a solution or its mirror image lies next to the polyline through places (m, 3), whichever impact it is counted from."""
+def mirrors(places: Array, solution: Solution, *more: float) -> bool:
+    """Return whether a solution or its mirror image lies next to the polyline through places (m, 3), whichever impact it is counted from.
+
+    ``more``: what places have behind their three numbers.
+    """
     ratio = math.log(solution.case.omega) / PARAMETER_SHARE
     hits = solution.schedule.order.wall != 0
     pairs = zip(solution.phases[hits], solution.impulses[hits] / solution.case.scale.impulse, strict=True)
-    return any(near(places, np.array([p + k * np.pi, (-1.0) ** k * i, ratio])) for p, i in pairs for k in (0, 1))
+    return any(near(places, np.array([p + k * np.pi, (-1.0) ** k * i, ratio, *more])) for p, i in pairs for k in (0, 1))
 
 
 def near(places: Array, point: Array) -> bool:

@@ -16,6 +16,7 @@ from impact_env.periodic.harmonic_balance import OMEGA, Balance
 from impact_env.periodic.motion import Motion, stability_of
 from impact_env.periodic.orbit import confirmed
 from impact_env.periodic.orbit_branches import ON_CIRCLE, OrbitBranch
+from impact_env.periodic.plain_orbits import packed
 
 Real = NDArray[np.float64]
 EXACT, HARMONIC_BALANCE = "exact orbits", "harmonic balance"
@@ -44,7 +45,7 @@ class ResponseCurve:
 
     ``stable`` and ``slowly_stable`` (m,) of booleans, None where the method does not tell: the second leaves the fast multipliers out. ``refused``:
     what was said of the points without an orbit, and how often. ``period``: in periods of the force; ``symmetric``: each half is the other's mirror
-    image.
+    image. ``orbits``: the points' orbits as `packed` has them, which are read back and run again; None where the method has none.
     """
 
     method: str
@@ -59,6 +60,7 @@ class ResponseCurve:
     refused: tuple[tuple[str, int], ...] = ()
     period: int = 1
     symmetric: bool = True
+    orbits: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
         rows = [row for row in (self.omega_ratio, self.tip_max, self.tip_rms, self.stable, self.slowly_stable) if row is not None]
@@ -93,7 +95,7 @@ class ResponseCurve:
         plain |= {name: [float(x) if np.isfinite(x) else None for x in row] for name, row in rows.items()}
         for name, truths in (("stable", self.stable), ("slowly_stable", self.slowly_stable)):
             plain[name] = None if truths is None else truths.tolist()
-        return plain
+        return plain | {"orbits": self.orbits}
 
     @staticmethod
     def from_plain(plain: dict[str, Any]) -> ResponseCurve:
@@ -106,7 +108,7 @@ class ResponseCurve:
         )
         stable, slowly = (None if plain[name] is None else np.array(plain[name], dtype=np.bool_) for name in ("stable", "slowly_stable"))
         refused = tuple((each["reason"], each["points"]) for each in plain["refused"])
-        more = plain.get("period", 1), plain.get("symmetric", True)
+        more = plain.get("period", 1), plain.get("symmetric", True), plain.get("orbits")
         return ResponseCurve(plain["method"], ratio, largest, rms, marks, plain["closed"], plain["ended"], stable, slowly, refused, *more)
 
     def rows(self, number: int) -> Iterator[tuple[object, ...]]:
@@ -170,6 +172,7 @@ def orbit_curve(orbits: OrbitBranch, reference: float, folds: Iterable[Motion] |
         tuple(refused.items()),
         orbits.schedules[0].period_multiple,
         orbits.schedules[0].symmetric,
+        packed(found),
     )
 
 

@@ -151,7 +151,7 @@ def runs_table(result: Overview) -> str:
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads of these runs; no number depends on it.  [default: all cores]")
 @cluster_option
 @click.option("--resume", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=RESUME)
-@json_option("Write all curves, in SI units.")
+@json_option("Write all curves and their orbits, in SI units; compressed if it ends in .gz.")
 @click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a row for each point of a curve.")
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Draw it: .png, .pdf or .svg.")
 def main(**given: Any) -> None:
@@ -162,7 +162,7 @@ def main(**given: Any) -> None:
     run with the same scene, force and range.
     """
     with plain_errors(), workers(given["threads"], given["cluster"]) as executor:
-        for option, suffixes in (("json", (".json",)), ("csv", (".csv",)), ("plot", FIGURES)):
+        for option, suffixes in (("json", (".json", ".gz")), ("csv", (".csv",)), ("plot", FIGURES)):
             check_target(f"--{option}", given[option], suffixes)
         check_target("--resume", given["resume"], (".json",))
         given |= {"stiffness": None, "absorber_damping": None}

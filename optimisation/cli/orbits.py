@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import click
@@ -12,30 +13,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, count, positive, require
+from impact_env.periodic.bifurcation_curves import KINDS, bifurcation_curves
+from impact_env.periodic.branch import STOPPED
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import folds, thresholds
-from impact_env.periodic.offspring import all_orbits_over
+from impact_env.periodic.offspring import all_orbits_over, descendants
 from impact_env.periodic.orbit import Orbit
-from impact_env.periodic.orbit_branches import lies_on, orbit_branch, places_of
+from impact_env.periodic.orbit_branches import OrbitBranch, lies_on, orbit_branch, orbit_branches, places_of
+from impact_env.periodic.plain_orbits import plain_orbit
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.periodic.survey import Found, attractors, closed_form_orbits, different, orbits_over
 from impact_env.periodic.validation import validation_alongside
 from optimisation.bounds import design_force
-from optimisation.cli.common import BadInput, check_target, command, end_early, json_option, plain_errors
+from optimisation.cli.common import FIGURES, BadInput, check_target, command, end_early, json_option, name_files, plain_errors
 from optimisation.cli.structure_option import model_of, read_device, refuse_beside, scene_option, structure_option
-from optimisation.files import write_json
+from optimisation.files import replacing, write_csv, write_json
 from optimisation.gap_check import rigid_walls
 from optimisation.mounting import mounted
 from optimisation.progress import stages_bar
 from optimisation.report.markdown import markdown
-from optimisation.report.orbit_tables import fold_text, orbit_table, plain_fold, plain_orbit, plain_threshold, refusals, threshold_text
+from optimisation.report.orbit_tables import (
+    CURVE_COLUMNS,
+    curve_rows,
+    curve_text,
+    fold_text,
+    orbit_table,
+    plain_fold,
+    plain_threshold,
+    refusals,
+    threshold_text,
+)
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure or --scene by the design rule]"
 FROM, TO = 0.9, 1.06  # of the first resonance, the paper's range
 POINTS, AROUND, RANGE = 81, 21, 0.02  # frequencies listed, and those from which branches lead to a single one, with its neighbourhood
 ALONG = ("force", "gap", "restitution", "friction-limit")
+CURVES = [kind.replace(" ", "-") for kind in KINDS]
+UNITS = {  # of each of these: its name in files, in figures, and the figure's unit
+    "force": ("force_N", "force in N", 1.0),
+    "gap": ("gap_m", "gap in mm", 1e3),
+    "restitution": ("restitution", "restitution", 1.0),
+    "friction-limit": ("friction_limit_N", "friction limit in N", 1.0),
+}
 Told = Callable[[str, int, int], None]
 Array = NDArray[np.float64]
 
@@ -97,12 +118,12 @@ def along(case: Case, given: dict[str, Any], told: Told) -> Iterator[ResponseCur
 
 
 def _renamed(plain: Any, key: str) -> Any:
-    """Return a curve's plain form with its parameter by name in place of the frequency."""
+    """Return a curve's plain form with its parameter by name in place of the frequency; its orbits have both."""
     if isinstance(plain, list):
         return [_renamed(value, key) for value in plain]
     if not isinstance(plain, dict):
         return plain
-    return {key if name == "omega_ratio" else name: _renamed(value, key) for name, value in plain.items()}
+    return {key if name == "omega_ratio" else name: value if name == "orbits" else _renamed(value, key) for name, value in plain.items()}
 
 
 def along_text(found: list[ResponseCurve], name: str) -> str:
@@ -117,11 +138,52 @@ def along_text(found: list[ResponseCurve], name: str) -> str:
     return markdown(("branch", "points", name, "peak, mm", "stable, %", "located"), rows)
 
 
+def two_parameters(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) -> Iterator[dict[str, Any]]:
+    """Yield the plain forms of the curves of bifurcations that begin on the branches over the frequency, and cross it to another parameter."""
+    first, name = case.omega, given["second"].replace("-", "_")
+    limits = (given["start"] * first, given["stop"] * first)
+
+    def show(what: str, points: int, _value: float) -> None:
+        told(f"{what}, points", points, 0)
+
+    with kept(complete):
+        branches = list(orbit_branches(case, *limits, progress=show))
+        branches += () if given["symmetric"] else [found for found in descendants(branches, limits) if isinstance(found, OrbitBranch)]
+        for curve in bifurcation_curves(branches, [kind.replace("-", " ") for kind in given["curve"]], name, given["over"], limits, show):
+            complete[0] &= curve.branch.ended != STOPPED
+            yield curve.to_plain()
+
+
+def asked_curves(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
+    """Return the curves of bifurcations, as `run`, and write the CSV file and the figure."""
+    complete, (key, words, scale) = [True], UNITS[given["second"]]
+    with stages_bar("orbits", leave=False) as told:
+        curves = list(two_parameters(case, given, told, complete))
+    if given["csv"] is not None:
+        write_csv(given["csv"], [key if name == "value" else name for name in CURVE_COLUMNS], curve_rows(curves))
+    if given["plot"] is not None:
+        from optimisation.report.bifurcation_figure import save_figure  # matplotlib is slow to import
+
+        force = "" if given["second"] == "force" else f", {case.force:g} N"
+        with replacing(given["plot"]) as temporary:
+            save_figure(temporary, curves, f"{case.scene}{force}", words, scale)
+    return curve_text(curves, words, scale), curves, complete[0]
+
+
 def check(given: dict[str, Any]) -> None:
     """Raise BadInput or ParameterError, before any work is done, if options do not go together or a file cannot be written."""
     if given["folds"] and given["thresholds"]:
         raise BadInput("--folds does not go with --thresholds: the JSON file has one list")
-    if (given["along"] is None) != (given["over"] is None) or (given["along"] is not None and given["at"] is None):
+    if given["curve"]:
+        if given["second"] is None or given["over"] is None or any(given[name] for name in ("along", "at", "folds", "thresholds")):
+            raise BadInput("--curve goes with --with, a second parameter, and --over, its range, and not with --along, --at, --folds or --thresholds")
+        if given["second"] == "friction-limit" and not given["over"][0] > 0:
+            raise BadInput(
+                f"--over = {given['over']} is not allowed: friction limits above 0, as without friction the order of events is another one"
+            )
+    elif given["second"] is not None or given["csv"] is not None or given["plot"] is not None:
+        raise BadInput("--with, --csv and --plot go with --curve: they are about curves over two parameters")
+    elif (given["along"] is None) != (given["over"] is None) or (given["along"] is not None and given["at"] is None):
         raise BadInput("--along, --over and --at go together: a parameter, the range it is followed over, and the frequency")
     if given["over"] is not None:
         low, high = given["over"]
@@ -133,7 +195,8 @@ def check(given: dict[str, Any]) -> None:
     if given["at"] is not None and not given["start"] <= given["at"] <= given["stop"]:
         raise BadInput(f"--at = {given['at']} is not allowed: a ratio from --from = {given['start']} to --to = {given['stop']}")
     count("points", given["points"], 2)
-    check_target("--json", given["json"], (".json",))
+    for option, suffixes in (("json", (".json", ".gz")), ("csv", (".csv",)), ("plot", FIGURES)):
+        check_target(f"--{option}", given[option], suffixes)
 
 
 def case_of(given: dict[str, Any]) -> Case:
@@ -156,6 +219,9 @@ def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
     """Return the text, the contents of the JSON file, and whether the work came to its end."""
     check(given)
     case = case_of(given)
+    if given["curve"]:
+        (low, high), own = given["over"], getattr(case, given["second"].replace("-", "_"))
+        require(low <= own <= high, "--over", given["over"], f"a range around {own:g}, where the curves begin")
     with validation_alongside(case):
         return asked_for(case, given)
 
@@ -163,6 +229,8 @@ def run(given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
 def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, Any]], bool]:
     """Return folds, thresholds or orbits, as `run`."""
     low, high = given["start"], given["stop"]
+    if given["curve"]:
+        return asked_curves(case, given)
     if given["thresholds"]:
         levels = thresholds(case, low, high)
         return threshold_text(levels), [plain_threshold(t) for t in levels if isinstance(t.orbit, Orbit)], True
@@ -172,7 +240,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
     if given["along"] is not None:
         with stages_bar("orbits", leave=False) as told:
             curves = list(along(case, given, told))
-        key = {"gap": "gap_m", "force": "force_N", "friction-limit": "friction_limit_N"}.get(given["along"], given["along"])
+        key = UNITS[given["along"]][0]
         plain = [_renamed(curve.to_plain(), key) for curve in curves]
         return along_text(curves, key), [{"omega_ratio": given["at"], **one} for one in plain], True
     complete = [True]
@@ -199,11 +267,17 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
 @click.option("--to", "stop", type=float, default=TO, show_default=True, help="Last frequency over that of the first resonance.")
 @click.option("--at", type=float, help="One frequency only; also what runs settle to there, of any period up to eight of the force's.")
 @click.option("--along", type=click.Choice(ALONG), help="With --at: the symmetric orbits' branches over this parameter.")
-@click.option("--over", type=float, nargs=2, metavar="LOW HIGH", help="Range of that parameter, SI units.")
+@click.option(
+    "--curve", type=click.Choice([kind.replace(" ", "-") for kind in KINDS]), multiple=True, help="Its curve over two parameters; repeatable."
+)
+@click.option("--with", "second", type=click.Choice(ALONG), help="With --curve: the parameter beside the frequency.")
+@click.option("--over", type=float, nargs=2, metavar="LOW HIGH", help="Range of the parameter of --along or --with, SI units.")
 @click.option("--points", type=int, default=POINTS, show_default=True, help="Frequencies listed from the first to the last.")
 @click.option("--symmetric", is_flag=True, help="Symmetric orbits only, which is quicker.")
 @click.option("--folds", is_flag=True, help="The folds of the branches at this force instead of orbits.")
 @click.option("--thresholds", is_flag=True, help="The forces at which isolas are born and merge instead of orbits.")
+@click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="With --curve: write a row for each point.")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="With --curve: draw it: .png, .pdf or .svg.")
 @json_option("Write the list, in SI units.")
 def main(**given: Any) -> None:
     """List exact periodic orbits of the impact absorber under a harmonic force, each confirmed by the exact method.
@@ -215,10 +289,14 @@ def main(**given: Any) -> None:
 
     Multipliers of symmetric orbits are those of half a period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair
     that lives as long as the beam's vibration, and of all others. Held: friction or a wall holds the absorber for a while.
+
+    --curve follows folds, broken symmetry, doubled periods or tori, from where branches have them, over the frequency and a second parameter.
     """
     with plain_errors():
         text, content, complete = run(given)
         if given["json"] is not None:
             write_json(given["json"].resolve(), content)
     click.echo(text)
+    if files := [given[name] for name in ("csv", "plot") if given[name] is not None]:
+        name_files(files)
     end_early(complete, "what was finished is shown.")

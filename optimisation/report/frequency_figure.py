@@ -20,6 +20,7 @@ from optimisation.report.written_figure import write_figure
 
 MM = 1e3
 DPI = 160
+ASIDE = 4e-3  # of the curve's height and width: closer than this two of its stretches are one line
 MARKS = {FOLD: "o", TORUS: "^", PERIOD_DOUBLING: "s", SYMMETRY_BREAKING: "D", GRAZING: "v", PULLING: "<"}
 MARKED: dict[str, Any] = {"ms": 5.0, "mfc": "white", "mec": "black", "mew": 0.9}
 STABLE, FAST, SLOW, BALANCE, UP, DOWN, RUNS = "#0072B2", "#56B4E9", "#D55E00", "#555555", "#009E73", "#CC79A7", "#E69F00"
@@ -94,14 +95,33 @@ def _kinds(curve: ResponseCurve) -> NDArray[np.str_]:
 
 def _exact(axes: Axes, curve: ResponseCurve) -> None:
     """Draw each stretch of one stability with its look; neighbours share the point between, so that no gap is seen."""
-    kinds = _kinds(curve)
+    kinds, tip_max = _kinds(curve), MM * np.where(_drawn_already(curve), np.nan, curve.tip_max)
     ends = np.flatnonzero(kinds[1:] != kinds[:-1]) + 1
     for begin, end in zip([0, *ends], [*ends, len(kinds)], strict=True):
         colour, dashes, width, _ = LOOKS[str(kinds[begin])]
         part = slice(begin, min(end + 1, len(kinds)))
-        axes.plot(curve.omega_ratio[part], MM * curve.tip_max[part], color=colour, ls=dashes, lw=width, zorder=4)
+        axes.plot(curve.omega_ratio[part], tip_max[part], color=colour, ls=dashes, lw=width, zorder=4)
     for mark in curve.located:
         axes.plot(mark.omega_ratio, MM * mark.tip_max, MARKS.get(mark.kind, "x"), **MARKED, zorder=5)
+
+
+def _drawn_already(curve: ResponseCurve) -> NDArray[np.bool_]:
+    """Return which points (m,) lie on what was drawn of their own curve before.
+
+    A branch without symmetry leads through its mirror image, whose dashes would fill the gaps between the first ones.
+    """
+    rows = np.column_stack([curve.omega_ratio, curve.tip_max])
+    known, found = np.isfinite(rows).all(axis=1), np.zeros(len(rows), dtype=np.bool_)
+    if curve.symmetric or not np.any(known):
+        return found
+    rows = (rows - np.nanmin(rows, axis=0)) / np.maximum(np.ptp(rows[known], axis=0), 1e-12)
+    way = np.append(0, np.cumsum(np.nan_to_num(np.hypot(*np.diff(rows, axis=0).T))))
+    for k in np.flatnonzero(known):
+        begin = rows[: max(int(np.searchsorted(way, way[k] - 3 * ASIDE)), 1)] - rows[k]
+        chord = np.diff(begin, axis=0)
+        share = np.clip(-np.sum(begin[:-1] * chord, axis=1) / np.maximum(np.sum(chord**2, axis=1), 1e-30), 0, 1)
+        found[k] = np.any(np.hypot(*(begin[:-1] + share[:, None] * chord).T) < ASIDE)
+    return found
 
 
 def _legend(axes: Axes, overview: Overview) -> None:

@@ -23,7 +23,7 @@ MARKS = {BIRTH: "v", "merger": "^"}
 def save_figure(path: Path, found: IsolaMap) -> None:
     """Draw the fold force, and a map over each of `ALONG` that has more than one value; the ending of ``path`` chooses the format."""
     maps = [name for name in ALONG if len({getattr(cell, name) for cell in found.cells}) > 1]
-    figure = Figure(figsize=(5.8 * (1 + len(maps)), 4.8), layout="constrained")
+    figure = Figure(figsize=(5.8 * (1 + len(maps)), 5.6), layout="constrained")
     axes = figure.subplots(1, 1 + len(maps), squeeze=False)[0]
     _force(axes[0], found)
     for place, name in zip(axes[1:], maps, strict=True):
@@ -42,8 +42,7 @@ def _force(axes: Axes, found: IsolaMap) -> None:
         axes.plot(level.omega_ratio, level.force, MARKS[level.kind], ms=8, mfc="white" if level.refused else "#D55E00", mec="black", label=label)
     top = max([level.force for level in found.own.found], default=float(np.median(finite)))
     axes.set(xlim=found.omega_ratio[[0, -1]], ylim=(0, 1.6 * top), xlabel="frequency over the first resonance's", ylabel="smallest force in N")
-    axes.legend(fontsize=8)
-    axes.grid(True, color="0.9", lw=0.6)
+    _below(axes)
 
 
 def _map(axes: Axes, found: IsolaMap, name: str) -> None:
@@ -68,7 +67,11 @@ def _map(axes: Axes, found: IsolaMap, name: str) -> None:
         axes.plot([], [], "ks", ms=4, mfc="white", label="open: no orbit, by the exact method")
     axes.set(xlabel=ALONG[name], ylabel="force in N", ylim=(0, None))
     axes.set_title(f"{ALONG[other].removesuffix(' in N')} {fixed:g}{' N' if other == 'friction_limit' else ''}", fontsize=9)
-    axes.legend(fontsize=8)
+    _below(axes)
+
+
+def _below(axes: Axes) -> None:
+    axes.legend(fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.13))  # below the curves, not over them
     axes.grid(True, color="0.9", lw=0.6)
 
 

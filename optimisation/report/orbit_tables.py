@@ -3,61 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from impact_env.periodic.case import case_of
+from impact_env.periodic.branch import FOLD
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.isolas import LocatedFold, Threshold
-from impact_env.periodic.orbit import Orbit, shot_orbit
-from impact_env.periodic.validation import held
-from impact_env.plain import from_scene, to_scene
+from impact_env.periodic.orbit import Orbit
 from optimisation.report.markdown import markdown
 
-
-def pairs(values: np.ndarray) -> list[list[float]]:
-    """Return complex numbers as pairs of real and imaginary part."""
-    return [[float(value.real), float(value.imag)] for value in values]
-
-
-def plain_orbit(orbit: Orbit) -> dict[str, Any]:
-    """The contract of the JSON file: these names do not change."""
-    schedule, motion, case = orbit.schedule, orbit.motion, orbit.case
-    phase, state = motion.mid_flight()
-    n, events = case.model.modes, zip(schedule.events, orbit.solution.phases, strict=True)
-    begins, ends = held(motion, phase)
-    return {
-        "omega_ratio": orbit.case.omega_ratio,
-        "period_multiple": schedule.period_multiple,
-        "symmetric": schedule.symmetric,
-        "impacts": [{"phase_rad": impact.phase, "impulse_Ns": impact.impulse, "wall": impact.wall} for impact in orbit.impacts],
-        "tip_max_m": motion.tip_max,
-        "tip_rms_m": motion.tip_rms,
-        "half_multipliers" if schedule.symmetric else "multipliers": pairs(orbit.stability.multipliers),
-        "stable": orbit.stability.stable,
-        "residual": orbit.residual,
-        "scene": from_scene(case.scene),
-        "force_N": case.force,
-        "omega_rad_s": case.omega,
-        "period_s": schedule.period_multiple * case.period,
-        "events": [{"phase_rad": float(at), "regime": event.regime.value, "wall": event.wall} for event, at in events],
-        "held_rad": [[float(begin + phase), float(end + phase)] for begin, end in zip(begins, ends, strict=True)],
-        "start": {
-            "phase_rad": phase,
-            "modal_displacement": state[:n].tolist(),
-            "modal_velocity": state[n + 1 : -1].tolist(),
-            "absorber_displacement_m": float(state[n]),
-            "absorber_velocity_m_s": float(state[-1]),
-        },
-    }
-
-
-def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
-    """Return the orbit of a JSON file's entry, confirmed anew by shooting from its ``start``; KeyError or ParameterError if it is something else."""
-    scene, start = to_scene(plain["scene"]), plain["start"]
-    state = [*start["modal_displacement"], start["absorber_displacement_m"], *start["modal_velocity"], start["absorber_velocity_m_s"]]
-    return shot_orbit(case_of(scene, plain["force_N"], plain["omega_rad_s"]), start["phase_rad"], state, plain["symmetric"], plain["period_multiple"])
+CURVE_COLUMNS = ("curve", "kind", "period", "symmetric", "omega_ratio", "value", "multiplier_real", "multiplier_imag", "orbit", "located")
 
 
 def plain_fold(fold: LocatedFold) -> dict[str, Any]:
@@ -115,3 +72,27 @@ def threshold_text(found: tuple[Threshold, ...]) -> str:
     rows = [[t.kind, f"{t.force:.8f}", f"{t.omega_ratio:.8f}", str(2 * orbit.schedule.reversals)] for t, orbit in good]
     text = markdown(("kind", "force, N", "omega/omega_1", "reversals"), rows)
     return "\n".join([text, *refusals([t.orbit for t in found if isinstance(t.orbit, NoOrbit)], "level places of the closed form lead to")])
+
+
+def curve_rows(curves: list[dict[str, Any]]) -> Iterator[tuple[object, ...]]:
+    """Yield a row of `CURVE_COLUMNS` for each point of the plain forms of `BifurcationCurve`, then one for each place located."""
+    for number, curve in enumerate(curves, 1):
+        head = (number, curve["kind"], curve["period"], int(curve["symmetric"]))
+        for ratio, value, (real, imaginary), told in zip(*(curve[name] for name in ("omega_ratio", "value", "multiplier", "orbit")), strict=True):
+            yield (*head, ratio, value, real, imaginary, told, "")
+        for mark in curve["located"]:
+            yield (*head, mark["omega_ratio"], mark["value"], "", "", mark["orbit"], mark["kind"])
+
+
+def curve_text(curves: list[dict[str, Any]], words: str, scale: float) -> str:
+    """Return a line for each plain form of a `BifurcationCurve`; values of the second parameter times ``scale``."""
+    rows, notes = [], []
+    for number, curve in enumerate(curves, 1):
+        ratio, value, good = np.array(curve["omega_ratio"]), scale * np.array(curve["value"]), [told == "yes" for told in curve["orbit"]]
+        turns = [f"{scale * mark['value']:.7g} at {mark['omega_ratio']:.6f}" for mark in curve["located"] if mark["kind"] == FOLD]
+        ends = [f"{np.min(row):.6g} to {np.max(row):.6g}" for row in (ratio, value)]
+        what = ("symmetric" if curve["symmetric"] else "one-sided") + ("" if curve["period"] == 1 else f", period {curve['period']}")
+        rows.append((str(number), curve["kind"], what, f"{sum(good)} of {len(good)}", *ends, ", ".join(turns)))
+        notes.append(f"Curve {number}: {curve['ended']}.")
+    header = ("curve", "of", "orbits", "points that are orbits", "omega/omega_1", words, f"least or greatest {words}")
+    return "\n".join([markdown(header, rows), "", *notes]) if rows else "No such place on the branches over this range of frequencies."

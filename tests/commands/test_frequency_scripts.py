@@ -14,6 +14,7 @@ from commands import call, load
 from impact_env.frequency import tip_response
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, StuckAbsorber
+from impact_env.periodic import Orbit, orbit_of, unpacked
 from impact_env.periodic import overview as overview_module
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.scene import beam_scene
@@ -50,6 +51,10 @@ def test_the_papers_isola_by_both_methods_in_all_files(response: ModuleType, tmp
     assert closed["peak"]["tip_max_m"] == pytest.approx(1.4743e-3, abs=1e-7)
     assert not any(closed["stable"])
     assert any(closed["slowly_stable"])
+    entries = list(unpacked(closed["orbits"]))
+    assert len(entries) == sum(tip is not None for tip in closed["tip_max_m"])
+    assert all({"scene", "start", "events", "held_rad", "half_multipliers", "period_s", "symmetric"} <= set(entry) for entry in entries)
+    assert isinstance(orbit_of(entries[len(entries) // 2]), Orbit)
     balance = [curve for curve in found["curves"] if curve["method"] == "harmonic balance"]
     assert sorted(curve["closed"] for curve in balance) == [False, True]
     model = modal_model(Beam(modes=3))

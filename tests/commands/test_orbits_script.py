@@ -11,10 +11,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from impact_env import Drive, InitialState, constant_frequency, simulate
-from impact_env.periodic import Orbit
+from impact_env.periodic import Orbit, orbit_of, unpacked
 from impact_env.plain import to_scene
 from optimisation.cli import orbits
-from optimisation.report.orbit_tables import orbit_of
 
 KEYS = {"omega_ratio", "period_multiple", "symmetric", "impacts", "tip_max_m", "tip_rms_m", "stable", "residual"}
 KEYS |= {"scene", "force_N", "omega_rad_s", "period_s", "events", "held_rad", "start"}
@@ -69,6 +68,14 @@ def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:
     """Low and high orbits of one frequency lie on one branch over the force, which turns where its fold force is."""
     _, (branch,) = listed(tmp_path, "--modes", "2", "--force", "3", "--at", "0.95", "--along", "force", "--over", "1", "6")
     assert max(branch["force_N"]) == pytest.approx(6, rel=1e-6)
+    entries = list(unpacked(branch["orbits"]))
+    assert len(entries) == sum(tip is not None for tip in branch["tip_max_m"])
+    for entry in entries[:: len(entries) // 4]:
+        orbit = orbit_of(entry)
+        assert isinstance(orbit, Orbit)
+        assert orbit.case.omega_ratio == pytest.approx(0.95)
+        assert any(abs(force - orbit.case.force) < 1e-12 for force in branch["force_N"])
+        assert orbit.motion.tip_max == pytest.approx(entry["tip_max_m"], rel=1e-7)
     (fold,) = (mark for mark in branch["located"] if mark["kind"] == "fold")
     _, levels = listed(tmp_path, "--modes", "2", "--force", f"{fold['force_N']:.9f}", "--folds", "--from", "0.94", "--to", "0.96")
     assert min(abs(level["omega_ratio"] - 0.95) for level in levels) < 1e-5
@@ -130,3 +137,34 @@ def test_folds_and_thresholds(tmp_path: Path) -> None:
     assert all(set(threshold) == {"kind", "force_N", "omega_ratio"} for threshold in found)
     assert [threshold["kind"] for threshold in found] == ["birth", "merger"]
     assert [threshold["force_N"] for threshold in found] == pytest.approx([1.221955, 2.370284], abs=1e-6)
+
+
+def test_curves_over_two_parameters_are_in_all_files(tmp_path: Path) -> None:
+    table, figure = tmp_path / "curves.csv", tmp_path / "curves.png"
+    options = ["--curve", "fold", "--with", "force", "--over", "1", "2", "--from", "0.93", "--to", "0.95", "--symmetric"]
+    output, curves = listed(tmp_path, *ONE_MODE, *options, "--csv", str(table), "--plot", str(figure))
+    (curve,) = curves
+    assert curve["kind"] == "fold"
+    assert max(abs(real - 1) + abs(imaginary) for real, imaginary in curve["multiplier"]) < 1e-6
+    places = [(at, force) for at, force in zip(curve["omega_ratio"], curve["value"], strict=True) if abs(force - 1.5) < 0.2]
+    assert min(abs(at - 0.9433449134) for at, _ in places) < 0.005  # the fold at 1.5 N
+    rows = table.read_text(encoding="utf-8").splitlines()
+    assert rows[0].split(",")[5] == "force_N"
+    assert len(rows) == 1 + len(curve["value"]) + len(curve["located"])
+    assert figure.stat().st_size > 5000
+    assert "Curve 1: " in output
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--curve", "fold"], "--curve goes with --with"),
+        (["--curve", "fold", "--with", "force", "--over", "2", "3"], "a range around 1.5"),
+        (["--curve", "fold", "--with", "friction-limit", "--over", "0", "1"], "friction limits above 0"),
+        (["--csv", "curves.csv"], "go with --curve"),
+    ],
+)
+def test_options_of_curves_that_do_not_go_together_are_refused(options: list[str], words: str) -> None:
+    result = call(*ONE_MODE, *options)
+    assert result.exit_code == 2
+    assert words in result.output

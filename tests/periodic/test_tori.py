@@ -7,33 +7,22 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.orbit_cases import high_orbit, paper_case
+from support.orbit_cases import high_orbit, multipliers_by_reference, paper_case, steel
 
 from impact_env import Beam, beam_scene, impact_absorber
-from impact_env.periodic.case import Case, case_of
+from impact_env.periodic.case import case_of
 from impact_env.periodic.green import NoOrbit, Solution
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.isolas import IsolaCell, Level
-from impact_env.periodic.motion import Motion, motion_of, stability_of
+from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.orbit import Orbit, confirmed
 from impact_env.periodic.orbit_branches import TORUS, OrbitBranch, orbit_branch
 from impact_env.periodic.overview import linear_curves, sweep_envelope
 from impact_env.periodic.schedule import EventSchedule
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
-from reference import dense
 
 Array = NDArray[np.float64]
-
-
-@cache
-def steel() -> Case:
-    """A steel beam of 1.2 m with three modes; its absorber sits inside of the free end."""
-    beam = Beam(
-        length=1.2, bending_stiffness=358.4, mass_per_length=2.512, modes=3, damping_ratio=0.005, force_position=0.25, absorber_position=0.9
-    )  # fmt: skip
-    scene = beam_scene(beam, impact_absorber(gap=0.494601e-3, restitution=0.7, friction_limit=0.002))
-    return case_of(scene, 0.25, 0.955 * scene.model.resonance_omega(1))
 
 
 @cache
@@ -43,29 +32,12 @@ def high_branch() -> OrbitBranch:
     return orbit_branch(high_orbit(case).solution, "omega", (0.95 * first, 0.96 * first))
 
 
-def map_by_reference(motion: Motion, start: float, state: Array) -> Array:
-    """Return where the dense reference takes a state over half a period, mirrored back."""
-    case, n = motion.solution.case, motion.solution.case.model.modes
-    turn = motion.solution.schedule.turn
-    initial = InitialState(state[:n], state[n + 1 : -1], float(state[n]), float(state[-1]))
-    times = np.linspace(0, turn / case.omega, 3)
-    end = dense.follow(case.scene, case.drive(times[-1], start), initial, times).states[-1]
-    return np.asarray(-end if motion.solution.schedule.symmetric else end)
-
-
 def test_a_torus_is_where_a_pair_of_an_own_propagations_multipliers_crosses_the_circle() -> None:
     found = high_branch().of(TORUS)
     assert found
     for motion in found:
         case = motion.solution.case
-        unit = case.gap * np.repeat([1.0, case.omega], case.model.modes + 1)
-        start, state = motion.mid_flight()
-        assert np.max(np.abs(map_by_reference(motion, start, state) - state) / unit) < 1e-7
-        columns = []
-        for k, step in enumerate(2e-5 * unit):
-            ahead, back = (map_by_reference(motion, start, state + side * step * np.eye(len(state))[k]) for side in (1, -1))
-            columns.append((ahead - back) / (2 * step * unit))
-        values = np.linalg.eigvals(np.array(columns).T * unit)
+        values = multipliers_by_reference(motion)
         pair = values[np.argmin(np.abs(np.abs(values) - 1))]
         assert abs(pair) == pytest.approx(1, abs=2e-3)
         assert abs(pair.imag) > 0.1

@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
+from impact_env.drive import Drive
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
 from impact_env.sweep import IntegrationError, simulate
@@ -141,6 +142,10 @@ def own_time(it: Case, method: Method, shortest: float, settings: Settings) -> f
     return 1e6 * median_time(lambda: run(periods), settings.repeats, settings.patience)
 
 
+def _seconds_of(it: Case, drive: Drive, maker: Any) -> float:
+    return follow(it.scene, drive, it.initial, maker).wall_time
+
+
 def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, settings: Settings) -> Row:
     """Measure a peer. Slow ones are run from fewer starts."""
     found, us, note = [], None, ""
@@ -153,9 +158,9 @@ def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, sett
             run: PeerRun = follow(it.scene, drive, it.initial, maker)
             found.append(_errors(it, truth, run.end_state, run.impact_time, balance))
             if us is None:
-                again = partial(follow, it.scene, drive, it.initial, maker)
+                again = partial(_seconds_of, it, drive, maker)
                 slow = run.wall_time > settings.patience
-                seconds = run.wall_time if slow else median_time(lambda again=again: again().wall_time, settings.repeats, settings.patience)
+                seconds = run.wall_time if slow else median_time(again, settings.repeats, settings.patience)
                 us = 1e6 * seconds / truth.periods
             if time.perf_counter() - began > settings.patience:
                 break

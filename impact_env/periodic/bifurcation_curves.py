@@ -1,0 +1,291 @@
+"""Curves of folds, broken symmetry, doubled periods and tori over the frequency and a second parameter.
+
+The events' conditions are joined by one more: with the derivative M of the return map, of half a period for a symmetric orbit, a matrix A(M) is
+singular. It is M - I at a fold, M + I where the symmetry breaks or the period doubles, and at a torus the second compound of M, whose eigenvalues are
+the products of two multipliers, less I (Kuznetsov, Elements of Applied Bifurcation Theory, 2004, chapter 10). The condition is A's smallest singular
+value with the sign of its determinant: smooth where it vanishes, and finite where an impact gets as slow as a graze and M grows without bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.parameters import require
+from impact_env.periodic.branch import FOLD, KINK, STOPPED, Branch, Monitor, NoConvergenceError, Residual
+from impact_env.periodic.case import Case
+from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, continuation
+from impact_env.periodic.green import PARAMETERS, Conditions, NoOrbit, Solution, linear_states, solution_of, unknowns_of
+from impact_env.periodic.motion import derivative_of, motion_of
+from impact_env.periodic.orbit import Orbit, confirmed, consistent, shown_order, without_held
+from impact_env.periodic.orbit_branches import (
+    GRAZING,
+    PARAMETER_SHARE,
+    PERIOD_DOUBLING,
+    PULLING,
+    SYMMETRY_BREAKING,
+    TORUS,
+    OrbitBranch,
+    Walk,
+    located_schedules,
+    mirrors,
+    place,
+    size_of,
+    solution_in,
+)
+from impact_env.periodic.plain_orbits import packed
+from impact_env.periodic.schedule import EventSchedule
+from impact_env.periodic.shooting import units_of
+
+Array = NDArray[np.float64]
+KINDS = (FOLD, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)
+SECOND = tuple(name for name in PARAMETERS if name != "omega")
+RESONANCE, RANGE = "strong resonance", "end of the frequencies"
+STEPS = Steps(first=0.02, least=1e-7, most=0.2, points=600)
+DIFFERENCE = 1e-6  # of the unknowns' scales, for the derivatives of A
+
+
+def compound(matrix: Array) -> Array:
+    """Return the second compound (n (n - 1)/2,)^2 of a matrix (n, n): its minors of two rows and two columns."""
+    i, j = np.triu_indices(len(matrix), 1)
+    return np.asarray(matrix[np.ix_(i, i)] * matrix[np.ix_(j, j)] - matrix[np.ix_(i, j)] * matrix[np.ix_(j, i)])
+
+
+def singular_at(kind: str, derivative: Array) -> Array:
+    """Return the matrix A that is singular at a bifurcation of ``kind``, from the derivative M."""
+    matrix = compound(derivative) if kind == TORUS else derivative
+    return matrix + (-1.0 if kind in (FOLD, TORUS) else 1.0) * np.eye(len(matrix))
+
+
+@dataclass(frozen=True, eq=False)
+class Defining:
+    """The conditions of a bifurcation as a residual(y, value) over a parameter: unknowns y (m + 1,) are those of the orbit, and omega in rad/s."""
+
+    case: Case
+    schedule: EventSchedule
+    kind: str
+    parameter: str
+    scale: Array  # (m + 2,) of all unknowns and the parameter
+
+    def matrix(self, x: Array) -> Array:
+        """Return A at all unknowns and the parameter (m + 2,), in units of gap and gap times the start's frequency."""
+        solution = solution_in(self.case, self.schedule, x[:-2], {"omega": float(x[-2]), self.parameter: float(x[-1])})
+        units = units_of(self.case)
+        return singular_at(self.kind, derivative_of(solution) * units / units[:, None])
+
+    def __call__(self, y: Array, value: float) -> tuple[Array, Array]:
+        """Return the residual (m + 1,) and its derivatives (m + 1, m + 2)."""
+        residual, jacobian = Conditions(self.case, self.schedule).over(y[:-1], {"omega": float(y[-1]), self.parameter: value})
+        x = np.append(y, value)
+        last = np.full(len(x), np.nan)
+        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(matrix := self.matrix(x)))):
+            return np.append(residual, np.nan), np.vstack([jacobian, last])
+        left, sizes, right = np.linalg.svd(matrix)
+        sign = float(np.linalg.slogdet(left)[0] * np.linalg.slogdet(right)[0])  # that of A's own determinant is lost to rounding on the curve
+        for k, step in enumerate(DIFFERENCE * self.scale):
+            shift = step * np.eye(len(x))[k]
+            last[k] = left[:, -1] @ (self.matrix(x + shift) - self.matrix(x - shift)) @ right[-1] / (2 * step)
+        return np.append(residual, sign * sizes[-1]), np.vstack([jacobian, sign * last])
+
+
+@dataclass(eq=False)
+class CurveWalk(Walk):
+    """What the continuation of a bifurcation needs to know on its way."""
+
+    kind: str = FOLD
+    size: float = 1.0  # of the parameter
+    frequencies: tuple[float, float] = (0.0, np.inf)
+
+    @property
+    def scale(self) -> Array:
+        """Of the unknowns (m + 1,) with the schedule in use."""
+        return np.append(np.ones(self.schedule.unknowns), PARAMETER_SHARE * self.case.omega)
+
+    def solution(self, z: Array, value: float) -> Solution:
+        """See `Walk`."""
+        return solution_in(self.case, self.schedule, z[:-1], {"omega": float(z[-1]), self.parameter: value})
+
+    def residual(self) -> Residual:
+        """See `Walk`."""
+        return Defining(self.case, self.schedule, self.kind, self.parameter, np.append(self.scale, self.size))
+
+    def monitors(self) -> tuple[Monitor, ...]:
+        """See `Walk`. Behind grazing the orbit is none, but the curve may come back, and is followed."""
+        low, high = self.frequencies
+        watched = (
+            Monitor(GRAZING, self.clearance),
+            Monitor(PULLING, lambda z, value: self.weakest(z[:-1], value), ends=True),
+            Monitor(RANGE, lambda z, _value: float((z[-1] - low) * (high - z[-1]) / self.case.omega**2), ends=True),
+        )
+        return (*watched, Monitor(RESONANCE, self._apart, ends=True)) if self.kind == TORUS else watched
+
+    def _apart(self, z: Array, value: float) -> float:
+        """Return what is zero where the torus's pair meets at 1 or -1, behind which it is real and there is none."""
+        return float(4 - np.sum(_pair(np.linalg.eigvals(self.motion(z, value).derivative).astype(complex))).real ** 2)
+
+    def recentre(self, z: Array, value: float, along: Array) -> Chart | None:
+        """See `Walk`: Newton's method for orbits fails at a fold, so that of the curve itself goes on from the order that the motion shows."""
+        self.passed.append(self.schedule)
+        motion = self.motion(z, value)
+        case = motion.solution.case
+        if case.friction_limit == 0 or self.right(motion, along) or not motion.fits:
+            return None
+        schedule, phases = without_held(motion) if consistent(motion) else shown_order(motion)
+        if schedule == self.schedule or schedule.impacts != self.schedule.impacts:
+            return None
+        guess = solution_of(case, schedule, linear_states(case, schedule, phases), 0.0)
+        self.schedule = schedule
+        return self.chart(guess, float(z[0]), (case.omega,), self.scale)
+
+
+@dataclass(frozen=True, eq=False)
+class BifurcationCurve:
+    """A curve of bifurcations of a ``kind`` over the frequency and another parameter: ``branch.parameter``, with its values in ``branch.parameters``.
+
+    ``schedules`` has one for each point, ``located_schedules`` one for each place located: a `FOLD` is where the curve turns in the other parameter.
+    """
+
+    kind: str
+    case: Case
+    branch: Branch
+    schedules: tuple[EventSchedule, ...]
+    located_schedules: tuple[EventSchedule, ...]
+
+    def solution(self, k: int) -> Solution:
+        """Return the solution at point ``k``."""
+        return self._solution(self.schedules[k], self.branch.points[k], float(self.branch.parameters[k]))
+
+    def _solution(self, schedule: EventSchedule, y: Array, value: float) -> Solution:
+        return solution_in(self.case, schedule, y[:-1], {"omega": float(y[-1]), self.branch.parameter: value})
+
+    @property
+    def omega(self) -> Array:
+        """Frequencies (m,) in rad/s."""
+        return np.array([y[-1] for y in self.branch.points])
+
+    @cached_property
+    def orbits(self) -> tuple[Orbit | NoOrbit, ...]:
+        """Each point's orbit, confirmed by the exact method, or why it is none."""
+        return tuple(confirmed(motion_of(self.solution(k))) for k in range(len(self.schedules)))
+
+    @cached_property
+    def located(self) -> tuple[tuple[str, Orbit | NoOrbit], ...]:
+        """Kind and orbit, or why it is none, of each place located on the curve."""
+        pairs = [pair for pair in zip(self.branch.located, self.located_schedules, strict=True) if pair[0].kind != KINK]
+        return tuple((event.kind, confirmed(motion_of(self._solution(schedule, event.point, event.parameter)))) for event, schedule in pairs)
+
+    def critical(self, k: int) -> complex:
+        """Return the multiplier on the unit circle at point ``k``, over the schedule's span: 1, -1, or of a torus's pair the one above."""
+        multipliers = np.linalg.eigvals(derivative_of(self.solution(k))).astype(complex)
+        if self.kind == TORUS:
+            first, second = _pair(multipliers)
+            return complex(first if first.imag > 0 else second)
+        return complex(multipliers[np.argmin(np.abs(multipliers - (1 if self.kind == FOLD else -1)))])
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return lists, numbers and strings; values of the parameter in SI units, orbits as `packed` has them."""
+        places = [{"kind": kind, "omega_ratio": at.case.omega_ratio, "value": self._value(at), "orbit": _told(at)} for kind, at in self.located]
+        first = self.schedules[0]
+        return {
+            "kind": self.kind,
+            "parameter": self.branch.parameter,
+            "period": first.period_multiple,
+            "symmetric": first.symmetric,
+            "closed": self.branch.closed,
+            "ended": self.branch.message,
+            "omega_ratio": (self.omega / float(self.case.model.omega[0])).tolist(),
+            "value": self.branch.parameters.tolist(),
+            "multiplier": [[m.real, m.imag] for m in map(self.critical, range(len(self.schedules)))],
+            "orbit": [_told(orbit) for orbit in self.orbits],
+            "located": places,
+            "orbits": packed(self.orbits),
+        }
+
+    def _value(self, at: Orbit | NoOrbit) -> float:
+        return float(getattr(at.case, self.branch.parameter))
+
+
+def _told(orbit: Orbit | NoOrbit) -> str:
+    """Return "yes" for an orbit, and why it is none otherwise."""
+    return "yes" if isinstance(orbit, Orbit) else orbit.reason
+
+
+def _pair(multipliers: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the two multipliers (2,) whose product is next to 1."""
+    first, second = np.triu_indices(len(multipliers), 1)
+    k = int(np.argmin(np.abs(multipliers[first] * multipliers[second] - 1)))
+    return np.array([multipliers[first[k]], multipliers[second[k]]], dtype=complex)
+
+
+def bifurcation_curve(
+    solution: Solution,
+    kind: str,
+    parameter: str,
+    limits: tuple[float, float],
+    frequencies: tuple[float, float],
+    steps: Steps = STEPS,
+    progress: Progress | None = None,
+) -> BifurcationCurve:
+    """Return the curve of bifurcations through one of ``kind`` next to a solution, over the frequency (limits in rad/s) and ``parameter``.
+
+    It is followed to both sides, and ends at its limits, where a wall would have to pull, where a torus's multipliers meet, or where it is back at
+    its start; Ctrl-C ends it with what is known so far. Raises NoConvergenceError if there is no such bifurcation here, ParameterError for bad input.
+    """
+    require(kind in KINDS, "kind", kind, f"one of {', '.join(KINDS)}")
+    require(parameter in SECOND, "parameter", parameter, f"one of {', '.join(SECOND)}")
+    ways = list[tuple[Branch, list[EventSchedule]]]()
+    for direction in (1.0, -1.0):
+        value = float(getattr(solution.case, parameter))
+        size = PARAMETER_SHARE * size_of(parameter, value, limits)
+        walk = CurveWalk(solution.case, parameter, solution.schedule, kind=kind, size=size, frequencies=frequencies)
+        problem = Problem(walk.residual(), parameter, walk.scale, size, limits, walk.monitors(), walk.recentre)
+        way = continuation(problem, np.append(unknowns_of(solution), solution.case.omega), value, direction, steps, progress)
+        ways.append((way, walk.schedules(solution.schedule, len(way))))
+        if way.closed or way.ended == STOPPED:
+            return BifurcationCurve(kind, solution.case, way, tuple(ways[-1][1]), located_schedules(way.located, ways[-1][1]))
+    (forward, schedules), (backward, others) = ways
+    located = (*reversed(located_schedules(backward.located, others)), *located_schedules(forward.located, schedules))
+    return BifurcationCurve(kind, solution.case, forward.joined(backward), (*others[:0:-1], *schedules), located)
+
+
+def bifurcation_curves(
+    branches: Iterable[OrbitBranch],
+    kinds: Sequence[str],
+    parameter: str,
+    limits: tuple[float, float],
+    frequencies: tuple[float, float],
+    progress: Callable[[str, int, float], None] | None = None,
+) -> Iterator[BifurcationCurve]:
+    """Yield the curves of ``kinds`` through what was located on branches in frequency, each once; see `bifurcation_curve`.
+
+    The last one has ended as `STOPPED` after Ctrl-C. A place from which Newton's method does not come to a curve is left out.
+    """
+    known: list[tuple[BifurcationCurve, Array]] = []
+    for branch in branches:
+        for kind in kinds:
+            for solution in (motion.solution for motion in branch.of(kind)):
+                size = PARAMETER_SHARE * size_of(parameter, getattr(solution.case, parameter), limits)
+                here = getattr(solution.case, parameter) / size
+                if any(curve.kind == kind and like(curve, solution) and mirrors(places, solution, here) for curve, places in known):
+                    continue
+                show = None if progress is None else partial(progress, f"{kind} {len(known) + 1}")
+                try:
+                    curve = bifurcation_curve(solution, kind, parameter, limits, frequencies, progress=show)
+                except NoConvergenceError:
+                    continue
+                at = zip(map(curve.solution, range(len(curve.schedules))), curve.branch.parameters, strict=True)
+                known.append((curve, np.array([[*place(found), value / size] for found, value in at])))
+                yield curve
+                if curve.branch.ended == STOPPED:
+                    return
+
+
+def like(curve: BifurcationCurve, solution: Solution) -> bool:
+    """Return whether orbits of a curve have the period and the symmetry of a solution."""
+    first, other = curve.schedules[0], solution.schedule
+    return first.symmetric == other.symmetric and first.period_multiple == other.period_multiple
