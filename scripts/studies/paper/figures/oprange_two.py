@@ -11,7 +11,7 @@ from optimisation.report.design_figures import force_axis
 from studies.paper.curve import curve_of
 from studies.paper.oprange_two import BOTH, LOSSY, NONE, ONE, SWEPT, THREE
 from studies.paper.ranges import ranges_of
-from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, STUCK, finish, line, panels
+from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, STUCK, finish, legend_below, line, panels
 from studies.study import Json
 
 
@@ -24,7 +24,8 @@ def save(path: Path, values: Json) -> None:
             _sweeps(axes, values, name)
     for axes in grid.flat[1:]:
         axes.set_ylim(0, 1.35 * MM * max(values[f"orbits, {ONE}"]["linear"]["stuck"], default=2e-3) if f"orbits, {ONE}" in values else None)
-    finish([grid[0, 0], grid[1, 1]], path, figure)
+    legend_below(figure, [grid[1, 1]], 5)
+    finish([grid[0, 0]], path, figure)
 
 
 def _curves(axes: Axes, values: Json) -> None:
