@@ -271,7 +271,7 @@ def _zero(between: _Between, value: Callable[[Place], float], kind: str, after: 
         if s not in known:
             known[s] = between(s)
         place = known[s]
-    except (NoConvergenceError, RuntimeError):
+    except (NoConvergenceError, RuntimeError, ValueError):  # no point, no end of the search, or a value that is not a number on the way
         s, place = 0.0, between.here
     return s, Located(kind, after, *between.system.plain(place.x), place.tangent)
 

@@ -98,6 +98,12 @@ def test_two_branches_of_a_pitchfork_are_found_from_one() -> None:
     assert sorted(ends) == pytest.approx([-0.5, 0.5], abs=1e-9)
 
 
+def test_a_monitor_without_a_value_within_a_step_is_placed_at_its_begin() -> None:
+    monitor = Monitor("x is a half", lambda z, _: np.nan if abs(z[0] - 0.5) < 1e-4 else z[0] - 0.5)
+    (event,) = both_ways(Problem(cubic, limits=(-3.0, 3.0), monitors=(monitor,)), np.array([0.1]), 0.1).of("x is a half")
+    assert event.point[0] == pytest.approx(0.5, abs=0.1)
+
+
 def test_monitors_are_located_and_may_end_a_branch() -> None:
     seen = Monitor("x is a half", lambda z, _: z[0] - 0.5)
     last = Monitor("x is -0.3", lambda z, _: z[0] + 0.3, ends=True)

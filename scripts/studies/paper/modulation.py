@@ -252,9 +252,11 @@ def _draw(values: Json) -> Figure:
         own = [row for row in many if row["restitution"] == e]  # several that are set to 0
         words, height = ", ".join(str(row["modes"]) for row in own if row["modes"] in NAMED), max(row["depth"][0] for row in own)
         over.annotate(words, (e, height), xytext=(2, 4), textcoords="offset points", fontsize=6.5, color=FAINT)
-    depth.set(ylabel="depth of the modulation", ylim=(0, None))
+    depth.set(ylabel="depth of the modulation", ylim=(0, 0.95))
     energy.set(ylabel="share in %", ylim=(0, 125), yticks=range(0, 101, 20))
     over.set(xlabel="restitution of one mode, $e_1$", ylabel="depth of the modulation", ylim=(0, None))
+    depth.legend(loc="upper right")
+    over.legend(loc="lower right", fontsize=6.5)
     legends(axes)
     return figure
 

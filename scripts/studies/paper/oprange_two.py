@@ -27,7 +27,7 @@ from optimisation.report.markdown import markdown
 from studies.paper.claim import MUCH, PLACE, SAME, Claim, Verdict, claim, spread, within
 from studies.paper.curve import Curve, Envelope, curve_of, curves, force_grid, ranges_of, watched_curve
 from studies.paper.frame import PaperFigure, Settings, has, in_turn
-from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, STUCK, legends, line, panels
+from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, STUCK, legend_below, legends, line, panels
 from studies.study import Json, Steps
 
 LABEL = "oprangeTWO"
@@ -214,7 +214,8 @@ def _draw(values: Json) -> Figure:
             _draw_sweeps(axes, values, name)
     for axes in grid.flat[1:]:
         axes.set_ylim(0, 1.35 * MM * max(values[f"orbits, {ONE}"]["linear"]["stuck"], default=2e-3) if f"orbits, {ONE}" in values else None)
-    legends([grid[0, 0], grid[1, 1]])
+    legend_below(figure, [grid[1, 1]], 5)
+    legends([grid[0, 0]])
     return figure
 
 

@@ -188,7 +188,7 @@ def _energies(axes: Axes, own: Json, title: str) -> None:
     total = first + second + absorber
     for look, energy, name in zip(LOOKS, (first, second, absorber), ("mode 1", "mode 2", "absorber"), strict=False):
         axes.plot(time, 100 * energy / np.mean(total), color=look.colour, ls=look.dashes, lw=1.0, label=name)
-    axes.legend(loc="upper center", ncols=3, fontsize=6, columnspacing=0.6, handlelength=1.4, frameon=False)
+    axes.legend(loc="upper center", ncols=3, fontsize=5.5, columnspacing=0.5, handlelength=1.3, handletextpad=0.3, frameon=False)
     axes.set(yscale="log", ylim=(0.1, 600), xlim=(0, time[-1]), xlabel="pseudo periods", ylabel="energy, % of the mean total")
     axes.set_title(title, fontsize=8.5)
 

@@ -156,7 +156,8 @@ def _draw(values: Json) -> Figure:
             own = relative(group, choice)[:, 0] if choice == CHOICES[0] else None  # the paper's run: others are drawn
             line(panel, group["forces_n"], middle, look, name, band=(low, high), nominal=own)
         panel.set(xscale="log", xlabel="force in N")
-        panel.set_xticks(group["forces_n"], [f"{x:g}" for x in group["forces_n"]])
+        shown = [x for k, x in enumerate(group["forces_n"]) if x >= 1.4 * group["forces_n"][k - 1] or k % 2 == 0]  # others would overlap
+        panel.set_xticks(group["forces_n"], [f"{x:g}" if x in shown else "" for x in group["forces_n"]])
         panel.minorticks_off()
         panel.set_title(absorber, loc="right")
     axes[0, 0].set(ylabel="level over the paper's start", ylim=(0, None))
