@@ -13,6 +13,7 @@ import hashlib
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
@@ -59,12 +60,18 @@ def _rms(response: Response) -> float:
     return float(np.sqrt(np.mean(late**2)))
 
 
-def _decay(response: Response) -> float:
+def after_pulse(response: Response) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the times (S,) in s from the end of the last pulse on, and the energy in J of each mode then, (S, N_m)."""
     history = response.history
     assert history is not None
-    pulse = max(part.width for part in response.drive.parts if isinstance(part, Shock))
-    energy = np.sum(mechanical_energy(response.scene, history).modal, axis=1)[history.time >= pulse]
-    return float(np.trapezoid(energy, dx=history.time[1]) / energy[0])
+    late = history.time >= max(part.width for part in response.drive.parts if isinstance(part, Shock))
+    return history.time[late], mechanical_energy(response.scene, history).modal[late]
+
+
+def _decay(response: Response) -> float:
+    times, modal = after_pulse(response)
+    energy = np.sum(modal, axis=1)
+    return float(np.trapezoid(energy, times) / energy[0])
 
 
 MEASURES: dict[str, tuple[Callable[[Response], float], Record]] = {

@@ -13,6 +13,9 @@ Of each signal x, from samples:
 - of several tones, the response level or RMS of what lies in each one's band: bands meet at the geometric mean of neighbouring frequencies. What is
   cut out of the spectrum rings at both ends of the run, where as much as a level's half window is left out.
 
+After shocks, the energy of the structure and the share of the modes above the first in it, at equal times from the end of the pulse on, and the decay
+time, see `load_measures`.
+
 Of impacts on rigid walls: their number a second, also of those above a velocity, and the energy that they lose a second (the power that wears).
 """
 
@@ -33,7 +36,7 @@ from impact_env.loads import Loads, Tones
 from impact_env.parameters import require
 from impact_env.response import Record, Response
 from impact_env.sweep import simulate
-from optimisation.load_measures import settled_after
+from optimisation.load_measures import DECAY, after_pulse, measure_of, read, settled_after
 from optimisation.measures import rainflow_amplitudes
 
 Array = NDArray[np.float64]
@@ -41,6 +44,7 @@ PERCENTILES = (50, 90, 95, 99, 99.9, 100)
 MULTIPLES = (1, 2, 3, 4)  # of the RMS
 BINS = 32  # of the rainflow's amplitudes
 SEGMENTS = 8
+ENERGIES = 17  # times after a pulse
 HALVINGS = 6  # of the largest velocity: thresholds of impacts
 
 
@@ -80,6 +84,7 @@ def told_of(response: Response, told: Told) -> dict[str, Any]:
         "highest_mode_hz": float(model.omega.max()) / (2 * np.pi),
         "relative_to": "space" if told.absolute else "base",
         **{name: of_signal(values, 1 / interval) for name, values in signals.items()},
+        **decay_of(response),
         "bands": bands_of(response, signals_of(response, told)["displacement_m"]),
         "impacts": {
             "per_s": len(speeds) / seconds,
@@ -103,6 +108,17 @@ def signals_of(response: Response, told: Told) -> dict[str, Array]:
         velocity = velocity + model.base_at_absorber * base_velocity
     found = {"displacement_m": displacement, "acceleration_m_s2": np.diff(velocity) / np.diff(history.time)}
     return found if told.stress_shape is None else found | {"stress": history.modal_displacement @ told.stress_shape}
+
+
+def decay_of(response: Response) -> dict[str, Any]:
+    """Return what is told of the energy after shocks, nothing under other loads."""
+    if not isinstance(response.drive, Loads) or measure_of(response.drive) != DECAY:
+        return {}
+    times, modal = after_pulse(response)
+    at = np.linspace(0, len(times) - 1, ENERGIES).astype(int)
+    energy = np.sum(modal[at], axis=1)
+    higher = np.divide(np.sum(modal[at, 1:], axis=1), energy, out=np.zeros(len(at)), where=energy > 0)
+    return {"decay": {"decay_s": read(response), "at_s": times[at].tolist(), "energy_j": energy.tolist(), "higher_modes": higher.tolist()}}
 
 
 def of_signal(values: Array, rate: float) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from matplotlib.ticker import NullLocator
 from optimisation.report.written_figure import write_figure
 from studies.study import Json
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-MARKS = "os^vDP"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MARKS = "os^vDPX"
 TICKS = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 

@@ -135,6 +135,18 @@ def test_two_tones_have_a_band_each(tmp_path: Path) -> None:
     assert band_edges(Loads((orders,)))[1] * 2 * np.pi == pytest.approx(2 * 65.0)
 
 
+def test_the_energy_after_a_pulse_decays(tmp_path: Path) -> None:
+    """As exp(-2 D omega t), about which the energy of a damped swing moves by the damping ratio."""
+    load = '[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 9.0\npulse_s = 0.0125\nduration_s = 0.5'
+    found, _ = measures(tmp_path, ONE_MODE, load)
+    times, energy = (np.array(found["decay"][key]) for key in ("at_s", "energy_j"))
+    assert times[0] == pytest.approx(0.0125, abs=1 / found["sample_rate_hz"])
+    np.testing.assert_allclose(energy, energy[0] * np.exp(-2 * 0.02 * OMEGA[0] * (times - times[0])), rtol=0.05)
+    assert found["decay"]["decay_s"] == pytest.approx(1 / (2 * 0.02 * OMEGA[0]), rel=0.03)
+    assert found["decay"]["higher_modes"] == [0.0] * len(times)
+    assert found["from_s"] == 0
+
+
 def test_impacts_lose_what_their_velocities_say(tmp_path: Path) -> None:
     absorber = '\n[absorber]\nkind = "impact"\ngap = 3e-4\nrestitution = 0.7\n'
     load = '[load]\nkind = "random"\nspectrum = [[30.0, 0.05], [50.0, 0.05]]\nduration_s = 6.0'
