@@ -100,7 +100,9 @@ def _exact(axes: Axes, curve: ResponseCurve) -> None:
     for begin, end in zip([0, *ends], [*ends, len(kinds)], strict=True):
         colour, dashes, width, _ = LOOKS[str(kinds[begin])]
         part = slice(begin, min(end + 1, len(kinds)))
-        axes.plot(curve.omega_ratio[part], tip_max[part], color=colour, ls=dashes, lw=width, zorder=4)
+        order = 4.5 if kinds[begin] == "stable" else 4  # two orbits may have the same largest displacement: the stable one is seen
+        thinner = 1.0 if curve.symmetric else 0.6
+        axes.plot(curve.omega_ratio[part], tip_max[part], color=colour, ls=dashes, lw=thinner * width, zorder=order)
     for mark in curve.located:
         axes.plot(mark.omega_ratio, MM * mark.tip_max, MARKS.get(mark.kind, "x"), **MARKED, zorder=5)
 
@@ -129,6 +131,8 @@ def _legend(axes: Axes, overview: Overview) -> None:
     for kind, (colour, dashes, width, label) in LOOKS.items():
         if kind in shown:
             axes.plot([], [], color=colour, ls=dashes, lw=width, label=label)
+    if any(not curve.symmetric for curve in overview.curves):
+        axes.plot([], [], color=STABLE, lw=0.6 * LOOKS["stable"][2], label="thinner: orbits without symmetry")
     if any(curve.method != EXACT for curve in overview.curves):
         axes.plot([], [], color=BALANCE, lw=1.0, label="harmonic balance")
     for kind in sorted({mark.kind for curve in overview.curves if curve.method == EXACT for mark in curve.located}):
