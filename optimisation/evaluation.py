@@ -161,7 +161,7 @@ def evaluate_arrays(
         lost = np.isnan(measured).any(axis=(2, 3))
         if lost.any():
             member, condition = (int(x) for x in np.argwhere(lost)[0])
-            where = f"member {member} at resonance {problem.conditions[condition].resonance}, {problem.conditions[condition].force:g} N"
+            where = f"member {member} at {problem.conditions[condition].words}"
             reasons[i] = f"the integrator gave up {int(lost.sum())} of {lost.size} runs, the first of them {where}"
             continue
         F[i], G[i], spread[i] = _row(problem, designs[i], measured, ensemble)

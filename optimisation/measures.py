@@ -79,8 +79,8 @@ class Chunk:
 
         The energy account would give losses too, but it takes many times the time of the run itself.
         """
-        wanted, drive = set(self.measures), self.lanes[0].drive
-        own = record_of(drive) if isinstance(drive, Loads) else Record()
+        wanted, loads = set(self.measures), [lane.drive for lane in self.lanes if isinstance(lane.drive, Loads)]
+        own = record_of(loads[0]) if loads else Record()
         return replace(own, events=bool(wanted & _OF_IMPACTS), series=own.series or bool(wanted & _OF_SAMPLES))
 
 

@@ -6,7 +6,7 @@ it and the stress depend on the modes that are kept, and it on the samples: both
 
 Of each signal x, from samples:
 
-- RMS about zero, and the percentiles of |x|;
+- RMS about zero, and the percentiles of |x|; of the displacement the response level of the whole run as well;
 - exceedances: how often a second |x| rises above multiples of its RMS;
 - rainflow: cycles by their amplitude, half a range, see `measures.rainflow_amplitudes`; half cycles count 0.5;
 - spectrum: Welch's one-sided density with `SEGMENTS` segments, Hann windows that overlap by half; its integral is the mean square;
@@ -73,7 +73,9 @@ def told_of(response: Response, told: Told) -> dict[str, Any]:
     start, interval = settled_after(response), float(history.time[1])
     late = history.time >= start
     seconds = float(history.time[-1]) - start
-    signals = {name: values[late[: len(values)]] for name, values in signals_of(response, told).items()}
+    signals = signals_of(response, told)
+    measures = {name: of_signal(values[late[: len(values)]], 1 / interval) for name, values in signals.items()}
+    measures["displacement_m"]["level"] = float(close_level(level_of(signals["displacement_m"], told.samples))[0])
     largest = float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
     speeds = np.abs(impacts.relative_velocity[impacts.time >= start])
     thresholds = [0.0, *(largest * 0.5 ** np.arange(HALVINGS, 0, -1)).tolist()]
@@ -83,9 +85,9 @@ def told_of(response: Response, told: Told) -> dict[str, Any]:
         "modes": model.modes,
         "highest_mode_hz": float(model.omega.max()) / (2 * np.pi),
         "relative_to": "space" if told.absolute else "base",
-        **{name: of_signal(values, 1 / interval) for name, values in signals.items()},
+        **measures,
         **decay_of(response),
-        "bands": bands_of(response, signals_of(response, told)["displacement_m"]),
+        "bands": bands_of(response, signals["displacement_m"]),
         "impacts": {
             "per_s": len(speeds) / seconds,
             "power_w": float(np.sum(impacts.energy_lost[impacts.time >= start])) / seconds,

@@ -90,15 +90,11 @@ CASES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Both:
-    """What a lane is measured by: the response levels in the bands of both orders."""
-
-    def __call__(self, lane: Lane) -> tuple[float, ...]:
-        """Run a lane."""
-        response = simulate(lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=SAMPLES))
-        assert response.history is not None
-        return tuple(band["level_m"] for band in bands_of(response, response.history.modal_displacement @ response.scene.model.level_shape))
+def levels_in_bands(lane: Lane) -> tuple[float, ...]:
+    """Run a lane and return the response levels in the bands of both orders."""
+    response = simulate(lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=SAMPLES))
+    assert response.history is not None
+    return tuple(band["level_m"] for band in bands_of(response, response.history.modal_displacement @ response.scene.model.level_shape))
 
 
 def orders(case: Case, share: float) -> Loads:
@@ -108,12 +104,12 @@ def orders(case: Case, share: float) -> Loads:
     return Loads((Tones(tones, schedule=linear_sweep(float(omega[0]), *LIMITS)),))
 
 
-def _found(lanes: list[Lane], measure: Callable[[Lane], Any], members: int) -> Array:
-    found = each_lane(lanes, measure)
+def _found(lanes: list[Lane]) -> Array:
+    """Return the levels in both bands, (lanes, 2)."""
+    found = each_lane(lanes, levels_in_bands)
     if None in found:
         raise KeyboardInterrupt
-    values = np.array(found, dtype=np.float64)
-    return values.reshape(-1, members, *values.shape[1:])
+    return np.array(found, dtype=np.float64)
 
 
 def both_rows(case: Case, group: str, settings: Settings) -> list[Json]:
@@ -124,15 +120,15 @@ def both_rows(case: Case, group: str, settings: Settings) -> list[Json]:
     for label, share, scene in variants:
         drives = drives_of(members, orders(case, share))
         if share not in free:  # linear, and the same for all members but for phases
-            free[share] = _found([Lane(Scene(case.model), drives[0])], Both(), 1)[0]
-        ratio = _found([Lane(scene, drive) for drive in drives], Both(), settings.members)[0] / free[share]
+            free[share] = _found([Lane(Scene(case.model), drives[0])])[0]
+        ratio = _found([Lane(scene, drive) for drive in drives]) / free[share]
         rows.append(
             {
                 "structure": case.name,
                 "group": group,
                 "variant": label,
                 "share": share,
-                "free_over_gap": (free[share][0] / GAP).tolist(),
+                "free_over_gap": (free[share] / GAP).tolist(),
                 "lower": ratio[:, 0].tolist(),
                 "higher": ratio[:, 1].tolist() if share > 0 else None,
             }

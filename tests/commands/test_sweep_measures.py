@@ -116,6 +116,7 @@ def test_motion_in_space_over_that_of_the_base(tmp_path: Path) -> None:
     for option, ratio in ((("--absolute",), abs((1 + 2j * 0.02 * r) / dynamic)), ((), abs(r**2 / dynamic))):
         found, _ = measures(tmp_path, ONE_MODE, load, *option)
         assert found["displacement_m"]["rms"] == pytest.approx(base * ratio, rel=2e-3)
+        assert found["displacement_m"]["level"] > found["displacement_m"]["rms"]  # around the peak of the start
         if option:
             assert found["acceleration_m_s2"]["rms"] == pytest.approx((r * OMEGA[0]) ** 2 * base * ratio, rel=4e-3)
         else:
@@ -161,6 +162,7 @@ def test_impacts_lose_what_their_velocities_say(tmp_path: Path) -> None:
     mass = 1 / (1 / (0.02 * MASS) + 1 / MASS)
     assert impacts["power_w"] == pytest.approx(mass / 2 * (1 - 0.7**2) * np.sum(speeds**2) / (6.0 - start), rel=1e-3)
     assert impacts["per_s_above"][-1] == pytest.approx(np.sum(speeds > impacts["above_m_s"][-1]) / (6.0 - start), rel=1e-3)
+    assert found["displacement_m"]["level"] == pytest.approx(written["response_level_m"][0], rel=0.01)  # from other samples
     assert len(written["measures"]) == 2
     assert written["measures"][1]["displacement_m"]["rms"] != found["displacement_m"]["rms"]
 

@@ -14,19 +14,19 @@ from impact_env.scene import Scene
 from optimisation.files import read_json
 from studies import load_answers
 from studies.cli.load_answers import main
-from studies.load_answers import CASES, Both, Settings, both_rows, both_text, orders
+from studies.load_answers import CASES, Settings, both_rows, both_text, levels_in_bands, orders
 from studies.load_figures import FIGURES
 
 
 def test_bands_of_two_orders_superpose() -> None:
     """Without contact each band is what its own order makes, and the higher one is proportional to its force."""
     case = CASES["cantilever"]
-    each = [Both()(Lane(Scene(case.model), orders(case, share))) for share in (0.0, 0.1, 1.0)]
+    each = [levels_in_bands(Lane(Scene(case.model), orders(case, share))) for share in (0.0, 0.1, 1.0)]
     assert each[1][1] == pytest.approx(0.1 * each[2][1], rel=0.02)
     assert each[0][0] == pytest.approx(each[2][0], rel=1e-3)
     assert each[0][1] < 1e-3 * each[2][1]
     wide = Scene(case.model, impact_absorber(1.0))
-    assert Both()(Lane(wide, orders(case, 1.0))) == pytest.approx(each[2], rel=1e-9)
+    assert levels_in_bands(Lane(wide, orders(case, 1.0))) == pytest.approx(each[2], rel=1e-9)
 
 
 def test_an_absorber_at_the_node_is_left_alone_by_the_second_mode() -> None:
