@@ -71,10 +71,16 @@ class Defining:
     kind: str
     parameter: str
     scale: Array  # (m + 2,) of all unknowns and the parameter
+    limits: tuple[float, float]
 
     def matrix(self, x: Array) -> Array:
-        """Return A at all unknowns and the parameter (m + 2,), in units of gap and gap times the start's frequency."""
-        solution = solution_in(self.case, self.schedule, x[:-2], {"omega": float(x[-2]), self.parameter: float(x[-1])})
+        """Return A at all unknowns and the parameter (m + 2,), in units of gap and gap times the start's frequency.
+
+        Beyond its limits the parameter may have no meaning, as a restitution above 1: A is that at the limit.
+        """
+        if not x[-2] > 0:
+            return np.full((1, 1), np.nan)
+        solution = solution_in(self.case, self.schedule, x[:-2], {"omega": float(x[-2]), self.parameter: float(np.clip(x[-1], *self.limits))})
         units = units_of(self.case)
         return singular_at(self.kind, derivative_of(solution) * units / units[:, None])
 
@@ -99,6 +105,7 @@ class CurveWalk(Walk):
 
     kind: str = FOLD
     size: float = 1.0  # of the parameter
+    limits: tuple[float, float] = (0.0, np.inf)
     frequencies: tuple[float, float] = (0.0, np.inf)
 
     @property
@@ -112,7 +119,7 @@ class CurveWalk(Walk):
 
     def residual(self) -> Residual:
         """See `Walk`."""
-        return Defining(self.case, self.schedule, self.kind, self.parameter, np.append(self.scale, self.size))
+        return Defining(self.case, self.schedule, self.kind, self.parameter, np.append(self.scale, self.size), self.limits)
 
     def monitors(self) -> tuple[Monitor, ...]:
         """See `Walk`. Behind grazing the orbit is none, but the curve may come back, and is followed."""
@@ -126,7 +133,8 @@ class CurveWalk(Walk):
 
     def _apart(self, z: Array, value: float) -> float:
         """Return what is zero where the torus's pair meets at 1 or -1, behind which it is real and there is none."""
-        return float(4 - np.sum(_pair(np.linalg.eigvals(self.motion(z, value).derivative).astype(complex))).real ** 2)
+        matrix = self.motion(z, value).derivative
+        return float(4 - np.sum(_pair(np.linalg.eigvals(matrix).astype(complex))).real ** 2) if np.all(np.isfinite(matrix)) else np.nan
 
     def recentre(self, z: Array, value: float, along: Array) -> Chart | None:
         """See `Walk`: Newton's method for orbits fails at a fold, so that of the curve itself goes on from the order that the motion shows."""
@@ -238,11 +246,13 @@ def bifurcation_curve(
     """
     require(kind in KINDS, "kind", kind, f"one of {', '.join(KINDS)}")
     require(parameter in SECOND, "parameter", parameter, f"one of {', '.join(SECOND)}")
+    for limit in limits:
+        solution.case.changed(**{parameter: limit})  # raises where it is not allowed
     ways = list[tuple[Branch, list[EventSchedule]]]()
     for direction in (1.0, -1.0):
         value = float(getattr(solution.case, parameter))
         size = PARAMETER_SHARE * size_of(parameter, value, limits)
-        walk = CurveWalk(solution.case, parameter, solution.schedule, kind=kind, size=size, frequencies=frequencies)
+        walk = CurveWalk(solution.case, parameter, solution.schedule, kind=kind, size=size, limits=limits, frequencies=frequencies)
         problem = Problem(walk.residual(), parameter, walk.scale, size, limits, walk.monitors(), walk.recentre)
         way = continuation(problem, np.append(unknowns_of(solution), solution.case.omega), value, direction, steps, progress)
         ways.append((way, walk.schedules(solution.schedule, len(way))))

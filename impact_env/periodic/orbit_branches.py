@@ -130,7 +130,10 @@ class Walk:
 
     def _on_circle(self, z: Array, value: float) -> float:
         """Return a monitor that is zero where the product of two multipliers is 1: the sign and the geometric mean of all of them, each less 1."""
-        multipliers = np.linalg.eigvals(self.motion(z, value).derivative)
+        matrix = self.motion(z, value).derivative
+        if not np.all(np.isfinite(matrix)):
+            return np.nan
+        multipliers = np.linalg.eigvals(matrix)
         first, second = np.triu_indices(len(multipliers), 1)
         factors = multipliers[first] * multipliers[second] - 1
         sizes = np.abs(factors)
@@ -142,7 +145,8 @@ class Walk:
     def _turning_back(self, z: Array, value: float) -> float:
         """Return a monitor that is zero where a multiplier is -1: the product of all of them, each plus 1."""
         matrix = self.motion(z, value).derivative
-        return float(np.linalg.det(matrix + np.eye(len(matrix))))
+        with np.errstate(all="ignore"):  # where an impact is next to grazing it has no number
+            return float(np.linalg.det(matrix + np.eye(len(matrix))))
 
     def weakest(self, z: Array, _value: float) -> float:
         """Return the least of the impulses, above 0 where all walls push."""

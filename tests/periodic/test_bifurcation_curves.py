@@ -126,6 +126,20 @@ def test_each_curve_is_followed_once() -> None:
             bifurcation_curve(start, kind, parameter, (1.0, 2.0), RANGE)
 
 
+@pytest.mark.parametrize(("parameter", "limits"), [("restitution", (0.7, 1.0)), ("gap", (8e-4, 1.2e-3))])
+def test_a_curve_over_another_parameter_comes_to_its_limits(parameter: str, limits: tuple[float, float]) -> None:
+    """Lengths over the gap depend on the force over the gap alone, so without friction the fold's frequency at gap g is that at 1 mm, 1.5 N / g."""
+    start = high_orbit(Case(model_of(1), 0.94 * FIRST, 1.5, restitution=0.8)).solution
+    curve = bifurcation_curve(orbit_branch(start, "omega", RANGE).of(FOLD)[-1].solution, FOLD, parameter, limits, RANGE)
+    assert sorted(curve.branch.parameters[[0, -1]]) == pytest.approx(limits, rel=1e-12)
+    assert all(isinstance(orbit, Orbit) for orbit in curve.orbits)
+    for k in (0, len(curve.schedules) // 3, -1):
+        case = curve.solution(k).case
+        at = case if parameter == "restitution" else case.changed(gap=1e-3, force=case.force * 1e-3 / case.gap)
+        known = np.array(closed_folds(at, case.omega_ratio - 0.01, case.omega_ratio + 0.01)) / FIRST
+        assert np.min(np.abs(known - case.omega_ratio)) < 1e-8
+
+
 def test_the_second_compound_has_the_products_of_eigenvalues() -> None:
     matrix = np.random.default_rng(5).normal(size=(5, 5))
     values = np.linalg.eigvals(matrix)
