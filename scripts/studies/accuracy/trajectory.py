@@ -153,15 +153,18 @@ def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, sett
             run: PeerRun = follow(it.scene, drive, it.initial, maker)
             found.append(_errors(it, truth, run.end_state, run.impact_time, balance))
             if us is None:
-                again = partial(follow, it.scene, drive, it.initial, maker)
-                slow = run.wall_time > settings.patience
-                seconds = run.wall_time if slow else median_time(lambda again=again: again().wall_time, settings.repeats, settings.patience)
-                us = 1e6 * seconds / truth.periods
+                us = 1e6 * _peer_time(it, drive, maker, run.wall_time, settings) / truth.periods
             if time.perf_counter() - began > settings.patience:
                 break
     except PeerFailedError as error:
         note = str(error)
     return _row(starts[0], name, tolerance, found, us, note)
+
+
+def _peer_time(it: Case, drive: Drive, maker: Any, first: float, settings: Settings) -> float:
+    if first > settings.patience:
+        return first
+    return median_time(lambda: follow(it.scene, drive, it.initial, maker).wall_time, settings.repeats, settings.patience)
 
 
 def peers(settings: Settings) -> list[tuple[str, float, Maker]]:

@@ -21,8 +21,8 @@ from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.timing import Timed
 from studies.cli.benchmark import CASES, START, Case
-from studies.cost.pieces import make_room, repeat_advance, repeat_refine, repeat_scan, repeat_solve, repeat_turn
 from studies.one_table import table_options, table_place, table_study
+from studies.pieces import make_room, repeat_advance, repeat_refine, repeat_scan, repeat_solve, repeat_turn
 from studies.runner import run
 from studies.study import Json, Measured
 

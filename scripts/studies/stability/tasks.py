@@ -15,8 +15,7 @@ from studies.stability import checks as checks
 from studies.stability import eigen as eigen
 from studies.stability import limits as limits
 from studies.stability import soak as soaks
-from studies.stability.case import Case
-from studies.stability.cases import cases
+from studies.stability.cases import Case, cases
 
 CELL_LIMIT_S, QUICK_CELL_LIMIT_S = 90.0, 30.0
 SOAK_LIMIT_S = 400.0
