@@ -71,15 +71,12 @@ def table(rows: Sequence[Row]) -> str:
     case = ("case",) if rows[0].varied == FRESH else ("beam", "resonance", rows[0].varied)
     what = (*case, "free amplitude over gap", "best gap over rule's", "expected")
     header = (*what, "level at the best, %", "at the rule's, %", "at the expected, %")
-    return markdown(header, [_cells(row) for row in rows])
-
-
-def _cells(row: Row) -> tuple[str, ...]:
-    at_rule = row.relative[row.factors.index(1.0)]
-    least = min(row.relative)
-    levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, row.expected)))
-    case = (row.key,) if row.varied == FRESH else (row.structure, str(row.resonance), f"{row.value:g}")
-    return (*case, f"{row.reach:.3g}", f"{row.best:.2g}", f"{row.expected:.2g}", *levels)
+    lines = []
+    for row in rows:
+        levels = (min(row.relative), row.relative[row.factors.index(1.0)], min(row.relative) * price_at(row, row.expected))
+        own = (row.key,) if row.varied == FRESH else (row.structure, str(row.resonance), f"{row.value:g}")
+        lines.append((*own, f"{row.reach:.3g}", f"{row.best:.2g}", f"{row.expected:.2g}", *(f"{100 * x:.1f}" for x in levels)))
+    return markdown(header, lines)
 
 
 def _verdict_table(rows: Sequence[Row]) -> str:

@@ -15,9 +15,10 @@ from optimisation.cli.common import command
 from optimisation.page import DOCS, published
 from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
+from optimisation.report.policy_figures import save_tradeoff
 from optimisation.rl.tradeoff import constant_rates, windows
 from studies.runner import run
-from studies.study import Json, Measured, Part, Place, Saver, Steps, Study
+from studies.study import Json, Measured, Part, Place, Steps, Study
 
 QUICK_OUT = Path("results/sweep_tradeoff")
 OUT = published(DOCS, QUICK_OUT)
@@ -67,12 +68,6 @@ def table(result: dict[str, Any]) -> str:
     return markdown(("rate, %", "median level", "5 to 95 %", "pseudo periods", "mean score"), rows)
 
 
-def _figures(measured: Measured) -> dict[str, Saver]:
-    from optimisation.report.policy_figures import save_tradeoff  # matplotlib is slow to import
-
-    return {NAME: lambda path: save_tradeoff(path, measured.values)}
-
-
 def unpack(_name: str, content: Json) -> Measured:
     """Return what the JSON file holds; raises KeyError if it is another's."""
     return Measured({name: content[name] for name in ("seeds", "cases", "windows")})
@@ -86,7 +81,7 @@ STUDY: Study[bool] = Study(
             measure=_measure,
             markers=(),
             sections=lambda _: {},
-            figures=_figures,
+            figures=lambda measured: {NAME: lambda path: save_tradeoff(path, measured.values)},
             said=lambda measured: table(measured.values),
         ),
     ),

@@ -149,11 +149,6 @@ def _within(own: Curve, other: Curve, span: tuple[float, float]) -> Array:
     return (own.level[inside] / other.level[inside]).ravel()
 
 
-def _claims(values: Json) -> list[Claim]:
-    """Return what friction and restitution do to the curves and sweeps."""
-    return [*_dampers(values), *_absorbers(values), *_swept(values)]
-
-
 def _dampers(values: Json) -> list[Claim]:
     read = {name: curve_of(values[name]) for name in _scenes()}
     none = read[NONE]
@@ -292,7 +287,8 @@ def _sweeps(axes: Axes, values: Json) -> None:
 
 
 FIGURE = PaperFigure(
-    LABEL, "friction and restitution", measure=_measure, words=_words, draw=_draw, claims=_claims, needs=has(*_scenes()),
+    LABEL, "friction and restitution", measure=_measure, words=_words, draw=_draw,
+    claims=lambda values: [*_dampers(values), *_absorbers(values), *_swept(values)], needs=has(*_scenes()),
     sizes=(
         Sizes(force_grid(0.1, 20.0, 28, (3.5, SWEPT)), 12, 16),
         Sizes((0.1, 0.4, 0.8, 1.2, 2.0, 2.8, 3.5, 4.2, SWEPT, 8.0, 20.0), 2, 2),

@@ -115,7 +115,8 @@ def _sweeps(values: Json) -> list[Claim]:
     orbit = max(y for curve in medium["exact"] for x, y in zip(curve["omega_ratio"], curve["tip_max"], strict=True) if y and 0.995 < x < 1.005)
     down, up = (np.array(sweeps[f"high force, {way}"]["on_branch_m"]) for way in ("down", "up"))
     peaks = {way: np.array([max(sweeps[f"high force, {way}"]["nominal_m"]), max(sweeps[f"high force, {way}"]["low_m"])]) for way in ("down", "up")}
-    branch = _height(values["high"], 0.935, 0.945)
+    orbits = [pair for curve in values["high"]["exact"] for pair in zip(curve["omega_ratio"], curve["tip_max"], strict=True)]
+    branch = float(np.median([y for x, y in orbits if y and 0.935 < x < 0.945 and y > 1e-3]))  # of the high branch
     ratio = down / branch
     return [
         Claim(
@@ -140,12 +141,3 @@ def _sweeps(values: Json) -> list[Claim]:
             Verdict.HOLDS if np.median(up) < MUCH * np.median(down) else Verdict.NOT, FIGURE, "Both directions show the same.",
         ),
     ]  # fmt: skip
-
-
-def _height(part: Json, low: float, high: float) -> float:
-    """Return the median height of the high branch's orbits between two ratios."""
-    return float(
-        np.median(
-            [y for curve in part["exact"] for x, y in zip(curve["omega_ratio"], curve["tip_max"], strict=True) if y and low < x < high and y > 1e-3]
-        )
-    )

@@ -174,11 +174,6 @@ def _beside_limit(values: Json, names: list[str]) -> str:
     return f"The impact absorber's median over the stationary limit of its mass and gap: {'; '.join(words)}."
 
 
-def _claims(values: Json) -> list[Claim]:
-    """Return what the comparison says of the concepts."""
-    return [*_first(values), *_second(values), *_both(values)]
-
-
 def _best(part: Json) -> tuple[Array, float]:
     """Return the best forces in N of the members around the paper's, (M,), and that of the single runs at the paper's step."""
     own, none = (curve_of(part["curves"][key]) for key in (IMPACT, NONE))
@@ -335,7 +330,8 @@ def _inset(axes: Axes, found: dict[str, Curve]) -> None:
 
 
 FIGURE = PaperFigure(
-    LABEL, "the comparison of concepts", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    LABEL, "the comparison of concepts", measure=_measure, words=_words, draw=_draw,
+    claims=lambda values: [*_first(values), *_second(values), *_both(values)],
     needs=has(*(f"resonance {r}" for r in RESONANCES)), tables=lambda values: (_limits_table(values),),
     sizes=(
         Sizes(24, tuple(np.round(np.linspace(0.7, 1.3, 13), 3).tolist()), 12, force_grid(0.1, 3.5, 12), force_grid(0.2, 1.25, 14, (PAPER_LIMIT,))),

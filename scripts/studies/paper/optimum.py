@@ -18,7 +18,7 @@ from optimisation.gap_check import sweep_limits
 from studies.paper.claim import MUCH, Claim, Verdict, judged
 from studies.paper.frame import PaperFigure, Settings, in_turn, shortened
 from studies.paper.style import LOOKS, REFERENCE, legends, line, panels
-from studies.study import Json, Steps, Table
+from studies.study import Json, Table
 
 LABEL = "optimum"
 
@@ -30,10 +30,6 @@ class Sizes(NamedTuple):
     restitutions: tuple[float, ...]
     factors: list[float]
     members: int
-
-
-def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
-    return in_turn({f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, known)
 
 
 def _of_mass(mass: float, settings: Settings, size: Sizes) -> Json:
@@ -91,10 +87,6 @@ def _table(values: Json) -> Table:
         for row in rows_of(values)
     ]
     return Table(f"{LABEL}_best", header, body)
-
-
-def _words(values: Json) -> str:
-    return f"{shortened(_table(values))}\n\n{_summary(rows_of(values))}"
 
 
 def _summary(rows: list[Json]) -> str:
@@ -172,8 +164,10 @@ def _draw(values: Json) -> Figure:
 
 
 FIGURE = PaperFigure(
-    LABEL, "where the best operating point goes with mass and restitution", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    LABEL, "where the best operating point goes with mass and restitution", draw=_draw, claims=_claims,
+    words=lambda values: f"{shortened(_table(values))}\n\n{_summary(rows_of(values))}",
     answer=_answer, tables=lambda values: (_table(values),),
+    measure=lambda settings, size, known: in_turn({f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, known),
     sizes=(
         Sizes((0.005, 0.01, 0.02, 0.03, 0.05), (0.3, 0.5, 0.7, 0.85, 1.0), np.geomspace(0.4, 1.75, 21).tolist(), 10),
         Sizes((0.01, 0.02, 0.05), (0.5, 1.0), np.geomspace(0.5, 1.5, 6).tolist(), 3),

@@ -87,6 +87,8 @@ class Modulated:
         largest = share[: self.periods // STRETCH * STRETCH].reshape(-1, STRETCH * DEFAULT_SAMPLES).max(axis=1)
         counted = {"tip": peaks, "share": largest} | {f"lag, {name}": lags[k] for name, k in thirds.items()}
         counted |= {f"impacts, {name}": impacts[k] for name, k in thirds.items()}
+        # size of the lag (rad) at the instants at which the absorber's energy is in its largest third, over that at all of them
+        size, most = np.abs(np.angle(np.exp(1j * lag.ravel()))), energy.absorber[rows] > np.quantile(energy.absorber[rows], 2 / 3)
         return {
             "depth": modulation_depth(peaks),
             "rms_m": float(np.sqrt(np.mean(history.tip_displacement[rows] ** 2))),
@@ -95,19 +97,13 @@ class Modulated:
             "lag_width": {name: float(np.quantile(lags[k], 0.95) - np.quantile(lags[k], 0.05)) for name, k in thirds.items()},
             "lag_at_transfer": float(np.median(np.abs(lag[share > TRANSFER]))),
             "lag_at_all": float(np.median(np.abs(lag))),
-            "lag_at_energy": _lag_at_energy(lag, energy.absorber[rows]),
+            "lag_at_energy": float(np.mean(size[most]) / np.mean(size)),
             "energy_and_lag": float(np.corrcoef(energy.absorber[rows].reshape(self.periods, -1).mean(axis=1), np.abs(lags))[0, 1]),
             "share": largest.tolist(),
             "waits": _waits(share.max(axis=1)),
             "counts": {name: np.histogram(counted[name], edges)[0].tolist() for name, edges in COUNTS.items()},
             "record": _record(history, first, lag, energy.modal[rows, 0], energy.absorber[rows]),
         }
-
-
-def _lag_at_energy(lag: Array, absorber: Array) -> float:
-    """Return the mean size of the lag (rad) at the instants at which the absorber's energy (S,) is in its largest third, over that at all of them."""
-    size = np.abs(np.angle(np.exp(1j * lag.ravel())))
-    return float(np.mean(size[absorber > np.quantile(absorber, 2 / 3)]) / np.mean(size))
 
 
 def _waits(share: Array) -> list[int]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -174,26 +173,23 @@ def _jump_words(rows: list[Row]) -> list[str]:
     return blocks
 
 
-def _kind_words(rows: list[Row]) -> list[str]:
-    return [part for case in names(rows) for part in (f"**{case}**", kind_table(of_case(rows, RESPONSE, case)))]
-
-
 def _tables(measured: Measured, name: str) -> list[Table]:
     rows: list[Row] = measured.values["rows"]
     found = []
     for what in dict.fromkeys(row["what"] for row in rows if row["what"] not in WAYS):
         own = [row for row in rows if row["what"] == what]
         columns = [column for column in own[0] if column != "what"]
-        found.append(Table(f"{name}_{what}", columns, [[_cell(row[column]) for column in columns] for row in own]))
+        cells = [[row[column] for column in columns] for row in own]
+        words = [[" ".join(f"{k}:{v}" for k, v in x.items()) if isinstance(x, dict) else "" if x is None else x for x in line] for line in cells]
+        found.append(Table(f"{name}_{what}", columns, words))
     return found
 
 
-def _cell(value: Any) -> Any:
-    return " ".join(f"{k}:{v}" for k, v in value.items()) if isinstance(value, dict) else "" if value is None else value
-
-
 def _part(name: str, title: str) -> Part[Settings]:
-    words, save = {JUMP: (_jump_words, save_jump), KINDS: (_kind_words, save_kinds)}[name]
+    words, save = {
+        JUMP: (_jump_words, save_jump),
+        KINDS: (lambda rows: [x for case in names(rows) for x in (f"**{case}**", kind_table(of_case(rows, RESPONSE, case)))], save_kinds),
+    }[name]
 
     def sections(measured: Measured) -> dict[str, str]:
         made = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s." + ("" if measured.complete else " Stopped early.")
