@@ -229,11 +229,9 @@ def _neither(read: dict[str, Curve], none: Curve) -> Claim:
     over = [best[impacting(limit)] / np.median(best[CONSERVATIVE]) for limit in LIMITS]
     low, high = (float(each(quantiles(row, BAND)[k] for row in over)) for k, each in ((0, min), (1, max)))
     said = ", ".join(f"{spread(row)} at {limit:g} N" for row, limit in zip(over, LIMITS, strict=True))
-    return Claim(
-        f"{LABEL}_neither", "friction neither impedes nor significantly improves the performance", "7",
-        f"best level over that without friction {said}", judged(low, high, *within(LITTLE)), LABEL,
-        f"So it is at {LIMITS[0]:g} N; more friction makes the best level worse, and moves it to a higher force.",
-    )  # fmt: skip
+    return Claim(f"{LABEL}_neither", "friction neither impedes nor significantly improves the performance", "7",
+                 f"best level over that without friction {said}", judged(low, high, *within(LITTLE)), LABEL,
+                 f"So it is at {LIMITS[0]:g} N; more friction makes the best level worse, and moves it to a higher force.")  # fmt: skip
 
 
 def _swept(values: Json) -> list[Claim]:

@@ -132,15 +132,11 @@ def _claims(values: Json) -> list[Claim]:
         "absorber at its best force"
     )
     return [
-        Claim(
-            "optimum_mass", "a heavier absorber is the more effective (known, and left out of the study)", "2",
-            f"level at the best force in % of no absorber, e = {heaviest:g}, by mass ratio: {said}", Verdict.HOLDS if falls else Verdict.NOT, LABEL,
-            "" if falls else "The level at the best force does not fall from each mass to the next.",
-        ),
-        Claim(
-            "optimum_light", "an absorber of less than 1 % without losses at its contact reduces the level considerably", "1", light,
-            judged(lightest[2][0], lightest[2][1], 0.0, MUCH), LABEL, "Members differ.",
-        ),
+        Claim("optimum_mass", "a heavier absorber is the more effective (known, and left out of the study)", "2",
+              f"level at the best force in % of no absorber, e = {heaviest:g}, by mass ratio: {said}", Verdict.HOLDS if falls else Verdict.NOT, LABEL,
+              "" if falls else "The level at the best force does not fall from each mass to the next."),
+        Claim("optimum_light", "an absorber of less than 1 % without losses at its contact reduces the level considerably", "1", light,
+              judged(lightest[2][0], lightest[2][1], 0.0, MUCH), LABEL, "Members differ."),
     ]  # fmt: skip
 
 
