@@ -76,14 +76,7 @@ def _bending(held: tuple[str, str], sides: Point, poisson: float) -> tuple[Real,
     return product(w, w), stiffness
 
 
-def plate(
-    held: tuple[str, str],
-    sides: Point,
-    thickness: float,
-    places: tuple[Point, Point, Point],
-    damping: float,
-    material: Point,
-) -> ModalModel:
+def plate(held: tuple[str, str], sides: Point, thickness: float, places: tuple[Point, Point, Point], damping: float, material: Point) -> ModalModel:
     """Return a plate held along x and y (`HELD`); sides and thickness in m; places of force, absorber and response as shares of the sides."""
     (young, density), (force, absorber, response) = material, places
     mass, stiffness = _bending(held, sides, 0.3)
@@ -289,9 +282,7 @@ def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:
     walls, friction = absorber.walls, absorber.friction
     assert walls is not None
     return replace(
-        absorber,
-        walls=replace(walls, gap=walls.gap * factor),
-        friction=None if friction is None else CoulombFriction(friction.limit * factor),
+        absorber, walls=replace(walls, gap=walls.gap * factor), friction=None if friction is None else CoulombFriction(friction.limit * factor)
     )
 
 
@@ -309,10 +300,7 @@ def judged(case: Case, found: Advice, at: Array, full: Array, expected: float) -
     assert found.recommended is not None
     sharp, robust = (np.log(answer.gap / found.check.rule) for answer in (found.sharp, found.recommended))
     lowest = full.min()
-    told = (
-        float(between(sharp) / lowest),
-        float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()),
-    )
+    told = (float(between(sharp) / lowest), float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()))
     return Row(
         case.name,
         case.resonance,

@@ -128,10 +128,7 @@ def measure(
         return found
 
     total, kept = part.steps(settings, values) if part.steps else None, time.perf_counter()
-    with (
-        Bar(total=total, desc=part.name, bar_format=BAR, disable=total is None) as bar,
-        closing(part.measure(settings, values)) as steps,
-    ):
+    with Bar(total=total, desc=part.name, bar_format=BAR, disable=total is None) as bar, closing(part.measure(settings, values)) as steps:
         try:
             for values in steps:  # noqa: B007 - `known` reads it
                 bar.update()
