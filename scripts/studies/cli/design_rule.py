@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from optimisation.page import DOCS, published
 from optimisation.progress import runs_bar
 from optimisation.report.markdown import markdown
 from studies import rule
-from studies.rule import DAMPING, FRESH, MASS, PLACE, Case, Row, as_json, from_json, price_at, row_of, verdicts
+from studies.rule import DAMPING, FRESH, MASS, PLACE, Case, Row, price_at, row_of, verdicts
 from studies.runner import run
 from studies.study import Json, Measured, Part, Steps, Study, beside, rows_by_case
 
@@ -44,7 +45,7 @@ class Settings(NamedTuple):
 
     def keep(self, values: Json) -> Json:
         """Return what an earlier run has measured with the same settings."""
-        return values if values["settings"] == self.told else {}
+        return values if values.get("settings") == self.told else {}
 
 
 def settings(quick: bool, members: int | None, threads: int | None, executor: Executor | None = None) -> Settings:
@@ -57,7 +58,7 @@ def _run(case: Case, given: Settings) -> list[Json]:
         checks = rule.run_case(case, given.members, rule.STEPS, given.threads, show, given.executor, fine=not given.quick)
     if not all(check.complete for check in checks):
         raise KeyboardInterrupt
-    return [as_json(row_of(case, checks))]
+    return [asdict(row_of(case, checks))]
 
 
 def _measure(given: Settings, known: Json) -> Steps:
@@ -96,13 +97,9 @@ def _verdict_table(rows: Sequence[Row]) -> str:
     return markdown(header, lines)
 
 
-def _rows(measured: Measured) -> list[Row]:
-    return [from_json(row) for row in measured.values["rows"]]
-
-
 def sections(measured: Measured) -> dict[str, str]:
     """Return the tables of what has been varied so far, the verdict, and where it was measured."""
-    rows = _rows(measured)
+    rows = [Row(**row) for row in measured.values["rows"]]
     by_number = {name: [row for row in rows if row.varied == varied] for varied, name in SECTIONS.items()}
     tables = {name: table(part) if part else "Not measured yet." for name, part in by_number.items()}
     return tables | {VERDICT: _verdict_table(rows), MACHINE: sources(measured.conditions)}
@@ -111,24 +108,9 @@ def sections(measured: Measured) -> dict[str, str]:
 def said(measured: Measured) -> str:
     """Return a line for each class of cases."""
     return "\n".join(
-        f"free amplitude over gap {v.label}: best gap {v.low:.2g} to {v.high:.2g} of the rule's, {v.cases} cases" for v in verdicts(_rows(measured))
+        f"free amplitude over gap {v.label}: best gap {v.low:.2g} to {v.high:.2g} of the rule's, {v.cases} cases"
+        for v in verdicts([Row(**row) for row in measured.values["rows"]])
     )
-
-
-def pack(_name: str, measured: Measured) -> Json:
-    """Return what the JSON file holds."""
-    return {
-        "settings": measured.values["settings"],
-        "conditions": measured.conditions,
-        "complete": measured.complete,
-        "rows": measured.values["rows"],
-    }
-
-
-def unpack(_name: str, content: Json) -> Measured:
-    """Return what `pack` has packed; raises KeyError or TypeError if it was another."""
-    rows = [as_json(from_json(row)) for row in content["rows"]]
-    return Measured({"settings": content["settings"], "rows": rows}, {"wall_s": 0.0, **content["conditions"]}, bool(content.get("complete", True)))
 
 
 STUDY: Study[Settings] = Study(
@@ -143,8 +125,6 @@ STUDY: Study[Settings] = Study(
             said=said,
         ),
     ),
-    pack=pack,
-    unpack=unpack,
     kept="the same command goes on from here.",
 )
 
