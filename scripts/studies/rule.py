@@ -7,7 +7,7 @@ price, the level at the rule's gap over the smallest. `optimisation.bounds.reach
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -112,8 +112,8 @@ class Row:
     reach: float
     rate: float
     sweep: float
-    factors: tuple[float, ...]
-    relative: tuple[float, ...]
+    factors: Sequence[float]
+    relative: Sequence[float]
     best: float
     price: float
     members: int
@@ -186,16 +186,6 @@ def row_of(case: Case, checks: Sequence[GapCheck]) -> Row:
     own = (case.key, case.structure, case.varied, case.value, case.resonance, first.reach, first.rate, first.sweep_ratio)
     best = int(np.nanargmin(relative))
     return Row(*own, multiples, relative, multiples[best], relative[multiples.index(1.0)] / relative[best], len(first.without.members))
-
-
-def as_json(row: Row) -> dict[str, object]:
-    """Return a row as JSON values."""
-    return {name: list(x) if isinstance(x, tuple) else x for name, x in asdict(row).items()}
-
-
-def from_json(values: dict[str, object]) -> Row:
-    """Return the row that `as_json` gave."""
-    return Row(**{name: tuple(x) if isinstance(x, list) else x for name, x in values.items()})  # type: ignore[arg-type]
 
 
 def price_at(row: Row, factor: float) -> float:

@@ -97,7 +97,10 @@ def _measured_and_kept(study: Study[S], part: Part[S], settings: S, place: Place
         elif earlier.complete:
             return earlier
         else:
-            _require_same(study, earlier.conditions, conditions(study.packages) | study.notes(settings))
+            old, new = earlier.conditions, conditions(study.packages) | study.notes(settings)
+            for name in study.same:
+                if old.get(name) != new.get(name):
+                    raise ParameterError(f"--resume is not allowed: with the same {name} as the earlier run, {old.get(name)}, not {new.get(name)}")
 
     def write(measured: Measured) -> None:
         if path is not None:
@@ -125,10 +128,7 @@ def measure(
         return found
 
     total, kept = part.steps(settings, values) if part.steps else None, time.perf_counter()
-    with (
-        Bar(total=total, desc=part.name, bar_format=BAR, disable=total is None) as bar,
-        closing(part.measure(settings, values)) as steps,
-    ):
+    with Bar(total=total, desc=part.name, bar_format=BAR, disable=total is None) as bar, closing(part.measure(settings, values)) as steps:
         try:
             for values in steps:  # noqa: B007 - `known` reads it
                 bar.update()
@@ -140,12 +140,6 @@ def measure(
                 raise
             return known(ended=False, failure="" if isinstance(error, KeyboardInterrupt) else str(error))
     return known(ended=True)
-
-
-def _require_same(study: Study[S], old: Json, new: Json) -> None:
-    for name in study.same:
-        if old.get(name) != new.get(name):
-            raise ParameterError(f"--resume is not allowed: with the same {name} as the earlier run, {old.get(name)}, not {new.get(name)}")
 
 
 def publish(part: Part[S], measured: Measured, place: Place, written: Sequence[Path] = ()) -> None:

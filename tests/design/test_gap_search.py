@@ -19,8 +19,7 @@ from optimisation.gap_advice import Advice, advise
 from optimisation.gap_check import scaled_absorber
 from optimisation.gap_search import PAIRS, STEP, Table, answers, bracket, search, worst
 from studies.cli import check_gaps
-from studies.gaps.scan import judged
-from studies.gaps.structures import CASES, frame, plate, storeys
+from studies.gaps import CASES, frame, judged, plate, storeys
 
 MODEL = modal_model(Beam(modes=3))
 

@@ -30,7 +30,7 @@ PAGE = "# Findings\n" + "".join(f"<!-- findings:{part} -->\n<!-- /findings:{part
 def findings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     module = load("findings", monkeypatch)
     from studies import study as pattern
-    from studies.findings import parts, study
+    from studies.findings import parts
 
     def small(self: object, concept: str, at: object, free: object = None, bounds: object = None, members: int | None = None) -> Problem:
         space, conditions = parts.design_space(concept, free, bounds), parts.make_conditions(concept, list(at))  # type: ignore[call-overload]
@@ -38,7 +38,7 @@ def findings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
 
     monkeypatch.setattr(parts.Settings, "problem", small)
     for name, value in (("QUICK_DESIGNS", 4), ("QUICK_POINTS", 3), ("JOURNALS", tmp_path / "journals")):
-        monkeypatch.setattr(study, name, value)
+        monkeypatch.setattr(module, name, value)
     monkeypatch.setattr(pattern, "DOCS", tmp_path / "docs")
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "findings.md").write_text(PAGE)

@@ -12,9 +12,8 @@ from commands import call
 
 from optimisation.files import write_json
 from optimisation.machine import conditions
-from studies import variants
+from studies import probe, variants
 from studies.cli import specialisation
-from studies.specialisation import probe, results, study
 from studies.study import Measured
 
 
@@ -26,7 +25,7 @@ def entry(absorber: str, *functions: tuple[str, int], record: str = "level", gro
     return {"absorber": absorber, "method": "exact", "record": record} | code | times | memory
 
 
-def measured(ratio: float = 1.8, **others: Any) -> results.Results:
+def measured(ratio: float = 1.8, **others: Any) -> specialisation.Results:
     good = {
         "no absorber, exact": entry("no absorber", ("linear.linear_lane", 3)),
         "impact, exact": entry("impact", ("search.search", 3), ("rigid_contact.friction_force", 0)),
@@ -34,7 +33,7 @@ def measured(ratio: float = 1.8, **others: Any) -> results.Results:
         "impact, exact, level and samples recorded": entry("impact", ("rigid_contact.turn", 0), record="level and samples", growth=1e4),
     }
     names = {"part": "friction (exact)", "without": "impact, exact", "switched_off": "other, exact"}
-    return results.Results(good | others, [names | {"without_ns": 5e3, "switched_off_ns": ratio * 5e3, "ratio": ratio}])
+    return specialisation.Results(good | others, [names | {"without_ns": 5e3, "switched_off_ns": ratio * 5e3, "ratio": ratio}])
 
 
 @pytest.mark.parametrize(
@@ -46,8 +45,10 @@ def measured(ratio: float = 1.8, **others: Any) -> results.Results:
     ],
 )
 def test_claims_hold_or_are_broken_and_the_page_says_so(name: str, found: dict[str, Any], broken: str, tmp_path: Path) -> None:
-    def redrawn(values: results.Results) -> Any:
-        write_json(tmp_path / "specialisation.json.gz", study.STUDY.pack("specialisation", Measured(vars(values), conditions() | {"quick": True})))
+    def redrawn(values: specialisation.Results) -> Any:
+        write_json(
+            tmp_path / "specialisation.json.gz", specialisation.STUDY.pack("specialisation", Measured(vars(values), conditions() | {"quick": True}))
+        )
         return call(specialisation, "--redraw", "--out", tmp_path)
 
     assert redrawn(measured()).exit_code == 0

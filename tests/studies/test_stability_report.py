@@ -18,12 +18,11 @@ from optimisation.files import write_json
 from optimisation.page import DOCS, fill
 from studies import study as pattern
 from studies.cli import stability
-from studies.stability import case as one_case
-from studies.stability import cases, cells, checks, eigen, limits, page, study, tasks
+from studies.stability import cases, cells, checks, eigen, limits, study, tasks
 from studies.stability import soak as soaks
 
 
-def case(group: str, name: str) -> one_case.Case:
+def case(group: str, name: str) -> cases.Case:
     (found,) = [c for c in cases.cases() if (c.group, c.name) == (group, name)]
     return found
 
@@ -142,7 +141,7 @@ def test_soaks_are_judged(values: dict[str, list[float]], word: str) -> None:
 
 
 def test_searches_are_checked_until_there_are_enough() -> None:
-    found = checks.check(checks.CASES[0], 100, 0)
+    found = checks.check(next(iter(checks.CASES)), 100, 0)
     assert found.searches >= 100
     assert found.passed == (found.misses == 0) == (found.first == "")
 
@@ -209,7 +208,7 @@ def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
 def test_page_in_docs_has_all_markers(tmp_path: Path) -> None:
     target = tmp_path / "page.md"
     for _ in range(2):  # the second time into the page itself
-        fill(target, DOCS / "methods.md", page.sections(results()))
+        fill(target, DOCS / "methods.md", study.sections(results()))
         assert target.read_text().count("1 failed") == 1
     with pytest.raises(ParameterError, match="markers"):
         fill(tmp_path / "page.md", DOCS / "methods.md", {"other": ""})

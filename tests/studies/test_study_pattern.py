@@ -60,10 +60,7 @@ def part(name: str) -> Part[Settings]:
         sections=lambda measured: {name: f"{len(measured.values['rows'])} rows. {sources(measured.conditions)}"},
         steps=lambda settings, known: len(left(cases(settings), key, known)),
         tables=lambda measured: [Table(name, ("elements", name), [[row["elements"], row[name]] for row in measured.values["rows"]])],
-        figures=lambda measured: {
-            name: partial(save, rows=measured.values["rows"]),
-            f"{name}.html": partial(save, rows=measured.values["rows"][:1]),
-        },
+        figures=lambda measured: {name: partial(save, rows=measured.values["rows"]), f"{name}.html": partial(save, rows=measured.values["rows"][:1])},
         failures=lambda measured: [str(row) for row in measured.values["rows"] if row[name] > 1e5],
     )
 

@@ -83,11 +83,6 @@ class Case:
         schedule = FrequencySchedule(np.array([0.0, periods * self.period]), np.array([self.omega, self.omega + rise]), reference)
         return Drive(self.kind.force, schedule, self.phase)
 
-    @property
-    def moving(self) -> bool:
-        """Whether the scene has an absorber whose coordinate counts."""
-        return self.scene.absorber is not None
-
     def methods(self, steps: tuple[int, ...]) -> list[Method]:
         """Return the methods that can do the scene; ``steps`` are those per period of the highest mode, and per contact."""
         compliant = isinstance(self.scene.absorber, SlidingAbsorber) and isinstance(self.scene.absorber.walls, CompliantWalls)

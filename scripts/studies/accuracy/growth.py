@@ -137,12 +137,6 @@ def _measured(name: str, modes: int, settings: Settings) -> list[Row]:
     run = _Continued(case(kind_named(name), modes))
     generator = np.random.default_rng(settings.seed)
     growth, impacts, states = _grow(run, settings, generator)
-    return _rows(run, name, growth, impacts, states, generator)
-
-
-def _rows(
-    run: _Continued, name: str, growth: list[float], impacts: int, states: list[tuple[Array, int]], generator: np.random.Generator
-) -> list[Row]:
     means = [np.mean(generator.choice(growth, len(growth))) for _ in range(1000)]
     low, high = np.quantile(means, [0.025, 0.975]) / run.stretch
     exponent, per_period = float(np.mean(growth)) / run.stretch, impacts / (run.stretch * len(growth))

@@ -32,7 +32,7 @@ def key(row: Row) -> tuple[float, str, float | None]:
 
 def cases(settings: Settings) -> Cases:
     """Return a case for each slowness and method."""
-    methods: list[Exact | Moreau] = [Exact(), *map(Moreau, settings.jump_steps)]
+    methods: list[Method] = [Exact(), *map(Moreau, settings.jump_steps)]
     return {
         (slowness, *_names(method).values()): partial(_measured, slowness, method, settings) for slowness in settings.jump_rates for method in methods
     }

@@ -142,10 +142,6 @@ def own_time(it: Case, method: Method, shortest: float, settings: Settings) -> f
     return 1e6 * median_time(lambda: run(periods), settings.repeats, settings.patience)
 
 
-def _seconds_of(it: Case, drive: Drive, maker: Any) -> float:
-    return follow(it.scene, drive, it.initial, maker).wall_time
-
-
 def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, settings: Settings) -> Row:
     """Measure a peer. Slow ones are run from fewer starts."""
     found, us, note = [], None, ""
@@ -158,15 +154,18 @@ def peer_row(starts: list[Start], name: str, tolerance: float, make: Maker, sett
             run: PeerRun = follow(it.scene, drive, it.initial, maker)
             found.append(_errors(it, truth, run.end_state, run.impact_time, balance))
             if us is None:
-                again = partial(_seconds_of, it, drive, maker)
-                slow = run.wall_time > settings.patience
-                seconds = run.wall_time if slow else median_time(again, settings.repeats, settings.patience)
-                us = 1e6 * seconds / truth.periods
+                us = 1e6 * _peer_time(it, drive, maker, run.wall_time, settings) / truth.periods
             if time.perf_counter() - began > settings.patience:
                 break
     except PeerFailedError as error:
         note = str(error)
     return _row(starts[0], name, tolerance, found, us, note)
+
+
+def _peer_time(it: Case, drive: Drive, maker: Any, first: float, settings: Settings) -> float:
+    if first > settings.patience:
+        return first
+    return median_time(lambda: follow(it.scene, drive, it.initial, maker).wall_time, settings.repeats, settings.patience)
 
 
 def peers(settings: Settings) -> list[tuple[str, float, Maker]]:

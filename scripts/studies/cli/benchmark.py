@@ -67,28 +67,8 @@ CASES = (
 )
 
 
-@dataclass(frozen=True)
-class Times:
-    """Times per pseudo period in us: medians, and all repeats in the order in which they were made."""
-
-    case: Case
-    pseudo_periods: float
-    moreau_pseudo_periods: float
-    impacts_per_period: float
-    events_per_period: float
-    evaluations_per_period: float
-    exact_us_each: tuple[float, ...]
-    moreau_us_each: tuple[float, ...]
-
-    def values(self) -> Json:
-        """Return what the JSON file holds: the medians too, how many times as fast the exact method is, and the same over the given time."""
-        exact, moreau = statistics.median(self.exact_us_each), statistics.median(self.moreau_us_each)
-        ratios = {"ratio": moreau / exact, "reference_ratio": self.case.reference_us / exact}
-        return {"name": self.case.name, **asdict(self), "exact_us": exact, "moreau_us": moreau, **ratios}
-
-
-def measure(case: Case, periods: float, repeats: int, advance: Callable[[], object]) -> Times:
-    """Time both methods in turn, so that a machine that slows down meets both."""
+def measure(case: Case, periods: float, repeats: int, advance: Callable[[], object]) -> Json:
+    """Time both methods in turn, so that a machine that slows down meets both: times per pseudo period in us, medians and all repeats."""
     scene = case.scene()
 
     def prepared(method: Method, length: float) -> Timed:
@@ -106,7 +86,12 @@ def measure(case: Case, periods: float, repeats: int, advance: Callable[[], obje
         times[1].append(1e6 * moreau.run().wall_time / short)
         advance()
     impacts, events, evaluations = (count / periods for count in counts)
-    return Times(case, periods, short, impacts, events, evaluations, tuple(times[0]), tuple(times[1]))
+    exact_us, moreau_us = map(statistics.median, times)
+    return {
+        "name": case.name, "case": asdict(case), "pseudo_periods": periods, "moreau_pseudo_periods": short, "impacts_per_period": impacts,
+        "events_per_period": events, "evaluations_per_period": evaluations, "exact_us_each": times[0], "moreau_us_each": times[1],
+        "exact_us": exact_us, "moreau_us": moreau_us, "ratio": moreau_us / exact_us, "reference_ratio": case.reference_us / exact_us,
+    }  # fmt: skip
 
 
 def table(cases: Sequence[Json]) -> str:
@@ -141,7 +126,7 @@ def _said(measured: Measured) -> str:
 def _measure(settings: Settings) -> Json:
     with Bar(total=settings.repeats * len(CASES), desc="timing", unit="repeat", leave=False) as bar:
         results = [measure(case, settings.periods, settings.repeats, bar.update) for case in CASES]
-    return {"repeats": settings.repeats, "cases": [result.values() for result in results]}
+    return {"repeats": settings.repeats, "cases": results}
 
 
 STUDY = table_study(NAME, "speed of the exact method", _measure, _said)

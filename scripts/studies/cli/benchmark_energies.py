@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -73,25 +73,8 @@ CASES = (
 )
 
 
-@dataclass(frozen=True)
-class Times:
-    """Times per pseudo period in us, all repeats in the order in which they were made, and the balance's relative error."""
-
-    name: str
-    pseudo_periods: float
-    stretches_per_period: float
-    bare_us_each: tuple[float, ...]
-    energies_us_each: tuple[float, ...]
-    balance: float
-
-    def values(self) -> Json:
-        """Return what the JSON file holds: the medians too, and how many times the bare run a run with an account takes."""
-        bare, energies = statistics.median(self.bare_us_each), statistics.median(self.energies_us_each)
-        return {**asdict(self), "bare_us": bare, "energies_us": energies, "ratio": energies / bare}
-
-
-def measure(case: Case, settings: Settings, advance: Callable[[], object]) -> Times:
-    """Time both in turn, so that a machine that slows down meets both."""
+def measure(case: Case, settings: Settings, advance: Callable[[], object]) -> Json:
+    """Time both in turn, so that a machine that slows down meets both: times per pseudo period in us, medians and all repeats."""
     scene, periods = beam_scene(Beam(modes=case.modes), case.absorber), settings.periods
     drive = Drive(case.force, linear_sweep(scene.model.resonance_omega(1), START, START + periods * PAPER_RATE / 1e4))
     bare, watched = (Timed(scene, drive, Exact(), record=record) for record in (LEVEL, ENERGIES))
@@ -104,7 +87,11 @@ def measure(case: Case, settings: Settings, advance: Callable[[], object]) -> Ti
         assert response.energy is not None
         stretches, balance = response.steps / periods, response.energy.relative_error
         advance()
-    return Times(case.name, periods, stretches, tuple(times[0]), tuple(times[1]), balance)
+    bare_us, energies_us = map(statistics.median, times)
+    return {
+        "name": case.name, "pseudo_periods": periods, "stretches_per_period": stretches, "bare_us_each": times[0], "energies_us_each": times[1],
+        "balance": balance, "bare_us": bare_us, "energies_us": energies_us, "ratio": energies_us / bare_us,
+    }  # fmt: skip
 
 
 def table(cases: Sequence[Json]) -> str:
@@ -135,7 +122,7 @@ def _said(measured: Measured) -> str:
 def _measure(settings: Settings) -> Json:
     with Bar(total=settings.repeats * len(CASES), desc="timing", unit="repeat", leave=False) as bar:
         results = [measure(case, settings, bar.update) for case in CASES]
-    return {"repeats": settings.repeats, "cases": [result.values() for result in results]}
+    return {"repeats": settings.repeats, "cases": results}
 
 
 STUDY = table_study(NAME, "price of an energy account", _measure, _said)

@@ -133,13 +133,18 @@ def branch_line(what: str, bar: float, orbit: Orbit, reach: tuple[float, float],
     return timed(what, bar, "s", repeats, lambda: orbit_branch(orbit.solution, "omega", limits, FINE_STEPS), points / BRANCH_POINTS)
 
 
+def largest(what: str, bar: float, each: list[float]) -> Line:
+    """Return the line of the largest of several."""
+    return Line(what, bar, max(each), "", tuple(each))
+
+
 def residual_line(orbits: dict[str, Orbit], reach: tuple[float, float]) -> Line:
     """The exact method's residual of every orbit on the isola of three modes, and of the single ones."""
     isola = orbits["isola"]
     first = float(isola.case.model.omega[0])
     branch = orbit_branch(isola.solution, "omega", (reach[0] * first, reach[1] * first), FINE_STEPS)
     each = [orbit.residual for orbit in branch.orbits() if isinstance(orbit, Orbit)] + [orbit.residual for orbit in orbits.values()]
-    return Line(f"largest residual by propagation, {len(each)} orbits", BAR, max(each), "", tuple(each))
+    return largest(f"largest residual by propagation, {len(each)} orbits", BAR, each)
 
 
 def balance_line(repeats: int) -> Line:
@@ -164,7 +169,7 @@ def fold_line() -> Line:
                 fold = fold_near(branch.solution, "force")
                 if not isinstance(fold, NoOrbit):
                     each.append(abs(fold.case.force / case.force - 1))
-    return Line(f"folds against the closed form, {len(each)} folds", 1e-9, max(each), "", tuple(each))
+    return largest(f"folds against the closed form, {len(each)} folds", 1e-9, each)
 
 
 def held_orbits() -> dict[str, Orbit]:
@@ -185,12 +190,6 @@ def shooting_line(what: str, orbit: Orbit, repeats: int) -> Line:
     return timed(what, None, "ms", repeats, work)
 
 
-def held_residual_line(orbits: dict[str, Orbit]) -> Line:
-    """The exact method's residual of the orbits on which something holds the absorber."""
-    each = [orbit.residual for orbit in orbits.values()]
-    return Line(f"largest residual by propagation, {len(each)} orbits by shooting", CHATTER_BAR, max(each), "", tuple(each))
-
-
 def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Line:
     """Multipliers against eigenvalues of the exact method's map, differentiated by runs that are disturbed in each coordinate."""
     each = []
@@ -206,13 +205,7 @@ def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Line:
         for value in values:
             k = int(np.argmin(np.abs(np.array(truth) - value)))
             each.append(float(abs(truth.pop(k) - value) / max(1.0, abs(values[0]))))
-    return Line(
-        f"multipliers against disturbed runs, {len(each)} of {len(orbits)} orbits{', complete chatter' * (bar > 1e-6)}",
-        bar,
-        max(each),
-        "",
-        tuple(each),
-    )
+    return largest(f"multipliers against disturbed runs, {len(each)} of {len(orbits)} orbits{', complete chatter' * (bar > 1e-6)}", bar, each)
 
 
 def measure(repeats: int) -> list[Line]:
@@ -240,7 +233,7 @@ def measure(repeats: int) -> list[Line]:
         lambda: shooting_line("orbit with a stuck phase by shooting, 10 modes, period 3, 158 reversals", held["stuck"], slow),
         lambda: balance_line(QUICK_REPEATS),
         lambda: residual_line(orbits, (0.9, 1.0)),
-        lambda: held_residual_line(held),
+        lambda: largest(f"largest residual by propagation, {len(held)} orbits by shooting", CHATTER_BAR, [orbit.residual for orbit in held.values()]),
         fold_line,
         lambda: multiplier_line(orbits),
         lambda: multiplier_line({"chatter": held["chatter"]}, 1e-4),
@@ -253,14 +246,13 @@ def number(value: float, unit: str) -> str:
     return f"{value:.1e}" if unit == "" else f"{value:.3g} {unit}"
 
 
-def _judged(line: Json) -> tuple[str, str]:
-    bar = line["bar"]
-    return ("none", "") if bar is None else (number(bar, line["unit"]), "yes" if line["median"] <= bar else "no")
-
-
 def table(lines: Sequence[Json]) -> str:
     """Return a line for each median, with its bar."""
-    rows = [[line["what"], number(line["median"], line["unit"]), *_judged(line)] for line in lines]
+    rows = []
+    for line in lines:
+        bar, unit = line["bar"], line["unit"]
+        judged = ("none", "") if bar is None else (number(bar, unit), "yes" if line["median"] <= bar else "no")
+        rows.append((line["what"], number(line["median"], unit), *judged))
     return markdown(("what", "median", "bar", "reached"), rows)
 
 

@@ -120,8 +120,8 @@ def steps(settings: Settings, place: Path, advance: Callable[[], object]) -> lis
     found.append(Step(whole, sum(step.wall_s for step in found), sum(step.cpu_s for step in found), WANTED[whole]))
     if settings.others:
         timed("packages of the environments", [*set_up, "env"], clone, environment)
-    for name, call in settings.calls.items():
-        found.append(timed(f"first call: {name}", [python, *call], clone, environment, WANTED_CALL))
+    for name, arguments in settings.calls.items():
+        found.append(timed(f"first call: {name}", [python, *arguments], clone, environment, WANTED_CALL))
         advance()
     return found
 

@@ -15,8 +15,7 @@ from optimisation.cli.common import command, plain_errors
 from optimisation.executors import cluster_option, workers
 from optimisation.gap_search import MEMBERS
 from optimisation.machine import sources
-from studies.gaps.scan import JUDGES, STEP, Row, row
-from studies.gaps.structures import CASES, Case
+from studies.gaps import CASES, JUDGES, STEP, Case, Row, row
 from studies.one_table import lines, table_options, table_place
 from studies.runner import run
 from studies.study import Json, Measured, Part, Steps, Study, rows_by_case

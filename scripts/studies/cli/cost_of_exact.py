@@ -5,7 +5,6 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
@@ -21,35 +20,15 @@ from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.timing import Timed
 from studies.cli.benchmark import CASES, START, Case
-from studies.cost.pieces import make_room, repeat_advance, repeat_refine, repeat_scan, repeat_solve, repeat_turn
 from studies.one_table import table_options, table_place, table_study
+from studies.pieces import make_room, repeat_advance, repeat_refine, repeat_scan, repeat_solve, repeat_turn
 from studies.runner import run
-from studies.study import Json, Measured
+from studies.study import Json, Study
 
 NAME = "cost"
 PERIODS, QUICK_PERIODS = 800.0, 60.0
 CALLS = 20_000
 REPEATS = 7
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A part of the kernel: time of one call in ns, calls per pseudo period."""
-
-    name: str
-    ns: float
-    calls: float
-
-
-@dataclass(frozen=True)
-class Cost:
-    """Time per pseudo period in us, slots, the least time, and the parts that were timed alone."""
-
-    case: str
-    us: float
-    slots: int
-    least_us: float
-    parts: tuple[Piece, ...]
 
 
 def nanoseconds(call: Callable[[], object]) -> float:
@@ -63,7 +42,7 @@ def nanoseconds(call: Callable[[], object]) -> float:
     return 1e9 * statistics.median(times) / CALLS
 
 
-def measure(case: Case, periods: float) -> Cost:
+def measure(case: Case, periods: float) -> Json:
     """Time a whole run, and each part in a loop of its own on the same scene."""
     scene = case.scene()
     omega = scene.model.resonance_omega(1)
@@ -76,14 +55,15 @@ def measure(case: Case, periods: float) -> Cost:
     level = 1
     scan = nanoseconds(lambda: repeat_scan(CALLS, regime.slots, room, level))
     turn = nanoseconds(lambda: repeat_turn(CALLS, regime.slots, room, level))
-    parts = (
-        Piece(f"{POINTS} times of the signal, its rate and the margins to walls", scan, evaluations - events),
-        Piece("amplitudes moved on", turn, evaluations - events),
-        Piece("one exact value and three derivatives (refining an event)", nanoseconds(lambda: repeat_refine(CALLS, regime.slots, room)), events),
-        Piece("slots advanced to the event", nanoseconds(lambda: repeat_advance(CALLS, regime.slots, room)), events),
-        Piece("chirp of a window", nanoseconds(lambda: repeat_solve(CALLS, regime.slots, room)), 1 / WINDOW_PERIODS),
-    )
-    return Cost(case.name, us, int(regime.slots.rows.shape[1]), 1e-3 * events * (scan + turn), parts)
+    parts = {  # time of one call in ns, calls per pseudo period
+        f"{POINTS} times of the signal, its rate and the margins to walls": (scan, evaluations - events),
+        "amplitudes moved on": (turn, evaluations - events),
+        "one exact value and three derivatives (refining an event)": (nanoseconds(lambda: repeat_refine(CALLS, regime.slots, room)), events),
+        "slots advanced to the event": (nanoseconds(lambda: repeat_advance(CALLS, regime.slots, room)), events),
+        "chirp of a window": (nanoseconds(lambda: repeat_solve(CALLS, regime.slots, room)), 1 / WINDOW_PERIODS),
+    }
+    own = {"us": us, "slots": int(regime.slots.rows.shape[1]), "least_us": 1e-3 * events * (scan + turn)}
+    return {"case": case.name, **own, "parts": [{"name": name, "ns": ns, "calls": calls} for name, (ns, calls) in parts.items()]}
 
 
 def table(cases: Sequence[Json]) -> str:
@@ -102,19 +82,16 @@ def table(cases: Sequence[Json]) -> str:
     return markdown(("case", "part", "ns x calls per period", "us", "share"), rows)
 
 
-def _measure(periods: float) -> Json:
-    return {"cases": [asdict(measure(case, periods)) for case in Bar(CASES, desc="timing", unit="case", leave=False)]}
-
-
-def _said(measured: Measured) -> str:
-    return (
+# settings: pseudo periods of a run
+STUDY: Study[float] = table_study(
+    NAME,
+    "what the exact method's time is spent on",
+    lambda periods: {"cases": [measure(case, periods) for case in Bar(CASES, desc="timing", unit="case", leave=False)]},
+    lambda measured: (
         f"{table(measured.values['cases'])}\n\n"
         "Times per pseudo period, medians on one core. Parts are timed alone in a loop, with warm caches, and their sum is therefore a lower bound."
-    )
-
-
-# settings: pseudo periods of a run
-STUDY = table_study(NAME, "what the exact method's time is spent on", _measure, _said)
+    ),
+)
 
 
 @command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from optimisation.page import DOCS, published
 from optimisation.progress import runs_bar
 from optimisation.report.markdown import markdown
 from studies import rule
-from studies.rule import FRESH, Case, Row, as_json, from_json, price_at, row_of, verdicts
+from studies.rule import FRESH, Case, Row, price_at, row_of, verdicts
 from studies.runner import run
 from studies.study import Json, Measured, Part, Steps, Study, rows_by_case, with_page
 
@@ -43,7 +44,7 @@ class Settings(NamedTuple):
 
     def keep(self, values: Json) -> Json:
         """Return what an earlier run has measured with the same settings."""
-        return values if values["settings"] == self.told else {}
+        return values if values.get("settings") == self.told else {}
 
 
 def settings(quick: bool, members: int | None, threads: int | None, executor: Executor | None = None) -> Settings:
@@ -56,7 +57,7 @@ def _run(case: Case, given: Settings) -> list[Json]:
         checks = rule.run_case(case, given.members, rule.STEPS, given.threads, show, given.executor, fine=not given.quick)
     if not all(check.complete for check in checks):
         raise KeyboardInterrupt
-    return [as_json(row_of(case, checks))]
+    return [asdict(row_of(case, checks))]
 
 
 def _measure(given: Settings, known: Json) -> Steps:
@@ -68,14 +69,11 @@ def _measure(given: Settings, known: Json) -> Steps:
 def table(rows: Sequence[Row]) -> str:
     """Return a line for each case."""
     what = ("case", "free amplitude over gap", "best gap over rule's", "expected")
-    return markdown((*what, "level at the best, %", "at the rule's, %", "at the expected, %"), [_cells(row) for row in rows])
-
-
-def _cells(row: Row) -> tuple[str, ...]:
-    at_rule = row.relative[row.factors.index(1.0)]
-    least = min(row.relative)
-    levels = (f"{100 * x:.1f}" for x in (least, at_rule, least * price_at(row, row.expected)))
-    return (row.key, f"{row.reach:.3g}", f"{row.best:.2g}", f"{row.expected:.2g}", *levels)
+    lines = []
+    for row in rows:
+        levels = (min(row.relative), row.relative[row.factors.index(1.0)], min(row.relative) * price_at(row, row.expected))
+        lines.append((row.key, f"{row.reach:.3g}", f"{row.best:.2g}", f"{row.expected:.2g}", *(f"{100 * x:.1f}" for x in levels)))
+    return markdown((*what, "level at the best, %", "at the rule's, %", "at the expected, %"), lines)
 
 
 def _verdict_table(rows: Sequence[Row]) -> str:
@@ -95,13 +93,9 @@ def _verdict_table(rows: Sequence[Row]) -> str:
     return markdown(header, lines)
 
 
-def _rows(measured: Measured) -> list[Row]:
-    return [from_json(row) for row in measured.values["rows"]]
-
-
 def sections(measured: Measured) -> dict[str, str]:
     """Return the verdict, the cases that nothing is fitted to so far, and where it was measured; all other cases are in the JSON file."""
-    rows = _rows(measured)
+    rows = [Row(**row) for row in measured.values["rows"]]
     fresh = [row for row in rows if row.varied == FRESH]
     return {VERDICT: _verdict_table(rows), FRESH_CASES: table(fresh) if fresh else "Not measured yet.", MACHINE: sources(measured.conditions)}
 
@@ -109,24 +103,9 @@ def sections(measured: Measured) -> dict[str, str]:
 def said(measured: Measured) -> str:
     """Return a line for each class of cases."""
     return "\n".join(
-        f"free amplitude over gap {v.label}: best gap {v.low:.2g} to {v.high:.2g} of the rule's, {v.cases} cases" for v in verdicts(_rows(measured))
+        f"free amplitude over gap {v.label}: best gap {v.low:.2g} to {v.high:.2g} of the rule's, {v.cases} cases"
+        for v in verdicts([Row(**row) for row in measured.values["rows"]])
     )
-
-
-def pack(_name: str, measured: Measured) -> Json:
-    """Return what the JSON file holds."""
-    return {
-        "settings": measured.values["settings"],
-        "conditions": measured.conditions,
-        "complete": measured.complete,
-        "rows": measured.values["rows"],
-    }
-
-
-def unpack(_name: str, content: Json) -> Measured:
-    """Return what `pack` has packed; raises KeyError or TypeError if it was another."""
-    rows = [as_json(from_json(row)) for row in content["rows"]]
-    return Measured({"settings": content["settings"], "rows": rows}, {"wall_s": 0.0, **content["conditions"]}, bool(content.get("complete", True)))
 
 
 STUDY: Study[Settings] = Study(
@@ -141,8 +120,6 @@ STUDY: Study[Settings] = Study(
             said=said,
         ),
     ),
-    pack=pack,
-    unpack=unpack,
     kept="the same command goes on from here.",
 )
 

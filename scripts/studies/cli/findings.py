@@ -4,16 +4,264 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import click
+import numpy as np
 
+from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.drive import PAPER_RATE
+from impact_env.ensemble import Executor
 from optimisation.cli.common import command, plain_errors
+from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.executors import cluster_option, executor
 from optimisation.files import require_writable
-from studies.findings.page import PARTS
-from studies.findings.study import OUT, QUICK_OUT, STUDY, place, settings
+from optimisation.machine import sources
+from optimisation.memory import peak_memory
+from optimisation.page import published
+from optimisation.report.markdown import markdown
+from optimisation.statistics import ratio_of_quantiles
+from studies.findings import parts
+from studies.findings.figures import FIGURES
+from studies.findings.parts import Settings
 from studies.runner import run
+from studies.study import Json, Measured, Part, Place, Saver, Steps, Study, beside
+
+UNITS = {"gap": ("mm", 1e3), "friction_limit": ("N", 1.0), "restitution": ("", 1.0), "stiffness": ("N/m", 1.0), "damping": ("N s/m", 1.0)}
+SYMBOLS = {"restitution": "e", "friction_limit": "muN", "stiffness": "k", "damping": "c"}
+
+
+def _percent(value: float | None, digits: int = 1) -> str:
+    return "-" if value is None else f"{100 * value:.{digits}f}"
+
+
+def _band(band: Sequence[float], scale: float = 100.0, form: str = ".1f") -> str:
+    return f"{scale * band[0]:{form}} to {scale * band[1]:{form}}"
+
+
+def _design(found: Json) -> str:
+    """Return the free values; of several absorbers the number of each stands behind its names."""
+    parts = []
+    for name in found["problem"]["space"]["free"]:
+        kind, _, which = name.rpartition("_") if name[-1].isdigit() else (name, "", "")
+        unit, scale = UNITS.get(kind, ("", 1.0))
+        symbol = SYMBOLS.get(kind, kind) + (f" {which}" if which else "")
+        parts.append(f"{symbol}{':' if which else ''} {scale * found['winner']['values'][name]:.3g} {unit}".rstrip())
+    return ", ".join(parts)
+
+
+def _judged(judged: Json) -> str:
+    return f"{_percent(judged['score'][0])} ({_band(judged['score_5_to_95_percent'][0])})"
+
+
+def _gain(found: Json, digits: int = 3) -> str:
+    winner, paper = (np.array(found[name], dtype=float) for name in ("members_winner", "members_paper"))
+    gain = ratio_of_quantiles(winner, paper)
+    return f"{gain.ratio:.{digits}f} ({_band((gain.low, gain.high), 1.0, f'.{digits}f')})"
+
+
+def _found_besides(found: Json) -> Iterator[str]:
+    """Yield what is to be known of a winner besides its level: branches of its members, bounds that it lies at, its level with more modes."""
+    for condition in found["conditions"]:
+        for name, label in (("winner", "the found"), ("paper", "the paper's")):
+            two = condition[name]["branches"]
+            if two is not None:
+                pairs = zip(two["relative"], two["shares_of_members"], strict=True)
+                low, high = (f"{_percent(level)} % ({_percent(share, 0)} % of the members)" for level, share in pairs)
+                yield f"near resonance {condition['resonance']} {label} has two branches, {low} and {high}"
+    yield from (f"it lies at a bound, {line}" for line in found["winner_at_bounds"])
+    wider = found.get("with_more_modes")
+    if wider is not None:
+        change = wider["change"]
+        yield f"with {wider['modes']} modes its level is {change['ratio']:.3f} ({_band(change['95_percent'], 1.0, '.3f')}) times that"
+
+
+def _besides(named: Mapping[str, Json]) -> str:
+    """Return a list of `_found_besides`, by name."""
+    lines = [f"- *{name}*: {'; '.join(said)}." for name, found in named.items() if (said := list(_found_besides(found)))]
+    return "\n\n" + "\n".join(lines) if lines else ""
+
+
+def _concepts(result: Json) -> str:
+    header = ("concept", "found from scratch", "worse of both, %", "the paper's choice, %", "found over paper's", "first, %", "second, %", "share, %")
+    rows = []
+    for concept, found in result.items():
+        first, second = (c["winner"] for c in found["conditions"])
+        shares = " and ".join(_percent(x["share_of_possible_reduction"], 0) for x in (first, second))
+        levels = (_percent(first["relative"]), _percent(second["relative"]))
+        rows.append((concept, _design(found), _judged(found["winner"]), _judged(found["paper"]), _gain(found), *levels, shares))
+    best = np.array(result["impact"]["members_winner"], dtype=float)
+    others = []
+    for concept, found in result.items():
+        if concept != "impact":
+            gain = ratio_of_quantiles(np.array(found["members_winner"], dtype=float), best)
+            others.append(f"{gain.ratio:.2f} ({_band((gain.low, gain.high), 1.0, '.2f')}) times for the concept {concept}")
+    lines = [f"{found['designs']} designs, {found['problem']['members']} members" for found in result.values()]
+    text = f"The worse level over that of the impact absorber found, ratio of the medians with its 95 % interval: {'; '.join(others)}."
+    return markdown(header, rows) + f"\n\n{text} Searches: {', '.join(f'{c} {x}' for c, x in zip(result, lines, strict=True))}." + _besides(result)
+
+
+def _optima(result: Json) -> str:
+    friction = ("friction damper at", "found, N", "energy argument, N", "paper, N", "level found, %", "with the paper's, %", "found over paper's")
+    rows = [
+        (
+            f"resonance {x['resonance']}, {x['force_n']:g} N",
+            f"{x['winner']['values']['friction_limit']:.3g}",
+            f"{x['argued_n']:.3g}",
+            f"{x['paper']['values']['friction_limit']:g}",
+            _judged(x["winner"]),
+            _judged(x["paper"]),
+            _gain(x),
+        )
+        for x in result["friction"]
+    ]
+    header = (
+        "impact absorber at", "best force for 1 mm, N", "rule, N", "paper, N", "found for that force", "rule's gap, mm", "level, %", "paper's, %",
+        "found over paper's",
+    )  # fmt: skip
+    impact = [
+        (
+            f"resonance {x['resonance']}",
+            f"{x['best_force_n']:.3g} ({_band(x['best_force_5_to_95_percent_n'], 1.0, '.3g')})",
+            f"{x['rule_force_n']:.3g}",
+            f"{x['force_n']:g}",
+            _design(x),
+            f"{1e3 * x['rule_gap_m']:.3g}",
+            _judged(x["winner"]),
+            _judged(x["paper"]),
+            _gain(x, 2),
+        )
+        for x in result["impact"]
+    ]
+    besides = _besides({f"Resonance {x['resonance']}": x for x in result["impact"]})
+    return f"{markdown(friction, rows)}\n\n{markdown(header, impact)}{besides}"
+
+
+def _place(result: Json) -> str:
+    levels_of = ("worse of both, %", "limit, %", "first alone, %", "second alone, %")
+    header = ("position x/l", "mass ratio to mode 1", "to mode 2", "best gap, mm", *levels_of)
+    gaps, relative, limits = 1e3 * np.array(result["gaps_m"]), np.array(result["relative"]), np.array(result["limit"])
+    rows = []
+    for x, shapes, levels, bounds in zip(result["positions"], result["shapes"], relative, limits, strict=True):
+        worse = levels.max(axis=1)
+        best = int(worse.argmin())
+        ratios = [f"{result['mass_kg'] * shape**2:.4f}" for shape in shapes]
+        bound = _percent(bounds[best].max())
+        rows.append((f"{x:g}", *ratios, f"{gaps[best]:.2f}", _percent(worse[best]), bound, *(_percent(v) for v in levels.min(axis=0))))
+    found = result["free"]
+    place = found["winner"]["values"]["position"]
+    text = f"With the position free among four variables the search ends at x/l = {place:.3g} ({_design(found)}): {_judged(found['winner'])} %."
+    return markdown(header, rows) + "\n\n" + text
+
+
+def _robustness(result: Json) -> str:
+    detunings = result["designs"][0]["detuning"]
+    shown = sorted({0, len(detunings) // 4, len(detunings) // 2, -1 - len(detunings) // 4, -1}, key=lambda k: k % len(detunings))
+    rows = []
+    for x in result["designs"]:
+        relative = [level / without for level, without in zip(x["median"], x["without"], strict=True)]
+        rows.append((f"{x['concept']}, {x['name']}", *(_percent(relative[k]) for k in shown), _percent(max(relative))))
+    return markdown(("level, %", *(f"{100 * detunings[k]:+.1f} %" for k in shown), "largest"), rows)
+
+
+def _front(result: Json) -> str:
+    seeds = result["against_random"]
+    rows = [(str(x["seed"]), f"{x['method']:.4f}", f"{x['random']:.4f}", f"{100 * (x['method'] / x['random'] - 1):+.1f}") for x in seeds]
+    won = result["seeds_won_against_random"]
+    text = f"{result['designs']} designs each. NSGA-II has the larger hypervolume in {won} of {len(seeds)} seeds."
+    figure = "![Level at the second resonance over that at the first: all designs, the front, the paper's design, limits](findings/front.png)"
+    return "\n\n".join([markdown(("seed", "NSGA-II", "random search", "difference, %"), rows), text, figure])
+
+
+def _scaling(result: Json) -> str:
+    rows = []
+    for kind, speedup in result["speedup"].items():
+        one, two = (x["seconds"] for x in result["rows"] if x["kind"] == kind)
+        rows.append((kind, f"{one:.2f}", f"{two:.2f}", f"{speedup:.2f}"))
+    text = f"{result['designs']} random designs, {result['runs']} sweeps; median of three rounds in turn."
+    return markdown(("workers", "one, s", "two, s", "times as fast"), rows) + "\n\n" + text
+
+
+def _full(result: Json) -> str:
+    behind = result["left_behind"]
+    what = f"{result['variables']} variables, {result['designs']} designs, {result['members']} members, both directions, {result['modes']} modes"
+    rows = [
+        ("study", what),
+        ("sweeps", f"{result['runs']:,}"),
+        ("time of the search", f"{result['search_s']:.0f} s"),
+        ("with judging and audit", f"{result['with_judging_s']:.0f} s"),
+        ("share of the search outside the runs", f"{_percent(result['overhead'])} %"),
+        ("largest resident memory", f"{result['memory_bytes'] / 2**30:.2f} GiB"),
+        ("left behind, now run in full: better than the best found", f"{behind['better_than_best_found']} of {behind['run_in_full']}"),
+        ("winner, worse of both resonances", f"{_percent(result['score'])} ({_band(result['score_5_to_95_percent'])}) %"),
+    ]
+    return markdown(("", "value"), rows)
+
+
+NAME = "findings"
+QUICK_OUT = Path("results/findings")
+OUT = published(Path("docs"), QUICK_OUT)
+JOURNALS = Path("results/findings/journals")
+DESIGNS, FEW, POINTS = 160, 4, 13  # odd: the study's own force is one of the points
+QUICK_DESIGNS, QUICK_POINTS = 20, 6
+
+
+def place(out: Path) -> Place:
+    """Return where files go: the page into a folder, all else into its folder findings."""
+    return beside(out, NAME, out / NAME)
+
+
+def settings(quick: bool, executor: Executor, seed: int, out: Path) -> Settings:
+    """Return how much to search, with journals by which the same command goes on where it was stopped."""
+    journals, data = JOURNALS / ("quick" if quick else "full") / str(seed), out / NAME
+    if quick:
+        return Settings(
+            executor, journals, QUICK_DESIGNS, QUICK_MEMBERS, QUICK_MEMBERS, QUICK_POINTS, data, QUICK_SPEED * PAPER_RATE, seed, quick=True
+        )
+    return Settings(executor, journals, DESIGNS, DEFAULT_MEMBERS, FEW, POINTS, data, PAPER_RATE, seed)
+
+
+def _about_searches(name: str) -> Callable[[Settings], Json]:
+    from studies.findings import measured  # distributed is slow to import
+
+    return {"front": measured.front, "scaling": measured.scaling, "full": measured.full_study}[name]
+
+
+# a title, what measures it, what tells it
+PARTS: dict[str, tuple[str, Callable[[Settings], Json], Callable[[Json], str]]] = {
+    "concepts": ("the best design of each concept for two resonances", lambda given: parts.concepts(given), _concepts),
+    "optima": ("the best friction limit, gap and force at each resonance alone", lambda given: parts.optima(given), _optima),
+    "place": ("where along the beam", lambda given: parts.place(given), _place),
+    "robustness": ("a beam that is not what it was thought to be", lambda given: parts.robustness(given), _robustness),
+    "front": ("first against second resonance", lambda given: _about_searches("front")(given), _front),
+    "scaling": ("one worker and two", lambda given: _about_searches("scaling")(given), _scaling),
+    "full": ("a study of full size", lambda given: _about_searches("full")(given), _full),
+}
+
+
+def _part(name: str) -> Part[Settings]:
+    marker, (title, compute, words) = f"{NAME}:{name}", PARTS[name]
+
+    def measure(given: Settings, _known: Json) -> Steps:
+        yield compute(given)
+
+    def drawn(measured: Measured) -> dict[str, Saver]:
+        return {name: lambda path: FIGURES[name](path, measured.values)} if name in FIGURES else {}
+
+    def sections(measured: Measured) -> dict[str, str]:
+        return {marker: f"{words(measured.values)}\n\n{sources(measured.conditions)}"}
+
+    return Part(name, f"{name}: {title}", measure=measure, markers=(marker,), sections=sections, figures=drawn)
+
+
+STUDY: Study[Settings] = Study(
+    tuple(map(_part, PARTS)),
+    notes=lambda given: {"memory_bytes": peak_memory(), "quick": given.quick, "seed": given.seed},
+    pack=lambda _name, measured: {"conditions": measured.conditions, "result": measured.values},
+    unpack=lambda _name, content: Measured(dict(content["result"]), dict(content["conditions"])),
+    kept="finished parts are written; the same command goes on from here.",
+)
 
 
 @command()

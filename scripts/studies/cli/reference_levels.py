@@ -188,11 +188,7 @@ STUDY = table_study(NAME, "levels beside earlier numbers", _measure, _said)
 
 @command()
 @click.option(
-    "--members",
-    type=click.IntRange(min=1),
-    default=DEFAULT_MEMBERS,
-    show_default=True,
-    help="Runs for each point, other in phase and 1e-6 of force.",
+    "--members", type=click.IntRange(min=1), default=DEFAULT_MEMBERS, show_default=True, help="Runs for each point, other in phase and 1e-6 of force."
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the phases and forces.")
 @table_options(NAME, "docs/methods.md")

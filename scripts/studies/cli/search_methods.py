@@ -9,7 +9,7 @@ counts is the judged level of the winner, and the seeds tell how far that is luc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -35,7 +35,7 @@ from optimisation.search.settings import CMA, RANDOM, SAMPLERS
 from optimisation.statistics import ratio_of_quantiles
 from studies.rule import STRUCTURES
 from studies.runner import run
-from studies.study import Json, Measured, Part, Steps, Study, beside, rows_by_case
+from studies.study import Json, Measured, Part, Steps, Study, beside, rows_by_case, unpack
 
 METHODS = (CMA, RANDOM, REPLICATED, MAP)
 LABELS = SAMPLERS | NOISY
@@ -59,7 +59,7 @@ class Trial:
     runs: int
     thought: float
     level: float
-    members: tuple[float, ...]
+    members: Sequence[float]
     values: dict[str, float]
 
     @property
@@ -68,45 +68,20 @@ class Trial:
         return self.question, self.method, self.seed
 
 
-def problem_of(question: str, members: int, seed: int, speed: float = 1.0) -> Problem:
-    """Return a question's problem with the members of a seed; ``speed`` times the usual rate."""
-    beam, conditions = QUESTIONS[question]
-    problem = Problem(design_space("impact"), conditions, beam=beam, members=members, seed=seed)
-    return replace(problem, rate=speed * problem.rate)
-
-
 def trial(
     question: str, method: str, seed: int, designs: int, members: int, executor: Executor, speed: float = 1.0, bars: Bars = QUIET
 ) -> Trial | None:
     """Search and judge; None if a KeyboardInterrupt ended it, or no design came to its end."""
-    problem = problem_of(question, members, seed, speed)
+    beam, conditions = QUESTIONS[question]
+    problem = Problem(design_space("impact"), conditions, beam=beam, members=members, seed=seed)
+    problem = replace(problem, rate=speed * problem.rate)
     plan = Plan(designs, method, seed=seed, from_scratch=True, audit=0, modes=False)
     found = find(problem, plan, None, executor, bars)
     if found.verdict is None or not found.finished:
         return None
     winner = found.verdict.winner
     thought = found.verdict.found.score.values[0]
-    return Trial(
-        question, method, seed, found.cost.runs, thought, winner.score.values[0], tuple(winner.members[0].tolist()), dict(winner.design.values)
-    )
-
-
-def wanted(questions: Sequence[str], seeds: int) -> Iterator[tuple[str, str, int]]:
-    """Yield the keys of all trials, seed by seed, so that what is broken off has all methods."""
-    for seed in range(seeds):
-        for question in questions:
-            for method in METHODS:
-                yield question, method, seed
-
-
-def as_json(found: Trial) -> dict[str, object]:
-    """Return a trial as JSON values."""
-    return asdict(found) | {"members": list(found.members)}
-
-
-def from_json(values: dict[str, object]) -> Trial:
-    """Return the trial that `as_json` gave."""
-    return Trial(**{**values, "members": tuple(values["members"])})  # type: ignore[arg-type]
+    return Trial(question, method, seed, found.cost.runs, thought, winner.score.values[0], winner.members[0].tolist(), dict(winner.design.values))
 
 
 @dataclass(frozen=True)
@@ -169,8 +144,8 @@ class Settings(NamedTuple):
         return values if values["settings"] == self.told else {}
 
     def searches(self) -> list[Key]:
-        """Return what tells all searches apart."""
-        return list(wanted(self.questions, self.seeds))
+        """Return what tells all searches apart, seed by seed, so that what is broken off has all methods."""
+        return [(question, method, seed) for seed in range(self.seeds) for question in self.questions for method in METHODS]
 
 
 FULL: dict[str, float] = {"designs": DESIGNS, "members": MEMBERS, "seeds": SEEDS, "speed": SPEED}
@@ -188,17 +163,18 @@ def _run(key: Key, given: Settings) -> list[Json]:
     one = trial(*key, given.designs, given.members, given.executor, given.speed, BARS)
     if one is None:
         raise KeyboardInterrupt
-    return [as_json(one)]
+    return [asdict(one)]
 
 
 def _measure(given: Settings, known: Json) -> Steps:
     cases: dict[Key, Callable[[], list[Json]]] = {key: partial(_run, key, given) for key in given.searches()}
-    for values in rows_by_case(cases, lambda row: from_json(row).key, known):
+    for values in rows_by_case(cases, lambda row: Trial(**row).key, known):
         yield {"settings": given.told, **values}
 
 
-def table(trials: Sequence[Trial]) -> str:
+def table(measured: Measured) -> str:
     """Return a line for each method on each question, and the best of them."""
+    trials = [Trial(**row) for row in measured.values["rows"]]
     header = ("question", "method", "seeds", "level of the winner, %: median", "from", "to", "over CMA-ES (95 %)")
     rows = [
         (
@@ -214,22 +190,6 @@ def table(trials: Sequence[Trial]) -> str:
     return markdown(header, rows) + (f"\n\nLeast mean rank: {LABELS[best]}." if best else "")
 
 
-def _table(measured: Measured) -> str:
-    return table([from_json(row) for row in measured.values["rows"]])
-
-
-def pack(_name: str, measured: Measured) -> Json:
-    """Return what the JSON file holds."""
-    own = measured.values
-    return {"settings": own["settings"], "conditions": measured.conditions, "complete": measured.complete, "trials": own["rows"]}
-
-
-def unpack(_name: str, content: Json) -> Measured:
-    """Return what `pack` has packed; raises KeyError or TypeError if it was another."""
-    rows = [as_json(from_json(row)) for row in content["trials"]]
-    return Measured({"settings": content["settings"], "rows": rows}, {"wall_s": 0.0, **content["conditions"]}, bool(content.get("complete", True)))
-
-
 STUDY: Study[Settings] = Study(
     (
         Part(
@@ -237,13 +197,15 @@ STUDY: Study[Settings] = Study(
             "searches for the same cost",
             measure=_measure,
             markers=(SECTION, MACHINE),
-            sections=lambda measured: {SECTION: _table(measured), MACHINE: sources(measured.conditions)},
+            sections=lambda measured: {SECTION: table(measured), MACHINE: sources(measured.conditions)},
             whole=lambda given, values: len(values["rows"]) == len(given.searches()),
-            said=_table,
+            said=table,
         ),
     ),
-    pack=pack,
-    unpack=unpack,
+    pack=lambda _, own: {"settings": own.values["settings"], "conditions": own.conditions, "complete": own.complete, "trials": own.values["rows"]},
+    unpack=lambda name, own: unpack(
+        name, {"conditions": own["conditions"], "complete": own["complete"], "settings": own["settings"], "rows": own["trials"]}
+    ),
     kept="the same command goes on from here.",
 )
 

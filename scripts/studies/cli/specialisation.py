@@ -2,15 +2,300 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from impact_env.sweep import IntegrationError
 from optimisation.cli.common import command
-from optimisation.page import DOCS
+from optimisation.machine import sources
+from optimisation.page import DOCS, published
+from optimisation.report.markdown import markdown
+from optimisation.report.written_figure import write_figure
+from studies.one_table import lines
 from studies.runner import run
-from studies.specialisation.study import NAME, OUT, QUICK_OUT, STUDY
-from studies.study import Place
+from studies.study import Json, Measured, Part, Place, Steps, Study, Table
+from studies.variants import Pair, Variant, own, pairs
+
+PROBE = Path(__file__).parents[1] / "probe.py"
+PACKAGES = PROBE.parents[2]  # the folder from which they are imported
+PERIODS, QUICK_PERIODS = 400.0, 60.0
+REPEATS, QUICK_REPEATS = 5, 3
+FRICTION = ("rigid_contact.friction_force", "rigid_contact.add_friction_loss", "rigid_contact.turn")
+LINEAR = ("no absorber", "stuck", "tuned")
+REAL = 1.02  # a part switched off by its value must cost more than this, or leaving it out saves nothing
+FLAT_KB = 64.0  # memory that a longer run may need more, when nothing is stored
+
+
+@dataclass
+class Results:
+    """What was found, as plain values: own[name] of each variant, pairs in their order."""
+
+    own: dict[str, dict[str, Any]] = field(default_factory=dict)
+    pairs: list[dict[str, Any]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence and whether the numbers bear it out."""
+
+    text: str
+    found: str
+    holds: bool
+
+
+def _probe(variant: Variant, what: str, cache: Path, periods: float, repeats: int) -> dict[str, Any]:
+    command = [sys.executable, "-P", str(PROBE), variant.absorber, variant.method, variant.record, what, str(periods), str(repeats)]
+    path = os.pathsep.join([str(PACKAGES), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {**os.environ, "IMPACT_ENV_CACHE": str(cache), "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+    result = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, cwd=PACKAGES)
+    if result.returncode:
+        raise IntegrationError(f"{variant.name}: {result.stderr.strip().splitlines()[-1] if result.stderr.strip() else result.returncode}")
+    values: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
+    return values
+
+
+def left(quick: bool, known: Json) -> tuple[list[Variant], list[Pair]]:
+    """Return the variants and the pairs that an earlier run has not measured."""
+    done = {pair["part"] for pair in known.get("pairs", ())}
+    return [variant for variant in own(quick) if variant.name not in known.get("own", {})], [pair for pair in pairs(quick) if pair.part not in done]
+
+
+def measure(quick: bool, known: Json) -> Steps:
+    """Measure everything that is not known, one process after the other, and yield what there is after each."""
+    periods, repeats = (QUICK_PERIODS, QUICK_REPEATS) if quick else (PERIODS, REPEATS)
+    results = Results(**known)
+    variants, compared = left(quick, known)
+    timed = {variant: results.own[variant.name] for variant in own(quick) if variant.name in results.own}
+    with tempfile.TemporaryDirectory(prefix="impact_env-") as folder:
+        caches = {kind: Path(folder) / str(number) for number, kind in enumerate(dict.fromkeys(variant.kind for variant in own(quick)))}
+        for variant in variants:
+            cold = _probe(variant, "inspect", caches[variant.kind], 1.0, 1)
+            yield vars(results)
+            timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
+            names = {"absorber": variant.absorber, "method": variant.method, "record": variant.record}
+            compiled = {"cold_s": cold["first_s"], "cached_s": timed[variant]["first_s"]} | {
+                name: cold[name] for name in ("functions", "instructions")
+            }
+            ran = {name: timed[variant][name] for name in ("ns_per_period", "impacts_per_period", "memory_mb", "peak_kb")}
+            results.own[variant.name] = names | compiled | ran
+            yield vars(results)
+        for pair in compared:
+            for variant in (pair.without, pair.switched_off):
+                if variant not in timed:
+                    timed[variant] = _probe(variant, "time", caches[variant.kind], periods, repeats)
+            one, other = (timed[variant]["ns_per_period"] for variant in (pair.without, pair.switched_off))
+            named = {"part": pair.part, "without": pair.without.name, "switched_off": pair.switched_off.name}
+            results.pairs.append(named | {"without_ns": one, "switched_off_ns": other, "ratio": other / one})
+            yield vars(results)
+
+
+def claims(results: Results) -> Iterator[Claim]:
+    """Yield what has to be true of the compiled code and of the measurements."""
+    for entry in results.own.values():
+        called = [function["name"] for function in entry["functions"]]
+        scene = f"{entry['absorber']}, {entry['method']}, {entry['record']}"
+        if entry["method"] == "exact" and entry["absorber"] in LINEAR:
+            search = [name for name in called if name.startswith("search.")]
+            yield Claim(f"{scene}: searches no events", f"{len(search)} functions of the search", not search)
+        left = sum(function["arithmetic"] for function in entry["functions"] if function["name"] in FRICTION)
+        if entry["method"] == "exact" and entry["absorber"] == "impact":
+            yield Claim(f"{scene}: no friction arithmetic", f"{left} operations", left == 0)
+        if entry["method"] == "exact" and entry["absorber"] == "impact and friction":
+            yield Claim(f"{scene}: has friction arithmetic (the check can fail)", f"{left} operations", left > 0)
+        growth = entry["peak_kb"][1] - entry["peak_kb"][0]
+        if entry["record"] in ("nothing", "level"):
+            yield Claim(f"{scene}: stores no time series", f"{growth:+.1f} kB for a run 10 times longer", growth < FLAT_KB)
+        if entry["record"] == "level and samples":
+            yield Claim(f"{scene}: stores one (the check can fail)", f"{growth:+.1f} kB for a run 10 times longer", growth > FLAT_KB)
+
+
+PARTS = (
+    "search", "forced", "slots", "segments", "exact", "free_and_joined", "rigid_contact", "compliant", "linear", "moreau", "moreau_law",
+    "runge_kutta", "feedback", "observers", "energies",
+)  # fmt: skip
+OF = {"rigid": "exact", "springs": "compliant", "level": "observers", "steps": "search"}  # modules that are counted with another
+
+
+def name_of(entry: dict[str, Any]) -> str:
+    """Return scene, method and what is recorded beside the level."""
+    return f"{entry['absorber']}, {entry['method']}" + ("" if entry["record"] == "level" else f", {entry['record']}")
+
+
+MARKERS = tuple(f"specialisation:{name}" for name in ("summary", "claims", "scenes", "code", "pairs"))
+
+
+def _summary(results: Results, measured: Measured) -> str:
+    found, broken = list(claims(results)), [claim for claim in claims(results) if not claim.holds]
+    words = [f"{len(found) - len(broken)} of {len(found)} claims hold. {sources(measured.conditions)}"]
+    words += ["**Stopped early or a quick look: not all of the report.**"] if not measured.complete or measured.conditions.get("quick") else []
+    without = [pair["part"] for pair in results.pairs if pair["ratio"] < REAL]  # their absence saves no time that can be told from noise
+    if not results.pairs:
+        return "\n".join(words)
+    saving = f"Left out without a saving of {100 * (REAL - 1):.0f} % or more: {', '.join(without)}." if without else "Every part left out saves time."
+    return "\n".join([*words, saving])
+
+
+def _claims(every: list[Claim]) -> str:
+    """Return a line for each kind of claim with the number of scenes in which it holds, and one for each claim that does not hold."""
+    held = Counter(claim.text.rpartition(": ")[2] for claim in every if claim.holds)
+    rows = [(kind, f"holds in {number}", next(c.found for c in every if c.holds and c.text.endswith(kind))) for kind, number in held.items()]
+    return markdown(("claim", "scenes", "in the first"), rows + [(claim.text, "DOES NOT HOLD", claim.found) for claim in every if not claim.holds])
+
+
+def sections(measured: Measured) -> dict[str, str]:
+    """Return the page's sections by the names of their `MARKERS`."""
+    results = Results(**measured.values)
+    scenes = {
+        "scene, method, recorded": "{name}",
+        "compile cold, s": "{cold_s:.1f}",
+        "cached, s": "{cached_s:.2f}",
+        "us per period": "{us:.2f}",
+        "impacts": "{impacts_per_period:.2f}",
+        "memory, MB": "{memory_mb:.0f}",
+        "held by a run, kB": "{peak_kb[0]:.0f}",
+        "10 times longer, kB": "{peak_kb[1]:.0f}",
+    }
+    code = ("scene, method, recorded", "machine instructions", "functions", *PARTS)
+    written = [
+        (name_of(entry), f"{entry['instructions']:,}", str(len(entry["functions"])), *(str(count or "") for count in counts(entry).values()))
+        for entry in results.own.values()
+    ]
+    pairs = {
+        "part": "{part}",
+        "scene without it": "{without}",
+        "us per period": "{us[0]:.2f}",
+        "scene with it switched off": "{switched_off}",
+        "us per period ": "{us[1]:.2f}",
+        "ratio": "{ratio:.2f}",
+    }
+    found = (
+        _summary(results, measured),
+        _claims(list(claims(results))),
+        lines(scenes, ({**entry, "name": name_of(entry), "us": entry["ns_per_period"] / 1e3} for entry in results.own.values())),
+        markdown(code, written),
+        lines(pairs, ({**pair, "us": (pair["without_ns"] / 1e3, pair["switched_off_ns"] / 1e3)} for pair in results.pairs)),
+    )
+    return dict(zip(MARKERS, found, strict=True))
+
+
+def counts(entry: dict[str, Any]) -> dict[str, int]:
+    """Return the arithmetic operations in each module of the kernels."""
+    counts = dict.fromkeys(PARTS, 0)
+    for function in entry["functions"]:
+        module = function["name"].partition(".")[0]
+        part = "energies" if module.startswith("energ") else OF.get(module, module)
+        if part in counts:
+            counts[part] += function["arithmetic"]
+    return counts
+
+
+COLOURS = {"exact": "#0072B2", "moreau": "#D55E00", "runge-kutta": "#009E73"}
+
+
+def save_figure(path: Path, results: Results) -> None:
+    """Draw the report; the ending of ``path`` chooses the format."""
+    entries = list(results.own.values())
+    figure = Figure(figsize=(14, 4 + 0.32 * max(len(entries), len(results.pairs))), layout="constrained")
+    axes = figure.subplots(1, 3)
+    _draw_compile(axes[0], entries)
+    _draw_code(axes[1], entries)
+    _draw_pairs(axes[2], results.pairs)
+    figure.suptitle("What each scene compiles, and what a part costs that is only switched off", fontsize=13)
+    write_figure(figure, path, 120)
+
+
+def _draw_compile(ax: Axes, entries: list[dict[str, Any]]) -> None:
+    y = np.arange(len(entries))[::-1]
+    ax.barh(y + 0.2, [entry["cold_s"] for entry in entries], 0.38, color="#0072B2", label="cold: compiled")
+    ax.barh(y - 0.2, [entry["cached_s"] for entry in entries], 0.38, color="#56B4E9", label="from the cache")
+    ax.set_yticks(y, [name_of(entry) for entry in entries], fontsize=8)
+    ax.set(xscale="log", xlabel="first run of one pseudo period, s")
+    ax.set_title("compile time", fontsize=11)
+    ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False)
+
+
+def _draw_code(ax: Axes, entries: list[dict[str, Any]]) -> None:
+    y = np.arange(len(entries))[::-1]
+    left = np.zeros(len(entries))
+    colours = (
+        "#D55E00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#AA4499", "#332288", "#882255", "#999999", "#E69F00", "#F0E442", "#44AA99", "#117733",
+        "#000000", "#BBBBBB",
+    )  # fmt: skip
+    for part, colour in zip(PARTS, colours, strict=True):
+        width = np.array([counts(entry)[part] for entry in entries], dtype=float)
+        if width.any():
+            ax.barh(y, width, 0.7, left=left, color=colour, label=part.replace("_", " "))
+        left += width
+    ax.set_yticks(y, [""] * len(entries))
+    ax.set(xlabel="arithmetic operations written in its compiled functions")
+    ax.set_title("what the compiled code contains, by module", fontsize=11)
+    ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4, frameon=False)
+
+
+def _draw_pairs(ax: Axes, pairs: list[dict[str, Any]]) -> None:
+    y = np.arange(len(pairs))[::-1]
+    for pair, at in zip(pairs, y, strict=True):
+        method = next(name for name in COLOURS if f", {name}" in pair["without"])
+        ends = pair["without_ns"] / 1e3, pair["switched_off_ns"] / 1e3
+        ax.plot(ends, (at, at), color="0.7", lw=2, zorder=1)
+        ax.plot(ends[0], at, "o", color=COLOURS[method], ms=7)
+        ax.plot(ends[1], at, "D", mfc="white", mec=COLOURS[method], ms=6)
+        ax.annotate(f"{pair['ratio']:.2f}", (max(ends), at), xytext=(8, 0), textcoords="offset points", va="center", fontsize=8)
+    ax.set_yticks(y, [pair["part"] for pair in pairs], fontsize=8)
+    ax.set(xscale="log", xlabel="us per pseudo period")
+    if pairs:
+        highest = max(max(pair["without_ns"], pair["switched_off_ns"]) for pair in pairs) / 1e3
+        ax.set_xlim(None, 3 * highest)
+    ax.plot([], [], "o", color="0.3", label="without the part")
+    ax.plot([], [], "D", mfc="white", mec="0.3", label="with it, switched off by its value (records: on)")
+    ax.set_title("cost of a part that does nothing", fontsize=11)
+    ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=1, frameon=False)
+
+
+NAME = "specialisation"
+QUICK_OUT = Path("results/specialisation")
+OUT = published(Path("docs/internals"), QUICK_OUT)
+COLUMNS = (
+    "absorber", "method", "record", "cold_s", "cached_s", "ns_per_period", "impacts_per_period", "memory_mb", "instructions",
+)  # fmt: skip
+
+
+def _read(measured: Measured) -> Results:
+    return Results(**measured.values)
+
+
+def _steps(quick: bool, known: Json) -> int:
+    variants, pairs = left(quick, known)
+    return 2 * len(variants) + len(pairs)
+
+
+PART: Part[bool] = Part(
+    NAME,
+    "what each scene leaves out",
+    measure=measure,
+    markers=MARKERS,
+    sections=sections,
+    steps=_steps,
+    tables=lambda measured: [Table(NAME, COLUMNS, [[entry[column] for column in COLUMNS] for entry in _read(measured).own.values()])],
+    figures=lambda measured: {NAME: lambda path: save_figure(path, _read(measured))},
+    said=lambda found: "\n".join(f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}" for claim in claims(_read(found))),
+    failures=lambda measured: [claim.text for claim in claims(_read(measured)) if not claim.holds],
+)
+# settings: whether it is a quick look
+STUDY: Study[bool] = Study((PART,), notes=lambda quick: {"quick": quick})
 
 
 @command()

@@ -9,8 +9,7 @@ import click
 from impact_env.ensemble import available_cores
 from optimisation.cli.common import command
 from studies.runner import run
-from studies.stability.page import MARKERS
-from studies.stability.study import OUT, QUICK_OUT, STUDY, Settings
+from studies.stability.study import MARKERS, OUT, QUICK_OUT, STUDY, Settings
 from studies.study import with_page
 
 

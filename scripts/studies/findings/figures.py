@@ -9,18 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from optimisation.report.design_figures import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    draw_grid,
-    draw_legend,
-    figure_with,
-    force_axis,
-    save_front,
-)
+from optimisation.report.design_figures import BLACK, BLUE, GREEN, GREY, ORANGE, draw_grid, draw_legend, figure_with, force_axis, save_front
 from optimisation.report.written_figure import write_figure
 
 Json = dict[str, Any]

@@ -58,14 +58,10 @@ def scaling(study: Settings) -> Json:
                     began = time.perf_counter()
                     dict(evaluate(problem, designs, problem.ensemble, problem.rate, executor))
                     times[kind, n].append(time.perf_counter() - began)
+    speedup = {kind: statistics.median(times[kind, 1]) / statistics.median(times[kind, 2]) for kind in kinds}
     runs = 2 * len(designs) * len(problem.ensemble) * len(problem.conditions)
     rows = [{"kind": kind, "workers": n, "seconds": statistics.median(s), "all_s": s} for (kind, n), s in times.items()]
-    return {"designs": len(designs), "runs": runs, "rows": rows, "speedup": {kind: _speedup(times, kind) for kind in kinds}}
-
-
-def _speedup(times: dict[tuple[str, int], list[float]], kind: str) -> float:
-    one, two = (statistics.median(times[kind, n]) for n in WORKERS)
-    return one / two
+    return {"designs": len(designs), "runs": runs, "rows": rows, "speedup": speedup}
 
 
 def full_study(study: Settings) -> Json:

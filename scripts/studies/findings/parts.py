@@ -18,7 +18,6 @@ from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RAT
 from optimisation.files import read_json
 from optimisation.friction_rule import best_friction
 from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
-from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.report.design_tables import limit, number, summary
@@ -86,12 +85,6 @@ def _found(found: Findings) -> Json:
     return summary(found) | members
 
 
-def _limits(problem: Problem, design: Design, condition: Condition) -> Json:
-    """The stationary limit of a design's cavity over the force; None where there is no closed form."""
-    forces = np.geomspace(condition.force / SPAN, condition.force * SPAN, DENSE)
-    return {"limit_force_n": forces.tolist(), "limit_m": [number(limit(problem, design, c)) for c in over_force(condition, forces)]}
-
-
 def _listed(part: Levels) -> Json:
     own = part.conditions[0]
     return {
@@ -115,7 +108,9 @@ def concepts(study: Settings) -> Json:
             conditions = over_force(condition, np.geomspace(condition.force / SPAN, condition.force * SPAN, study.points))
             with runs_bar(f"{concept}: levels over the force") as show:
                 part = levels(problem, both, conditions, study.few, study.executor, show)
-            curves.append(_listed(part) | _limits(problem, both[0], condition))
+            forces = np.geomspace(condition.force / SPAN, condition.force * SPAN, DENSE)  # of the limit of the winner's cavity, None: no closed form
+            reach = [number(limit(problem, both[0], c)) for c in over_force(condition, forces)]
+            curves.append(_listed(part) | {"limit_force_n": forces.tolist(), "limit_m": reach})
         result[concept] = _found(found) | {"curves": curves}
     return result
 
@@ -208,12 +203,7 @@ def robustness(study: Settings) -> Json:
         with runs_bar(f"{concept}: detuned beams") as show:
             conditions = detuned(problem.conditions[0], np.linspace(-0.1, 0.1, 2 * (study.points // 2) + 1))
             part = levels(problem, list(named.values()), conditions, study.few, study.executor, show)
-        rows += [_one(concept, name, part, d) for d, name in enumerate(named)]
+        listed = _listed(part)
+        kept = {"concept": concept, "detuning": listed["detuning"], "without": listed["without"]}
+        rows += [kept | {"name": name} | {key: listed[key][d] for key in ("median", "low", "high")} for d, name in enumerate(named)]
     return {"designs": rows, "force_n": AT[0][1]}
-
-
-def _one(concept: str, name: str, part: Levels, d: int) -> Json:
-    listed = _listed(part)
-    return {"concept": concept, "name": name, "detuning": listed["detuning"], "without": listed["without"]} | {
-        key: listed[key][d] for key in ("median", "low", "high")
-    }

@@ -200,12 +200,10 @@ def _converges(part: Json, kind: str) -> Claim:
 def _alike(values: Json) -> Claim:
     walls, friction = (_from(values[kind], SAME) for kind in ("walls", "friction"))
     apart = abs(float(np.log10(walls / friction)))
-    return Claim(
-        "alike", "both converge very similarly", SECTION,
-        f"within 5 % from {walls:.3g} static stiffnesses on for the walls, from {friction:.3g} on for friction",
-        judged(apart, apart, 0.0, float(np.log10(1 + LITTLE))), LABEL,
-        "One needs a stiffer spring than the other for the same closeness.",
-    )  # fmt: skip
+    return Claim("alike", "both converge very similarly", SECTION,
+                 f"within 5 % from {walls:.3g} static stiffnesses on for the walls, from {friction:.3g} on for friction",
+                 judged(apart, apart, 0.0, float(np.log10(1 + LITTLE))), LABEL,
+                 "One needs a stiffer spring than the other for the same closeness.")  # fmt: skip
 
 
 def _curves_claims(curves: Json, kind: str) -> Claim:
@@ -255,12 +253,10 @@ def _steps(values: Json) -> Claim:
         n = len(stepped["stiffness"])
         apart += (np.median(stepped["level_m"], axis=1) / np.median(exact["level_m"][:n], axis=1) - 1).tolist()
     worst = float(np.max(np.abs(apart)))
-    return Claim(
-        "twenty samples", "20 samples of the shortest period and of a contact resolve compliant contact", SECTION,
-        f"medians of the Runge-Kutta method at that step differ from exact ones by {100 * np.median(np.abs(apart)):.1f} % in the median and "
-        f"{100 * worst:.1f} % at most", judged(worst, worst, 0.0, SAME), LABEL,
-        "The few members of the stepped runs fall on either side of the exact median.",
-    )  # fmt: skip
+    return Claim("twenty samples", "20 samples of the shortest period and of a contact resolve compliant contact", SECTION,
+                 f"medians of the Runge-Kutta method at that step differ from exact ones by {100 * np.median(np.abs(apart)):.1f} % in the median and "
+                 f"{100 * worst:.1f} % at most", judged(worst, worst, 0.0, SAME), LABEL,
+                 "The few members of the stepped runs fall on either side of the exact median.")  # fmt: skip
 
 
 FIGURE = PaperFigure(

@@ -1,6 +1,8 @@
-"""What is seen of one sweep beside its level: the contacts around its maximum, its envelope, and the passage near the resonance.
+"""Performance curves of this study as plain values, what is seen of each of their sweeps, and the operating ranges that follow.
 
-All of it is read from one set of observers, so that each kernel is compiled once.
+Contacts around the maximum, envelopes and passages are read from one set of observers, so that each kernel is compiled once. Of a curve, that is kept
+of the critical direction. Ranges are marked by what the contacts do (paper, table of operating ranges): linear, no impacts; primary, impacts and
+pauses take turns around the largest response; secondary, there they go on without pause.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import BAND, DOWN, CurveCase, PerformanceCurve, quantiles
@@ -23,7 +26,9 @@ from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
+from optimisation.report.design_figures import force_axis
 from studies.paper.frame import Settings
+from studies.paper.style import MM, Look, line
 from studies.study import Json
 
 Array = NDArray[np.float64]
@@ -107,6 +112,13 @@ class Envelope:
         assert history is not None
         firsts = np.arange(0, len(history.time), self.periods * DEFAULT_SAMPLES)
         return np.asarray(np.maximum.reduceat(np.abs(history.tip_displacement), firsts))
+
+    def banded(self, settings: Settings, label: str, scene: Scene, drives: Sequence[Drive]) -> tuple[Json, Array]:
+        """Return the envelopes of members with one schedule over frequency ratios, as 5 %, median, 95 % and nominal member; and each member's."""
+        rows = np.array(settings.each(label, [Lane(scene, drive) for drive in drives], self))
+        low, middle, high = quantiles(rows.T, (BAND[0], 0.5, BAND[1])).tolist()
+        own = {"ratio": self.ratios(drives[0].schedule).tolist(), "low": low, "median": middle, "high": high, "nominal": rows[0].tolist()}
+        return own, rows
 
     def ratios(self, schedule: FrequencySchedule) -> Array:
         """Return the frequency in the middle of each stretch over the schedule's reference."""
@@ -264,10 +276,7 @@ def operating_ranges(forces: ArrayLike, impacting: ArrayLike, sustained: ArrayLi
     require(rising.ndim == 1 and bool(np.all(np.diff(rising) > 0)), "forces", forces, "a row of rising forces in N")
     require(first.shape == last.shape == rising.shape, "shares", (first.shape, last.shape), f"one for each of the {len(rising)} forces")
     impacts, paused = np.flatnonzero(first > MOST), np.flatnonzero(last <= MOST)
-    return Ranges(
-        _border(rising, int(impacts[0])) if len(impacts) else None,
-        _border(rising, int(paused[-1]) + 1) if len(paused) else None,
-    )
+    return Ranges(_border(rising, int(impacts[0])) if len(impacts) else None, _border(rising, int(paused[-1]) + 1) if len(paused) else None)
 
 
 def _border(forces: NDArray[np.float64], k: int) -> Border | None:
@@ -288,3 +297,16 @@ def slopes(curve: Curve, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
     if np.count_nonzero(inside) < 2:
         return np.full(curve.level.shape[1], np.nan)
     return np.asarray(np.polynomial.polynomial.polyfit(np.log(curve.forces[inside]), np.log(curve.level[inside]), 1)[1])
+
+
+def draw_curve(axes: Axes, own: Curve, look: Look, label: str, marked: bool = True) -> None:
+    """Draw the median of a curve with its band and nominal member, levels in mm."""
+    low, high = own.band
+    line(axes, own.forces, MM * own.median, look, label, band=(MM * low, MM * high), nominal=MM * own.level[:, 0], marked=marked)
+
+
+def level_axes(axes: Axes, none: Curve, ylabel: str = "resonant response level in mm (RMS)") -> None:
+    """Make the axes those of levels over the forces of a curve, both logarithmic."""
+    axes.set(xscale="log", yscale="log", xlim=(none.forces[0], none.forces[-1]), xlabel="amplitude of the force in N", ylabel=ylabel)
+    force_axis(axes.xaxis)
+    force_axis(axes.yaxis)

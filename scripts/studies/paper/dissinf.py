@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from impact_env.curve import BAND, quantiles
 from impact_env.drive import PAPER_LIMITS, linear_sweep
-from impact_env.ensemble import Lane, draw_members
+from impact_env.ensemble import draw_members
 from impact_env.methods import Moreau
 from impact_env.parameters import Absorber, Beam, RigidWalls, friction_damper, impact_absorber
 from impact_env.scene import Scene, beam_scene
-from optimisation.report.design_figures import force_axis
 from optimisation.report.markdown import markdown
 from studies.paper.claim import INFINITY, LITTLE, MUCH, SAME, Claim, claim, judged, spread, within
-from studies.paper.curve import Curve, Envelope, best_forces, curve_of, curves, force_grid
+from studies.paper.curve import Curve, Envelope, best_forces, curve_of, curves, draw_curve, force_grid, level_axes
 from studies.paper.frame import PaperFigure, Settings, has, in_turn
 from studies.paper.style import LOOKS, MM, REFERENCE, Look, line, panels
 from studies.study import Json, Steps
@@ -91,13 +90,8 @@ def _curve(settings: Settings, name: str, scene: Scene, forces: tuple[float, ...
 def _sweep(settings: Settings, scene: Scene, members: int) -> Json:
     """Return the envelope of |q_tip| in m of the sweeps down over frequency ratios, and each member's largest."""
     schedule = linear_sweep(scene.model.resonance_omega(1), PAPER_LIMITS[1], PAPER_LIMITS[0])
-    lanes = [Lane(scene, drive) for drive in draw_members(members, settings.seed).drives(SWEPT, schedule)]
-    rows = np.array(settings.each(f"{LABEL}, sweeps", lanes, ENVELOPE))
-    low, middle, high = quantiles(rows.T, (BAND[0], 0.5, BAND[1]))
-    return {
-        "ratio": ENVELOPE.ratios(schedule).tolist(), "low": low.tolist(), "median": middle.tolist(), "high": high.tolist(),
-        "nominal": rows[0].tolist(), "largest": np.max(rows, axis=1).tolist(),
-    }  # fmt: skip
+    own, rows = ENVELOPE.banded(settings, f"{LABEL}, sweeps", scene, draw_members(members, settings.seed).drives(SWEPT, schedule))
+    return own | {"largest": np.max(rows, axis=1).tolist()}
 
 
 def first_impacts(own: Curve) -> Array:
@@ -147,11 +141,6 @@ def _within(own: Curve, other: Curve, span: tuple[float, float]) -> Array:
     """Return level over another curve's at the forces of a span in N, by member, as one row."""
     inside = (own.forces >= span[0]) & (own.forces <= span[1])
     return (own.level[inside] / other.level[inside]).ravel()
-
-
-def _claims(values: Json) -> list[Claim]:
-    """Return what friction and restitution do to the curves and sweeps."""
-    return [*_dampers(values), *_absorbers(values), *_swept(values)]
 
 
 def _dampers(values: Json) -> list[Claim]:
@@ -234,11 +223,9 @@ def _neither(read: dict[str, Curve], none: Curve) -> Claim:
     over = [best[impacting(limit)] / np.median(best[CONSERVATIVE]) for limit in LIMITS]
     low, high = (float(each(quantiles(row, BAND)[k] for row in over)) for k, each in ((0, min), (1, max)))
     said = ", ".join(f"{spread(row)} at {limit:g} N" for row, limit in zip(over, LIMITS, strict=True))
-    return Claim(
-        f"{LABEL}_neither", "friction neither impedes nor significantly improves the performance", "7",
-        f"best level over that without friction {said}", judged(low, high, *within(LITTLE)), LABEL,
-        f"So it is at {LIMITS[0]:g} N; more friction makes the best level worse, and moves it to a higher force.",
-    )  # fmt: skip
+    return Claim(f"{LABEL}_neither", "friction neither impedes nor significantly improves the performance", "7",
+                 f"best level over that without friction {said}", judged(low, high, *within(LITTLE)), LABEL,
+                 f"So it is at {LIMITS[0]:g} N; more friction makes the best level worse, and moves it to a higher force.")  # fmt: skip
 
 
 def _swept(values: Json) -> list[Claim]:
@@ -267,16 +254,12 @@ def _curves(axes: Axes, values: Json) -> None:
     names = {CONSERVATIVE: LOOKS[5], **{impacting(limit): look for limit, look in zip(LIMITS, LOOKS, strict=False)}, DISSIPATIVE: LOOKS[4]}
     for name, look in names.items():
         own = curve_of(values[name])
-        low, high = own.band
-        solid = look if name == CONSERVATIVE else Look(look.colour, "-", look.marker)
-        line(axes, own.forces, MM * own.median, solid, name, band=(MM * low, MM * high), nominal=MM * own.level[:, 0], marked=name != CONSERVATIVE)
+        draw_curve(axes, own, look if name == CONSERVATIVE else Look(look.colour, "-", look.marker), name, marked=name != CONSERVATIVE)
     for limit, look in zip(LIMITS, LOOKS, strict=False):
         own = curve_of(values[sliding(limit)])
         axes.plot(own.forces, MM * own.median, color=look.colour, ls=(0, (4, 2)), lw=1.0, label=sliding(limit))
-    axes.set(xscale="log", yscale="log", xlim=(none.forces[0], none.forces[-1]), ylim=(0.08, 20))
-    axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
-    force_axis(axes.xaxis)
-    force_axis(axes.yaxis)
+    axes.set(ylim=(0.08, 20))
+    level_axes(axes, none)
     axes.legend(fontsize=7, frameon=False, ncols=2, loc="upper left")
 
 
@@ -292,7 +275,8 @@ def _sweeps(axes: Axes, values: Json) -> None:
 
 
 FIGURE = PaperFigure(
-    LABEL, "friction and restitution", measure=_measure, words=_words, draw=_draw, claims=_claims, needs=has(*_scenes()),
+    LABEL, "friction and restitution", measure=_measure, words=_words, draw=_draw,
+    claims=lambda values: [*_dampers(values), *_absorbers(values), *_swept(values)], needs=has(*_scenes()),
     sizes=(
         Sizes(force_grid(0.1, 20.0, 28, (3.5, SWEPT)), 12, 16),
         Sizes((0.1, 0.4, 0.8, 1.2, 2.0, 2.8, 3.5, 4.2, SWEPT, 8.0, 20.0), 2, 2),

@@ -37,23 +37,17 @@ def _linear(values: Json) -> list[Claim]:
     ratio, height = _sliding(medium)
     off = np.abs(height / _interpolated(medium, "alone", ratio) - 1)
     return [
-        Claim(
-            "third frequency", "the third frequency is about 17.5 times the first", "2.5", f"{third:.4f}",
-            _exactly(third, 17.45, 17.55), FIGURE, "The beam has another third frequency.", True,
-        ),
-        Claim(
-            "stuck resonance", "with a stuck absorber the resonance lies slightly lower", "3.1", f"at {stuck:.4f} of omega_1",
-            _exactly(stuck, 1 - SAME, 0.999), FIGURE, "It does not lie a few per cent lower.", True,
-        ),
+        Claim("third frequency", "the third frequency is about 17.5 times the first", "2.5", f"{third:.4f}",
+              _exactly(third, 17.45, 17.55), FIGURE, "The beam has another third frequency.", True),
+        Claim("stuck resonance", "with a stuck absorber the resonance lies slightly lower", "3.1", f"at {stuck:.4f} of omega_1",
+              _exactly(stuck, 1 - SAME, 0.999), FIGURE, "It does not lie a few per cent lower.", True),
         Claim(
             "sliding follows linear", "sliding without impacts, the response closely follows that without absorber", "3.1",
             f"within {100 * off.max():.2f} % up to the first impact, {100 * np.median(off):.2f} % in the median", _exactly(float(off.max()), 0, SAME),
             FIGURE, "Friction takes more than 5 % away somewhere.",
         ),
-        Claim(
-            "sharp bends", "sharp bends where impacts begin", "3.1", f"at a tip displacement of {1e3 * height.max():.4f} mm; the gap is 1 mm",
-            _exactly(height.max() / GAP, *within(SAME)), FIGURE, "The response bends away from the gap.", True,
-        ),
+        Claim("sharp bends", "sharp bends where impacts begin", "3.1", f"at a tip displacement of {1e3 * height.max():.4f} mm; the gap is 1 mm",
+              _exactly(height.max() / GAP, *within(SAME)), FIGURE, "The response bends away from the gap.", True),
     ]  # fmt: skip
 
 
@@ -98,30 +92,20 @@ def _branches(values: Json) -> list[Claim]:
     drop = 1 - top["peak"][1] / alone
     far = max((fold[0] for fold in top["folds"]), default=0.0)
     return [
-        Claim(
-            "number of responses", "one, two or three periodic responses at a frequency", "3.1",
-            f"1 to 3 at {100 * share:.1f} % of 640 frequencies, at most {max(counts)}", _exactly(share, 1 - SAME, 1.0), FIGURE,
-            "Harmonic balance has more of them somewhere.",
-        ),
-        Claim(
-            "isola", "at 1.5 N an isola lies below omega_1", "3.1",
-            f"closed, from {min(outer):.5f} to {max(outer):.5f} of omega_1" if outer else "none", Verdict.HOLDS if outer and max(outer) < 1 else
-            Verdict.NOT, FIGURE, "No closed branch of exact orbits was found.",
-        ),
-        Claim(
-            "merger", "at a certain force the isola merges with the main branch", "3.1",
-            f"born at {between(births, '{:.3f}')} N, merged at {between(mergers, '{:.3f}')} N" if mergers and births else "no threshold",
-            Verdict.HOLDS if any(1.5 < force < 3.0 for force in mergers) else Verdict.NOT, FIGURE, "No merger lies between the two forces.",
-        ),
-        Claim(
-            "far fold", "at 3 N a single branch turns far to the right", "3.1", f"fold at {far:.4f} of omega_1", _exactly(far, 1.06, 2.0), FIGURE,
-            "The branch of the peak does not turn there.",
-        ),
-        Claim(
-            "merely shifted", "at 3 N the peak is merely shifted and only slightly decreased", "3.1",
-            f"at {top['peak'][0]:.4f} of omega_1, {100 * drop:.1f} % below the linear peak", _exactly(drop, 0.0, LITTLE), FIGURE,
-            "It is lowered by more.",
-        ),
+        Claim("number of responses", "one, two or three periodic responses at a frequency", "3.1",
+              f"1 to 3 at {100 * share:.1f} % of 640 frequencies, at most {max(counts)}", _exactly(share, 1 - SAME, 1.0), FIGURE,
+              "Harmonic balance has more of them somewhere."),
+        Claim("isola", "at 1.5 N an isola lies below omega_1", "3.1",
+              f"closed, from {min(outer):.5f} to {max(outer):.5f} of omega_1" if outer else "none", Verdict.HOLDS if outer and max(outer) < 1 else
+              Verdict.NOT, FIGURE, "No closed branch of exact orbits was found."),
+        Claim("merger", "at a certain force the isola merges with the main branch", "3.1",
+              f"born at {between(births, '{:.3f}')} N, merged at {between(mergers, '{:.3f}')} N" if mergers and births else "no threshold",
+              Verdict.HOLDS if any(1.5 < force < 3.0 for force in mergers) else Verdict.NOT, FIGURE, "No merger lies between the two forces."),
+        Claim("far fold", "at 3 N a single branch turns far to the right", "3.1", f"fold at {far:.4f} of omega_1", _exactly(far, 1.06, 2.0), FIGURE,
+              "The branch of the peak does not turn there."),
+        Claim("merely shifted", "at 3 N the peak is merely shifted and only slightly decreased", "3.1",
+              f"at {top['peak'][0]:.4f} of omega_1, {100 * drop:.1f} % below the linear peak", _exactly(drop, 0.0, LITTLE), FIGURE,
+              "It is lowered by more."),
     ]  # fmt: skip
 
 
@@ -149,16 +133,12 @@ def _regimes(values: Json) -> list[Claim]:
     steps = np.array(top["rhythm Moreau"])[:, 0]
     modulated = float(np.mean([kind == Kind.MODULATED.value for kind in at["kinds"]]))
     return [
-        Claim(
-            "low at resonance", "at omega_1 the periodic response is considerably reduced", "3.1", f"{100 * share:.0f} % of no absorber at 1.5 N",
-            _exactly(share, 0, MUCH), FIGURE, "It is hardly below the linear response.",
-        ),
-        Claim(
-            "unstable at resonance", "the periodic response at omega_1 is unstable; what is seen is strongly modulated", "3.1",
-            f"{sum(k < 2 for _, k in here)} of {len(here)} orbits unstable; {100 * modulated:.0f} % of runs strongly modulated, depth "
-            + spread(at["depth"], "{:.2f}"), Verdict.HOLDS if all(k < 2 for _, k in here) and modulated >= OFTEN else Verdict.NOT, FIGURE,
-            "Runs at the resonance settle to something else.",
-        ),
+        Claim("low at resonance", "at omega_1 the periodic response is considerably reduced", "3.1", f"{100 * share:.0f} % of no absorber at 1.5 N",
+              _exactly(share, 0, MUCH), FIGURE, "It is hardly below the linear response."),
+        Claim("unstable at resonance", "the periodic response at omega_1 is unstable; what is seen is strongly modulated", "3.1",
+              f"{sum(k < 2 for _, k in here)} of {len(here)} orbits unstable; {100 * modulated:.0f} % of runs strongly modulated, depth "
+              + spread(at["depth"], "{:.2f}"), Verdict.HOLDS if all(k < 2 for _, k in here) and modulated >= OFTEN else Verdict.NOT, FIGURE,
+              "Runs at the resonance settle to something else."),
         Claim(
             "sustained", "on the high branch impacts are sustained: the absorber comes to either wall in every period", "3.1",
             f"{spread(visits, '{:.2f}')} visits to a wall a period", judged(*middle(visits), *about(2.0)), FIGURE, "It stays away in some periods.",
@@ -170,27 +150,19 @@ def _regimes(values: Json) -> list[Claim]:
             f"and is unstable: {100 * stable:.0f} % of the orbits on the branch are stable, {100 * slow:.0f} % but for a fast pair of multipliers, "
             "which changes the rhythm of single impacts. Section 3.3 of the paper says two or more.",
         ),
-        Claim(
-            "weakly modulated", "the high response is only almost periodic, weakly modulated", "3.1",
-            f"modulation depth {spread(top['depth'], '{:.2f}')}; at omega_1 {spread(at['depth'], '{:.2f}')}",
-            judged(*middle(top["depth"]), 0.001, LITTLE), FIGURE, "Its peaks vary by more than a quarter.",
-        ),
-        Claim(
-            "chaotic", "the high response is chaotic", "3.1", "largest Lyapunov exponent {:.3f} ({:.3f} to {:.3f}) a period".format(*exponent),
-            judged(exponent[1], exponent[2], 0.0, np.inf), FIGURE, "Its exponent is not above zero.",
-        ),
-        Claim(
-            "lower frequency", "impacts lower the effective resonance frequency, as an absorber that sticks does", "3.2",
-            f"the highest orbits lie at {at_peak[0]:.4f} of omega_1 at 1.5 N and {at_peak[1]:.4f} at 3 N, with the "
-            f"absorber stuck at {medium['stuck_peak']:.4f}",
-            judged(min(at_peak), max(at_peak), 0.0, 0.999), FIGURE, "An orbit peaks above the linear resonance.",
-        ),
-        Claim(
-            "basin", "the strongly modulated response has a large basin of attraction (1.5 N, omega_1)", "3.2",
-            f"{', '.join(f'{kind} {count}' for kind, count in basin.items())} of {runs} runs from random states",
-            chance(*_wilson(basin.get(Kind.MODULATED.value, 0), runs)), FIGURE,
-            "States are drawn evenly from the ellipse of the first mode's own resonance, the absorber anywhere in its cavity.",
-        ),
+        Claim("weakly modulated", "the high response is only almost periodic, weakly modulated", "3.1",
+              f"modulation depth {spread(top['depth'], '{:.2f}')}; at omega_1 {spread(at['depth'], '{:.2f}')}",
+              judged(*middle(top["depth"]), 0.001, LITTLE), FIGURE, "Its peaks vary by more than a quarter."),
+        Claim("chaotic", "the high response is chaotic", "3.1", "largest Lyapunov exponent {:.3f} ({:.3f} to {:.3f}) a period".format(*exponent),
+              judged(exponent[1], exponent[2], 0.0, np.inf), FIGURE, "Its exponent is not above zero."),
+        Claim("lower frequency", "impacts lower the effective resonance frequency, as an absorber that sticks does", "3.2",
+              f"the highest orbits lie at {at_peak[0]:.4f} of omega_1 at 1.5 N and {at_peak[1]:.4f} at 3 N, with the "
+              f"absorber stuck at {medium['stuck_peak']:.4f}",
+              judged(min(at_peak), max(at_peak), 0.0, 0.999), FIGURE, "An orbit peaks above the linear resonance."),
+        Claim("basin", "the strongly modulated response has a large basin of attraction (1.5 N, omega_1)", "3.2",
+              f"{', '.join(f'{kind} {count}' for kind, count in basin.items())} of {runs} runs from random states",
+              chance(*_wilson(basin.get(Kind.MODULATED.value, 0), runs)), FIGURE,
+              "States are drawn evenly from the ellipse of the first mode's own resonance, the absorber anywhere in its cavity."),
     ]  # fmt: skip
 
 
@@ -214,11 +186,9 @@ def _method(values: Json) -> list[Claim]:
             f"above. The isola of harmonic balance is therefore too high and too long{more}. With two modes the same 20 harmonics are right to about "
             "1 % ([harmonic balance](harmonic_balance.md)).",
         ),
-        Claim(
-            "damper to ground", "a damper of 0.001 N s/m between absorber and ground does not matter", "2.5",
-            f"isola's peak by harmonic balance changes by {100 * change:.2f} % without it", _exactly(change, 0.0, SAME) if np.isfinite(change) else
-            Verdict.NOT, FIGURE, "The isola changes by more than 5 %, or is not found without the damper.",
-        ),
+        Claim("damper to ground", "a damper of 0.001 N s/m between absorber and ground does not matter", "2.5",
+              f"isola's peak by harmonic balance changes by {100 * change:.2f} % without it", _exactly(change, 0.0, SAME) if np.isfinite(change) else
+              Verdict.NOT, FIGURE, "The isola changes by more than 5 %, or is not found without the damper."),
     ]  # fmt: skip
 
 
@@ -229,9 +199,7 @@ def _peak_error(row: Json, exact: Json | None) -> float:
 def _best(levels: Json) -> Claim:
     force, relative = np.array(levels["force_n"]), np.array(levels["relative"])
     best = force[np.argmin(relative, axis=0)]
-    return Claim(
-        "near the optimum", "1.5 N is near the optimal operating point (3 modes)", "3.1",
-        f"best force of a member {spread(best, '{:.2f}')} N; level there {spread(relative.min(axis=0), '{:.0f}', 100)} % of no absorber",
-        judged(*middle(best), *about(1.5)), FIGURE,
-        "Members differ in their best force: below it already some of the sweeps reach the high branch.",
-    )  # fmt: skip
+    return Claim("near the optimum", "1.5 N is near the optimal operating point (3 modes)", "3.1",
+                 f"best force of a member {spread(best, '{:.2f}')} N; level there {spread(relative.min(axis=0), '{:.0f}', 100)} % of no absorber",
+                 judged(*middle(best), *about(1.5)), FIGURE,
+                 "Members differ in their best force: below it already some of the sweeps reach the high branch.")  # fmt: skip

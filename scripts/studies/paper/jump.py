@@ -223,7 +223,8 @@ def _words(values: Json) -> str:
         for row in values[f"jumps, {EVERY}"]:
             n = row["periods_per_percent"]
             told = "" if found is None else "{:.2f} ({:.2f} to {:.2f})".format(*found.probability(n))
-            shares = [next((_share(own) for own in values[f"jumps, {name}"] if own["periods_per_percent"] == n), "") for name in METHODS]
+            own = [next((x for x in values[f"jumps, {name}"] if x["periods_per_percent"] == n), None) for name in METHODS]
+            shares = ["{reached} of {runs}: {share:.2f} ({low:.2f} to {high:.2f})".format(**x) if x else "" for x in own]
             lines.append((f"{n:g}", told, *shares))
         blocks.append("Share of sweeps down that reach the high branch:")
         blocks.append(markdown(("pseudo periods per 1 %", "predicted from rates", *METHODS), lines))
@@ -242,10 +243,6 @@ def _words(values: Json) -> str:
         rows = [(f"{row['periods_per_percent']:g}", spread(row["level_m"], "{:.2f}", 1e3)) for row in values["levels"]]
         blocks.append(markdown(("pseudo periods per 1 %, down", "response level, mm"), rows))
     return "\n\n".join(blocks)
-
-
-def _share(row: Json) -> str:
-    return f"{row['reached']} of {row['runs']}: {row['share']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
 
 
 SHOWN = (  # of the panels above: force, title, and sweeps with their looks and words

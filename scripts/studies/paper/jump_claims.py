@@ -50,15 +50,11 @@ def _jump(values: Json) -> list[Claim]:
             f"survival. The nominal run at the paper's step, phase 0, reaches {own[0]:.2f} mm at 725 and {own[1]:.2f} mm at 1450. {_steps(values)} "
             f"With ten times finer steps the shares are {finer}.",
         ),
-        Claim(
-            "slower jumps less", "at half the rate the jump is less likely", "3.1", f"share {_said(slow)} at 1450, {_said(fast)} at 725",
-            judged(slow["low"], slow["high"], 0.0, fast["low"]), FIGURE, "The intervals overlap.",
-        ),
-        Claim(
-            "slow sweeps find the sliding response", "only in very slow sweeps the motion is attracted to sliding without impacts", "4.1",
-            f"share that drops out: {dropped} pseudo periods per 1 %", Verdict.HOLDS if first["low"] > last["high"] else Verdict.NOT, FIGURE,
-            "The share hardly depends on the rate.",
-        ),
+        Claim("slower jumps less", "at half the rate the jump is less likely", "3.1", f"share {_said(slow)} at 1450, {_said(fast)} at 725",
+              judged(slow["low"], slow["high"], 0.0, fast["low"]), FIGURE, "The intervals overlap."),
+        Claim("slow sweeps find the sliding response", "only in very slow sweeps the motion is attracted to sliding without impacts", "4.1",
+              f"share that drops out: {dropped} pseudo periods per 1 %", Verdict.HOLDS if first["low"] > last["high"] else Verdict.NOT, FIGURE,
+              "The share hardly depends on the rate."),
         Claim(
             "conservative rate", "1 % in 100 pseudo periods is conservative: it makes jumps more likely than the slow sweeps do", "3.3",
             f"share {_said(first)} at {first['periods_per_percent']:g}, {_said(fast)} at 725", judged(first["low"], first["high"], fast["high"], 1.0),
@@ -115,37 +111,23 @@ def _sweeps(values: Json) -> list[Claim]:
     orbit = max(y for curve in medium["exact"] for x, y in zip(curve["omega_ratio"], curve["tip_max"], strict=True) if y and 0.995 < x < 1.005)
     down, up = (np.array(sweeps[f"high force, {way}"]["on_branch_m"]) for way in ("down", "up"))
     peaks = {way: np.array([max(sweeps[f"high force, {way}"]["nominal_m"]), max(sweeps[f"high force, {way}"]["low_m"])]) for way in ("down", "up")}
-    branch = _height(values["high"], 0.935, 0.945)
+    orbits = [pair for curve in values["high"]["exact"] for pair in zip(curve["omega_ratio"], curve["tip_max"], strict=True)]
+    branch = float(np.median([y for x, y in orbits if y and 0.935 < x < 0.945 and y > 1e-3]))  # of the high branch
     ratio = down / branch
     return [
-        Claim(
-            "sweeps follow branches", "sweeps follow the periodic responses, the high one included", "3.1",
-            f"at 3 N, down, between 0.935 and 0.945 of omega_1: {spread(ratio, '{:.2f}')} of the exact orbits' largest displacement",
-            judged(*middle(ratio), *within(SAME)), FIGURE, "Motions wander around the unstable orbit and are somewhat lower on average.",
-        ),
-        Claim(
-            "modulated maxima", "at omega_1 maxima exceed the unstable periodic response and stay well below the linear resonance", "3.1",
-            f"largest displacement {spread(smr, '{:.2f}', 1e3)} mm; periodic {1e3 * orbit:.2f} mm, linear {1e3 * alone:.2f} mm",
-            judged(*middle(smr), orbit, MUCH * alone), FIGURE, "In some members maxima reach further.",
-        ),
+        Claim("sweeps follow branches", "sweeps follow the periodic responses, the high one included", "3.1",
+              f"at 3 N, down, between 0.935 and 0.945 of omega_1: {spread(ratio, '{:.2f}')} of the exact orbits' largest displacement",
+              judged(*middle(ratio), *within(SAME)), FIGURE, "Motions wander around the unstable orbit and are somewhat lower on average."),
+        Claim("modulated maxima", "at omega_1 maxima exceed the unstable periodic response and stay well below the linear resonance", "3.1",
+              f"largest displacement {spread(smr, '{:.2f}', 1e3)} mm; periodic {1e3 * orbit:.2f} mm, linear {1e3 * alone:.2f} mm",
+              judged(*middle(smr), orbit, MUCH * alone), FIGURE, "In some members maxima reach further."),
         Claim(
             "high force reaches it", "at 3 N sweeps reach the high branch easily", "3.1",
             f"in the lowest twentieth of members the largest displacement is {1e3 * peaks['down'][1]:.2f} mm down, {1e3 * peaks['up'][1]:.2f} mm up",
             judged(min(map(np.min, peaks.values())), min(map(np.min, peaks.values())), HIGH_LEVEL, 10e-3), FIGURE,
             "In one direction some members stay low.",
         ),
-        Claim(
-            "hysteresis", "the largest response may depend on the direction considerably", "3.3",
-            f"at 3 N between 0.935 and 0.945 of omega_1 {spread(down, '{:.2f}', 1e3)} mm down, {spread(up, '{:.2f}', 1e3)} mm up",
-            Verdict.HOLDS if np.median(up) < MUCH * np.median(down) else Verdict.NOT, FIGURE, "Both directions show the same.",
-        ),
+        Claim("hysteresis", "the largest response may depend on the direction considerably", "3.3",
+              f"at 3 N between 0.935 and 0.945 of omega_1 {spread(down, '{:.2f}', 1e3)} mm down, {spread(up, '{:.2f}', 1e3)} mm up",
+              Verdict.HOLDS if np.median(up) < MUCH * np.median(down) else Verdict.NOT, FIGURE, "Both directions show the same."),
     ]  # fmt: skip
-
-
-def _height(part: Json, low: float, high: float) -> float:
-    """Return the median height of the high branch's orbits between two ratios."""
-    return float(
-        np.median(
-            [y for curve in part["exact"] for x, y in zip(curve["omega_ratio"], curve["tip_max"], strict=True) if y and low < x < high and y > 1e-3]
-        )
-    )

@@ -23,7 +23,7 @@ from optimisation.report.comparison_figure import ORDINALS
 from optimisation.report.design_figures import force_axis
 from optimisation.report.markdown import markdown
 from studies.paper.claim import INFINITY, LITTLE, MUCH, WIDE, Claim, about, claim, spread
-from studies.paper.curve import Curve, best_forces, curve_of, curves, force_grid, plain_curve
+from studies.paper.curve import Curve, best_forces, curve_of, curves, draw_curve, force_grid, level_axes, plain_curve
 from studies.paper.frame import PaperFigure, Settings, has, in_turn, shortened
 from studies.paper.style import LOOKS, MM, REFERENCE, Look, line, panels
 from studies.study import Json, Steps, Table
@@ -174,11 +174,6 @@ def _beside_limit(values: Json, names: list[str]) -> str:
     return f"The impact absorber's median over the stationary limit of its mass and gap: {'; '.join(words)}."
 
 
-def _claims(values: Json) -> list[Claim]:
-    """Return what the comparison says of the concepts."""
-    return [*_first(values), *_second(values), *_both(values)]
-
-
 def _best(part: Json) -> tuple[Array, float]:
     """Return the best forces in N of the members around the paper's, (M,), and that of the single runs at the paper's step."""
     own, none = (curve_of(part["curves"][key]) for key in (IMPACT, NONE))
@@ -291,9 +286,6 @@ def _draw(values: Json) -> Figure:
             own = curve_of(part["step"][key])
             axes.plot(own.forces, MM * own.level[:, 0], "x", color=DRAWN[key][0].colour, ms=3.5, mew=0.7, zorder=4)
         axes.set_title(f"{ORDINALS[resonance]} resonance", fontsize=8.5)
-        axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
-        force_axis(axes.xaxis)
-        force_axis(axes.yaxis)
     if "low" in values:
         _inset(grid[0, 1], read(values["low"]))
     handles, labels = grid[0, 0].get_legend_handles_labels()
@@ -306,12 +298,10 @@ def _curves(axes: Axes, found: dict[str, Curve]) -> None:
     line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
     for key, (look, label) in DRAWN.items():
         if key in found:
-            own = found[key]
-            low, high = own.band
-            line(axes, own.forces, MM * own.median, look, label, band=(MM * low, MM * high), nominal=MM * own.level[:, 0])
+            draw_curve(axes, found[key], look, label)
     best = int(np.argmin(np.median(found[IMPACT].relative(none), axis=1)))
     axes.axvline(none.forces[best], color="0.55", lw=0.8, ls=":")
-    axes.set(xscale="log", yscale="log", xlim=(none.forces[0], none.forces[-1]))
+    level_axes(axes, none)
     axes.set_ylim(0.5 * MM * min(float(np.min(own.median)) for own in found.values()), 1.3 * MM * float(np.max(none.median)))
 
 
@@ -335,7 +325,8 @@ def _inset(axes: Axes, found: dict[str, Curve]) -> None:
 
 
 FIGURE = PaperFigure(
-    LABEL, "the comparison of concepts", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    LABEL, "the comparison of concepts", measure=_measure, words=_words, draw=_draw,
+    claims=lambda values: [*_first(values), *_second(values), *_both(values)],
     needs=has(*(f"resonance {r}" for r in RESONANCES)), tables=lambda values: (_limits_table(values),),
     sizes=(
         Sizes(24, tuple(np.round(np.linspace(0.7, 1.3, 13), 3).tolist()), 12, force_grid(0.1, 3.5, 12), force_grid(0.2, 1.25, 14, (PAPER_LIMIT,))),

@@ -15,7 +15,7 @@ from optimisation.report.markdown import markdown
 from studies.paper.claim import SAME, Claim, Verdict
 from studies.paper.frame import PaperFigure, Settings, in_turn
 from studies.paper.style import LOOKS, legends, line, panels
-from studies.study import Json, Steps
+from studies.study import Json
 
 LABEL = "modes_needed"
 FRICTION, RESTITUTION = 0.1, 0.7  # of the paper's best absorber
@@ -30,10 +30,6 @@ class Sizes(NamedTuple):
     second: tuple[float, ...]
     modes: tuple[int, ...]
     members: int
-
-
-def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
-    return in_turn({str(n): partial(_of_modes, n, settings, size) for n in size.modes}, known)
 
 
 def _of_modes(modes: int, settings: Settings, size: Sizes) -> Json:
@@ -127,7 +123,8 @@ def _draw(values: Json) -> Figure:
 
 
 FIGURE = PaperFigure(
-    LABEL, "how many modes the second resonance needs", measure=_measure, words=_words, draw=_draw, claims=_claims, answer=_answer,
+    LABEL, "how many modes the second resonance needs", words=_words, draw=_draw, claims=_claims, answer=_answer,
+    measure=lambda settings, size, known: in_turn({str(n): partial(_of_modes, n, settings, size) for n in size.modes}, known),
     sizes=(
         Sizes((1.5, 2.5, 3.5, 5.0), (20.0, 25.0, 30.0, 35.0, 40.0), (5, 7, 10, 15, 20, 30), 16),
         Sizes((3.5,), (35.0,), (5, 10, 20), 3),

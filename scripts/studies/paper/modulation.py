@@ -237,7 +237,7 @@ def _draw(values: Json) -> Figure:
     modes = [row["modes"] for row in many]
     for rows, look, label in ((many, LOOKS[0], "$N_m$ modes, $e$ = 1"), (other, LOOKS[1], "one mode, $e_1$")):
         low, high = _edges(rows, "depth")
-        line(depth, modes, _middle(rows, "depth"), look, label, band=(low, high), nominal=_nominal(rows, "depth"))
+        line(depth, modes, _middle(rows, "depth"), look, label, band=(low, high), nominal=[row["depth"][3] for row in rows])
     line(energy, modes, 100 * _middle(many, "taken"), LOOKS[0], "taken, $N_m$ modes")
     line(energy, modes, 100 * _middle(other, "taken"), LOOKS[1], "taken, one mode, $e_1$")
     line(energy, modes, 100 * _middle(many, "absorber"), LOOKS[2], "in the absorber")
@@ -263,10 +263,6 @@ def _draw(values: Json) -> Figure:
 
 def _middle(rows: list[Json], name: str) -> np.ndarray:
     return np.array([row[name][0] for row in rows])
-
-
-def _nominal(rows: list[Json], name: str) -> np.ndarray:
-    return np.array([row[name][3] for row in rows])
 
 
 def _edges(rows: list[Json], name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ from impact_env.scene import beam_scene
 from optimisation.report.design_figures import force_axis
 from optimisation.report.markdown import markdown
 from studies.paper.claim import INFINITY, LITTLE, SAME, Claim, Verdict, claim, spread, within
-from studies.paper.curve import Border, Curve, Ranges, curve_of, curves, force_grid, ranges_of, slopes, watched_curve
+from studies.paper.curve import Curve, Ranges, curve_of, curves, force_grid, ranges_of, slopes, watched_curve
 from studies.paper.frame import PaperFigure, Settings, has, in_turn
 from studies.paper.style import LOOKS, MM, REFERENCE, STUCK, legends, line, panels
 from studies.study import Json, Steps
@@ -177,15 +177,13 @@ def _draw(values: Json) -> Figure:
 def draw_ranges(axes: Axes, found: Ranges, low: float, high: float) -> None:
     """Shade the linear, the primary and the secondary range between two forces in N."""
     edges = sorted({low, high, *(border.force for border in (found.first_impacts, found.transition) if border is not None)})
-    words = ["linear"] + (["primary"] if _apart(found.first_impacts, found.transition) else []) + (["secondary"] if found.transition else [])
+    first, last = found.first_impacts, found.transition
+    primary = first is not None and (last is None or last.force > first.force)
+    words = ["linear"] + (["primary"] if primary else []) + (["secondary"] if last else [])
     for name, begin, end, shade in zip(words, edges, edges[1:], SHADES, strict=False):
         axes.axvspan(begin, end, color=shade, lw=0, zorder=0)
         own, place = axes.get_xaxis_transform(), min((begin + end) / 2, begin + 4.5)
         axes.text(place, 0.16, name, transform=own, ha="center", va="bottom", fontsize=8, color="0.3", rotation=90)
-
-
-def _apart(first: Border | None, last: Border | None) -> bool:
-    return first is not None and (last is None or last.force > first.force)
 
 
 def _inset(axes: Axes, own: Curve, none: Curve, stuck: Curve) -> None:

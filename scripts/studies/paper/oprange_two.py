@@ -17,15 +17,14 @@ from numpy.typing import NDArray
 
 from impact_env.curve import BAND, quantiles
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE, linear_sweep
-from impact_env.ensemble import Lane, draw_members
+from impact_env.ensemble import draw_members
 from impact_env.methods import Moreau
 from impact_env.parameters import Beam, RigidWalls, impact_absorber
 from impact_env.periodic.overview import exact_curves, linear_curves
 from impact_env.scene import Scene, beam_scene
-from optimisation.report.design_figures import force_axis
 from optimisation.report.markdown import markdown
 from studies.paper.claim import MUCH, PLACE, SAME, Claim, Verdict, claim, spread, within
-from studies.paper.curve import Curve, Envelope, curve_of, curves, force_grid, ranges_of, watched_curve
+from studies.paper.curve import Curve, Envelope, curve_of, curves, draw_curve, force_grid, level_axes, ranges_of, watched_curve
 from studies.paper.frame import PaperFigure, Settings, has, in_turn
 from studies.paper.style import FAINT, LOOKS, MM, REFERENCE, STUCK, legend_below, legends, line, panels
 from studies.study import Json, Steps
@@ -81,14 +80,9 @@ def _sweeps(settings: Settings, scene: Scene, force: float, members: int) -> Jso
     result: Json = {}
     for name, (start, stop) in {"up": (low, high), "down": (high, low)}.items():
         schedule = linear_sweep(reference, start, stop, PAPER_RATE)
-        rows = np.array(settings.each(LABEL, [Lane(scene, drive) for drive in drawn.drives(force, schedule)], ENVELOPE))
-        middle = quantiles(rows.T, (BAND[0], 0.5, BAND[1]))
-        ratio = ENVELOPE.ratios(schedule)
-        near = np.abs(ratio - 1) <= NEAR
-        result[name] = {
-            "ratio": ratio.tolist(), "low": middle[0].tolist(), "median": middle[1].tolist(), "high": middle[2].tolist(),
-            "nominal": rows[0].tolist(), "near": np.max(rows[:, near], axis=1).tolist(),
-        }  # fmt: skip
+        own, rows = ENVELOPE.banded(settings, LABEL, scene, drawn.drives(force, schedule))
+        near = np.abs(np.array(own["ratio"]) - 1) <= NEAR
+        result[name] = own | {"near": np.max(rows[:, near], axis=1).tolist()}
     return result
 
 
@@ -224,18 +218,14 @@ def _curves(axes: Axes, values: Json) -> None:
     line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
     for look, name in zip(LOOKS, (ONE, THREE, LOSSY, BOTH), strict=False):
         own = curve_of(values[name])
-        low, high = MM * np.array(own.band)
-        line(axes, own.forces, MM * own.median, look, name, band=(low, high), nominal=MM * own.level[:, 0], marked=False)
+        draw_curve(axes, own, look, name, marked=False)
         border = ranges_of(own).transition
         if border is not None:
             axes.plot(border.force, np.interp(border.force, own.forces, MM * own.median), look.marker, color=look.colour, ms=5, zorder=4)
     if "force_n" in values:
         axes.axvline(values["force_n"], color=FAINT, lw=0.9, ls=":")
         axes.text(values["force_n"], 0.03, " f*", transform=axes.get_xaxis_transform(), fontsize=8)
-    axes.set(xscale="log", yscale="log", xlim=(none.forces[0], none.forces[-1]))
-    axes.set(xlabel="amplitude of the force in N", ylabel="response level in mm (RMS)")
-    force_axis(axes.xaxis)
-    force_axis(axes.yaxis)
+    level_axes(axes, none, "response level in mm (RMS)")
 
 
 def _draw_sweeps(axes: Axes, values: Json, name: str) -> None:

@@ -18,7 +18,7 @@ from optimisation.gap_check import sweep_limits
 from studies.paper.claim import MUCH, Claim, Verdict, judged
 from studies.paper.frame import PaperFigure, Settings, in_turn, shortened
 from studies.paper.style import LOOKS, REFERENCE, legends, line, panels
-from studies.study import Json, Steps, Table
+from studies.study import Json, Table
 
 LABEL = "optimum"
 
@@ -30,10 +30,6 @@ class Sizes(NamedTuple):
     restitutions: tuple[float, ...]
     factors: list[float]
     members: int
-
-
-def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
-    return in_turn({f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, known)
 
 
 def _of_mass(mass: float, settings: Settings, size: Sizes) -> Json:
@@ -93,10 +89,6 @@ def _table(values: Json) -> Table:
     return Table(f"{LABEL}_best", header, body)
 
 
-def _words(values: Json) -> str:
-    return f"{shortened(_table(values))}\n\n{_summary(rows_of(values))}"
-
-
 def _summary(rows: list[Json]) -> str:
     """Say how far the best force lies from the rule's by mass ratio, and with which power of the mass both grow."""
     masses = sorted({row["mass"] for row in rows})
@@ -140,15 +132,11 @@ def _claims(values: Json) -> list[Claim]:
         "absorber at its best force"
     )
     return [
-        Claim(
-            "optimum_mass", "a heavier absorber is the more effective (known, and left out of the study)", "2",
-            f"level at the best force in % of no absorber, e = {heaviest:g}, by mass ratio: {said}", Verdict.HOLDS if falls else Verdict.NOT, LABEL,
-            "" if falls else "The level at the best force does not fall from each mass to the next.",
-        ),
-        Claim(
-            "optimum_light", "an absorber of less than 1 % without losses at its contact reduces the level considerably", "1", light,
-            judged(lightest[2][0], lightest[2][1], 0.0, MUCH), LABEL, "Members differ.",
-        ),
+        Claim("optimum_mass", "a heavier absorber is the more effective (known, and left out of the study)", "2",
+              f"level at the best force in % of no absorber, e = {heaviest:g}, by mass ratio: {said}", Verdict.HOLDS if falls else Verdict.NOT, LABEL,
+              "" if falls else "The level at the best force does not fall from each mass to the next."),
+        Claim("optimum_light", "an absorber of less than 1 % without losses at its contact reduces the level considerably", "1", light,
+              judged(lightest[2][0], lightest[2][1], 0.0, MUCH), LABEL, "Members differ."),
     ]  # fmt: skip
 
 
@@ -172,8 +160,10 @@ def _draw(values: Json) -> Figure:
 
 
 FIGURE = PaperFigure(
-    LABEL, "where the best operating point goes with mass and restitution", measure=_measure, words=_words, draw=_draw, claims=_claims,
+    LABEL, "where the best operating point goes with mass and restitution", draw=_draw, claims=_claims,
+    words=lambda values: f"{shortened(_table(values))}\n\n{_summary(rows_of(values))}",
     answer=_answer, tables=lambda values: (_table(values),),
+    measure=lambda settings, size, known: in_turn({f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, known),
     sizes=(
         Sizes((0.005, 0.01, 0.02, 0.03, 0.05), (0.3, 0.5, 0.7, 0.85, 1.0), np.geomspace(0.4, 1.75, 21).tolist(), 10),
         Sizes((0.01, 0.02, 0.05), (0.5, 1.0), np.geomspace(0.5, 1.5, 6).tolist(), 3),

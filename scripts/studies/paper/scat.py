@@ -137,10 +137,7 @@ def _words(values: Json) -> str:
     if not levels:
         return "Not finished."
     members = len(values[f"level, {levels[0]}"]["relative"])
-    blocks = [
-        f"e = 1, no friction, {members} members; levels over no absorber.",
-        shortened(_levels(values)),
-    ]
+    blocks = [f"e = 1, no friction, {members} members; levels over no absorber.", shortened(_levels(values))]
     counts = known_modes(values, "account")
     if counts:
         contacts = ", ".join(f"{np.median(values[f'account, {n}']['contacts']):.1f} contacts a pseudo period with {n} modes" for n in counts)

@@ -71,11 +71,7 @@ def _signal(own: Scene, seed: int) -> Json:
     time = response.history.time / response.drive.schedule.pseudo_period
     first = int(HALF_WINDOW_PERIODS * SAMPLES)
     kept = slice(first, first + int(SIGNAL_PERIODS * SAMPLES) + 1, THINNED)
-    return {
-        "time": (time[kept] - time[first]).tolist(),
-        "modal": energy.modal[kept].T.tolist(),
-        "absorber": energy.absorber[kept].tolist(),
-    }
+    return {"time": (time[kept] - time[first]).tolist(), "modal": energy.modal[kept].T.tolist(), "absorber": energy.absorber[kept].tolist()}
 
 
 def row(values: Json, number: float, key: str) -> Array:

@@ -87,6 +87,8 @@ class Modulated:
         largest = share[: self.periods // STRETCH * STRETCH].reshape(-1, STRETCH * DEFAULT_SAMPLES).max(axis=1)
         counted = {"tip": peaks, "share": largest} | {f"lag, {name}": lags[k] for name, k in thirds.items()}
         counted |= {f"impacts, {name}": impacts[k] for name, k in thirds.items()}
+        # size of the lag (rad) at the instants at which the absorber's energy is in its largest third, over that at all of them
+        size, most = np.abs(np.angle(np.exp(1j * lag.ravel()))), energy.absorber[rows] > np.quantile(energy.absorber[rows], 2 / 3)
         return {
             "depth": modulation_depth(peaks),
             "rms_m": float(np.sqrt(np.mean(history.tip_displacement[rows] ** 2))),
@@ -95,19 +97,13 @@ class Modulated:
             "lag_width": {name: float(np.quantile(lags[k], 0.95) - np.quantile(lags[k], 0.05)) for name, k in thirds.items()},
             "lag_at_transfer": float(np.median(np.abs(lag[share > TRANSFER]))),
             "lag_at_all": float(np.median(np.abs(lag))),
-            "lag_at_energy": _lag_at_energy(lag, energy.absorber[rows]),
+            "lag_at_energy": float(np.mean(size[most]) / np.mean(size)),
             "energy_and_lag": float(np.corrcoef(energy.absorber[rows].reshape(self.periods, -1).mean(axis=1), np.abs(lags))[0, 1]),
             "share": largest.tolist(),
             "waits": _waits(share.max(axis=1)),
             "counts": {name: np.histogram(counted[name], edges)[0].tolist() for name, edges in COUNTS.items()},
             "record": _record(history, first, lag, energy.modal[rows, 0], energy.absorber[rows]),
         }
-
-
-def _lag_at_energy(lag: Array, absorber: Array) -> float:
-    """Return the mean size of the lag (rad) at the instants at which the absorber's energy (S,) is in its largest third, over that at all of them."""
-    size = np.abs(np.angle(np.exp(1j * lag.ravel())))
-    return float(np.mean(size[absorber > np.quantile(absorber, 2 / 3)]) / np.mean(size))
 
 
 def _waits(share: Array) -> list[int]:
@@ -276,16 +272,12 @@ def _rhythm(exact: Json, step: Json) -> list[Claim]:
     coarse = _third(step, "impacts", "high")
     fewer = middle(np.array(low) / np.array(high))
     return [
-        Claim(
-            "two impacts in the burst", "where amplitudes are high, about two impacts a period", SECTION,
-            f"{spread(high, '{:.2f}')} in the third of periods with the largest; at the paper's step {spread(coarse, '{:.2f}')}",
-            judged(*middle(high), *about(2.0)), LABEL, "There are more of them, since the absorber strikes a wall twice in some periods.",
-        ),
-        Claim(
-            "fewer impacts between", "where amplitudes are low, impacts are less frequent", SECTION,
-            f"{spread(low, '{:.2f}')} in the third with the smallest, against {spread(high, '{:.2f}')}", judged(*fewer, 0.0, 1.0), LABEL,
-            "They are as frequent there.",
-        ),
+        Claim("two impacts in the burst", "where amplitudes are high, about two impacts a period", SECTION,
+              f"{spread(high, '{:.2f}')} in the third of periods with the largest; at the paper's step {spread(coarse, '{:.2f}')}",
+              judged(*middle(high), *about(2.0)), LABEL, "There are more of them, since the absorber strikes a wall twice in some periods."),
+        Claim("fewer impacts between", "where amplitudes are low, impacts are less frequent", SECTION,
+              f"{spread(low, '{:.2f}')} in the third with the smallest, against {spread(high, '{:.2f}')}", judged(*fewer, 0.0, 1.0), LABEL,
+              "They are as frequent there."),
     ]  # fmt: skip
 
 
@@ -293,41 +285,33 @@ def _lag(exact: Json) -> list[Claim]:
     high, low = (_third(exact, "lag", name) for name in ("high", "low"))
     wide, wider = (np.array(_third(exact, "lag_width", name)) for name in ("high", "low"))
     return [
-        Claim(
-            "lag near zero", "where amplitudes are high, the phase lag approaches zero", SECTION,
-            f"size of a period's lag {spread(high, '{:.2f}')} rad; 90 % of periods within {spread(wide, '{:.1f}')} rad",
-            judged(*middle(high), 0.0, LEFT * np.pi), LABEL,
-            f"Its size in the median period; a tenth of pi, {LEFT * np.pi:.2f} rad, counts as close to zero.",
-        ),
-        Claim(
-            "lag arbitrary", "where amplitudes are low, the phase lag takes arbitrary values", SECTION,
-            f"size {spread(low, '{:.2f}')} rad; 90 % of periods within {spread(wider, '{:.1f}')} rad (arbitrary: 5.7)",
-            judged(*middle(wider), *about(0.9 * 2 * np.pi)), LABEL,
-            "Arbitrary would be evenly from -pi to pi. In some members it prefers a side.",
-        ),
+        Claim("lag near zero", "where amplitudes are high, the phase lag approaches zero", SECTION,
+              f"size of a period's lag {spread(high, '{:.2f}')} rad; 90 % of periods within {spread(wide, '{:.1f}')} rad",
+              judged(*middle(high), 0.0, LEFT * np.pi), LABEL,
+              f"Its size in the median period; a tenth of pi, {LEFT * np.pi:.2f} rad, counts as close to zero."),
+        Claim("lag arbitrary", "where amplitudes are low, the phase lag takes arbitrary values", SECTION,
+              f"size {spread(low, '{:.2f}')} rad; 90 % of periods within {spread(wider, '{:.1f}')} rad (arbitrary: 5.7)",
+              judged(*middle(wider), *about(0.9 * 2 * np.pi)), LABEL,
+              "Arbitrary would be evenly from -pi to pi. In some members it prefers a side."),
     ]  # fmt: skip
 
 
 def _energy(exact: Json, step: Json) -> list[Claim]:
     return [
-        Claim(
-            "ninety per cent", "up to 90 % of the mechanical energy is in the absorber for a while", SECTION,
-            f"largest share in 25 pseudo periods {spread(exact['share'], '{:.0f}', 100)} %; at the paper's step "
-            f"{spread(step['share'], '{:.0f}', 100)} %", judged(*middle(exact["share"]), *about(0.9)), LABEL,
-            "In some stretches of 25 pseudo periods the largest share stays lower.",
-        ),
+        Claim("ninety per cent", "up to 90 % of the mechanical energy is in the absorber for a while", SECTION,
+              f"largest share in 25 pseudo periods {spread(exact['share'], '{:.0f}', 100)} %; at the paper's step "
+              f"{spread(step['share'], '{:.0f}', 100)} %", judged(*middle(exact["share"]), *about(0.9)), LABEL,
+              "In some stretches of 25 pseudo periods the largest share stays lower."),
         Claim(
             "every twelve periods", "the transfer comes again, after about 12 pseudo periods (at 8 and 20)", SECTION,
             f"{spread(exact['waits'], '{:.0f}')} pseudo periods between shares above 80 %", judged(*middle(exact["waits"]), *about(12.0)), LABEL,
             "The response is chaotic: the wait is of that size, but from one transfer to the next it varies severalfold. Two transfers of one record "
             "do not show a period.",
         ),
-        Claim(
-            "transfer during capture", "the span of effective transfer coincides with that of a lag near zero", SECTION,
-            f"mean size of the lag while the absorber's energy is in its highest third over that at all times "
-            f"{spread(exact['lag_at_energy'], '{:.2f}')}; correlation of energy and size {spread(exact['energy_and_lag'], '{:.2f}')}",
-            judged(*middle(exact["lag_at_energy"]), 0.0, MUCH), LABEL, "The lag is no smaller then.",
-        ),
+        Claim("transfer during capture", "the span of effective transfer coincides with that of a lag near zero", SECTION,
+              f"mean size of the lag while the absorber's energy is in its highest third over that at all times "
+              f"{spread(exact['lag_at_energy'], '{:.2f}')}; correlation of energy and size {spread(exact['energy_and_lag'], '{:.2f}')}",
+              judged(*middle(exact["lag_at_energy"]), 0.0, MUCH), LABEL, "The lag is no smaller then."),
     ]  # fmt: skip
 
 
@@ -335,20 +319,16 @@ def _anywhere(rows: list[Json]) -> Claim:
     shares = [spread(row["share"], "{:.0f}", 100) for row in rows]
     said = ", ".join(f"{share} % at the {row['resonance']}." for share, row in zip(shares, rows, strict=True))
     low, high = (each(middle(row["share"])[k] for row in rows) for k, each in ((0, min), (1, max)))
-    return Claim(
-        "transfer at any frequency", "the transfer of energy to the absorber can take place at any frequency", SECTION,
-        f"largest share in 25 pseudo periods at the beam's resonances, each mode alone under 1.7 N scaled as its free tip asks: {said}",
-        judged(low, high, *about(0.9)), LABEL, "In some stretches of 25 pseudo periods the largest share stays lower.",
-    )  # fmt: skip
+    return Claim("transfer at any frequency", "the transfer of energy to the absorber can take place at any frequency", SECTION,
+                 f"largest share in 25 pseudo periods at the beam's resonances, each mode alone under 1.7 N scaled as its free tip asks: {said}",
+                 judged(low, high, *about(0.9)), LABEL, "In some stretches of 25 pseudo periods the largest share stays lower.")  # fmt: skip
 
 
 def _level(exact: Json, linear: Json) -> Claim:
     relative = np.array(exact["rms_m"]) * np.sqrt(2) / linear["amplitude_m"]
-    return Claim(
-        "effective at resonance", "without any loss but that of one mode, the absorber is particularly effective at omega_1", SECTION,
-        f"RMS {spread(relative, '{:.0f}', 100)} % of that without absorber, modulation depth {spread(exact['depth'], '{:.2f}')}",
-        judged(*middle(relative), 0.0, MUCH), LABEL, "The RMS is not that low in all members.",
-    )  # fmt: skip
+    return Claim("effective at resonance", "without any loss but that of one mode, the absorber is particularly effective at omega_1", SECTION,
+                 f"RMS {spread(relative, '{:.0f}', 100)} % of that without absorber, modulation depth {spread(exact['depth'], '{:.2f}')}",
+                 judged(*middle(relative), 0.0, MUCH), LABEL, "The RMS is not that low in all members.")  # fmt: skip
 
 
 FIGURE = PaperFigure(

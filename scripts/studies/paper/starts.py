@@ -22,7 +22,7 @@ from impact_env.sweep import simulate
 from studies.paper.claim import SAME, Claim, Verdict
 from studies.paper.frame import PaperFigure, Settings, in_turn, shortened
 from studies.paper.style import LOOKS, legends, line, panels
-from studies.study import Json, Steps, Table
+from studies.study import Json, Table
 
 LABEL = "starts"
 CHOICES = ("paper's", "position", "frequency", "both")  # what is drawn at random
@@ -58,10 +58,6 @@ def level_from(lane: Lane) -> float:
     level = simulate(lane.scene, lane.drive, initial=InitialState(absorber_displacement=lane.displacement)).level
     assert level is not None
     return level.value
-
-
-def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
-    return in_turn({name: partial(_of_scene, scene, settings, size) for name, scene in scenes().items()}, known)
 
 
 def _of_scene(scene: Scene, settings: Settings, size: Sizes) -> Json:
@@ -166,6 +162,7 @@ def _draw(values: Json) -> Figure:
 
 
 FIGURE = PaperFigure(
-    LABEL, "starts that nobody chose", measure=_measure, words=_words, draw=_draw, claims=_claims, answer=_answer,
+    LABEL, "starts that nobody chose", words=_words, draw=_draw, claims=_claims, answer=_answer,
+    measure=lambda settings, size, known: in_turn({name: partial(_of_scene, scene, settings, size) for name, scene in scenes().items()}, known),
     tables=lambda values: (_table(values),), sizes=(Sizes((0.6, 0.8, 1.0, 1.5, 2.5, 3.5, 5.0, 10.0), 16), Sizes((0.8, 1.5, 3.5, 5.0), 4)),
 )  # fmt: skip

@@ -1,21 +1,162 @@
-"""The study of regimes: its parts, its files and its page."""
+"""The study of regimes: its parts, their text and figures from rows alone, its files and its page."""
 
 from __future__ import annotations
 
 from functools import partial
+from itertools import groupby
 from pathlib import Path
-from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from impact_env.periodic.jump import Hazard, Jumps, hazard
+from impact_env.periodic.residence import ExitRate
+from impact_env.periodic.stationary import Kind
+from optimisation.machine import sources
 from optimisation.page import published
+from optimisation.report.markdown import markdown
+from optimisation.report.written_figure import write_figure
 from studies.regimes.cases import Settings
-from studies.regimes.measured import RESPONSE, STAY, WAYS, Row, jump_cases, key, kind_cases
-from studies.regimes.tables import about, hazard_of, kind_table, names, of_case, slownesses, stay_table, sweep_table, ways_table, with_sweeps
-from studies.study import Json, Measured, Part, Place, Saver, Steps, Study, Table, beside, left, rows_by_case
+from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Row, jump_cases, key, kind_cases
+from studies.study import Json, Measured, Part, Place, Study, Table, beside, left, rows_by_case
+
+NAMES = {Kind.LINEAR: "no impacts", Kind.PERIODIC: "periodic", Kind.SUSTAINED: "sustained", Kind.MODULATED: "strongly modulated"}
+
+
+def of_case(rows: list[Row], what: str, case: str) -> list[Row]:
+    """Return a case's rows of one sort."""
+    return [row for row in rows if (row["what"], row["case"]) == (what, case)]
+
+
+def names(rows: list[Row]) -> list[str]:
+    """Return the names of cases, in the order of the rows."""
+    return list(dict.fromkeys(row["case"] for row in rows))
+
+
+def hazard_of(stays: list[Row], first: float = np.inf, last: float = -np.inf) -> Hazard | None:
+    """Return the integral of the rates between two ratios, None where fewer than two frequencies have one."""
+    known = [row for row in stays if row["rate"] is not None and last <= row["at"] <= first]
+    if len(known) < 2:
+        return None
+    rates = [ExitRate(row["exits"], row["exposure"], row["rate"], row["low"], row["high"]) for row in known]
+    return hazard([row["at"] for row in known], rates)
+
+
+SHOWN = 8  # frequencies of a case's rates on the page
+
+
+def stay_table(stays: list[Row]) -> str:
+    """Return lines for some of the frequencies, evenly chosen; the CSV file has all."""
+    step = max(1, len(stays) // SHOWN)
+    lines = [
+        (
+            f"{row['at']:g}",
+            str(row["runs"] - row["absent"]),
+            str(row["exits"]),
+            "" if row["rate"] is None else f"{1e4 * row['rate']:.3g}",
+            "" if row["rate"] is None else f"{1e4 * row['low']:.2g} to {1e4 * row['high']:.2g}",
+            f"{1e4 * row['late_exits'] / row['late_exposure']:.3g}" if row["late_exposure"] else "",
+            "" if row["longest_pause"] is None else f"{row['longest_pause']:.1f}",
+            str(row["returned"]),
+        )
+        for row in stays[::step]
+    ]
+    header = ("frequency ratio", "runs there", "exits", "rate, 1e-4 per pseudo period", "95 %", "later rate", "longest pause", "returned")
+    return markdown(header, lines) + ("" if step == 1 else f"\n\nAll {len(stays)} frequencies: [jump_stay.csv](regimes/jump_stay.csv).")
+
+
+def sweep_table(sweeps: list[Row], found: Hazard | None) -> str:
+    """Return a line for each slowness: measured beside predicted."""
+    lines = []
+    for row in sweeps:
+        told = ("", "")
+        if found is not None:
+            value, low, high = found.probability(row["at"])
+            told = (f"{value:.3f}", f"{low:.3f} to {high:.3f}")
+        share = "" if row["share"] is None else f"{row['share']:.3f}"
+        high_level = "" if row["high_level"] is None else f"{row['high_level'] / row['runs']:.3f}"
+        lines.append((f"{row['at']:g}", *told, share, f"{row['low']:.3f} to {row['high']:.3f}", f"{row['jumped']} of {row['present']}", high_level))
+    header = ("pseudo periods per 1 %", "P(jump) predicted", "95 %", "measured", "95 %, Wilson", "runs", "level above the limit, of all")
+    return markdown(header, lines)
+
+
+def about(found: Hazard | None) -> str:
+    """Say what the rates amount to."""
+    if found is None:
+        return "Fewer than two frequencies have a rate: no prediction."
+    reach = f"Integral of the rate from {found.first:g} to {found.last:g}: "
+    if found.value == 0:
+        return f"{reach}no run left."
+    inverse, interval = f"exp(-N/{1 / found.value:.0f})", f"(95 %: {1 / found.high:.0f} to {1 / found.low:.0f})"
+    if found.factor == 1:
+        return f"{reach}P(jump) = {inverse} {interval}."
+    factor = f"A = {found.factor:.3f} (95 %: {found.factor_low:.3f} to {found.factor_high:.3f}) from the sweeps"
+    return f"{reach}P(jump) = A {inverse} {interval}, {factor}."
+
+
+def with_sweeps(found: Hazard | None, sweeps: list[Row]) -> Hazard | None:
+    """Return the hazard with the factor that sweeps show; as it is where none of them tells."""
+    measured = {row["at"]: Jumps(row["jumped"], row["present"], row["runs"]) for row in sweeps}
+    told = [one for one in measured.values() if 0 < one.jumped < one.present]
+    return found.with_sweeps(measured) if found is not None and told else found
+
+
+def ways_table(rows: list[Row], case: str) -> str:
+    """Return a line for each slowness and way of sweeps through one range, beside what constant frequencies say; empty if there are none."""
+    lines = []
+    for row in (row for way in WAYS for row in of_case(rows, way, case)):
+        high, low = max(row["first"], row["last"]), min(row["first"], row["last"])
+        rates = hazard_of(of_case(rows, STAY, case), high, low)
+        share = row["left"] / row["present"]
+        told, measured, error = 0.0 if rates is None else row["at"] * rates.value, -np.log1p(-share), np.sqrt(share / (1 - share) / row["present"])
+        cells = (f"{told:.4f}", f"{measured:.4f}", f"{measured - told:+.4f} +- {error:.4f}")
+        lines.append((f"{row['what']}, {row['first']:g} to {row['last']:g}", f"{row['at']:g}", f"{row['left']} of {row['present']}", *cells))
+    header = ("sweep", "pseudo periods per 1 %", "left", "exits told by the rates", "measured, -log of the share that stays", "more than told")
+    return markdown(header, lines) if lines else ""
+
+
+def pattern(row: Row) -> str:
+    """Return the kinds at a frequency, each with its share, the multiples of periodic ones named."""
+    words = [f"{NAMES[kind]} {100 * row[kind.value] / row['runs']:.0f} %" for kind in (Kind.LINEAR,) if row[kind.value]]
+    words += [f"period {multiple} {100 * number / row['runs']:.0f} %" for multiple, number in row["multiples"].items()]
+    words += [f"{NAMES[kind]} {100 * row[kind.value] / row['runs']:.0f} %" for kind in (Kind.SUSTAINED, Kind.MODULATED) if row[kind.value]]
+    return ", ".join(words)
+
+
+def kind_table(rows: list[Row]) -> str:
+    """Return a line for each stretch of frequencies with the same kinds in the same shares."""
+    lines = []
+    for words, run in groupby(rows, key=pattern):
+        group = list(run)
+        first, last = group[0]["at"], group[-1]["at"]
+        spans = (
+            ("impacts_per_period", 1, 2),
+            ("depth", 1, 2),
+            *((f"{x}", 100, 0) for x in ("absorber_share", "impact_loss", "friction_loss")),
+            ("peak_50", 1e3, 3),
+        )
+        at = f"{first:g}" if first == last else f"{first:g} to {last:g}"
+        lines.append((at, words, *(_span(group, name, factor, f"{{:.{digits}f}}") for name, factor, digits in spans)))
+    header = ("frequency ratio", "kinds", "impacts per period", "depth", "absorber's energy, %", "impact losses, %", "friction losses, %", "peak, mm")
+    return markdown(header, lines)
+
+
+def _span(group: list[Row], name: str, factor: float, form: str) -> str:
+    low, high = (form.format(factor * f(row[name] for row in group)) for f in (min, max))
+    return low if low == high else f"{low} to {high}"
+
+
+def slownesses(rows: list[Row], case: str) -> list[Row]:
+    """Return a case's sweeps, the fastest first."""
+    return sorted(of_case(rows, SWEEP, case), key=lambda row: row["at"])
+
 
 NAME = "regimes"
 QUICK_OUT = Path("results/regimes")
 OUT = published(Path("docs"), QUICK_OUT)
 JUMP, KINDS = "jump", "kinds"
+NUMBERS, TIMES = ("stay_members", "sweep_members", "kind_members", "seed"), ("stay_periods", "burn_in", "silence", "settle", "window")
 CASES = {JUMP: jump_cases, KINDS: kind_cases}
 
 
@@ -24,8 +165,8 @@ def place(out: Path, own: bool) -> Place:
     return Place(out) if own else beside(out, NAME, out / NAME)
 
 
-def _jump_words(measured: Measured) -> dict[str, str]:
-    rows, blocks = measured.values["rows"], []
+def _jump_words(rows: list[Row]) -> list[str]:
+    blocks = []
     for case in names(rows):
         stays, sweeps = of_case(rows, STAY, case), slownesses(rows, case)
         found = with_sweeps(hazard_of(stays), sweeps)
@@ -33,19 +174,7 @@ def _jump_words(measured: Measured) -> dict[str, str]:
         blocks += [
             table for table in (sweep_table(sweeps, found) if sweeps else "", ways_table(rows, case), stay_table(stays) if stays else "") if table
         ]
-    return {f"{NAME}:{JUMP}": "\n\n".join([*blocks, _made(measured)])}
-
-
-def _kind_words(measured: Measured) -> dict[str, str]:
-    rows = measured.values["rows"]
-    blocks = [part for case in names(rows) for part in (f"**{case}**", kind_table(of_case(rows, RESPONSE, case)))]
-    return {f"{NAME}:{KINDS}": "\n\n".join([*blocks, _made(measured)])}
-
-
-def _made(measured: Measured) -> str:
-    from optimisation.machine import sources
-
-    return f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s." + ("" if measured.complete else " Stopped early.")
+    return blocks
 
 
 def _tables(measured: Measured, name: str) -> list[Table]:
@@ -54,64 +183,107 @@ def _tables(measured: Measured, name: str) -> list[Table]:
     for what in dict.fromkeys(row["what"] for row in rows if row["what"] not in WAYS):
         own = [row for row in rows if row["what"] == what]
         columns = [column for column in own[0] if column != "what"]
-        found.append(Table(f"{name}_{what}", columns, [[_cell(row[column]) for column in columns] for row in own]))
+        cells = [[row[column] for column in columns] for row in own]
+        words = [[" ".join(f"{k}:{v}" for k, v in x.items()) if isinstance(x, dict) else "" if x is None else x for x in line] for line in cells]
+        found.append(Table(f"{name}_{what}", columns, words))
     return found
 
 
-def _cell(value: Any) -> Any:
-    return " ".join(f"{k}:{v}" for k, v in value.items()) if isinstance(value, dict) else "" if value is None else value
-
-
-def _figures(measured: Measured, name: str) -> dict[str, Saver]:
-    from studies.regimes import figures  # matplotlib is slow to import
-
-    save = {JUMP: figures.save_jump, KINDS: figures.save_kinds}[name]
-    return {name: partial(save, rows=measured.values["rows"])}
-
-
-def _steps(settings: Settings, known: Json, name: str) -> int:
-    return len(left(CASES[name](settings), key, known))
-
-
-def _measure(settings: Settings, known: Json, name: str) -> Steps:
-    return rows_by_case(CASES[name](settings), key, known)
-
-
 def _part(name: str, title: str) -> Part[Settings]:
+    words, save = {
+        JUMP: (_jump_words, save_jump),
+        KINDS: (lambda rows: [x for case in names(rows) for x in (f"**{case}**", kind_table(of_case(rows, RESPONSE, case)))], save_kinds),
+    }[name]
+
+    def sections(measured: Measured) -> dict[str, str]:
+        made = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s." + ("" if measured.complete else " Stopped early.")
+        return {f"{NAME}:{name}": "\n\n".join([*words(measured.values["rows"]), made])}
+
     return Part(
         name,
         title,
-        measure=partial(_measure, name=name),
+        measure=lambda settings, known: rows_by_case(CASES[name](settings), key, known),
         markers=(f"{NAME}:{name}",),
-        sections={JUMP: _jump_words, KINDS: _kind_words}[name],
-        steps=partial(_steps, name=name),
+        sections=sections,
+        steps=lambda settings, known: len(left(CASES[name](settings), key, known)),
         tables=partial(_tables, name=name),
-        figures=partial(_figures, name=name),
+        figures=lambda measured: {name: partial(save, rows=measured.values["rows"])},
     )
 
 
 def _notes(settings: Settings) -> Json:
     words = [f"{case.name}: {case.scene}, {case.force:g} N, by {case.approach_ratio:g}" for case in settings.cases]
-    numbers = {name: getattr(settings, name) for name in ("stay_members", "sweep_members", "kind_members", "seed", "quick")}
-    times = {name: getattr(settings, name) for name in ("stay_periods", "burn_in", "silence", "settle", "window")}
+    numbers = {name: getattr(settings, name) for name in (*NUMBERS, "quick")}
+    times = {name: getattr(settings, name) for name in TIMES}
     return {"cases": words, **numbers, **times}
+
+
+COLOURS = {Kind.LINEAR: "#BBBBBB", Kind.PERIODIC: "#0072B2", Kind.SUSTAINED: "#E69F00", Kind.MODULATED: "#CC3311"}
+DPI = 110
+
+
+def save_jump(path: Path, rows: list[Row]) -> None:
+    """Draw rates of leaving over the frequency, and jumps over the slowness, a row for each case."""
+    shown = names(rows)
+    figure = Figure(figsize=(11, 4.2 * len(shown)), layout="constrained")
+    for case, (rates, jumps) in zip(shown, np.atleast_2d(figure.subplots(len(shown), 2)), strict=True):
+        _rates(rates, [row for row in of_case(rows, STAY, case) if row["rate"] is not None])
+        rates.set(xlabel="frequency / resonance", ylabel="rate of leaving per pseudo period", title=f"{case}: constant frequencies")
+        _jumps(jumps, slownesses(rows, case), of_case(rows, STAY, case))
+        jumps.set(xlabel="pseudo periods per 1 %", ylabel="share that jumps", title=f"{case}: sweeps", ylim=(-0.02, 1.02))
+    write_figure(figure, path, DPI)
+
+
+def _bars(panel: Axes, x: list[float], rows: list[Row], value: str, label: str) -> None:
+    y = np.array([row[value] for row in rows])
+    spread = np.abs(np.array([[row["low"], row["high"]] for row in rows]).T - y)
+    panel.errorbar(x, y, spread, fmt="o", ms=4, color="#0072B2", lw=1, capsize=2, label=label)
+
+
+def _rates(panel: Axes, rows: list[Row]) -> None:
+    if rows:
+        _bars(panel, [row["at"] for row in rows], rows, "rate", "exits over time at risk, 95 %")
+        panel.legend(frameon=False)
+    panel.grid(True, color="0.9", lw=0.6)
+
+
+def _jumps(panel: Axes, sweeps: list[Row], stays: list[Row]) -> None:
+    measured, found = [row for row in sweeps if row["share"] is not None], with_sweeps(hazard_of(stays), sweeps)
+    if measured and found is not None:
+        n = np.geomspace(measured[0]["at"] / 2, measured[-1]["at"] * 2, 200)
+        told = np.array([found.probability(each) for each in n]).T
+        panel.plot(n, told[0], color="0.2", lw=1.2, label=f"{found.factor:.3f} exp(-N integral of the rate)")
+        panel.fill_between(n, told[1], told[2], color="0.85", lw=0)
+    if measured:
+        _bars(panel, [row["at"] for row in measured], measured, "share", "measured, 95 %")
+        panel.legend(frameon=False)
+    panel.set_xscale("log")
+    panel.grid(True, color="0.9", lw=0.6)
+
+
+def save_kinds(path: Path, rows: list[Row]) -> None:
+    """Draw the members' kinds over the frequency above the envelope of the response, a column for each case."""
+    shown = names(rows)
+    figure = Figure(figsize=(6.5 * len(shown), 7), layout="constrained")
+    panels = figure.subplots(2, len(shown), squeeze=False, sharex="col")
+    for case, (top, bottom) in zip(shown, panels.T, strict=True):
+        own = of_case(rows, RESPONSE, case)
+        x = np.array([row["at"] for row in own])
+        shares = [[row[kind.value] / row["runs"] for row in own] for kind in Kind]
+        top.stackplot(x, shares, labels=[NAMES[kind] for kind in Kind], colors=[COLOURS[kind] for kind in Kind], step="mid")
+        top.set(ylabel="share of members", title=case, ylim=(0, 1))
+        top.legend(loc="upper right", fontsize="small")
+        low, middle, high = (1e3 * np.array([row[name] for row in own]) for name in ("peak_5", "peak_50", "peak_95"))
+        bottom.fill_between(x, low, high, color="0.85", lw=0, label="5 to 95 %")
+        bottom.plot(x, middle, color="#0072B2", lw=1.2, label="median")
+        bottom.set(xlabel="frequency / resonance", ylabel="largest |q_tip| of a period, mm")
+        bottom.legend(frameon=False)
+        bottom.grid(True, color="0.9", lw=0.6)
+    write_figure(figure, path, DPI)
 
 
 STUDY: Study[Settings] = Study(
     (_part(JUMP, "how long impacts last, and the jump"), _part(KINDS, "kinds of response over the frequency")),
     notes=_notes,
-    same=(
-        "processor",
-        "versions",
-        "cases",
-        "stay_members",
-        "sweep_members",
-        "kind_members",
-        "seed",
-        "stay_periods",
-        "burn_in",
-        "silence",
-        "settle",
-        "window",
-    ),
+    same=("processor", "versions", "cases", *NUMBERS, *TIMES),
 )

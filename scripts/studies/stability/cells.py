@@ -29,7 +29,7 @@ from impact_env.energy import stored_energy
 from impact_env.methods import Method
 from optimisation.memory import peak_memory
 from reference.dense import Truth, follow
-from studies.stability.case import EXACT, MOREAU, Case
+from studies.stability.cases import EXACT, MOREAU, Case
 
 SAMPLES = 32  # per pseudo period
 LEAST_SAMPLES = 33

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy.optimize
+from numpy.typing import NDArray
 
 from impact_env import Beam, ParameterError, modal_model
 
@@ -19,7 +21,7 @@ DIGITS = 50
 DIGITS_PER_ELEMENT = 3  # what the transfer matrix of an element loses at most
 HIGHEST_UP_TO = 200  # elements: the highest frequency needs as many digits as there are elements, and time
 
-Matrix = list[list[Decimal]]
+Matrix = NDArray[Any]  # of Decimal
 
 # an Hermite element of unit length, stiffness and mass per length; the mass matrix times 420
 _K = ((12, 6, -12, 6), (6, 4, -6, 2), (-12, -6, 12, -6), (6, 2, -6, 4))
@@ -47,23 +49,13 @@ class Accuracy:
         return any(value > WRONG for value in self.rounding.values())
 
 
-def _product(a: Matrix, b: Matrix) -> Matrix:
-    return [[sum((x * y for x, y in zip(row, column, strict=True)), Decimal(0)) for column in zip(*b, strict=True)] for row in a]
-
-
 def _transfer(square: Decimal) -> Matrix:
     """Return the matrix from deflection, slope and end forces at an element's start to those at its end, for omega^2 in units of the element."""
-    d = [[Decimal(k) - square * m / 420 for k, m in zip(*rows, strict=True)] for rows in zip(_K, _M, strict=True)]
-    (a, b), (c, e) = d[0][2:], d[1][2:]
-    determinant = a * e - b * c
-    inverse = [[e / determinant, -b / determinant], [-c / determinant, a / determinant]]
-    start = _product(inverse, [row[:2] for row in d[:2]])
-    columns = [[-start[i][j] for j in range(2)] + inverse[i] for i in range(2)]
-    forces = []
-    for i in (2, 3):
-        row = [sum((d[i][2 + k] * columns[k][j] for k in range(2)), d[i][j] if j < 2 else Decimal(0)) for j in range(4)]
-        forces.append([-x for x in row])
-    return columns + forces
+    d = np.array([[Decimal(k) - square * m / 420 for k, m in zip(*rows, strict=True)] for rows in zip(_K, _M, strict=True)])
+    (a, b), (c, e) = d[:2, 2:]
+    inverse = np.array([[e, -b], [-c, a]]) / (a * e - b * c)
+    end = np.hstack([-inverse @ d[:2, :2], inverse])  # deflection and slope
+    return np.vstack([end, -(np.hstack([d[2:, :2], np.full((2, 2), Decimal(0))]) + d[2:, 2:] @ end)])
 
 
 def _end_forces(square: Decimal, elements: int) -> Decimal:
@@ -71,10 +63,10 @@ def _end_forces(square: Decimal, elements: int) -> Decimal:
     power, rest, base = None, elements, _transfer(square)
     while rest:
         if rest & 1:
-            power = base if power is None else _product(power, base)
-        base, rest = _product(base, base), rest >> 1
+            power = base if power is None else power @ base
+        base, rest = base @ base, rest >> 1
     assert power is not None
-    return power[2][2] * power[3][3] - power[2][3] * power[3][2]
+    return Decimal(power[2, 2] * power[3, 3] - power[2, 3] * power[3, 2])
 
 
 def exact_frequency(elements: int, near: float) -> Decimal:

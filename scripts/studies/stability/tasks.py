@@ -15,8 +15,7 @@ from studies.stability import checks as checks
 from studies.stability import eigen as eigen
 from studies.stability import limits as limits
 from studies.stability import soak as soaks
-from studies.stability.case import Case
-from studies.stability.cases import cases
+from studies.stability.cases import Case, cases
 
 CELL_LIMIT_S, QUICK_CELL_LIMIT_S = 90.0, 30.0
 SOAK_LIMIT_S = 400.0
@@ -54,9 +53,9 @@ def run_soak(number: int, lengths: tuple[int, ...]) -> dict[str, Any]:
     return asdict(soaks.soak(soaks.CASES[number], lengths))
 
 
-def run_check(number: int, searches: int) -> dict[str, Any]:
+def run_check(name: str, searches: int) -> dict[str, Any]:
     """Check searches of one scene."""
-    found = checks.check(checks.CASES[number], searches, number)
+    found = checks.check(name, searches, list(checks.CASES).index(name))
     return asdict(found) | {"passed": found.passed}
 
 
@@ -82,7 +81,7 @@ def tasks(quick: bool) -> list[Task]:
     limit = QUICK_CELL_LIMIT_S if quick else CELL_LIMIT_S
     searches = -(-(checks.QUICK_SEARCHES if quick else checks.SEARCHES) // len(checks.CASES))
     return [
-        *(Task(run_check, (number, searches), f"check {number}", CHECK_LIMIT_S) for number in range(len(checks.CASES))),
+        *(Task(run_check, (name, searches), f"check {number}", CHECK_LIMIT_S) for number, name in enumerate(checks.CASES)),
         *(Task(run_soak, (number, lengths), f"soak {number}", SOAK_LIMIT_S) for number in range(len(soaks.CASES))),
         *(Task(run_cell, (case.group, case.name, method), _kind(case, method), limit) for case in cases(quick) for method in case.methods),
         *(Task(run_limit, (number,), "limits", OTHER_LIMIT_S) for number in chosen),
@@ -149,7 +148,7 @@ def _identity(task: Task) -> dict[str, Any]:
         return {"method": case.method, "what": case.what, "damping_ratio": case.damping_ratio}
     if task.function is run_eigen:
         return {"elements": number}
-    return {"name": (soaks.CASES if task.function is run_soak else checks.CASES)[number].name}
+    return {"name": soaks.CASES[number].name if task.function is run_soak else number}
 
 
 def finished(order: Sequence[Task], known: dict[str, Any]) -> list[Outcome]:
