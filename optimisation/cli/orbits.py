@@ -139,7 +139,7 @@ def along_text(found: list[ResponseCurve], name: str) -> str:
 
 
 def two_parameters(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) -> Iterator[dict[str, Any]]:
-    """Yield the plain forms of the curves of bifurcations that begin on the branches over the frequency, and lead to other values of a second parameter."""
+    """Yield the plain forms of the curves of bifurcations through the branches over the frequency, over that and a second parameter."""
     first, name = case.omega, given["second"].replace("-", "_")
     limits = (given["start"] * first, given["stop"] * first)
 
