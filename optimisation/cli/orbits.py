@@ -139,7 +139,7 @@ def along_text(found: list[ResponseCurve], name: str) -> str:
 
 
 def two_parameters(case: Case, given: dict[str, Any], told: Told, complete: list[bool]) -> Iterator[dict[str, Any]]:
-    """Yield the plain forms of the curves of bifurcations that begin on the branches over the frequency, and cross it to another parameter."""
+    """Yield the plain forms of the curves of bifurcations through the branches over the frequency, over that and a second parameter."""
     first, name = case.omega, given["second"].replace("-", "_")
     limits = (given["start"] * first, given["stop"] * first)
 
@@ -149,6 +149,8 @@ def two_parameters(case: Case, given: dict[str, Any], told: Told, complete: list
     with kept(complete):
         branches = list(orbit_branches(case, *limits, progress=show))
         branches += () if given["symmetric"] else [found for found in descendants(branches, limits) if isinstance(found, OrbitBranch)]
+        if any(branch.branch.ended == STOPPED for branch in branches):
+            raise KeyboardInterrupt
         for curve in bifurcation_curves(branches, [kind.replace("-", " ") for kind in given["curve"]], name, given["over"], limits, show):
             complete[0] &= curve.branch.ended != STOPPED
             yield curve.to_plain()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -153,6 +154,19 @@ def test_curves_over_two_parameters_are_in_all_files(tmp_path: Path) -> None:
     assert len(rows) == 1 + len(curve["value"]) + len(curve["located"])
     assert figure.stat().st_size > 5000
     assert "Curve 1: " in output
+
+
+def test_curves_that_are_finished_are_kept_after_ctrl_c(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = orbits.bifurcation_curves
+
+    def stopped(*given: Any) -> Iterator[Any]:
+        yield next(whole(*given))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(orbits, "bifurcation_curves", stopped)
+    target, options = tmp_path / "curves.json", ["--curve", "fold", "--with", "force", "--over", "1.4", "1.6", "--from", "0.93", "--to", "0.95"]
+    assert call(*ONE_MODE, *options, "--symmetric", "--json", str(target)).exit_code == 130
+    assert [curve["kind"] for curve in json.loads(target.read_text(encoding="utf-8"))] == ["fold"]
 
 
 @pytest.mark.parametrize(
