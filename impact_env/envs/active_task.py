@@ -126,13 +126,11 @@ class ActiveTask(Task):
     def values(self) -> Array:
         """Return the scaled features (L, features): the state at the interval's end."""
         reports, state, phase = self.runs.reports, self.runs.state, self.runs.orders["phase"]
-        values, modes = np.zeros((self.lanes, len(self.features))), self.scene.model.modes
-        for column, first in enumerate((0, modes + 1)):
-            for mode in range(modes):
-                values[:, column] += self.tip_shape(mode) * state[:, first + mode]
-        per_velocity = 1 / (self.omega * self.length)
-        values[:, 0] /= self.length
-        values[:, 1] *= per_velocity
+        values, modes = np.empty((self.lanes, len(self.features))), self.scene.model.modes
+        shapes, per_velocity = [self.tip_shape(mode) for mode in range(modes)], 1 / (self.omega * self.length)
+        tip, speed = (sum(shape * state[:, first + mode] for mode, shape in enumerate(shapes)) for first in (0, modes + 1))
+        values[:, 0] = tip / self.length
+        values[:, 1] = speed * per_velocity
         values[:, 2] = reports["distance"] / self.length
         values[:, 3] = reports["relative_velocity"] * per_velocity
         values[:, 4] = np.minimum(reports["impact_count"] / (self.interval * IMPACTS_SCALE), self.settings.impacts_limit)
