@@ -77,7 +77,7 @@ def environments() -> Jobs:
 def follow_orbits(absorber: Absorber) -> None:
     """Follow the periodic orbits of a small beam through its resonance."""
     scene = beam_scene(Beam(modes=2), absorber)
-    low, high = (ratio * scene.model.resonance_omega(1) for ratio in (0.97, 1.0))
+    low, high = (ratio * scene.model.resonance_omega(1) for ratio in (0.9, 1.06))
     for branch in orbit_branches(case_of(scene, 3.5, low), low, high):
         orbit_curve(branch, scene.model.resonance_omega(1))
 

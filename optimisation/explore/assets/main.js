@@ -142,7 +142,7 @@ const take = {
   motion(m) { motion.show(m); note("motion", values.instant === null ? "around the maximum" : "around the chosen instant"); },
   response(m) { known.response = m; note("response", m.note ? "no branches here" : m.complete ? `${m.branches.length} branch${m.branches.length === 1 ? "" : "es"}` : "following branches …"); drawResponse(); },
   card(m) { known.card = m; drawCard(); drawCurve(); },
-  done(m) { performance.measure("all", { start: sent }); say(`${((performance.now() - sent) / 1000).toFixed(1)} s`); document.documentElement.dataset.done = m.number; },
+  done(m) { performance.measure("all", { start: sent }); say(`all of it took ${((performance.now() - sent) / 1000).toFixed(1)} s`); document.documentElement.dataset.done = m.number; },
 };
 const VIEWS = new Set(["curve", "sweep", "motion", "response", "card", "line"]);
 
@@ -170,7 +170,7 @@ function showErrors(errors) {
   if (Object.keys(errors).length) for (const panel of Object.values(panels)) panel.classList.add("older");
 }
 
-const note = (panel, text) => { panels[panel].querySelector(".note").textContent = text; };
+const note = (panel, text) => { const place = panels[panel].querySelector(".note"); place.textContent = place.title = text; };
 
 // figures
 
@@ -210,7 +210,7 @@ function drawSweep() {
   const s = known.sweep, up = s.ratio[0] < s.ratio.at(-1), order = up ? (a) => a : (a) => [...a].reverse(), ratio = order(s.ratio);
   const toRatio = (t) => s.ratio[0] + ((t - s.time[0]) / (s.time.at(-1) - s.time[0])) * (s.ratio.at(-1) - s.ratio[0]), mm = (a) => order(a).map((v) => (v === null ? null : 1e3 * v));
   const ends = s.window.map(toRatio).sort((a, b) => a - b), low = mm(s.low), high = mm(s.high);
-  note("sweep", `${digits(s.force)} N, level ${digits(1e3 * s.level)} mm at ${digits(s.at_ratio, 5)}, ${s.impacts} impacts`);
+  note("sweep", `${digits(1e3 * s.level, 3)} mm, ${s.impacts} impacts`);
   plots.sweep.draw({ title: `Sweep ${up ? "up" : "down"} at ${digits(s.force)} N`, x: { label: "force's frequency over the resonance's", short: "at" }, y: { label: "displacement in mm" },
     lines: [{ name: "largest", x: ratio, y: high, colour: "tip", width: 1 }, { name: "least", x: ratio, y: low, colour: "tip", width: 1 }], areas: [{ name: "displacement", x: ratio, low, high, colour: "tip", strength: 0.45 }],
     spans: [ends], levels: [1, -1].map((sign) => ({ y: sign * 1e3 * s.level, colour: "level" })), ticks: s.marks.map(toRatio), marks: values.instant === null ? [] : [{ x: toRatio(values.instant) }] });
@@ -242,7 +242,7 @@ function drawResponse() {
 const mm = (x, n = 4) => `${digits(1e3 * x, n)} mm`;
 function cardRows(c) {
   const all = [["Level", mm(c.level)], ["5 to 95 % of members", `${digits(1e3 * c.band[0])} to ${mm(c.band[1])}`], ["Without absorber", mm(c.without)], ["Of no absorber", `${digits((100 * c.level) / c.without, 3)} %`]];
-  if (c.limit !== undefined) all.push(["Limit, mass and gap", mm(c.limit)], ["Share of the possible", c.share === null ? "–" : `${digits(100 * c.share, 3)} %`]);
+  if (c.limit !== undefined) all.push(["Limit, mass and gap", c.limit > 0 ? mm(c.limit) : "none at this force"], ["Share of the possible", c.share === null ? "–" : `${digits(100 * c.share, 3)} %`]);
   if (c.gap !== undefined) all.push(["Gap", mm(c.gap)], ["Rule's gap here", mm(c.rule_gap)], ["Free amplitude / gap", digits(c.reach, 3)]);
   if (c.mass !== null) all.push(["Absorber's mass", `${digits(c.mass, 3)} kg`], ["Impacts a period", digits(c.impacts_a_period, 3)]);
   all.push(["Resonance", `${digits(c.resonance_hz)} Hz`], ["Sweep rate", `${digits(c.rate, 3)} % / 100 periods`]);

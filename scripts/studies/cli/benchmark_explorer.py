@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import statistics
 import subprocess
@@ -24,6 +25,7 @@ from impact_env.parameters import Beam, impact_absorber, require
 from impact_env.scene import beam_scene
 from optimisation.cli.common import check_target, command
 from optimisation.comparison import force_grid
+from optimisation.explore.settings import MOST_MEMBERS
 from optimisation.report.markdown import markdown
 from optimisation.report.written_figure import few_colours
 from studies.one_table import table_options, table_place, table_study
@@ -97,7 +99,7 @@ def stopped(modes: int, friction: float, repeats: int) -> list[float]:
     scene, times = beam_scene(Beam(modes=modes), impact_absorber(restitution=0.7, friction_limit=friction)), []
     for _ in range(repeats):
         stop = Stop()
-        passes = curve_passes(CurveCase(scene, force_grid(3.5)), [Pass(members=1000)], stop)
+        passes = curve_passes(CurveCase(scene, force_grid(3.5)), [Pass(members=MOST_MEMBERS)], stop)
         next(passes)
         at = list[float]()
         timer = threading.Timer(0.1, lambda stop=stop, at=at: (at.append(time.perf_counter()), stop.give()))
@@ -109,8 +111,8 @@ def stopped(modes: int, friction: float, repeats: int) -> list[float]:
 
 
 def measure(settings: Settings) -> Json:
-    """Return all times of all cases."""
-    rows = []
+    """Return all times of all cases, and the machine's load averages of a minute at the beginning and at the end."""
+    rows, load = [], os.getloadavg()[0]
     with serving() as address, browsing() as page:
         for modes, friction in CASES:
             times = moved(page, address, modes, friction, settings.repeats) | {"stopped_ms": stopped(modes, friction, settings.repeats)}
@@ -122,7 +124,7 @@ def measure(settings: Settings) -> Json:
             _finished(page)
             page.screenshot(path=settings.picture)
             few_colours(Image.open(settings.picture)).save(settings.picture, optimize=True)
-    return {"repeats": settings.repeats, "cases": rows}
+    return {"repeats": settings.repeats, "load": [load, os.getloadavg()[0]], "cases": rows}
 
 
 def said(found: Measured) -> str:
@@ -132,7 +134,11 @@ def said(found: Measured) -> str:
     for row in found.values["cases"]:
         shown = [f"{statistics.median(times):.0f} ({max(times):.0f})" for name in (*MARKS.values(), "stopped_ms") for times in [row[name]]]
         rows.append((f"{row['modes']}, {row['friction_limit']:g}", *shown))
-    return f"{markdown(header, rows)}\n\nMedian of {found.values['repeats']} moves of the gap's slider one after the other, in brackets the longest."
+    first, last = found.values["load"]
+    return (
+        f"{markdown(header, rows)}\n\nMedian of {found.values['repeats']} moves of the gap's slider one after the other, in brackets the longest. "
+        f"The machine's load was {first:.1f} when it began and {last:.1f} when it ended, of which the benchmark is one or two."
+    )
 
 
 STUDY = table_study(NAME, "explorer", measure, said)
