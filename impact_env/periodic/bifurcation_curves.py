@@ -47,6 +47,7 @@ KINDS = (FOLD, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)
 SECOND = tuple(name for name in PARAMETERS if name != "omega")
 RESONANCE, RANGE = "strong resonance", "end of the frequencies"
 STEPS = Steps(first=0.02, least=1e-7, most=0.2, points=600)
+SAME = 0.9  # of a curve's points: with so many on another one it is that, begun from another order of reversals
 DIFFERENCE = 1e-6  # of the unknowns' scales, for the derivatives of A
 
 
@@ -288,8 +289,11 @@ def bifurcation_curves(
                     curve = bifurcation_curve(solution, kind, parameter, limits, frequencies, progress=show)
                 except NoConvergenceError:
                     continue
-                at = zip(map(curve.solution, range(len(curve.schedules))), curve.branch.parameters, strict=True)
-                known.append((curve, np.array([[*place(found), value / size] for found, value in at])))
+                at = [(curve.solution(k), float(value) / size) for k, value in enumerate(curve.branch.parameters)]
+                others = [places for other, places in known if other.kind == kind and like(other, solution)]
+                known.append((curve, np.array([[*place(found), value] for found, value in at])))
+                if any(np.mean([mirrors(places, found, value) for found, value in at]) > SAME for places in others):
+                    continue
                 yield curve
                 if curve.branch.ended == STOPPED:
                     return

@@ -87,7 +87,9 @@ def test_friction_changes_the_order_of_events_along_a_curve() -> None:
     first = float(model.omega[0])
     case = Case(model, 0.95 * first, 1.5, friction_limit=0.01)
     branch = orbit_branch(high_orbit(case).solution, "omega", (0.93 * first, 0.96 * first))
-    curve = bifurcation_curve(branch.of(FOLD)[-1].solution, FOLD, "force", (1.0, 3.0), (0.925 * first, first))
+    curves = list(bifurcation_curves([branch], (FOLD,), "force", (1.0, 3.0), (0.925 * first, first)))
+    assert len(curves) < len(branch.of(FOLD)) == 3  # one through both ends of the isola, one through the fold where reversals set in
+    curve = curves[0]
     assert len({schedule.reversals for schedule in curve.schedules}) > 1
     turns = [orbit.case.force for kind, orbit in curve.located if kind == FOLD]
     assert min(abs(turn - 1.22195527) for turn in turns) < 1e-6
