@@ -100,34 +100,15 @@ def cases() -> tuple[Case, ...]:
     recommended = beam_scene(Beam(), impact_absorber(restitution=0.7, friction_limit=0.1))
     return (
         Case(
-            PAPER,
-            "the paper's beam, 2 modes, friction limit 0.025 N, e = 1, 1.5 N, down",
-            paper,
-            1.5,
-            1.0,
-            grid(0.988, 0.952, 37),
-            (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 1450.0, 2000.0),
-            Range(1.0, 0.988, 0.952, 0.9),
-            grid(0.9, 1.06, 65),
-            0.75e-3,
-            (0.972, 0.958),
+            PAPER, "the paper's beam, 2 modes, friction limit 0.025 N, e = 1, 1.5 N, down", paper, 1.5, 1.0, grid(0.988, 0.952, 37),
+            (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 1450.0, 2000.0), Range(1.0, 0.988, 0.952, 0.9), grid(0.9, 1.06, 65), 0.75e-3, (0.972, 0.958),
         ),
         Case(
-            STRIP,
-            "a simply supported strip, 3 modes, friction limit 0.03 N, e = 1, 0.75 N, down",
-            strip_scene(),
-            0.75,
-            1.0,
-            grid(1.0, 0.956, 23),
-            (20.0, 40.0, 70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 800.0),
-            Range(1.002, 1.0, 0.956, 0.9),
+            STRIP, "a simply supported strip, 3 modes, friction limit 0.03 N, e = 1, 0.75 N, down", strip_scene(), 0.75, 1.0, grid(1.0, 0.956, 23),
+            (20.0, 40.0, 70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 800.0), Range(1.002, 1.0, 0.956, 0.9),
         ),
         Case(
-            RECOMMENDED,
-            "the paper's beam, 10 modes, friction limit 0.1 N, e = 0.7, 3.5 N",
-            recommended,
-            3.5,
-            1.0,
+            RECOMMENDED, "the paper's beam, 10 modes, friction limit 0.1 N, e = 0.7, 3.5 N", recommended, 3.5, 1.0,
             kind_ratios=(*grid(0.946, 0.998, 27), *grid(1.0, 1.04, 5)),
         ),
-    )
+    )  # fmt: skip
