@@ -302,17 +302,7 @@ def judged(case: Case, found: Advice, at: Array, full: Array, expected: float) -
     lowest = full.min()
     told = (float(between(sharp) / lowest), float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()))
     return Row(
-        case.name,
-        case.resonance,
-        float(case.model().damping_ratio[case.resonance - 1]),
-        case.mass_ratio,
-        found.check.reach,
-        float(np.exp(at[np.argmin(full)])),
-        float(lowest / found.check.without.median[0]),
-        *told,
-        float(between(0.0) / lowest),
-        float(between(np.log(expected)) / lowest),
-        found.sweeps,
-        len(at),
-        *told,
-    )
+        case.name, case.resonance, float(case.model().damping_ratio[case.resonance - 1]), case.mass_ratio, found.check.reach,
+        float(np.exp(at[np.argmin(full)])), float(lowest / found.check.without.median[0]), *told, float(between(0.0) / lowest),
+        float(between(np.log(expected)) / lowest), found.sweeps, len(at), *told,
+    )  # fmt: skip

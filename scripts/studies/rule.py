@@ -28,13 +28,9 @@ STRUCTURES = {
 }
 # 1 m of 30 x 10 mm aluminium between two clamps, for the cases that nothing is fitted to
 CLAMPED = Beam(
-    ends="clamped-clamped",
-    length=1.0,
-    bending_stiffness=70e9 * 0.03 * 0.01**3 / 12,
-    mass_per_length=2700 * 0.03 * 0.01,
-    force_position=0.3,
+    ends="clamped-clamped", length=1.0, bending_stiffness=70e9 * 0.03 * 0.01**3 / 12, mass_per_length=2700 * 0.03 * 0.01, force_position=0.3,
     absorber_position=0.5,
-)
+)  # fmt: skip
 RESONANCES = (1, 2)
 DAMPINGS, QUICK_DAMPINGS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05), (0.005, 0.01, 0.02, 0.05)
 MASSES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1)

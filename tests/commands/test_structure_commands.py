@@ -25,7 +25,7 @@ from optimisation.friction_rule import best_friction
 from optimisation.report.comparison_figure import save_figure
 from optimisation.tuned import den_hartog, undamped_h2
 from studies.cli.your_structure import BLOCK, PAGES
-from studies.regimes.cases import Settings as RegimeSettings
+from studies.regimes.measured import Settings as RegimeSettings
 
 STEEL, FRAME, MEASURED = (str(EXAMPLES / f"{name}.toml") for name in ("steel_beam_tip", "frame", "measured"))
 

@@ -13,7 +13,7 @@ from impact_env.periodic.jump import Jumps, Range, hazard, jumps
 from impact_env.periodic.residence import Approach, ExitRate, Stays, exit_rate, first_silence, hold, passage, stay_of, stays
 from impact_env.periodic.stationary import Criteria, Kind, Window, classify, envelope, longest_pause, modulation_depth, stationary_members
 from impact_env.periodic.survey import closed_form_orbits
-from studies.regimes.cases import strip_scene
+from studies.regimes.measured import strip_scene
 
 PERIODS = 60
 

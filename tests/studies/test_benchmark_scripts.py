@@ -1,14 +1,21 @@
+"""Benchmarks: what they print, write and put on their pages; times are looked at by a person."""
+
 from __future__ import annotations
 
 import json
+import shlex
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from commands import call
+from places import ROOT
 
 from optimisation.report.markdown import markdown
-from studies.cli import benchmark, benchmark_energies, cost_of_exact, reference_levels
+from studies.cli import benchmark, benchmark_energies, benchmark_periodic, benchmark_start, cost_of_exact, reference_levels
 
 
 def assert_block(page: Path, name: str, table: str, kernels: str) -> None:
@@ -151,3 +158,96 @@ def test_cost_names_its_parts_and_what_is_left(monkeypatch: pytest.MonkeyPatch, 
     assert all(part["ns"] > 0 and part["calls"] > 0 for part in case["parts"])
     assert "all else" in result.output
     assert "least" in result.output
+
+
+def test_every_line_is_measured_and_the_accuracy_lines_keep_their_bars(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    timed = benchmark_periodic.timed
+    monkeypatch.setattr(
+        benchmark_periodic, "timed", lambda what, bar, unit, _, *work: timed(what, bar, unit, 2, *work)
+    )  # repeats tell about times alone
+    target = tmp_path / "periodic.json"
+    result = CliRunner().invoke(benchmark_periodic.main, ["--quick", "--json", str(target)])
+    assert result.exit_code == 0, result.output
+    lines = json.loads(target.read_text(encoding="utf-8"))["lines"]
+    assert len(lines) == 19
+    assert [line["bar"] for line in lines if line["what"].startswith("harmonic balance, 20 harmonics, 250")] == [5.0]
+    assert all(line["what"] in result.output and line["median"] > 0 and len(line["each"]) >= 2 for line in lines)
+    accuracy = [line for line in lines if line["unit"] == ""]
+    assert [line["bar"] for line in accuracy] == [1e-10, 3e-10, 1e-9, 1e-6, 1e-4]
+    assert all(line["median"] <= line["bar"] for line in accuracy)
+    assert [line["what"].split(",")[0] for line in lines if line["bar"] is None] == [
+        "orbit with complete chatter by shooting",
+        "orbit with a stuck phase by shooting",
+    ]
+    assert len(accuracy[0]["each"]) > 100
+
+
+def test_the_page_has_a_place_for_the_table(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    lines = [{"what": "closed form", "bar": 2.0, "median": 1.5, "unit": "us", "each": (1.5,)}]
+    monkeypatch.setattr(benchmark_periodic, "measure", lambda _repeats: [benchmark_periodic.Line(**lines[0])])
+    page = tmp_path / "frequency_domain.md"
+    page.write_text((ROOT / "docs" / "frequency_domain.md").read_text(encoding="utf-8"), encoding="utf-8")
+    result = CliRunner().invoke(benchmark_periodic.main, ["--page", str(page)])
+    assert result.exit_code == 0, result.output
+    begin, end = (page.read_text(encoding="utf-8").index(f"<!-- {mark}benchmark_periodic -->") for mark in ("", "/"))
+    assert "| closed form | 1.5 us | 2 us |     yes |" in page.read_text(encoding="utf-8")[begin:end]
+
+
+SET_UP = """
+import os, sys, time
+from pathlib import Path
+assert not {name for name in os.environ if name.startswith(("IMPACT_ENV_", "PYTHONPATH", "NUMBA_"))}, os.environ
+assert not list(Path(os.environ["HOME"]).iterdir())
+python = Path(__file__).parents[2] / ".venv" / "bin" / "python"
+if "env" in sys.argv:
+    (python.parent / "env").touch()
+elif "kernels" in sys.argv:
+    assert python.exists()
+    while time.process_time() < 0.5:
+        pass
+else:
+    python.parent.mkdir(parents=True)
+    python.write_text(COMMAND)
+    python.chmod(0o755)
+"""
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a committed checkout with a set-up that installs nothing and a comparison that compares nothing."""
+    root = tmp_path / "checkout"
+    (root / "scripts" / "lib").mkdir(parents=True)
+    command = f'#!/bin/sh\nexec {shlex.quote(sys.executable)} "$@"\n'
+    (root / "scripts" / "lib" / "set_up.py").write_text(SET_UP.replace("COMMAND", repr(command)))
+    run = root / "scripts" / "run"
+    run.write_text('#!/bin/sh\n[ "$*" = "$1 --quick --out $4" ] && [ "$1" = compare_absorbers ] && mkdir "$4"\n')
+    run.chmod(0o755)
+    git = ["git", "-C", str(root), "-c", "user.name=a", "-c", "user.email=a@b"]
+    for words in (["init", "-q"], ["add", "-A"], ["commit", "-qm", "all"]):
+        subprocess.run([*git, *words], check=True)
+    monkeypatch.setattr(benchmark_start, "ROOT", root)
+    monkeypatch.setattr(benchmark_start, "FIRST_CALL", "import sys; sys.exit(sys.argv[1:] != ['impact', 'exact', 'level and events'])")
+    monkeypatch.setenv("IMPACT_ENV_CACHE", "somewhere")
+    monkeypatch.setenv("PYTHONPATH", "somewhere")
+    return root
+
+
+@pytest.mark.usefixtures("checkout")
+def test_every_step_is_timed_and_the_table_goes_to_the_page(tmp_path: Path) -> None:
+    page, target = tmp_path / "page.md", tmp_path / "start.json"
+    page.write_text("before\n<!-- start -->\n<!-- /start -->\nafter\n")
+    result = CliRunner().invoke(benchmark_start.main, ["--quick", "--json", str(target), "--page", str(page)])
+    assert result.exit_code == 0, result.output
+    steps = json.loads(target.read_text())["steps"]
+    assert [step["what"] for step in steps] == [
+        *benchmark_start.STARTED,
+        "to the table and the figure",
+        "first call: impact, exact, level and events recorded",
+    ]
+    assert steps[1]["cpu_s"] >= 0.4 > steps[0]["cpu_s"]
+    assert steps[3]["wall_s"] == pytest.approx(sum(step["wall_s"] for step in steps[:3]))
+    assert [step["wanted_s"] for step in steps] == [None, None, None, 75.0, 15.0]
+    text = page.read_text()
+    assert all(step["what"] in text for step in steps)
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")

@@ -14,8 +14,9 @@ pytest.importorskip("mpmath")
 from impact_env import Exact, Moreau
 from optimisation.files import read_json
 from studies.accuracy import bands, cost, distribution, growth, jumps, study, trajectory
+from studies.accuracy.bands import between_groups
 from studies.accuracy.cases import Row, Settings, case, kind_named
-from studies.accuracy.statistics import between_groups, bootstrap, distance_at_size, mean_difference, relative_distance
+from studies.accuracy.distribution import bootstrap, distance_at_size, mean_difference, relative_distance
 from studies.cli import error_vs_runtime
 from studies.study import left, rows_by_case
 

@@ -9,6 +9,7 @@ from typing import get_args
 
 import numpy as np
 import scipy.stats
+from numpy.typing import ArrayLike, NDArray
 
 from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import Lane, MemberKind, Members, draw_members, run_lanes
@@ -17,8 +18,8 @@ from impact_env.scene import beam_scene
 from optimisation.report.markdown import markdown
 from studies.accuracy.cases import Cases, Row, Settings, kind_named
 from studies.accuracy.shown import unique
-from studies.accuracy.statistics import between_groups
 
+Array = NDArray[np.float64]
 NAME = "bands"
 KIND, MODES = "impact, e = 0.7, with friction", 10
 CROSSED = "phases x forces"
@@ -70,6 +71,25 @@ def _measured(direction: str, name: str, members: Members, shared: int) -> list[
         }
         for m, level in enumerate(levels.level)
     ]
+
+
+def between_groups(values: ArrayLike, level: float = 0.95) -> tuple[float, float, float]:
+    """Return the share of the variance that lies between groups, of values (groups, repeats), and its interval.
+
+    One-way random effects: the intraclass correlation ICC(1,1) (P. E. Shrout, J. L. Fleiss, Psychological Bulletin 86, 1979). It is near 0,
+    and may be below, where the group does not matter.
+    """
+    rows = np.asarray(values, dtype=float)
+    if rows.ndim != 2 or min(rows.shape) < 2:
+        raise ValueError(f"groups = {rows.shape} is not allowed: two groups or more, of two values or more")
+    groups, repeats = rows.shape
+    free = groups - 1, groups * (repeats - 1)
+    between = repeats * float(np.var(rows.mean(axis=1), ddof=1))
+    ratio = between / float(rows.var(axis=1, ddof=1).mean())
+    tail = (1 + level) / 2
+    ratios = ratio, ratio / scipy.stats.f.ppf(tail, *free), ratio * scipy.stats.f.ppf(tail, *free[::-1])
+    share, low, high = (float((r - 1) / (r + repeats - 1)) for r in ratios)
+    return share, low, high
 
 
 @dataclass(frozen=True)

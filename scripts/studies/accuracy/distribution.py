@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy.stats
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from numpy.typing import ArrayLike, NDArray
 
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import Members, draw_members
@@ -23,8 +25,8 @@ from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
 from studies.accuracy.cases import Cases, Kind, Row, Settings, kind_named, method_name
 from studies.accuracy.shown import LOOKS, named, number, shown_rows, unique
-from studies.accuracy.statistics import bootstrap, distance_at_size, mean_difference, relative_distance
 
+Array = NDArray[np.float64]
 NAME = "distribution"
 KINDS = ("impact, e = 1", "impact, e = 0.7", "impact, e = 0.7, with friction", "compliant walls, stiff")
 TRUTH = "truth"
@@ -83,6 +85,38 @@ def _measured(kind: Kind, modes: int, settings: Settings) -> list[Row]:
             }
             found.append(row)
     return found
+
+
+def bootstrap(
+    statistic: Callable[[Array, Array], float], one: ArrayLike, other: ArrayLike, resamples: int = 400, seed: int = 0, level: float = 0.95
+) -> tuple[float, float]:
+    """Return the percentile interval of a statistic of two samples, both drawn anew with replacement."""
+    a, b = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
+    if a.size == 0 or b.size == 0:
+        raise ValueError("a bootstrap needs two samples that are not empty")
+    generator = np.random.default_rng(seed)
+    values = [statistic(generator.choice(a, a.size), generator.choice(b, b.size)) for _ in range(resamples)]
+    low, high = np.quantile(values, [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
+
+
+def mean_difference(one: Array, other: Array) -> float:
+    """Return the difference of the means, relative to the other's."""
+    return float(np.mean(one) / np.mean(other) - 1)
+
+
+def relative_distance(one: Array, other: Array) -> float:
+    """Return W1 relative to the mean of the other sample."""
+    return float(scipy.stats.wasserstein_distance(one, other)) / abs(float(np.mean(other)))
+
+
+def distance_at_size(sample: ArrayLike, truth: ArrayLike, size: int, resamples: int = 200, seed: int = 0) -> float:
+    """Return the distance to expect between ``size`` runs of a method and the truth, relative to the truth's mean: the mean over resamples."""
+    values, target = np.asarray(sample, dtype=float), np.asarray(truth, dtype=float)
+    if size < 1 or values.size == 0:
+        raise ValueError(f"size = {size} is not allowed: at least one run, of a sample that is not empty")
+    generator = np.random.default_rng(seed)
+    return float(np.mean([relative_distance(generator.choice(values, size), target) for _ in range(resamples)]))
 
 
 @dataclass(frozen=True)

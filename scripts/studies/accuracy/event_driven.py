@@ -217,15 +217,9 @@ def scipy_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integ
                 event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
                 events.append(event)
             solution = solve_ivp(
-                lambda t, x: mechanics.rates(regime, t, x),
-                (start, stop),
-                state,
-                method="DOP853",
-                rtol=max(tolerance, 3e-14),
-                atol=tolerance * 1e-3,
-                events=events,
-                first_step=min(first, stop - start),
-            )
+                lambda t, x: mechanics.rates(regime, t, x), (start, stop), state, method="DOP853", rtol=max(tolerance, 3e-14), atol=tolerance * 1e-3,
+                events=events, first_step=min(first, stop - start),
+            )  # fmt: skip
             if solution.status < 0:
                 raise PeerFailedError(solution.message)
             hit = next((k for k, at in enumerate(solution.t_events or ()) if len(at)), -1)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from types import ModuleType
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from optimisation.page import published
 from optimisation.report.written_figure import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, shown, trajectory
-from studies.accuracy.cases import Cases, Row, Settings
+from studies.accuracy.cases import Row, Settings
 from studies.study import Json, Measured, Part, Study, left, rows_by_case
 
 QUICK_OUT = Path("results/error_vs_runtime")
@@ -20,27 +21,15 @@ OUT = published(Path("docs/methods"), QUICK_OUT)
 DPI = 110
 
 
-class Measures(Protocol):
-    """A module that measures rows: its cases, and the key of the case that a row belongs to."""
-
-    NAME: str
-
-    def cases(self, settings: Settings) -> Cases:
-        """Return what measures the rows of each case."""
-
-    def key(self, row: Row) -> Any:
-        """Return the key of a row's case."""
-
-
 def _part(
-    module: Measures,
+    module: ModuleType,
     title: str,
     table: Callable[[list[Row]], str],
     draw: Callable[[list[Row]], dict[str, Figure]] = lambda _: {},
     order: Callable[[Settings], list[Any] | None] = lambda _: None,
     whole: Callable[[Settings, Json], bool] = lambda *_: True,
 ) -> Part[Settings]:
-    """Return a part of the study: a module that measures, a table and figures by file name, of its rows."""
+    """Return a part of the study: a module with its ``cases`` and the ``key`` of a row's case, a table and figures by file name, of its rows."""
     return Part(
         module.NAME,
         title,

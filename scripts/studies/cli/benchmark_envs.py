@@ -56,9 +56,9 @@ class Speed:
     interval: float = PASSAGE["interval"]
 
 
-def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, advance: Callable[[], object]) -> Speed:
-    """Call ``step``, which advances all lanes once, for ``seconds`` in each repeat."""
-    for _ in range(SETTLE):
+def timed(name: str, lanes: int, step: Callable[[], object], seconds: float, advance: Callable[[], object], settle: int = SETTLE) -> Speed:
+    """Call ``step``, which advances all lanes once, for ``seconds`` in each repeat, after so many calls to ``settle``."""
+    for _ in range(settle):
         step()
     rates = []
     for _ in range(REPEATS):
@@ -137,16 +137,9 @@ def training(seconds: float, advance: Callable[[], object]) -> Speed:
     model.set_logger(Logger(None, []))  # its own would leave a folder in the temporary one at every call of learn
     round_of = 16 * TRAINED
     model.learn(round_of)
-    rates = []
-    for _ in range(REPEATS):
-        count, start = 0, time.perf_counter()
-        while (passed := time.perf_counter() - start) < seconds:
-            model.learn(round_of, reset_num_timesteps=False)
-            count += round_of
-        rates.append(count / passed)
-        advance()
+    speed = timed("PPO's whole loop", round_of, lambda: model.learn(round_of, reset_num_timesteps=False), seconds, advance, settle=0)
     env.close()
-    return Speed("PPO's whole loop", TRAINED, statistics.median(rates), tuple(rates))
+    return replace(speed, lanes=TRAINED)
 
 
 def first_step() -> tuple[float, float]:

@@ -15,7 +15,7 @@ from optimisation.cli.common import BadInput, command, plain_errors
 from optimisation.cli.structure_option import structure_option
 from optimisation.cli.sweep_scene import make_scene, refuse_parts
 from optimisation.executors import cluster_option, workers
-from studies.regimes.cases import Case, Settings, cases, grid
+from studies.regimes.measured import Case, Settings, cases, grid
 from studies.regimes.study import JUMP, KINDS, OUT, QUICK_OUT, STUDY, place
 from studies.runner import run
 

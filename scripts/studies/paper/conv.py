@@ -135,14 +135,8 @@ def _stiffness(axes: Axes, part: Json, stepped: Json) -> None:
     axes.axhspan(float(low), float(high), color=FAINT, alpha=0.3, lw=0, label="rigid, 5 to 95 %")
     below, middle, above, own = (x / unit for x in _edges(part["level_m"]))
     line(axes, part["stiffness"], middle, LOOKS[0], "compliant, exact", band=(below, above), nominal=own)
-    axes.plot(
-        stepped["stiffness"],
-        _edges(stepped["level_m"])[1] / unit,
-        LOOKS[1].marker,
-        color=LOOKS[1].colour,
-        mfc="none",
-        label="Runge-Kutta, paper's step",
-    )
+    middle = _edges(stepped["level_m"])[1] / unit
+    axes.plot(stepped["stiffness"], middle, LOOKS[1].marker, color=LOOKS[1].colour, mfc="none", label="Runge-Kutta, paper's step")
 
 
 def _draw_curves(axes: Axes, curves: Json, named: dict[str, str]) -> None:
@@ -156,19 +150,6 @@ def _draw_curves(axes: Axes, curves: Json, named: dict[str, str]) -> None:
 SECTION = "A"
 STIFF = 1e3  # over the beam's static stiffness: from here on contact counts as nearly rigid
 WORDS = {"walls": "k_n of the walls", "friction": "k_t of the friction damper"}
-
-
-def _claims(values: Json) -> list[Claim]:
-    """Return the statements that this figure decides."""
-    return [
-        _converges(values["walls"], "walls"),
-        _converges(values["friction"], "friction"),
-        _alike(values),
-        _curves_claims(values["walls, curves"], "walls"),
-        _curves_claims(values["friction, curves"], "friction"),
-        _optimum(values["walls, curves"]),
-        _steps(values),
-    ]
 
 
 def _off(part: Json) -> tuple[np.ndarray, np.ndarray]:
@@ -257,6 +238,11 @@ def _steps(values: Json) -> Claim:
                  f"medians of the Runge-Kutta method at that step differ from exact ones by {100 * np.median(np.abs(apart)):.1f} % in the median and "
                  f"{100 * worst:.1f} % at most", judged(worst, worst, 0.0, SAME), LABEL,
                  "The few members of the stepped runs fall on either side of the exact median.")  # fmt: skip
+
+
+def _claims(values: Json) -> list[Claim]:
+    each = (*(_converges(values[kind], kind) for kind in WORDS), _alike(values), *(_curves_claims(values[f"{kind}, curves"], kind) for kind in WORDS))
+    return [*each, _optimum(values["walls, curves"]), _steps(values)]
 
 
 FIGURE = PaperFigure(

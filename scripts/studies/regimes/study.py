@@ -17,8 +17,7 @@ from optimisation.machine import sources
 from optimisation.page import published
 from optimisation.report.markdown import markdown
 from optimisation.report.written_figure import write_figure
-from studies.regimes.cases import Settings
-from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Row, jump_cases, key, kind_cases
+from studies.regimes.measured import RESPONSE, STAY, SWEEP, WAYS, Row, Settings, jump_cases, key, kind_cases
 from studies.study import Json, Measured, Part, Place, Study, Table, beside, left, rows_by_case
 
 NAMES = {Kind.LINEAR: "no impacts", Kind.PERIODIC: "periodic", Kind.SUSTAINED: "sustained", Kind.MODULATED: "strongly modulated"}

@@ -8,27 +8,24 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from impact_env import (
+from impact_env.drive import Drive, FrequencySchedule, constant_frequency
+from impact_env.parameters import (
+    Absorber,
     Beam,
     CompliantWalls,
     CoulombFriction,
-    Drive,
     ElasticCoulombFriction,
-    FrequencySchedule,
-    InitialState,
-    Record,
+    ParameterError,
     RigidWalls,
-    Scene,
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
-    beam_scene,
-    constant_frequency,
     friction_damper,
     impact_absorber,
-    simulate,
 )
-from impact_env.parameters import Absorber, ParameterError
+from impact_env.response import Record
+from impact_env.scene import InitialState, Scene, beam_scene
+from impact_env.sweep import simulate
 
 STATIC = Beam().static_tip_stiffness  # 3 EI / l^3 in N/m
 GAP = RigidWalls.gap

@@ -8,25 +8,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from impact_env import (
-    Drive,
-    Exact,
-    FrequencySchedule,
-    InitialState,
-    IntegrationError,
-    Moreau,
-    ParameterError,
-    Record,
-    Response,
-    RigidWalls,
-    RungeKutta,
-    Scene,
-    SlidingAbsorber,
-    TunedAbsorber,
-    simulate,
-)
+from impact_env.drive import Drive, FrequencySchedule
 from impact_env.energy import stored_energy
-from impact_env.methods import Method
+from impact_env.methods import Exact, Method, Moreau, RungeKutta
+from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber, TunedAbsorber
+from impact_env.response import Record, Response
+from impact_env.scene import InitialState, Scene
+from impact_env.sweep import IntegrationError, simulate
 from optimisation.memory import peak_memory
 from reference.dense import Truth, follow
 from studies.stability.cases import EXACT, MOREAU, Case

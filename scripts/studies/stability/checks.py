@@ -7,24 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impact_env import (
+from impact_env.drive import Drive, linear_sweep
+from impact_env.modes import ModalModel
+from impact_env.parameters import (
+    Absorber,
     Beam,
     CompliantWalls,
-    Drive,
     ElasticCoulombFriction,
-    IntegrationError,
-    ModalModel,
-    Record,
-    Scene,
     SeveralAbsorbers,
     SlidingAbsorber,
-    beam_scene,
     friction_damper,
     impact_absorber,
-    linear_sweep,
-    simulate,
 )
-from impact_env.parameters import Absorber
+from impact_env.response import Record
+from impact_env.scene import Scene, beam_scene
+from impact_env.sweep import IntegrationError, simulate
 
 SEARCHES, QUICK_SEARCHES = 1_000_000, 20_000  # of all cases together
 SWEEP = (0.93, 1.05)  # frequencies over the first resonance that runs begin at
