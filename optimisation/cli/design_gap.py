@@ -38,7 +38,7 @@ from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
 from optimisation.report.card import text as as_text
 from optimisation.report.card import write_card
-from optimisation.report.gap_table import Unsure, answer, card, text, warnings
+from optimisation.report.gap_table import Unsure, answer, card, rivals, text, warnings
 from optimisation.uncertain import FRICTION, GAP, Spread, require_parts, spreads
 
 QUICK_MEMBERS = 1
@@ -229,12 +229,13 @@ def main(**given: Any) -> None:
         if given["device"] is not None and found.recommended is not None:
             write_device(given["device"], structure, found.recommended.absorber)
             files.append(given["device"])
-        told = warnings(found)
+        told, beside = warnings(found), list[str]()
         if found.recommended is not None and found.complete and not given["no_card"]:
             with workers(given["threads"], given["cluster"]) as executor:
-                own = card(found, bearing(found, found.recommended, given["threads"], executor), unsure, given["contact"])
+                borne = bearing(found, found.recommended, given["threads"], executor)
+            own, beside = card(found, borne, unsure, given["contact"]), [rivals(borne)]
             files += write_card(given["out"], own)
             told += ["", as_text(own)]
-    click.echo("\n".join([*answer(found), *([] if unsure is None else [unsure.words]), "", text(found), *(["", *told] if told else [])]))
+    click.echo("\n".join([*answer(found), *beside, *([] if unsure is None else [unsure.words]), "", text(found), *(["", *told] if told else [])]))
     name_files(files)
     end_early(found.complete, "the files hold the runs that were finished.")

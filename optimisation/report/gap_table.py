@@ -49,7 +49,8 @@ def answer(found: Advice) -> list[str]:
     ]
     if sharp.gap != best.gap:
         lines.append(
-            f"Lowest level: {1e3 * sharp.gap:.4g} mm, level {1e3 * sharp.level:.4g} mm ({1e3 * sharp.low:.4g} to {1e3 * sharp.high:.4g}), "
+            f"Lowest level that the next narrower gap bears out: {1e3 * sharp.gap:.4g} mm, "
+            f"level {1e3 * sharp.level:.4g} mm ({1e3 * sharp.low:.4g} to {1e3 * sharp.high:.4g}), "
             f"{100 * sharp.level / without:.1f} % of no absorber; at most {1e3 * sharp.worst:.4g} mm over that range."
         )
     rows = [f"{100 * (factor - 1):+.0f} % force: {_percent(best, found, factor)}, {_percent(sharp, found, factor)}" for factor in (1.1, 1.2, 1.3)]
@@ -89,6 +90,14 @@ def warnings(found: Advice) -> list[str]:
         lines.append(f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly.")
     lines.append(f"{found.sweeps} sweeps, {len(found.looks)} gaps looked at with sweeps at {found.look_rate:.3g} %.")
     return lines
+
+
+def rivals(bearing: Bearing) -> str:
+    """Return what other absorbers of the same mass leave."""
+    tuned = f"{1e3 * bearing.tuned:.4g} mm, for this resonance alone" if bearing.tuned < bearing.answer.level else f"{1e3 * bearing.tuned:.4g} mm"
+    return (
+        f"Of the same mass, the best tuned absorber leaves {tuned} (stationary); the best friction damper {1e3 * bearing.damper:.4g} mm (estimate)."
+    )
 
 
 def text(found: Advice) -> str:
