@@ -90,11 +90,12 @@ class Evaluation:
 
     def __str__(self) -> str:
         lines = [f"{self.env_id}, {self.split}: {len(self.seeds)} episodes, seeds {self.seeds[0]} to {self.seeds[-1]}"]
-        lines.append(f"{'policy':<24}{'mean score':>11}{'95 % interval':>20}{'middle half':>13}{'policy is better by':>28}")
+        width = 2 + max(22, *(len(row.name) for row in (self.policy, *self.others.values())))
+        lines.append(f"{'policy':<{width}}{'mean score':>11}{'95 % interval':>20}{'middle half':>13}{'policy is better by':>28}")
         for row in (self.policy, *self.others.values()):
             better = self.differences.get(row.name)
             told = "" if better is None else f"{better[0]:.4f} [{better[1]:.4f}, {better[2]:.4f}]"
-            lines.append(f"{row.name:<24}{row.mean:>11.4f}{f'[{row.interval[0]:.4f}, {row.interval[1]:.4f}]':>20}{row.middle:>13.4f}{told:>28}")
+            lines.append(f"{row.name:<{width}}{row.mean:>11.4f}{f'[{row.interval[0]:.4f}, {row.interval[1]:.4f}]':>20}{row.middle:>13.4f}{told:>28}")
         return "\n".join(lines)
 
 

@@ -15,7 +15,7 @@ from environment_cases import ACTIVE_FRICTION, SHORT, V1, actions, vector
 
 import impact_env
 from impact_env import ParameterError
-from impact_env.envs.evaluation import SPLITS, play
+from impact_env.envs.evaluation import SPLITS, interquartile_mean, interval, play
 
 BRIEF: dict[str, Any] = {"time_budget": 5.0}
 
@@ -119,3 +119,42 @@ def test_lanes_rest_until_they_are_reset(mode: str) -> None:
     assert np.all(rested.step(actions(ACTIVE_FRICTION, 1, 4)[0])[1] != 0)
     with pytest.raises(ParameterError, match="mask"):
         rested.rest(np.array([True]))
+
+
+def test_interquartile_mean_leaves_the_outer_quarters_out() -> None:
+    assert interquartile_mean(np.array([[-100.0, 1.0, 2.0, 3.0], [4.0, 5.0, 6.0, 900.0]])) == 3.5
+
+
+def test_interval_of_a_mean_covers_as_often_as_it_says() -> None:
+    generator = np.random.default_rng(1)
+    hits = 0
+    for _ in range(200):
+        low, high = interval(np.mean, generator.normal(0.0, 1.0, (1, 40)), resamples=200)
+        hits += low <= 0.0 <= high
+    assert 0.88 <= hits / 200 <= 0.99
+
+
+def test_runs_and_seeds_both_count() -> None:
+    """Scores that differ by run only are as uncertain as their runs are few, however many the episodes; the same for seeds."""
+    runs = np.repeat(np.arange(4.0)[:, None], 1000, axis=1)
+    low, high = interval(np.mean, runs)
+    assert high - low > 1.0
+    low, high = interval(np.mean, runs.T)
+    assert high - low > 1.0
+    both = interval(np.mean, np.full((3, 5), 2.0))
+    np.testing.assert_array_equal(both, [2.0, 2.0])
+
+
+def test_policies_share_the_drawn_seeds() -> None:
+    """A difference on every seed is certain, though each score is not."""
+    scores = np.random.default_rng(0).normal(0.0, 1.0, (1, 30))
+    low, high = interval(lambda a, b: a.mean() - b.mean(), scores + 0.1, scores)
+    assert low == pytest.approx(0.1)
+    assert high == pytest.approx(0.1)
+
+
+def test_a_statistic_may_have_several_values_and_seeds_must_agree() -> None:
+    band = interval(lambda s: np.array([s.mean(), s.max()]), np.array([[2.0, 2.0]]), resamples=20)
+    np.testing.assert_array_equal(band, [[2.0, 2.0], [2.0, 2.0]])
+    with pytest.raises(ParameterError, match="scores"):
+        interval(np.mean, np.zeros((1, 3)), np.zeros((1, 4)))
