@@ -39,7 +39,7 @@ def scaled_friction(model: ModalModel, mass: float, gap: float) -> float:
 
 
 def best_friction(model: ModalModel, mass: float, force: float, resonance: int = 1) -> tuple[float, float]:
-    """Return (friction limit mu f_N in N, RMS of the tip in m) that the energy argument gives for a ``force`` in N at a resonance.
+    """Return (friction limit mu f_N in N, RMS in m where the level is read) by the energy argument for a ``force`` in N at a resonance.
 
     ``mass`` m_a in kg. Only the resonance's own mode counts. Raises ParameterError for numbers out of range, and where the mode does not move the
     tip or the force does not reach it.
@@ -51,4 +51,5 @@ def best_friction(model: ModalModel, mass: float, force: float, resonance: int =
     own = positive("mass", mass)
     square = omega**2 / (1 + own * tip**2 / 2)
     amplitude = positive("force", force) * abs(at_force / tip) / (square * (own / 2 + 2 * damping / tip**2))
-    return float(np.pi / 4 * own * square * amplitude / np.sqrt(2)), float(amplitude / np.sqrt(2))
+    level = amplitude * abs(float(model.level_shape[k]) / tip) / np.sqrt(2)
+    return float(np.pi / 4 * own * square * amplitude / np.sqrt(2)), float(level)

@@ -16,10 +16,11 @@ from optimisation.bounds import design_force, near_range, resonance_limit
 from optimisation.comparison import IMPACT, NONE, compare
 from optimisation.designs import design_space
 from optimisation.evaluation import Threads, evaluate
+from optimisation.friction_rule import best_friction
 from optimisation.mounting import detuned, mounted, scene_on
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
-from optimisation.tuned import den_hartog, minimax, peak
+from optimisation.tuned import den_hartog, highest_amplitude, minimax, peak
 
 LENGTH, BENDING, LINE, DAMPING = 1.2, 210e9 * 0.04 * 0.008**3 / 12, 7850 * 0.04 * 0.008, 0.005
 MASS = LENGTH * LINE
@@ -173,3 +174,12 @@ def test_examples_load_without_a_warning() -> None:
         warnings.simplefilter("error")
         for name in ("steel_beam", "frame"):
             load_structure(EXAMPLES / f"{name}.toml")
+
+
+def test_the_estimate_of_a_friction_damper_is_read_where_the_level_is() -> None:
+    """At its limit a damper on one mode leaves less than no absorber does, in proportion to the shape where the level is read."""
+    model = replace(modal_model(Beam(modes=1)), response_shape=0.3 * modal_model(Beam(modes=1)).tip_shape)
+    limit, level = best_friction(model, 0.05 * model.beam_mass, 2.0)
+    at_tip = best_friction(modal_model(Beam(modes=1)), 0.05 * model.beam_mass, 2.0)
+    assert (limit, level) == pytest.approx((at_tip[0], 0.3 * at_tip[1]))
+    assert level < 2.0 * highest_amplitude(model, None)[0] / np.sqrt(2)

@@ -51,7 +51,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A package with kernels that were compiled elsewhere, as `scripts/build --kernels` does, and the digits that they gave there."""
     folder = tmp_path_factory.mktemp("shipped")
     package = folder / "site" / "impact_env"
-    shutil.copytree(ROOT / "impact_env", package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "impact_env", package, ignore=shutil.ignore_patterns("__pycache__", "shipped"))
     name, features = SHIPPED_FOR
     digits, compiled, _ = run(ROOT, folder / "made", "none", "friction", NUMBA_CPU_NAME=name, NUMBA_CPU_FEATURES=features)
     assert compiled >= 2
