@@ -39,7 +39,7 @@ def test_scipy_follows_the_reference(name: str) -> None:
 def test_heyoka_follows_the_reference(name: str) -> None:
     heyoka_peer = pytest.importorskip("studies.accuracy.heyoka_peer", exc_type=ImportError)
     scene, drive = scene_of(SCENES[name], modes=2), drive_of(12.0, 0.97, 1.0, periods=3.3)
-    found = follow(scene, drive, REST, heyoka_peer.heyoka_integrator(1e-15), energy=True)
+    found = follow(scene, drive, REST, heyoka_peer.HeyokaRegimes(1e-15), energy=True)
     assert found.balance is not None
     assert found.balance < 1e-11
     assert distance(name, found) < 1e-8
