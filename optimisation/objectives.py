@@ -95,6 +95,7 @@ class Condition:
         low, high = two("limits of the sweep", self.limits)
         object.__setattr__(self, "limits", (positive("lower end of the sweep", low), high))
         require(abs(finite("detuning", self.detuning)) < 0.5, "detuning", self.detuning, "above -0.5 and below 0.5")
+        require(self.loads is None or isinstance(self.loads, Loads), "loads", self.loads, "Loads, or None")
 
     def describe(self) -> dict[str, object]:
         """Return the condition as JSON values."""

@@ -281,6 +281,7 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "balance_error": ("", {"--harmonics ten": "--harmonics", "--at 0.9 --force 0.5": "frequency = "}),
     "doctor": ("", {"--json nowhere/a.json": NOWHERE, "--json a.txt": "--json = a.txt", "extra": "unexpected extra argument"}),
+    "prepare": ("", {"everything": "'everything' is not one of 'environments', 'all'", "--threads 2": "No such option"}),
     "cache": ("", {"empty": "'empty' is not one of 'info', 'clear'", "info --older": "--older goes with clear alone"}),
     "record_demonstrations": ("", {"--task nothing": "'nothing' is not one of"}),
     "train": ("", {"--algorithm nothing": "'nothing' is not one of"}),

@@ -45,7 +45,7 @@ def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(tm
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     measures = tmp_path / "optimisation" / "measures.py"
     before = measures.read_text()
-    measures.write_text(before.replace("return response.level.value\n", "return 0.9 * response.level.value\n"))
+    measures.write_text(before.replace("return read(response)\n", "return 0.9 * read(response)\n"))
     assert measures.read_text() != before
     given = problem()
     chunks = given.chunks(given.space.default, given.ensemble, given.rate)

@@ -104,7 +104,7 @@ def test_room_is_the_share_that_a_rule_leaves() -> None:
 
 def test_the_command_fills_the_page_and_keeps_what_is_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(admit_tasks, "QUICK", replace(QUICK, judged=4))
-    monkeypatch.setattr("studies.cli.admit_tasks.STEPS", 3)
+    monkeypatch.setattr("studies.admission.STEPS", 3)
     target, page = tmp_path / "tasks.json.gz", tmp_path / "page.md"
     page.write_text("".join(f"<!-- {name} -->\n<!-- /{name} -->\n" for name in admit_tasks.MARKERS))
     for task in ("ActiveGap-v0", "ActiveFriction-v0"):
