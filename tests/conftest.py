@@ -25,6 +25,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "same_bits: compares digit for digit, often with another process; left out by --rounding")
     config.addinivalue_line("markers", "slow: takes long for its file; left out by --quick")
     config.pluginmanager.register(Peaks())
     if config.getoption("--rounding") is not None:
@@ -43,5 +44,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         slow = [item for item in items if item.get_closest_marker("slow")]
         config.hook.pytest_deselected(items=slow)
         items[:] = [item for item in items if item not in slow]
+    if config.getoption("--rounding") is not None:
+        items[:] = [item for item in items if not item.get_closest_marker("same_bits")]
     place = {name: k for k, name in enumerate(LONGEST_FIRST)}
     items.sort(key=lambda item: place.get(item.path.relative_to(HERE).as_posix(), len(place)))

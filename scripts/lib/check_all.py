@@ -56,7 +56,9 @@ MACHINES = {
         },
         wheel=True,
     ),
-    "other-rounding": Machine("3.11", "pinned", {}, options=("--rounding", "5")),
+    "other-rounding": Machine(
+        "3.11", "pinned", {}, options=("--rounding", "5", *(f"tests/{kind}" for kind in ("environments", "studies", "commands", "design")))
+    ),
     "oldest-versions": Machine("3.11", "oldest", {"MKL_CBWR": "AVX2,STRICT", "OPENBLAS_CORETYPE": "Haswell"}),
     "newest-versions": Machine("3.13", "newest", {}, tuple(layer for layer in LAYERS if layer not in TORCH)),
 }

@@ -91,6 +91,7 @@ def saved(page: Any, label: str, kind: str) -> Path:
     return Path(download.value.path())
 
 
+@pytest.mark.same_bits
 def test_numbers_are_those_of_the_library_and_files_are_whole(browser: Any, address: str) -> None:
     page, wrong = opened(browser, address)
     finished(page)

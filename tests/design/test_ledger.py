@@ -106,6 +106,7 @@ def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.M
         pytest.fail("opened")
 
 
+@pytest.mark.same_bits
 def test_key_is_the_same_in_another_process_and_differs_with_all_that_a_run_is_made_of() -> None:
     code = "from design_studies import problem; from optimisation.search.ledger import key_of\n"
     code += "g = problem(); print(*map(key_of, g.chunks(g.space.default, g.ensemble, g.rate)))"
@@ -150,6 +151,7 @@ def full_study(kind: str, file: Path) -> list[tuple[object, ...]]:
     return told(find(given, plan, file, executor()))
 
 
+@pytest.mark.same_bits
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes are POSIX")
 @pytest.mark.parametrize("kind", ["cma", "friction"])
 def test_disk_that_is_full_leaves_a_whole_journal_that_goes_on(tmp_path: Path, kind: str) -> None:

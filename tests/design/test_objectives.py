@@ -90,6 +90,7 @@ def test_rainflow_loses_no_range(values: list[float]) -> None:
     assert 4 * np.sum(amplitudes * counts) == pytest.approx(np.sum(np.abs(np.diff(turns))), abs=1e-9)
 
 
+@pytest.mark.same_bits
 def test_moment_at_the_clamp_of_a_load_at_the_end() -> None:
     beam = Beam(modes=60)
     model, moment = modal_model(beam), stress_shape(beam)

@@ -129,6 +129,7 @@ def test_a_problem_takes_a_modal_model_as_it_takes_its_beam() -> None:
     np.testing.assert_allclose(measured(tuned), measured(small(Beam(modes=2), space=tuned.space, conditions=tuned.conditions)), rtol=1e-9)
 
 
+@pytest.mark.same_bits
 def test_a_problem_puts_the_absorber_where_the_beam_says() -> None:
     problem = small(Beam(modes=3, absorber_position=0.8))
     assert problem.space.default.values["position"] == 0.8

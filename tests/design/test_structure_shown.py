@@ -76,6 +76,7 @@ def test_nodes_of_a_universal_file_near_a_point(tmp_path: Path) -> None:
     assert "node 12: 100 mm away\nnode 13: 400 mm away" in shown(tmp_path / "a.toml", "--near", 0.6, 0, 0)
 
 
+@pytest.mark.same_bits
 @pytest.mark.parametrize("structure", [Beam(modes=2, force_position=0.3), ModalModel([1.0, 3.0], [0.1, 0.1], [1.0, -2.0], [1.0, 2.0], 1.0)])
 def test_marks_lie_at_the_places_and_on_the_shapes(structure: Beam | ModalModel, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     drawn: list[Figure] = []

@@ -109,6 +109,7 @@ def test_interrupt_keeps_what_is_finished_and_runs_nothing_twice(tmp_path: Path,
     assert len({run[:2] for run in repeated}) <= 1
 
 
+@pytest.mark.same_bits
 def test_killed_process_loses_nothing(tmp_path: Path) -> None:
     """Kill -9 at a few moments; the next process goes on, and each design's runs are made once but for the one that was under way."""
     file, log = tmp_path / "a.journal", tmp_path / "log"

@@ -287,6 +287,7 @@ def test_unknown_algorithm_and_bad_temperature_are_refused() -> None:
         settings_for("ImpactAbsorber/Passive-v0", "ppo")
 
 
+@pytest.mark.same_bits
 def test_command_goes_on_after_kill_and_reports(tmp_path: Path) -> None:
     """Kill -9 in the middle of a training; the same command finishes it, as an undisturbed one would have."""
     file = tmp_path / "small.yaml"
