@@ -107,10 +107,15 @@ def shares(every: Sequence[Spread], members: Members) -> list[dict[str, float]]:
 
 
 def drawn(lane: Lane, every: Sequence[Spread], share: Mapping[str, float], resonance: int, force: float) -> Lane:
-    """Return a lane with all that is uncertain at its shares; the sweep follows the structure's own frequency. ``force``: that of the drive in N."""
+    """Return a lane with all that is uncertain at its shares; the sweep follows the structure's own frequency. ``force``: that of the drive in N.
+
+    Raises ParameterError where the damping is uncertain and the resonance has none.
+    """
     model, drive = lane.scene.model, lane.drive
     assert isinstance(drive, Drive)
     nominal = {DAMPING: float(model.damping_ratio[resonance - 1]), FREQUENCY: model.resonance_omega(resonance) / (2 * np.pi), FORCE: force}
+    for one in every:
+        require(nominal.get(one.name, 1.0) > 0, f"uncertain {one.name}", one.words, "left out: the number itself is 0")
     factor = {one.name: one.drawn(share[one.name], nominal[one.name]) / nominal[one.name] for one in every if one.name in nominal}
     frequency, schedule = factor.get(FREQUENCY, 1.0), drive.schedule
     other: ModalModel = replace(model, omega=model.omega * frequency, damping_ratio=model.damping_ratio * factor.get(DAMPING, 1.0))
