@@ -1,4 +1,4 @@
-"""The suite as other machines would run it, each with an environment of its own in .venv-check; docs/internals/machines.md says what came out."""
+"""The suite as other machines would run it; docs/internals/machines.md says what came out. Environments of other versions are in .venv-check."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ from optimisation.machine import processor
 from optimisation.page import fill
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "support"))
+from choice import PARTS  # type: ignore[import-not-found]  # noqa: E402 - what tests share is found there
+
 PAGE = ROOT / "docs" / "internals" / "machines.md"
 HEADER = ("machine", "Python", "packages", "settings", "passed", "failed", "skipped", "peak of a process", "made")
 VARIED = ("numpy", "scipy", "numba", "gymnasium")
@@ -29,48 +32,43 @@ TORCH = ("rl", "clients")
 
 
 class Machine(NamedTuple):
-    """A machine's Python, which versions of `VARIED` it has, layers of requirements, and variables that make the processor another one.
+    """Variables that make the processor another one, and which tests run, as `PARTS`.
 
-    ``wheel``: whether commands are also run from the wheel, which says the same on any processor.
+    ``options``: of pytest; ``wheel``: commands run from the wheel, too, which takes long. ``python``, ``versions``: an environment of its own, with
+    the oldest or newest of `VARIED`; without, it is the checkout's.
     """
 
-    python: str
-    versions: str
     settings: dict[str, str]
-    layers: tuple[str, ...] = LAYERS
+    parts: tuple[str, ...] = PARTS
+    options: tuple[str, ...] = ()
     wheel: bool = False
-    options: tuple[str, ...] = ()  # of pytest
+    python: str = ""
+    versions: str = "pinned"
+    layers: tuple[str, ...] = LAYERS
 
 
 MACHINES = {
-    "old-processor": Machine(
-        "3.11",
-        "pinned",
+    "other-rounding": Machine({}, PARTS[3:], ("--rounding", "5")),
+    "old-libraries": Machine(
         {
             "MKL_CBWR": "COMPATIBLE",
             "ATEN_CPU_CAPABILITY": "default",
             "OPENBLAS_CORETYPE": "Nehalem",
             "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
-            "NUMBA_CPU_NAME": "generic",
-            "NUMBA_CPU_FEATURES": "",
         },
         wheel=True,
     ),
-    "other-rounding": Machine(
-        "3.11", "pinned", {}, options=("--rounding", "5", *(f"tests/{kind}" for kind in ("environments", "studies", "commands", "design")))
-    ),
-    "oldest-versions": Machine("3.11", "oldest", {"MKL_CBWR": "AVX2,STRICT", "OPENBLAS_CORETYPE": "Haswell"}),
-    "newest-versions": Machine("3.13", "newest", {}, tuple(layer for layer in LAYERS if layer not in TORCH)),
+    "old-processor": Machine({"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, PARTS[:3]),
+    "oldest-versions": Machine({"MKL_CBWR": "AVX2,STRICT", "OPENBLAS_CORETYPE": "Haswell"}, python="3.11", versions="oldest"),
+    "newest-versions": Machine({}, python="3.13", versions="newest", layers=tuple(layer for layer in LAYERS if layer not in TORCH)),
 }
 
 
 def requirements(machine: Machine) -> list[str]:
-    """Return what pip is asked for: all pinned versions, but the varied packages' oldest or newest that pyproject.toml allows."""
+    """Return what pip is asked for: pinned versions, but the varied packages' oldest or newest that pyproject.toml allows."""
     lines = [
         line for layer in machine.layers for line in (ROOT / "requirements" / f"{layer}.txt").read_text().splitlines() if not line.startswith("#")
     ]
-    if machine.versions == "pinned":
-        return lines
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     ranges = [one for one in project["dependencies"] + project["optional-dependencies"]["env"] if re.split("[<>=]", one)[0] in VARIED]
     asked = ranges if machine.versions == "newest" else [one.split(",")[0].replace(">=", "==") for one in ranges]
@@ -79,6 +77,8 @@ def requirements(machine: Machine) -> list[str]:
 
 def environment(name: str, machine: Machine) -> Path:
     """Return the machine's Python, in an environment that is made if it is not as asked for; raises FileNotFoundError without that Python."""
+    if not machine.python:
+        return Path(sys.executable)
     folder = ROOT / ".venv-check" / name
     python, stamp, asked = folder / "bin" / "python", folder / "made", "\n".join([machine.python, *requirements(machine)])
     if stamp.exists() and stamp.read_text() == asked:
@@ -107,39 +107,48 @@ def packages(python: Path) -> tuple[str, str]:
 
 def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], bool]:
     """Run the suite on a machine; return its row of the table, and whether tests ran and none failed."""
-    settings = " ".join(
-        [*(f"`{key}={value}`" for key, value in machine.settings.items()), *([f"`{shlex.join(machine.options)}`"] if machine.options else [])]
-    )
-    made = f"{datetime.datetime.now(datetime.UTC).date().isoformat()}, {digest()}"
+    shown = " ".join(f"`{word}`" for word in (*(f"{key}={value}" for key, value in machine.settings.items()), shlex.join(machine.options)) if word)
+    made, began = f"{datetime.datetime.now(datetime.UTC).date().isoformat()}, {digest()}", time.monotonic()
     try:
         python = environment(name, machine)
     except FileNotFoundError as error:
-        return [name, machine.python, machine.versions, settings, f"not run: {error}", "", "", "", made], False
-    report = python.parents[1] / "report.xml"
-    report.unlink(missing_ok=True)
-    cache = {"IMPACT_ENV_CACHE": str(python.parents[1] / "kernel-cache"), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command = [str(python), "-m", "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-q", f"--junitxml={report}"]
-    marked = "wheel or not wheel" if machine.wheel else "not wheel"
-    began = time.monotonic()
-    process = subprocess.Popen([*command, "-m", marked, *machine.options, *options], cwd=ROOT, env={**os.environ, **cache, **machine.settings})
-    _, status, usage = os.wait4(process.pid, 0)  # the usage is that of its children, too
-    process.returncode = os.waitstatus_to_exitcode(status)
-    passed, failed, skipped = read(report)
-    stopped = "no test ran" if process.returncode == 5 else "did not end"
-    verdict = str(failed) if process.returncode in (0, 1) else f"{stopped} (code {process.returncode})"
-    peak = f"{usage.ru_maxrss * (1 if sys.platform == 'darwin' else 1024) / 1e9:.1f} GB"
-    row = [name, *packages(python), settings, str(passed), verdict, skipped, peak, f"{made}, {(time.monotonic() - began) / 60:.0f} min"]
-    return row, process.returncode == 0 and passed > 0 == failed
+        return [name, machine.python, machine.versions, shown, f"not run: {error}", "", "", "", made], False
+    own = ROOT / ".venv-check" / name
+    own.mkdir(parents=True, exist_ok=True)
+    variables = {"MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"} | machine.settings
+    if machine.python or "NUMBA_CPU_NAME" in machine.settings:  # others compile the same kernels as the checkout
+        variables["IMPACT_ENV_CACHE"] = str(own / "kernel-cache")
+    passed = failed = skipped = peak = 0
+    stops, missing = set[int](), set[str]()
+    for part in [options] if options else [[str(path) for pattern in part.split() for path in sorted(ROOT.glob(pattern))] for part in machine.parts]:
+        report = own / "report.xml"
+        report.unlink(missing_ok=True)
+        command = [str(python), "-m", "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-q", f"--junitxml={report}"]
+        process = subprocess.Popen(
+            [*command, "-m", "wheel or not wheel" if machine.wheel else "not wheel", *machine.options, *part], cwd=ROOT, env=os.environ | variables
+        )
+        _, status, usage = os.wait4(process.pid, 0)  # the usage is that of its children, too
+        process.returncode = os.waitstatus_to_exitcode(status)
+        stops |= {process.returncode} - {0, 1}
+        counts, lacked = read(report)
+        passed, failed, skipped = passed + counts[0], failed + counts[1], skipped + counts[2]
+        missing, peak = missing | lacked, max(peak, usage.ru_maxrss)
+    ended = "no test ran" if stops == {5} else "did not end"
+    verdict = f"{failed}, {ended} (code {', '.join(map(str, sorted(stops)))})" if stops else str(failed)
+    without = f" (no {', '.join(sorted(missing))})" if missing else ""
+    size = f"{peak * (1 if sys.platform == 'darwin' else 1024) / 1e9:.1f} GB"
+    row = [name, *packages(python), shown, str(passed), verdict, f"{skipped}{without}", size, f"{made}, {(time.monotonic() - began) / 60:.0f} min"]
+    return row, not stops and passed > 0 == failed
 
 
-def read(report: Path) -> tuple[int, int, str]:
-    """Return how many tests of a report passed and failed, and how many were skipped, for want of what; none where there is no report."""
+def read(report: Path) -> tuple[tuple[int, int, int], set[str]]:
+    """Return how many tests of a report passed, failed and were skipped, and for want of which modules; none where there is no report."""
     if not report.exists():
-        return 0, 0, ""
+        return (0, 0, 0), set()
     suite = ET.parse(report).getroot()[0]
     total, failed, skipped = int(suite.get("tests", 0)), int(suite.get("failures", 0)) + int(suite.get("errors", 0)), int(suite.get("skipped", 0))
-    missing = sorted(set(re.findall(r"could not import '(\w+)", " ".join(one.get("message", "") for one in suite.iter("skipped")))))
-    return total - failed - skipped, failed, f"{skipped}" + (f" (no {', '.join(missing)})" if missing else "")
+    missing = set(re.findall(r"could not import '(\w+)", " ".join(one.get("message", "") for one in suite.iter("skipped"))))
+    return (total - failed - skipped, failed, skipped), missing
 
 
 def table(rows: dict[str, list[str]]) -> str:

@@ -27,13 +27,13 @@ def checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     python.parent.mkdir(parents=True)
     python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
     python.chmod(0o755)
-    for name, value in (("PAGE", page), ("packages", lambda _: ("3", "none")), ("environment", lambda *_: python)):
+    for name, value in (("PAGE", page), ("ROOT", tmp_path), ("packages", lambda _: ("3", "none")), ("environment", lambda *_: python)):
         monkeypatch.setattr(module, name, value)
     return module
 
 
 @pytest.mark.parametrize(
-    ("text", "passed", "failed", "fine"), [(FINE, "1", "0", True), (BROKEN, "0", "1", False), ("", "0", "no test ran (code 5)", False)]
+    ("text", "passed", "failed", "fine"), [(FINE, "1", "0", True), (BROKEN, "0", "1", False), ("", "0", "0, no test ran (code 5)", False)]
 )
 def test_only_tests_that_ran_and_passed_make_a_machine_fine(checks: Any, tmp_path: Path, text: str, passed: str, failed: str, fine: bool) -> None:
     (tmp_path / "test_one.py").write_text(text)

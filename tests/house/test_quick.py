@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from choice import LONGEST_FIRST, QUICK
+from choice import LONGEST_FIRST, PARTS, QUICK
 from places import ROOT, SUPPORT
 
 TESTS = SUPPORT.parent
@@ -37,6 +37,17 @@ def test_every_kind_has_a_folder_and_is_in_the_quick_set() -> None:
     assert {"kernels", "simulator", "periodic", "environments", "design", "studies", "commands", "house"} - {"house"} < KINDS
     assert {name.split("/")[0] for name in QUICK} == KINDS
     assert not list(TESTS.glob("test_*.py"))
+
+
+def test_the_parts_have_every_file_of_tests_once() -> None:
+    found = [
+        file
+        for part in PARTS
+        for pattern in part.split()
+        for place in ROOT.glob(pattern)
+        for file in ([place] if place.is_file() else place.rglob("test_*.py"))
+    ]
+    assert sorted(found) == sorted(TESTS.rglob("test_*.py"))
 
 
 def test_the_quick_set_is_collected_whole_without_torch_and_leaves_out_what_is_slow() -> None:

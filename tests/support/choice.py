@@ -1,4 +1,5 @@
-"""Which files of tests run at every save, and which start first. By the processor's time with compiled kernels: ``scripts/test -n 0 --cpu FILE``."""
+"""Which files of tests run at every save, which together, and which start first: by the processor's time with compiled kernels
+(``scripts/test -n 0 --cpu FILE``)."""
 
 from __future__ import annotations
 
@@ -54,6 +55,15 @@ QUICK = (
     "house/test_docs.py",
 )
 
+# all of them in runs one after the other: what a process has compiled and imported stays in its memory
+PARTS = (
+    "tests/kernels/test_[a-l]*.py",
+    "tests/kernels/test_[m-z]*.py",
+    "tests/simulator tests/periodic",
+    "tests/design tests/house",
+    "tests/environments tests/studies tests/commands",
+)
+
 # by their time and, from nothing, by what they compile: two neighbours take other kinds of scenes, since both processes would compile the same one
 LONGEST_FIRST = (
     "kernels/test_exact_rigid.py",
@@ -82,3 +92,6 @@ LONGEST_FIRST = (
     "commands/test_structure_commands.py",
     "kernels/test_verification.py",
 )
+
+if __name__ == "__main__":
+    print("\n".join(PARTS))
