@@ -7,18 +7,20 @@ computed over members that differ in the initial phase of the force and, by a mi
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.budget import Stop
-from impact_env.drive import PAPER_LIMITS, FrequencySchedule, default_rate, linear_sweep
+from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, default_rate, linear_sweep
 from impact_env.ensemble import MOST_MEMBERS, Executor, Lane, LaneLevels, LevelOf, Members, Progress, available_cores, draw_members, run_lanes
 from impact_env.laws import SceneKind
+from impact_env.loads import AnyDrive, Member, member_of
 from impact_env.methods import Exact, Method
 from impact_env.parameters import count, instance, listed, positive, require, row, two
 from impact_env.plots import plot_curve, table
@@ -39,7 +41,8 @@ UP, DOWN = 0, 1  # directions of the sweep, the last axis of a curve's arrays
 class CurveCase:
     """What a curve is computed for: forces (F,) in N, each swept up and down through ``limits`` times a resonance (counted from 1).
 
-    The rate is `impact_env.drive.default_rate` of the scene's model unless given.
+    The rate is `impact_env.drive.default_rate` of the scene's model unless given. ``load`` makes of a force and a schedule what acts, by default a
+    `Drive`; one that gives `Loads` proportional to their first argument makes ``forces`` amplitudes in its unit, as m/s^2 of a base.
     """
 
     scene: Scene
@@ -47,6 +50,7 @@ class CurveCase:
     resonance: int = 1
     limits: tuple[float, float] = PAPER_LIMITS
     percent_per_100_periods: float = None  # type: ignore[assignment]  # replaced by `default_rate`
+    load: Callable[[float, FrequencySchedule], AnyDrive] = Drive
 
     def __post_init__(self) -> None:
         instance("scene", self.scene, Scene)
@@ -62,6 +66,10 @@ class CurveCase:
         """Return the sweep up and the sweep down."""
         omega, (low, high) = self.scene.model.resonance_omega(self.resonance), self.limits
         return linear_sweep(omega, low, high, self.percent_per_100_periods), linear_sweep(omega, high, low, self.percent_per_100_periods)
+
+    def drive(self, drawn: Members, member: int, amplitude: float, schedule: FrequencySchedule) -> AnyDrive:
+        """Return what acts in one run."""
+        return member_of(self.load(amplitude, schedule), Member(member, float(drawn.phases[member]), float(drawn.factors[member])))
 
     def amplitudes(self) -> Array:
         """Return the forces to run in N: one newton for a linear scene, whose level is proportional to the force."""
@@ -191,12 +199,11 @@ def performance_curves(
     drawn = draw_members(members, seed)
     sweeps = [(case, case.schedules(), case.amplitudes()) for case in cases]
     lanes = [
-        Lane(case.scene, drive)
-        for member in (drawn[m : m + 1] for m in range(members))
+        Lane(case.scene, case.drive(drawn, member, float(amplitude), schedule))
+        for member in range(members)
         for case, schedules, amplitudes in sweeps
         for schedule in schedules
         for amplitude in amplitudes
-        for drive in member.drives(float(amplitude), schedule)
     ]
     levels = run_lanes(
         lanes,
@@ -268,6 +275,13 @@ TOLD_EACH = 0.05  # s between two partial curves of a pass
 _Run = tuple[int, int, int]  # force, member, direction
 
 
+class Measure(Protocol):
+    """What is read from a run in the place of its response level."""
+
+    def __call__(self, lane: Lane, stop: Stop) -> tuple[float, ...]:
+        """Run a lane; return the numbers of `LaneLevels`, NaN for what is not known."""
+
+
 def curve_passes(
     case: CurveCase,
     passes: Sequence[Pass],
@@ -277,34 +291,42 @@ def curve_passes(
     method: Method | None = None,
     threads: int | None = None,
     samples_per_period: int = DEFAULT_SAMPLES,
+    measure: Measure | None = None,
 ) -> Generator[tuple[Pass, PerformanceCurve], None, None]:
     """Yield (pass, curve so far) while a curve is computed, rough first: ``Pass(4, 5.0)``, then ``Pass()``, then ``Pass(members=8)``, say.
 
     A curve has the forces of its pass, NaN where a run is missing; the last one of a pass has all, the numbers of `performance_curve` at that rate. A
-    run that an earlier pass has made is not made again. What ``stop`` or the iterator's ``close()`` ends stays NaN, and nothing follows. Raises
-    ParameterError and IntegrationError as `simulate` does.
+    run that an earlier pass has made is not made again. What ``stop`` or the iterator's ``close()`` ends stays NaN, and nothing follows. ``measure``
+    takes the place of the response level: of a lane and an order to stop it makes the numbers of `LaneLevels`. Raises ParameterError and
+    IntegrationError as `simulate` does.
     """
     instance("case", case, CurveCase), instance("stop", stop, Stop | None)
     passes, method = [instance("passes", one, Pass) for one in listed("passes", passes)], Exact() if method is None else method
     workers = available_cores() if threads is None else count("threads", threads, 1)
     drawn = draw_members(max((one.members for one in passes), default=1), seed)
-    measure = LevelOf(method, Record(samples_per_period=samples_per_period), None, Stop() if stop is None else stop)
+    order = Stop() if stop is None else stop
+    of = LevelOf(method, Record(samples_per_period=samples_per_period), None, order) if measure is None else partial(measure, stop=order)
     known: dict[float, dict[_Run, tuple[float, ...]]] = {}
     with ThreadPoolExecutor(workers) as pool:
         try:
             for one in passes:
                 found = known.setdefault(one.faster, {})
-                yield from ((one, curve) for curve in _one_pass(case, one, drawn, measure, pool, found))
-                if measure.stop is not None and measure.stop.given:
+                yield from ((one, curve) for curve in _one_pass(case, one, drawn, of, pool, found))
+                if order.given:
                     return
         finally:
-            if measure.stop is not stop:
-                measure.stop.give()  # type: ignore[union-attr]
+            if order is not stop:
+                order.give()
             pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _one_pass(
-    case: CurveCase, one: Pass, drawn: Members, measure: LevelOf, pool: ThreadPoolExecutor, found: dict[_Run, tuple[float, ...]]
+    case: CurveCase,
+    one: Pass,
+    drawn: Members,
+    measure: Callable[[Lane], tuple[float, ...]],
+    pool: ThreadPoolExecutor,
+    found: dict[_Run, tuple[float, ...]],
 ) -> Iterator[PerformanceCurve]:
     """Make the runs of a pass that ``found`` lacks, coarse grids of forces first, and yield the curve now and then, and at the end."""
     total, linear = len(case.forces), case.scene.kind is SceneKind.LINEAR
@@ -314,8 +336,7 @@ def _one_pass(
 
     def run(which: _Run) -> None:
         k, m, d = which
-        (drive,) = drawn[m : m + 1].drives(1.0 if linear else float(case.forces[k]), schedules[d])
-        found[which] = measure(Lane(case.scene, drive))
+        found[which] = measure(Lane(case.scene, case.drive(drawn, m, 1.0 if linear else float(case.forces[k]), schedules[d])))
 
     def curve() -> PerformanceCurve:
         values = np.full((6, len(here), one.members, 2), np.nan)

@@ -37,6 +37,7 @@ __all__ = [
     "Unbalance",
     "amplitude_in_words",
     "largest",
+    "member_of",
     "members_of",
     "schedule_in",
 ]
@@ -352,11 +353,16 @@ def largest(drive: AnyDrive) -> float:
     return highest
 
 
+def member_of(drive: AnyDrive, member: Member) -> AnyDrive:
+    """Return the drive of one member of an ensemble."""
+    if isinstance(drive, Drive):
+        return Drive(drive.amplitude * member.factor, drive.schedule, drive.phase + member.phase)
+    return drive.member(member)
+
+
 def members_of(drive: AnyDrive, phases: Sequence[float], factors: Sequence[float]) -> list[AnyDrive]:
     """Return the drive of each member of an ensemble."""
-    if isinstance(drive, Drive):
-        return [Drive(drive.amplitude * float(f), drive.schedule, drive.phase + float(p)) for p, f in zip(phases, factors, strict=True)]
-    return [drive.member(Member(k, float(p), float(f))) for k, (p, f) in enumerate(zip(phases, factors, strict=True))]
+    return [member_of(drive, Member(k, float(p), float(f))) for k, (p, f) in enumerate(zip(phases, factors, strict=True))]
 
 
 def amplitude_in_words(drive: AnyDrive, *, phase: bool = True) -> str:

@@ -13,6 +13,7 @@ from impact_env.alongside import is_kept
 from impact_env.drive import Drive, constant_frequency
 from impact_env.families import kernel_key
 from impact_env.kernels.compiling.jit import COMPILED
+from impact_env.loads import Loads
 from impact_env.methods import Exact, Method
 from impact_env.parameters import instance, non_negative
 from impact_env.response import Record
@@ -23,18 +24,19 @@ FORCE, PERIODS = 1e-3, 1.0  # N, pseudo periods: nothing needs to happen, only t
 CHILD = "import pickle, sys; sys.path[:] = {path!r}; from impact_env.first_use import quiet\nwith quiet(): pickle.load(sys.stdin.buffer)()"
 
 
-def short_run(scene: Scene, method: Method | None = None, record: Record | None = None) -> None:
-    """Make the shortest run that needs the kernels of a scene, a method and a record."""
-    simulate(scene, Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, PERIODS)), method, record=record)
+def short_run(scene: Scene, method: Method | None = None, record: Record | None = None, loads: Loads | None = None) -> None:
+    """Make the shortest run that needs the kernels of a scene, a method and a record; under loads, which take others, all of theirs."""
+    force = Drive(FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, PERIODS))
+    simulate(scene, force if loads is None else loads, method, record=record)
 
 
-def is_ready(scene: Scene, method: Method | None = None, record: Record | None = None) -> bool:
-    """Return whether `simulate` with these compiles nothing (and load what is kept, in up to half a second).
+def is_ready(scene: Scene, method: Method | None = None, record: Record | None = None, loads: Loads | None = None) -> bool:
+    """Return whether `simulate` with these compiles nothing (and load what is kept, in up to half a second); with ``loads``, run them.
 
     Raises ParameterError if the method (default: Exact) cannot do the scene.
     """
     _checked(scene, method, record)
-    return not COMPILED or is_kept(partial(short_run, scene, method, record))
+    return not COMPILED or is_kept(partial(short_run, scene, method, record, loads))
 
 
 class Preparation:
@@ -74,8 +76,10 @@ class Preparation:
         self._process.wait()
 
 
-def prepare(scene: Scene, method: Method | None = None, record: Record | None = None) -> Preparation:
+def prepare(scene: Scene, method: Method | None = None, record: Record | None = None, loads: Loads | None = None) -> Preparation:
     """Begin to compile what `simulate` needs for a scene, a method (default: Exact) and a record (default: the level), and return at once.
+
+    ``loads``: what it is to be run under, if that is not one force.
 
     A process of its own does so, up to a minute long; this one computes meanwhile what is ready. What is kept already takes it two seconds. It begins
     anew, without the module of the caller, so scripts need no guard. Raises ParameterError if the method cannot do the scene.
@@ -85,7 +89,7 @@ def prepare(scene: Scene, method: Method | None = None, record: Record | None = 
     >>> ready = is_ready(scene) or prepare(scene).wait()
     """
     _checked(scene, method, record)
-    return Preparation(partial(short_run, scene, method, record))
+    return Preparation(partial(short_run, scene, method, record, loads))
 
 
 def _checked(scene: Scene, method: Method | None, record: Record | None) -> None:

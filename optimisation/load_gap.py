@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.ensemble import Lane, draw_members, drives_of
+from impact_env.ensemble import Lane, Progress, draw_members, drives_of
 from impact_env.loads import Loads, Member
 from impact_env.methods import Exact, check_load
 from impact_env.modes import ModalModel
@@ -85,10 +85,12 @@ def advise_for_loads(
     members: int = MEMBERS,
     seed: int = 0,
     threads: int | None = None,
+    progress: Progress | None = None,
 ) -> LoadAdvice:
     """Search the gap of an impact absorber under ``factor`` times the loads.
 
     ``friction_limit`` in N at any gap; None: the paper's by the scaling law, in proportion to the gap. ``tolerance``: share of the intensity.
+    ``progress`` is told finished runs and about how many there will be.
     Raises ParameterError for what is out of range and for loads that a structure cannot have, and where nothing moves at the absorber.
     """
     require(0 <= tolerance <= MOST_TOLERANCE, "force_tolerance", tolerance, f"from 0 to {MOST_TOLERANCE:g}, a share of the force")
@@ -106,11 +108,15 @@ def advise_for_loads(
 
     table = Table(power=0.0, cliff=False) if measure_of(loads) == DECAY else Table()
 
+    pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
+
     def look(step: float, number: int, full: bool) -> Array:
+        if progress is not None:
+            progress(sum(map(len, table.full.values())), pairs)
         kept = table.full.get(step, np.empty(0)) if full else np.empty(0)
         return np.append(kept, runs_of(model, [device(step)], drives[len(kept) : number], threads))
 
-    search(look, 0, tolerance, members, PAIRS if members <= MEMBERS else 10 + 5 * members, table, same=True)
+    search(look, 0, tolerance, members, pairs, table, same=True)
     sharp, recommended = (_answer(device(step), table, step, tolerance) for step in answers(table, tolerance, min(2, members)))
     without = runs_of(model, [None], drives, threads)[0]
     return LoadAdvice(loads, measure_of(loads), mass, table, start, rule, rms, tolerance, without, sharp, recommended)

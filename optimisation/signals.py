@@ -123,14 +123,20 @@ def decay_of(response: Response) -> dict[str, Any]:
     return {"decay": {"decay_s": read(response), "at_s": times[at].tolist(), "energy_j": energy.tolist(), "higher_modes": higher.tolist()}}
 
 
+def spectrum(values: Array, rate: float) -> tuple[Array, Array]:
+    """Return frequencies in Hz and the one-sided density of samples at a ``rate`` in Hz, in their unit squared per Hz."""
+    segment = max(2 * len(values) // (SEGMENTS + 1), 1)
+    frequencies, density = scipy.signal.welch(values, rate, nperseg=segment, detrend=False)
+    return frequencies, density
+
+
 def of_signal(values: Array, rate: float) -> dict[str, Any]:
     """Return the measures of a signal (S,) that is sampled at a ``rate`` in Hz, as JSON values in its unit."""
     size, rms = np.abs(values), float(np.sqrt(np.mean(values**2)))
     rises = [int(np.sum((size[:-1] <= k * rms) & (size[1:] > k * rms))) for k in MULTIPLES]
     amplitudes, counts = rainflow_amplitudes(values)
     cycles, edges = np.histogram(amplitudes, bins=BINS, range=(0.0, float(np.max(amplitudes, initial=0.0)) or 1.0), weights=counts)
-    segment = max(2 * len(values) // (SEGMENTS + 1), 1)
-    frequencies, density = scipy.signal.welch(values, rate, nperseg=segment, detrend=False)
+    frequencies, density = spectrum(values, rate)
     return {
         "rms": rms,
         "percentiles": {f"{share:g}": float(np.percentile(size, share)) for share in PERCENTILES},

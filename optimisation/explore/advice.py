@@ -7,15 +7,22 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from impact_env.budget import Stop
+from impact_env.curve import CurveCase
+from impact_env.loads import Loads
 from impact_env.modes import ModalModel
-from impact_env.parameters import TunedAbsorber
-from optimisation.bounds import design_gap
+from impact_env.parameters import TunedAbsorber, require
+from impact_env.scene import Scene
+from optimisation.explore.loading import Loading
 from optimisation.explore.settings import Asked
 from optimisation.explore.waiting import Newer
 from optimisation.friction_rule import best_friction
 from optimisation.gap_advice import advise
 from optimisation.gap_check import scaled_absorber
+from optimisation.load_gap import advise_for_loads
+from optimisation.load_measures import TOLD
 from optimisation.tuned import minimax
 
 MEMBERS = 1  # as `design_gap --quick`
@@ -48,27 +55,46 @@ def recommended(values: Asked, model: ModalModel, stop: Stop, tell: Callable[[in
 
     ``model`` has the absorber's place, ``tell`` is told finished and all runs. Raises `Newer` after a ``stop``.
     """
-    mass, force, resonance = values["mass_ratio"] * model.beam_mass, values["force"], values.resonance
+    mass, resonance = values["mass_ratio"] * model.beam_mass, values.resonance
+    loading = Loading(values.load, model, resonance)
     if values.concept == "tuned":
         tuned = tuned_to(model, values["mass_ratio"], resonance)
         return {"values": {"stiffness": tuned.stiffness, "damper": tuned.damping}, "why": "smallest peak of the linear response"}
     if values.concept == "friction":
-        limit, _ = best_friction(model, mass, force, resonance)
+        require(loading.swept, "Recommended", "friction damper", "for a swept load: there is no closed form for a random force")
+        limit, _ = best_friction(model, mass, values.intensity * loading.worth, resonance)
         return {"values": {"damper_friction": limit}, "why": "most energy lost in a cycle at this force"}
     if values.concept == "two":
-        gap = design_gap(model, mass, force, resonance)
-        return {"values": {"gap": gap, "second_gap": gap}, "why": "the design rule's gap, as if both masses were one"}
+        gap = loading.rule_gap(mass, values.intensity)
+        return {"values": {"gap": gap, "second_gap": gap}, "why": "the gap from which a search would begin, as if both masses were one"}
 
     def watch(done: int, total: int) -> None:
         if stop.given:
             raise KeyboardInterrupt  # the sweeps end early, with what they have
         tell(done, total)
 
-    own = scaled_absorber(model, force, resonance, values["mass_ratio"], values["restitution"])
-    found = advise(model, force, resonance, own, members=MEMBERS, progress=watch)
+    if values.load != "force":
+        return _for_loads(values, loading, watch)
+    own = scaled_absorber(model, values.intensity, resonance, values["mass_ratio"], values["restitution"])
+    found = advise(model, values.intensity, resonance, own, members=MEMBERS, progress=watch)
     best = found.recommended or found.sharp
     if stop.given or best is None:
         raise Newer
     rule = 1e3 * found.check.rule
     why = f"lowest level over {100 * found.tolerance:.0f} % of the force, by {found.sweeps} sweeps; the design rule says {rule:.3g} mm"
     return {"values": {"gap": best.gap, "friction": best.friction_limit}, "why": why}
+
+
+def _for_loads(values: Asked, loading: Loading, watch: Callable[[int, int], None]) -> dict[str, Any]:
+    """Return the gap that a search under a load recommends, with the friction as it is."""
+    schedule = CurveCase(Scene(loading.model), np.ones(1), loading.resonance).schedules()[0]
+    loads = loading.act(values.intensity, schedule)
+    assert isinstance(loads, Loads)
+    mass_ratio, restitution, friction = (values[name] for name in ("mass_ratio", "restitution", "friction"))
+    given: dict[str, Any] = {"mass_ratio": mass_ratio, "restitution": restitution, "friction_limit": friction}
+    try:
+        found = advise_for_loads(loading.model, loads, loading.resonance, members=MEMBERS, progress=watch, **given)
+    except KeyboardInterrupt:
+        raise Newer from None
+    why = f"lowest {TOLD[found.measure]} over {100 * found.tolerance:.0f} % of the load, at {len(found.runs)} gaps"
+    return {"values": {"gap": found.recommended.gap}, "why": why}

@@ -19,9 +19,10 @@ from impact_env.parameters import ParameterError
 from impact_env.plain import Plain
 from impact_env.sweep import IntegrationError, Stopped
 from optimisation.explore.advice import recommended
-from optimisation.explore.settings import Asked, Refused, asked, described, scene_file
+from optimisation.explore.settings import Asked, Refused, asked, described, load_file, scene_file
 from optimisation.explore.waiting import Kernels, Newer
 from optimisation.explore.work import Message, Work
+from optimisation.load_measures import SAMPLES
 
 with optional():
     import uvicorn
@@ -126,14 +127,14 @@ class Tab:
         number = plain["number"]
         try:
             values = asked(plain.get("values"), self.structure)
-            file = scene_file(values, self.structure)
+            file, load = scene_file(values, self.structure), load_file(values, self.structure)
         except Refused as refused:
             self.outbox.put({"type": "refused", "number": number, "errors": refused.errors})
             return
         except ParameterError as error:
             self.outbox.put({"type": "refused", "number": number, "errors": {"": str(error)}})
             return
-        self.outbox.put({"type": "taken", "number": number, "scene": file, "command": command_of(values)})
+        self.outbox.put({"type": "taken", "number": number, "scene": file, "load": load, "command": command_of(values)})
         with self._changed:
             self._next = number, values, plain.get("recommend") is True
             self._hurry()
@@ -206,9 +207,11 @@ class Tab:
 
 
 def command_of(values: Asked) -> str:
-    """Return the command that makes the same sweep and level from the scene's file."""
-    words = f"impact-absorber sweep --scene scene.json --force {values['force']:.17g} --resonance {values.resonance} --members {values.members}"
-    return f"{words} --energy --plot sweep.png" + (" --down" if values.direction == "down" else "")
+    """Return the command that makes the same run and its numbers from the files of scene and load."""
+    words = f"impact-absorber sweep --scene scene.json --resonance {values.resonance} --members {values.members}"
+    if values.load != "force":
+        return f"{words} --load load.json --plot sweep.png" + (f" --measures {SAMPLES} --json sweep.json" if values.load == "random" else " --energy")
+    return f"{words} --force {values['force']:.17g} --energy --plot sweep.png" + (" --down" if values.direction == "down" else "")
 
 
 def make_app(structure: Structure, name: str, hosts: frozenset[str], started: Callable[[], object] = lambda: None) -> Starlette:

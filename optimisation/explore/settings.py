@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
-from impact_env.modes import Structure, modal_model
+import numpy as np
+
+from impact_env.curve import CurveCase
+from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Absorber,
@@ -24,6 +27,7 @@ from impact_env.plain import Plain, from_scene
 from impact_env.scene import Scene
 from impact_env.shared_mass import impact_absorbers
 from optimisation.bounds import design_force
+from optimisation.explore.loading import LOADS, Loading
 from optimisation.mounting import scene_on
 
 CONCEPTS = {
@@ -42,7 +46,7 @@ PAPER_FORCE = 3.5  # N
 class Control:
     """One number: its value in SI units lies from ``low`` to ``high``; the page shows it times ``per`` in ``unit``.
 
-    ``log``: its slider is logarithmic; ``zero``: with 0 at the left end. ``concepts``: those that it is for, empty for all.
+    ``log``: its slider is logarithmic; ``zero``: with 0 at the left end. ``concepts`` and ``loads``: those that it is for, empty for all.
     """
 
     name: str
@@ -56,6 +60,7 @@ class Control:
     zero: bool = False
     whole: bool = False
     concepts: tuple[str, ...] = ()
+    loads: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,12 +68,18 @@ class Asked:
     """What a page asks for, checked; SI units. ``instant``: time into the sweep in s around which it is looked at, None for the level's own."""
 
     concept: str
+    load: str
     direction: str
     numbers: Mapping[str, float]
     instant: float | None
 
     def __getitem__(self, name: str) -> float:
         return self.numbers[name]
+
+    @property
+    def intensity(self) -> float:
+        """How large the load is, in its unit."""
+        return self.numbers[self.load]
 
     @property
     def resonance(self) -> int:
@@ -101,13 +112,37 @@ def _own_values(structure: Structure) -> tuple[Beam | None, float]:
         return beam, 1.0
 
 
+def _intensities(model: ModalModel, force: float) -> list[tuple[str, str, float, str, float]]:
+    """Return name, label, usual value, unit and factor of each load's intensity, all worth about the ``force`` in N at the first resonance."""
+    told = [("force", "Force", force, "N", 1.0), ("unbalance", "Unbalance", _two(force / model.resonance_omega(1) ** 2), "g mm", 1e6)]
+    if model.base_participation is not None and np.isfinite(worth := Loading("base", model, 1).worth) and worth > 0:
+        told.append(("base", "Base acceleration", _two(force / worth), "m/s²", 1.0))
+    return [*told, ("random", "Random force", force, "N RMS", 1.0)]
+
+
+def _two(value: float) -> float:
+    return float(f"{value:.2g}")
+
+
+_KNOWN: dict[int, tuple[Structure, tuple[Control, ...]]] = {}  # by identity, and with the structure, which keeps it: a beam has no hash
+
+
 def controls(structure: Structure) -> tuple[Control, ...]:
     """Return the controls of a structure, in the order of the page."""
+    if id(structure) not in _KNOWN:
+        _KNOWN[id(structure)] = structure, _controls(structure)
+    return _KNOWN[id(structure)][1]
+
+
+def _controls(structure: Structure) -> tuple[Control, ...]:
     beam, force = _own_values(structure)
     modes, tuned, walls = (beam or modal_model(structure)).modes, TunedAbsorber(), RigidWalls()
     cavity = ("impact", "two")
     table = [
-        Control("force", "Force", force / 100, force * 30, force, "N", log=True),
+        *(
+            Control(name, label, size / 100, size * 30, size, unit, per, log=True, loads=(name,))
+            for name, label, size, unit, per in _intensities(modal_model(structure), force)
+        ),
         Control("resonance", "Resonance", 1, min(MOST_RESONANCE, modes), 1, whole=True),
         Control("gap", "Gap to either wall", walls.gap / 50, 50 * walls.gap, walls.gap, "mm", 1e3, log=True, concepts=cavity),
         Control("second_gap", "Gap of the second", walls.gap / 50, 50 * walls.gap, walls.gap / 2, "mm", 1e3, log=True, concepts=("two",)),
@@ -136,12 +171,19 @@ def controls(structure: Structure) -> tuple[Control, ...]:
     return tuple(control for control in table if control.low < control.high)
 
 
+def loads_on(structure: Structure) -> dict[str, str]:
+    """Return the loads that a structure can have, by name: a base only where it says how a base moves it."""
+    names = {load for control in controls(structure) for load in control.loads}
+    return {name: words for name, words in LOADS.items() if name in names}
+
+
 def described(structure: Structure, name: str) -> Plain:
     """Return what a page needs to draw its controls."""
     return {
         "structure": name,
         "beam_mass_kg": modal_model(structure).beam_mass,
         "concepts": CONCEPTS,
+        "loads": loads_on(structure),
         "directions": DIRECTIONS,
         "controls": [asdict(control) for control in controls(structure)],
     }
@@ -152,7 +194,7 @@ def asked(plain: object, structure: Structure) -> Asked:
     errors: dict[str, str] = {}
     table = {control.name: control for control in controls(structure)}
     given = dict(plain) if isinstance(plain, Mapping) else {}
-    strange = [str(name)[:40] for name in given if name not in table and name not in ("concept", "direction", "instant")]
+    strange = [str(name)[:40] for name in given if name not in table and name not in ("concept", "load", "direction", "instant")]
     if strange or given is plain or not isinstance(plain, Mapping):
         errors[""] = f"values = {', '.join(strange)} is not allowed: a table of the page's controls"
     found = {}
@@ -162,7 +204,7 @@ def asked(plain: object, structure: Structure) -> Asked:
         except ParameterError as error:
             errors[name] = str(error)
     words = {}
-    for name, known in (("concept", CONCEPTS), ("direction", DIRECTIONS)):
+    for name, known in (("concept", CONCEPTS), ("load", loads_on(structure)), ("direction", DIRECTIONS)):
         try:
             words[name] = one_of(name, given.get(name, next(iter(known))), known)
         except ParameterError as error:
@@ -172,9 +214,11 @@ def asked(plain: object, structure: Structure) -> Asked:
         errors["instant"] = "instant is not allowed: a time in s, 0 or above"
     if "modes" in found and "resonance" in found and found["resonance"] > found["modes"]:
         errors["resonance"] = f"resonance = {found['resonance']:g} is not allowed: a mode of the model, 1 to {found['modes']:g}"
+    if words.get("load") == "base" and words.get("concept") == "two":
+        errors["load"] = f"load = base is not allowed: {', '.join(LOADS)} with one absorber, without base with two"
     if errors:
         raise Refused(errors)
-    return Asked(words["concept"], words["direction"], found, None if instant is None else number(instant))
+    return Asked(words["concept"], words["load"], words["direction"], found, None if instant is None else number(instant))
 
 
 def _number(control: Control, value: object) -> float:
@@ -225,3 +269,12 @@ def scene_of(values: Asked, structure: Structure) -> Scene:
 def scene_file(values: Asked, structure: Structure) -> Plain:
     """Return the scene in the form of `docs/scenes.md`."""
     return from_scene(scene_of(values, structure))
+
+
+def load_file(values: Asked, structure: Structure) -> Plain | None:
+    """Return a load other than the force of a sweep in the form of `docs/loads.md`, as it acts in the sweep that is shown."""
+    if values.load == "force":
+        return None
+    scene = scene_of(values, structure)
+    up, down = CurveCase(scene, np.ones(1), values.resonance).schedules()
+    return Loading(values.load, scene.model, values.resonance).file(values.intensity, down if values.direction == "down" else up)

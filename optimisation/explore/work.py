@@ -5,7 +5,7 @@ Each piece is a message, plain data that the page draws. `Work.pieces` runs in a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import cached_property, partial
@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from impact_env.budget import Stop
 from impact_env.curve import CurveCase, Pass, PerformanceCurve, curve_passes
-from impact_env.drive import Drive
-from impact_env.ensemble import Lane, run_lanes
+from impact_env.drive import PAPER_LIMITS
 from impact_env.families import kernel_key
 from impact_env.frequency import tip_response
 from impact_env.laws import words
+from impact_env.level import HALF_WINDOW_PERIODS
+from impact_env.loads import Loads
 from impact_env.methods import Exact
 from impact_env.modes import ModalModel, Structure, mode_shapes
 from impact_env.parameters import Beam, ParameterError, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber, TunedAbsorber, friction_damper
@@ -33,12 +34,14 @@ from optimisation.bounds import design_gap, reach, resonance_limit, share_reache
 from optimisation.comparison import force_grid
 from optimisation.explore.advice import tuned_to
 from optimisation.explore.branches import followed
-from optimisation.explore.settings import Asked, places_of, scene_of, structure_of
+from optimisation.explore.loading import BAND, LOADS, Loading
+from optimisation.explore.settings import Asked, controls, places_of, scene_of, structure_of
 from optimisation.explore.waiting import Kernels, Newer
 from optimisation.friction_rule import best_friction
 from optimisation.gap_check import scaled_absorber
+from optimisation.load_measures import read, settled_after
 from optimisation.mounting import scene_on
-from optimisation.sweep_rate import stationary_level
+from optimisation.signals import spectrum
 
 Array = NDArray[np.float64]
 Message = dict[str, Any]
@@ -47,7 +50,6 @@ SPAN = (0.06, 5.0)  # of the force in the middle of the curve
 BINS, POINTS, ALONG = 600, 401, 41  # of the envelope, of linear responses, of the drawn beam
 PERIODS = 6.0  # pseudo periods to either side of the instant
 MOST_MARKS = 2000  # impacts that are drawn
-FULL = Record(events=True, series=True)
 
 
 def rounded(values: Any, digits: int = 6) -> list[Any]:
@@ -62,15 +64,17 @@ class Work:
     """One setting of a page: `pieces` yields messages until all is known or ``stop`` is given; the curve has a stop of its own, ``first``."""
 
     def __init__(self, values: Asked, structure: Structure, kernels: Kernels) -> None:
-        self.values, self.structure, self.kernels = values, structure_of(values, structure), kernels
+        self.values, self.own, self.structure, self.kernels = values, structure, structure_of(values, structure), kernels
         self.stop, self.first, self.rough_done = Stop(), Stop(), False
         self.scene = scene_of(values, structure)
-        self.model, self.force, self.resonance = self.scene.model, values["force"], values.resonance
+        self.model, self.intensity, self.resonance = self.scene.model, values.intensity, values.resonance
+        self.loading = Loading(values.load, self.model, self.resonance)
+        self.density: tuple[Array, Array] | None = None  # of a random force, from the sweep on
 
     @property
     def curve_key(self) -> tuple[Any, ...]:
-        """What the curve and what it is compared with depend on: all but force, direction and instant."""
-        return self.values.concept, *(item for item in sorted(self.values.numbers.items()) if item[0] != "force")
+        """What the curve and what it is compared with depend on: all but the load's intensity, direction and instant."""
+        return self.values.concept, self.values.load, *(item for item in sorted(self.values.numbers.items()) if item[0] not in LOADS)
 
     @property
     def mass(self) -> float:
@@ -78,11 +82,22 @@ class Work:
         return self.values["mass_ratio"] * self.model.beam_mass
 
     def middle(self) -> float:
-        """Return the force in N in the middle of the curve: the rule's for the gap, or the marked one where there is none."""
+        """Return the intensity in the middle of the curve: the rule's for the gap, or the marked one where there is none."""
         gap = self.gap()
-        if gap is not None and reach(self.alone, self.mass, self.resonance) > 0.5:
-            return gap / design_gap(self.alone, self.mass, 1.0, self.resonance)
-        return 3.5 * 10 ** round(np.log10(self.force / 3.5))  # decades: it stays while the marked force moves
+        if gap is not None and (rule := self.rule(1.0)) is not None and 0 < rule < np.inf:
+            return gap / rule
+        usual = self.usual
+        return usual * 10 ** round(np.log10(self.intensity / usual))  # decades: it stays while the marked intensity moves
+
+    @cached_property
+    def usual(self) -> float:
+        """Return the intensity at which the page begins."""
+        return next(control.value for control in controls(self.own) if control.name == self.values.load)
+
+    def rule(self, intensity: float) -> float | None:
+        """Return the gap in m from which a search would begin, None where the rule says nothing."""
+        says = reach(self.alone, self.mass, self.resonance) > 0.5 and np.isfinite(self.loading.worth)
+        return replace(self.loading, model=self.alone).rule_gap(self.mass, intensity) if says or not self.loading.swept else None
 
     def gap(self) -> float | None:
         """Return the gap in m, that of the first of two."""
@@ -95,12 +110,24 @@ class Work:
 
     def case(self) -> CurveCase:
         """Return the curve's case."""
-        return CurveCase(self.scene, force_grid(self.middle(), FORCES), self.resonance)
+        return CurveCase(self.scene, force_grid(self.middle(), FORCES), self.resonance, load=self.loading.act)
+
+    def passes(self, case: CurveCase, passes: Sequence[Pass], stop: Stop) -> Generator[tuple[Pass, PerformanceCurve], None, None]:
+        """Return `curve_passes` by the load's measure."""
+        return curve_passes(case, passes, stop, measure=self.loading.measure)
+
+    @cached_property
+    def loads(self) -> Loads | None:
+        """Return what kernels are compiled for, None for the one force."""
+        acts = self.loading.act(self.intensity, CurveCase(self.scene, np.ones(1), self.resonance).schedules()[0])
+        return acts if isinstance(acts, Loads) else None
 
     def ready(self, scene: Scene, record: Record, what: str, stop: Stop) -> Iterator[Message]:
         """Yield what is being compiled until a scene's kernels are ready."""
-        key, seconds = (kernel_key(scene, Exact()), record, scene.model.response_shape is None), None
-        for seconds in self.kernels.waited(key, partial(is_ready, scene, None, record), partial(prepare, scene, None, record), stop):
+        record = self.loading.record if self.loading.measure else record
+        key, seconds = (kernel_key(scene, Exact()), record, scene.model.response_shape is None, self.values.load), None
+        given = (scene, None, record, self.loads)
+        for seconds in self.kernels.waited(key, partial(is_ready, *given), partial(prepare, *given), stop):
             yield {"type": "compiling", "what": what, "seconds": round(seconds, 1)}
         if seconds is not None:
             yield {"type": "compiling", "what": what, "seconds": None}
@@ -110,12 +137,14 @@ class Work:
         again = known.get(self.curve_key)
         yield from self.ready(self.scene, Record(), "curve", self.stop)
         case, finished = self.case(), list[Message]()
-        with closing(curve_passes(case, [ROUGH, Pass(), Pass(members=self.values.members)], self.first)) as passes:
+        with closing(self.passes(case, [ROUGH, Pass(), Pass(members=self.values.members)], self.first)) as passes:
             if again is None:
                 yield from self._one_pass(passes)
             self.rough_done = True
             self._go_on()
             yield from self.sweep()
+            responses = self.responses()
+            yield next(responses)  # the linear ones, which take no time
             for message in again or chain(self._one_pass(passes), self._quick_lines(case)):
                 yield self._kept(message, finished)
             yield from self.card(case)
@@ -124,13 +153,15 @@ class Work:
                     yield self._kept(message, finished)
                 known.clear()  # one is enough: back and forth between two is no use of a page
                 known[self.curve_key] = [message for message in finished if message.get("complete", True)]
-        yield from self.responses()
+        yield from responses
         yield {"type": "done"}
 
     def before_advice(self) -> Iterator[Message]:
         """Yield what is being compiled until advice can be asked for."""
         if self.values.concept == "impact":
-            own = scaled_absorber(self.alone, self.force, self.resonance, self.values["mass_ratio"], self.values["restitution"])
+            own = self.scene.absorber
+            if self.loads is None:
+                own = scaled_absorber(self.alone, self.intensity, self.resonance, self.values["mass_ratio"], self.values["restitution"])
             yield from self.ready(Scene(self.alone, own), Record(), "advice", self.stop)
 
     def _kept(self, message: Message, finished: list[Message]) -> Message:
@@ -166,35 +197,35 @@ class Work:
 
     def sweep(self) -> Iterator[Message]:
         """Yield the sweep at the marked force, and the motion around the chosen instant."""
-        yield from self.ready(self.scene, FULL, "sweep", self.stop)
-        up, down = CurveCase(self.scene, [self.force], self.resonance).schedules()  # type: ignore[arg-type]
-        drive = Drive(self.force, down if self.values.direction == "down" else up)
-        response = simulate(self.scene, drive, record=replace(FULL, envelope=BINS), stop=self.stop)
+        yield from self.ready(self.scene, self.loading.record, "sweep", self.stop)
+        up, down = self.case().schedules()
+        drive = self.loading.act(self.intensity, down if self.values.direction == "down" else up)
+        response = simulate(self.scene, drive, record=replace(self.loading.record, envelope=BINS), stop=self.stop)
         yield self._sweep(response)
         yield self._motion(response)
+        if not self.loading.swept:
+            self.density = _density(response)
 
     def _sweep(self, response: Response) -> Message:
         level, envelope, impacts, schedule = response.level, response.envelope, response.impacts, response.drive.schedule
         assert level is not None
+        end, reach_s, swept = float(schedule.times[-1]), HALF_WINDOW_PERIODS * schedule.pseudo_period, self.loading.swept
         assert envelope is not None
         times = np.zeros(0) if impacts is None else impacts.time
         centres = (envelope.edges[1:] + envelope.edges[:-1]) / 2
         return {
             "type": "sweep",
-            "force": self.force,
+            "force": self.intensity,
             "time": rounded(centres),
-            "ratio": rounded(schedule.omega_at(centres) / schedule.reference),
+            "swept": swept,
+            "ratio": rounded(schedule.omega_at(centres) / schedule.reference if swept else centres),
             "low": rounded(envelope.low),
             "high": rounded(envelope.high),
-            "level": level.value,
+            "level": read(response),
             "at": level.time,
-            "at_ratio": level.frequency_ratio,
-            "window": [max(level.time - 10 * schedule.pseudo_period, 0), min(level.time + 10 * schedule.pseudo_period, float(schedule.times[-1]))],
+            "window": [max(level.time - reach_s, 0), min(level.time + reach_s, end)] if swept else [settled_after(response), end],
             "impacts": response.impact_count,
             "marks": rounded(times[:: -(-len(times) // MOST_MARKS) or 1]),
-            "stuck_time": response.stuck_time,
-            "periods": schedule.periods,
-            "end": float(schedule.times[-1]),
         }
 
     def _motion(self, response: Response) -> Message:
@@ -229,41 +260,47 @@ class Work:
 
     def card(self, case: CurveCase) -> Iterator[Message]:
         """Yield the numbers at the marked force."""
-        members = Pass(members=self.values.members)
-        (*_, (_, here)) = curve_passes(replace(case, forces=np.array([self.force])), [members], self.stop)
-        free = run_lanes([Lane(Scene(_at_level(self.model)), Drive(self.force, schedule)) for schedule in case.schedules()], stop=self.stop)
-        self._go_on()
-        level, without, gap = float(here.median[0]), float(np.max(free.level)), self.gap()
+        here, free = (
+            self._last(replace(case, scene=scene, forces=np.array([self.intensity])), members)
+            for scene, members in ((self.scene, self.values.members), (Scene(_at_level(self.model)), 1))
+        )
+        level, without, gap = float(here.median[0]), float(free.median[0]), self.gap()
         (low,), (high,) = here.band
         numbers: Message = {
             "type": "card",
-            "force": self.force,
+            "force": self.intensity,
             "members": self.values.members,
             "level": level,
             "band": [float(low), float(high)],
             "without": without,
-            "stationary": self.force * stationary_level(self.model, self.resonance),
             "mass": self.scene.absorber_mass,
             "resonance_hz": self.model.resonance_omega(self.resonance) / (2 * np.pi),
             "impacts_a_period": float(np.nanmean(here.lanes.impacts)) / case.schedules()[0].periods,
             "words": words(self.scene.absorber),
-            "rate": case.percent_per_100_periods,
+            "rate": case.percent_per_100_periods if self.loading.swept else None,
         }
         if gap is not None:
-            rule = design_gap(self.alone, self.mass, self.force, self.resonance)
-            numbers |= {"gap": gap, "rule_gap": rule, "reach": reach(self.alone, self.mass, self.resonance) * rule / gap}
-        if self.values.concept == "impact":
-            assert gap is not None
-            numbers["limit"] = float(resonance_limit(self.model, self.mass, gap, self.force, self.resonance))
-            numbers["share"] = float(share_reached(self.model, self.mass, gap, self.force, level, self.resonance))
+            numbers |= {"gap": gap, "rule_gap": self.rule(self.intensity)}
+        if gap is not None and self.values.load == "force":
+            rule = design_gap(self.alone, self.mass, self.intensity, self.resonance)
+            numbers["reach"] = reach(self.alone, self.mass, self.resonance) * rule / gap
+            if self.values.concept == "impact":
+                numbers["limit"] = float(resonance_limit(self.model, self.mass, gap, self.intensity, self.resonance))
+                numbers["share"] = float(share_reached(self.model, self.mass, gap, self.intensity, level, self.resonance))
         yield {name: None if isinstance(x, float) and not np.isfinite(x) else x for name, x in numbers.items()}
+
+    def _last(self, case: CurveCase, members: int = 1) -> PerformanceCurve:
+        """Return a whole curve."""
+        (*_, (_, curve)) = self.passes(case, [Pass(members=members)], self.stop)
+        self._go_on()
+        return curve
 
     def _quick_lines(self, case: CurveCase) -> Iterator[Message]:
         """Yield the curves to compare with that take no time: no absorber, and the limit."""
         forces = case.forces
         yield from self._line("none", Scene(_at_level(self.model)), case)
         gap = self.gap()
-        if self.values.concept == "impact" and gap is not None:
+        if self.values.concept == "impact" and gap is not None and self.values.load == "force":
             yield {
                 "type": "line",
                 "which": "limit",
@@ -274,9 +311,10 @@ class Work:
     def _slow_lines(self, case: CurveCase) -> Iterator[Message]:
         """Yield the curves of a friction damper and of a tuned absorber of the same mass at the same place."""
         model = self.alone
-        if self.values.concept not in ("friction", "none"):
+        if self.values.concept not in ("friction", "none") and self.loading.swept and np.isfinite(self.loading.worth):
             try:
-                damper = friction_damper(best_friction(model, self.mass, self.middle(), self.resonance)[0], self.values["mass_ratio"])
+                force = self.middle() * self.loading.worth
+                damper = friction_damper(best_friction(model, self.mass, force, self.resonance)[0], self.values["mass_ratio"])
             except ParameterError:  # the force, or the damper, is at a node
                 damper = None
             if damper is not None:
@@ -287,26 +325,42 @@ class Work:
 
     def _line(self, which: str, scene: Scene, case: CurveCase) -> Iterator[Message]:
         yield from self.ready(scene, Record(), which, self.stop)
-        (*_, (_, curve)) = curve_passes(replace(case, scene=scene), [Pass()], self.stop)
-        self._go_on()
+        curve = self._last(replace(case, scene=scene))
         yield {"type": "line", "which": which, "of": words(scene.absorber), "force": rounded(curve.forces), "level": rounded(curve.median)}
 
     def responses(self) -> Iterator[Message]:
         """Yield stationary amplitudes over the frequency: without absorber, with it stuck or as the linear one that it is, and periodic branches."""
-        low, high = CurveCase(self.scene, [1.0], self.resonance).limits  # type: ignore[arg-type]
+        low, high = PAPER_LIMITS if self.loading.swept else BAND
         ratios, reference, absorber = np.linspace(low, high, POINTS), self.model.resonance_omega(self.resonance), self.scene.absorber
         lines = {"without": None} | ({} if absorber is None or isinstance(absorber, SeveralAbsorbers) else {"with": absorber})
-        amplitudes = {}
+        amplitudes, (model, unit) = {}, self.loading.driven(ratios * reference)
+        if self.values.load == "base":
+            lines.pop("with", None)  # the base moves the absorber's mass as well
         for name, own in lines.items():
             linear = own if isinstance(own, TunedAbsorber | None) else StuckAbsorber(self.values["mass_ratio"])
             amplitudes["stuck" if isinstance(own, SlidingAbsorber) else name] = rounded(
-                self.force * np.abs(tip_response(self.model, linear, ratios * reference))
+                self.intensity * unit * np.abs(tip_response(model, linear, ratios * reference))
             )
         found: list[Message] = []
-        message = {"type": "response", "force": self.force, "ratio": rounded(ratios), **amplitudes, "branches": found, "complete": False}
+        message = {
+            "type": "response",
+            "force": self.intensity,
+            "swept": self.loading.swept,
+            "ratio": rounded(ratios),
+            **amplitudes,
+            "branches": found,
+            "complete": False,
+        }
+        if self.density is not None:
+            hertz, density = self.density
+            part = slice(*np.searchsorted(2 * np.pi * hertz, [low * reference, high * reference]))
+            message["run"] = [rounded(2 * np.pi * hertz[part] / reference), rounded(np.sqrt(density[part]))]
         yield dict(message)
+        if self.values.load != "force":
+            yield dict(message, complete=True)
+            return
         try:
-            for curve in followed(self.scene, self.force, self.resonance, low, high, self.stop, self.kernels):
+            for curve in followed(self.scene, self.intensity, self.resonance, low, high, self.stop, self.kernels):
                 if isinstance(curve, float):
                     yield {"type": "compiling", "what": "response", "seconds": round(curve, 1)}
                     continue
@@ -316,6 +370,14 @@ class Work:
         except ParameterError as error:
             message["note"] = str(error)
         yield dict(message, branches=list(found), complete=True)
+
+
+def _density(response: Response) -> tuple[Array, Array]:
+    """Return frequencies in Hz and the density in m^2/Hz of the displacement after the start."""
+    history = response.history
+    assert history is not None
+    values = (history.modal_displacement @ response.scene.model.level_shape)[history.time >= settled_after(response)]
+    return spectrum(values, 1 / float(history.time[1]))
 
 
 def _at_level(model: ModalModel) -> ModalModel:

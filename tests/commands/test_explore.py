@@ -23,12 +23,15 @@ from starlette.websockets import WebSocketDisconnect
 
 from impact_env import Beam, Drive, Record, load_structure, performance_curve, simulate
 from impact_env.curve import CurveCase
+from impact_env.drive import constant_frequency
 from impact_env.plain import to_scene
+from impact_env.plain_loads import to_loads
 from optimisation.comparison import force_grid
 from optimisation.explore.server import MOST_BYTES, MOST_TABS, hosts_of, make_app
 from optimisation.explore.settings import Refused, absorber_of, asked, controls, scene_of
 from optimisation.explore.waiting import Kernels
 from optimisation.explore.work import Work
+from optimisation.load_measures import read
 
 HOST = "127.0.0.1:8651"
 OWN = {"host": HOST, "origin": f"http://{HOST}"}
@@ -107,7 +110,7 @@ def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
     assert (sweep["level"], sweep["at"], sweep["impacts"]) == (run.level.value, run.level.time, run.impact_count)
     assert max(x for x in sweep["high"] if x is not None) == pytest.approx(run.history.tip_displacement.max(), rel=1e-5)
     assert {message["which"] for message in messages if message["type"] == "line"} == {"none", "limit", "friction", "tuned"}
-    assert kinds.index("curve") < kinds.index("sweep") < kinds.index("card") < kinds.index("response")
+    assert kinds.index("curve") < kinds.index("sweep") < kinds.index("response") < kinds.index("card") < kinds.index("done")
 
 
 def test_the_command_makes_the_same(client: TestClient, tmp_path: Path) -> None:
@@ -200,6 +203,62 @@ def test_each_concept_is_drawn(concept: str) -> None:
     messages = list(Work(values, BEAM, Kernels()).pieces({}))
     assert json.loads(json.dumps(messages, allow_nan=False)) == messages
     assert {m["type"] for m in messages} - {"compiling", "line"} == {"curve", "sweep", "motion", "card", "response", "done"}
+
+
+@pytest.mark.parametrize("kind", ["unbalance", "base", "random"])
+def test_another_load_is_that_of_its_file(client: TestClient, kind: str) -> None:
+    with client.websocket_connect("/socket", headers=OWN) as session:
+        values = {"modes": 3, "members": 3, "concept": "tuned", "load": kind}
+        session.send_text(json.dumps({"number": 1, "values": values}))
+        messages = until(session, "done", "failed", "refused")
+    assert messages[-1]["type"] == "done"
+    taken = messages[0]
+    scene = to_scene(taken["scene"])
+    assert f"--load load.json --{'measures' if kind == 'random' else 'plot'}" in taken["command"].replace("--plot sweep.png --m", "--m")
+    loads = to_loads(taken["load"], scene.model.resonance_omega(1))
+    run = simulate(scene, loads, record=Record(events=True, series=True, samples_per_period=64 if kind == "random" else 32))
+    found = {message["type"]: message for message in messages}
+    assert found["sweep"]["level"] == pytest.approx(read(run), rel=1e-12)
+    low, high = found["card"]["band"]
+    assert low <= found["card"]["level"] <= high
+    if kind == "random":  # members have records of their own
+        assert high > 1.01 * low
+        assert found["card"]["level"] == pytest.approx(read(run), rel=0.3)
+    curve = [message for message in messages if message["type"] == "curve"][-1]
+    assert np.ptp(np.array(curve["both"]) / curve["force"]) < 1e-9 * curve["both"][-1]  # a linear scene
+    assert found["line"]["which"] == ("none" if kind == "random" else "friction")
+
+
+@pytest.mark.parametrize("kind", ["unbalance", "base"])
+def test_a_loads_linear_response_is_what_a_run_settles_to(kind: str) -> None:
+    work = Work(asked({"modes": 3, "members": 1, "concept": "none", "load": kind}, BEAM), BEAM, Kernels())
+    response = next(message for message in work.pieces({}) if message["type"] == "response")
+    k = int(np.argmin(np.abs(np.array(response["ratio"]) - 0.98)))
+    schedule = constant_frequency(work.model.resonance_omega(1), response["ratio"][k], 400.0)
+    settled = simulate(work.scene, work.loading.act(work.intensity, schedule), record=Record(series=True, samples_per_period=256)).history
+    assert settled is not None
+    late = settled.tip_displacement[settled.time > 0.9 * settled.time[-1]]
+    assert np.max(np.abs(late)) == pytest.approx(response["without"][k], rel=1e-3)
+
+
+def test_a_random_forces_spectrum_has_its_mean_square() -> None:
+    work = Work(asked({"modes": 3, "members": 1, "concept": "none", "load": "random"}, BEAM), BEAM, Kernels())
+    found = {message["type"]: message for message in work.pieces({})}
+    hertz, density = np.array(found["response"]["run"][0]) * work.model.resonance_omega(1) / (2 * np.pi), np.array(found["response"]["run"][1])
+    assert np.trapezoid(density**2, hertz) == pytest.approx(found["sweep"]["level"] ** 2, rel=0.02)
+    ratio, without = (np.array(found["response"][name]) for name in ("ratio", "without"))
+    mean = np.trapezoid(without**2, ratio * work.model.resonance_omega(1) / (2 * np.pi))
+    assert mean == pytest.approx(found["sweep"]["level"] ** 2, rel=0.3)  # over all records
+
+
+def test_a_load_that_does_not_go_is_told_beside_its_control() -> None:
+    with pytest.raises(Refused) as told:
+        asked({"concept": "two", "load": "base"}, BEAM)
+    assert "with one absorber" in told.value.errors["load"]
+    frame = load_structure(EXAMPLES / "frame.toml")
+    with pytest.raises(Refused) as told:
+        asked({"load": "base"}, frame)
+    assert "one of" in told.value.errors["load"]
 
 
 def test_a_structure_from_a_file_has_its_own_controls() -> None:

@@ -8,7 +8,7 @@ const panels = { curve: $("#curve"), sweep: $("#sweep"), motion: $("#motion"), r
 const LINES = { none: "no absorber", limit: "limit", friction: "friction damper", tuned: "tuned absorber" };
 const WORDS = { none: "curve without absorber", friction: "friction damper's curve", tuned: "tuned absorber's curve" };
 const values = {}, rows = new Map();
-let socket, number = 0, sent = 0, measured = {}, wanted = false, shown = {};
+let socket, number = 0, since = { load: "", number: 0 }, sent = 0, measured = {}, wanted = false, shown = {};
 // what is drawn: of one number each, never an older one over a newer
 const known = { curve: null, old: null, lines: {}, sweep: null, response: null, card: null, scene: null, command: "" };
 
@@ -24,7 +24,7 @@ const fromSlider = (c, s) => {
 };
 
 function makeControls() {
-  for (const [id, words] of [["concept", table.concepts], ["direction", table.directions]]) {
+  for (const [id, words] of [["concept", table.concepts], ["load", table.loads], ["direction", table.directions]]) {
     for (const [value, label] of Object.entries(words)) $(`#${id}`).append(new Option(label, value));
     $(`#${id}`).addEventListener("change", (event) => { values[id] = event.target.value; changed(); });
     values[id] = Object.keys(words)[0];
@@ -59,9 +59,13 @@ function set(name, value, from) {
 }
 
 function showForConcept() {
-  for (const [name, { row }] of rows) { const { concepts } = controls.get(name); row.style.display = concepts.length && !concepts.includes(values.concept) ? "none" : ""; }
-  $("#concept").value = values.concept; $("#direction").value = values.direction;
-  $("#recommend").disabled = values.concept === "none";
+  for (const [name, { row }] of rows) {
+    const c = controls.get(name), meant = (names, value) => !names.length || names.includes(value);
+    row.style.display = meant(c.concepts, values.concept) && meant(c.loads, values.load) ? "" : "none";
+  }
+  for (const id of ["concept", "load", "direction"]) $(`#${id}`).value = values[id];
+  $("#direction").disabled = values.load === "random";
+  $("#recommend").disabled = values.concept === "none" || (values.concept === "friction" && values.load === "random");
 }
 
 function toAddress() {
@@ -76,7 +80,7 @@ function toAddress() {
 function fromAddress() {
   const words = new URLSearchParams(location.hash.slice(1));
   for (const c of table.controls) set(c.name, words.has(c.name) ? Number(words.get(c.name)) : c.value);
-  for (const id of ["concept", "direction"]) values[id] = words.get(id) in table[`${id}s`] ? words.get(id) : Object.keys(table[`${id}s`])[0];
+  for (const id of ["concept", "load", "direction"]) values[id] = words.get(id) in table[`${id}s`] ? words.get(id) : Object.keys(table[`${id}s`])[0];
   values.instant = words.has("instant") ? Number(words.get("instant")) : null;
 }
 
@@ -93,6 +97,7 @@ function changed(keepInstant = false) {
 function ask(extra = {}) {
   if (socket?.readyState !== WebSocket.OPEN) return;
   number += 1;
+  if (values.load !== since.load) { since = { load: values.load, number }; known.curve = known.old = null; } // another unit
   sent = performance.now();
   for (const panel of Object.values(panels)) if (!extra.recommend) panel.classList.add("older");
   say(extra.recommend ? "asking for advice" : "computing");
@@ -105,7 +110,7 @@ const say = (text) => { $("#status").textContent = text; };
 // messages
 
 const take = {
-  taken(m) { known.scene = m.scene; known.command = m.command; $("#command").textContent = m.command; showErrors({}); },
+  taken(m) { known.scene = m.scene; known.load = m.load; known.command = m.command; $("[data-save=load]").hidden = !m.load; $("#command").textContent = m.command; showErrors({}); },
   refused(m) { showErrors(m.errors); say("not computed: a value is not allowed"); },
   failed(m) { showErrors({ "": m.error }); say("this could not be computed"); },
   compiling(m) {
@@ -140,7 +145,7 @@ const take = {
   line(m) { known.lines[m.which] = m; drawCurve(); },
   sweep(m) { known.sweep = m; drawSweep(); drawResponse(); },
   motion(m) { motion.show(m); note("motion", values.instant === null ? "around the maximum" : "around the chosen instant"); },
-  response(m) { known.response = m; note("response", m.note ? "no branches here" : m.complete ? `${m.branches.length} branch${m.branches.length === 1 ? "" : "es"}` : "following branches …"); drawResponse(); },
+  response(m) { known.response = m; note("response", m.run ? "spectrum" : values.load !== "force" ? "" : m.note ? "no branches here" : m.complete ? `${m.branches.length} branch${m.branches.length === 1 ? "" : "es"}` : "following branches …"); drawResponse(); },
   card(m) { known.card = m; drawCard(); drawCurve(); },
   done(m) { performance.measure("all", { start: sent }); say(`all of it took ${((performance.now() - sent) / 1000).toFixed(1)} s`); document.documentElement.dataset.done = m.number; },
 };
@@ -149,7 +154,7 @@ const VIEWS = new Set(["curve", "sweep", "motion", "response", "card", "line"]);
 function received(m) {
   if (m.number !== undefined && m.number !== number && m.number !== -1) {
     // what an older setting still gives is drawn only where nothing newer is, and only while nothing newer is
-    if (!VIEWS.has(m.type) || m.type !== "curve" || m.number < (shown.curve ?? 0)) return;
+    if (!VIEWS.has(m.type) || m.type !== "curve" || m.number < Math.max(shown.curve ?? 0, since.number)) return;
   }
   if (VIEWS.has(m.type)) {
     if (m.type === "line" && shown.curve !== m.number) return;
@@ -174,7 +179,8 @@ const note = (panel, text) => { const place = panels[panel].querySelector(".note
 
 // figures
 
-const plots = { curve: new Plot(panels.curve, (force) => { set("force", Number(force.toPrecision(3))); changed(); }), sweep: new Plot(panels.sweep, chooseInstant), response: new Plot(panels.response, () => {}) };
+const load = () => controls.get(values.load), inWords = (intensity) => `${digits(intensity * load().per)} ${load().unit}`; // what acts, its intensity in SI units
+const plots = { curve: new Plot(panels.curve, (x) => { set(values.load, Number((x / load().per).toPrecision(3))); changed(); }), sweep: new Plot(panels.sweep, chooseInstant), response: new Plot(panels.response, () => {}) };
 const motion = new Motion(panels.motion);
 
 function chooseInstant(ratio) {
@@ -194,16 +200,18 @@ function drawCurve() {
   if (!known.curve) return;
   const which = values.direction, free = known.lines.none, slope = free ? free.level.at(-1) / free.force.at(-1) : null, relative = $("#relative").checked && slope;
   const shownAs = (force, level) => (level === null ? null : relative ? (100 * level) / (slope * force) : 1e3 * level);
-  const scaled = (line) => ({ ...line, y: line.y.map((v, k) => shownAs(line.x[k], v)) });
+  const { per, label, unit } = load(), levels = values.load === "random" ? "RMS" : "level";
+  const scaled = (line) => ({ ...line, x: line.x.map((v) => v * per), y: line.y.map((v, k) => shownAs(line.x[k], v)) });
   const points = [...known.curve.points], fine = points.filter(([, p]) => !p.rough), rough = points.filter(([, p]) => p.rough), lines = [];
   for (const [name, m] of Object.entries(known.lines)) lines.push(scaled({ name: LINES[name], x: m.force, y: m.level, colour: name, width: 1.2, dash: name === "limit" ? [6, 4] : undefined, faint: true, beside: true }));
   if (known.old) lines.push(scaled(curveLine([...known.old.points], "before", which, { colour: "quiet", width: 1, faint: true })));
   if (rough.length) lines.push(scaled(curveLine(rough, "rough", which, { colour: "tip", width: 1, dash: [3, 4], points: true, hollow: true })));
   lines.push(scaled(curveLine(fine, table.concepts[values.concept], which, { colour: "tip", width: 2, points: true })));
   const sorted = fine.filter(([, p]) => p.low !== null).sort((a, b) => a[0] - b[0]), card = known.card && shown.card === number ? known.card : null;
-  const areas = which === "both" && sorted.length > 1 && known.curve && sorted.some(([, p]) => p.members > 1) ? [{ name: "5 to 95 %", colour: "band", x: sorted.map(([f]) => f), low: sorted.map(([f, p]) => shownAs(f, p.low)), high: sorted.map(([f, p]) => shownAs(f, p.high)) }] : [];
-  plots.curve.draw({ title: known.scene ? `Level over force, ${table.concepts[values.concept]}` : "Level over force", x: { label: "force in N", short: "force, N", log: true }, y: { label: relative ? "level in % of no absorber" : "level in mm", log: true }, lines, areas,
-    marks: Number.isFinite(values.force) && values.force > 0 ? [{ x: values.force, y: card && which === "both" && card.force === values.force ? shownAs(card.force, card.level) : null }] : [] });
+  const areas = which === "both" && sorted.length > 1 && known.curve && sorted.some(([, p]) => p.members > 1) ? [{ name: "5 to 95 %", colour: "band", x: sorted.map(([f]) => f * per), low: sorted.map(([f, p]) => shownAs(f, p.low)), high: sorted.map(([f, p]) => shownAs(f, p.high)) }] : [];
+  const mark = values[values.load], what = label.toLowerCase();
+  plots.curve.draw({ title: `${levels} over ${what}, ${table.concepts[values.concept]}`, x: { label: `${what} in ${unit}`, short: `${what}, ${unit}`, log: true }, y: { label: relative ? `${levels} in % of no absorber` : `${levels} in mm`, log: true }, lines, areas,
+    marks: Number.isFinite(mark) && mark > 0 ? [{ x: mark * per, y: card && which === "both" && card.force === mark ? shownAs(card.force, card.level) : null }] : [] });
 }
 
 function drawSweep() {
@@ -211,7 +219,7 @@ function drawSweep() {
   const toRatio = (t) => s.ratio[0] + ((t - s.time[0]) / (s.time.at(-1) - s.time[0])) * (s.ratio.at(-1) - s.ratio[0]), mm = (a) => order(a).map((v) => (v === null ? null : 1e3 * v));
   const ends = s.window.map(toRatio).sort((a, b) => a - b), low = mm(s.low), high = mm(s.high);
   note("sweep", `${digits(1e3 * s.level, 3)} mm, ${s.impacts} impacts`);
-  plots.sweep.draw({ title: `Sweep ${up ? "up" : "down"} at ${digits(s.force)} N`, x: { label: "force's frequency over the resonance's", short: "at" }, y: { label: "displacement in mm" },
+  plots.sweep.draw({ title: `${s.swept ? `Sweep ${up ? "up" : "down"}` : "Run"} at ${inWords(s.force)}`, x: { label: s.swept ? "load's frequency over the resonance's" : "time in s", short: "at" }, y: { label: "displacement in mm" },
     lines: [{ name: "largest", x: ratio, y: high, colour: "tip", width: 1 }, { name: "least", x: ratio, y: low, colour: "tip", width: 1 }], areas: [{ name: "displacement", x: ratio, low, high, colour: "tip", strength: 0.45 }],
     spans: [ends], levels: [1, -1].map((sign) => ({ y: sign * 1e3 * s.level, colour: "level" })), ticks: s.marks.map(toRatio), marks: values.instant === null ? [] : [{ x: toRatio(values.instant) }] });
 }
@@ -223,7 +231,8 @@ function drawResponse() {
   if (r.stuck) lines.push({ name: "absorber stuck", x: r.ratio, y: mm(r.stuck), colour: "friction", width: 1.2, dash: [6, 4] });
   if (r.with) lines.push({ name: table.concepts[values.concept], x: r.ratio, y: mm(r.with), colour: "tip", width: 2 });
   const s = known.sweep;
-  if (s && s.force === r.force) {
+  if (r.run) lines.push({ name: "the run", x: r.run[0], y: mm(r.run[1]), colour: "absorber", width: 1.2 });
+  else if (s && s.force === r.force) {
     const up = s.ratio[0] < s.ratio.at(-1), turn = (a) => (up ? a : [...a].reverse());
     lines.push({ name: `sweep ${up ? "up" : "down"}`, x: turn(s.ratio), y: turn(s.high.map((v, k) => (v === null ? null : 1e3 * Math.max(v, -s.low[k])))), colour: "absorber", width: 1 });
   }
@@ -236,30 +245,32 @@ function drawResponse() {
     }
   }
   if (branches.length) for (const [name, colour, dash] of [["stable orbits", "level"], ["unstable orbits", "limit", [4, 4]]]) if (branches.some((b) => b.name === name)) lines.push({ name, x: [r.ratio[0]], y: [null], colour, dash, width: 2 });
-  plots.response.draw({ title: `Frequency response at ${digits(r.force)} N`, x: { label: "frequency over the resonance's", short: "at" }, y: { label: "amplitude in mm", from: 0 }, lines, branches, broken: true });
+  plots.response.draw({ title: `${r.run ? "Spectrum" : "Frequency response"} at ${inWords(r.force)}`, x: { label: "frequency over the resonance's", short: "at" }, y: { label: r.run ? "density in mm/√Hz" : "amplitude in mm", from: 0 }, lines, branches, broken: true });
 }
 
-const mm = (x, n = 4) => `${digits(1e3 * x, n)} mm`;
+const mm = (x, n = 4) => (x === null ? "–" : `${digits(1e3 * x, n)} mm`);
 function cardRows(c) {
-  const all = [["Level", mm(c.level)], ["5 to 95 % of members", `${digits(1e3 * c.band[0])} to ${mm(c.band[1])}`], ["Without absorber", mm(c.without)], ["Of no absorber", `${digits((100 * c.level) / c.without, 3)} %`]];
+  const all = [[values.load === "random" ? "RMS" : "Level", mm(c.level)], ["5 to 95 % of members", `${digits(1e3 * c.band[0])} to ${mm(c.band[1])}`], ["Without absorber", mm(c.without)], ["Of no absorber", `${digits((100 * c.level) / c.without, 3)} %`]];
   if (c.limit !== undefined) all.push(["Limit, mass and gap", c.limit > 0 ? mm(c.limit) : "none at this force"], ["Share of the possible", c.share === null ? "–" : `${digits(100 * c.share, 3)} %`]);
-  if (c.gap !== undefined) all.push(["Gap", mm(c.gap)], ["Rule's gap here", mm(c.rule_gap)], ["Free amplitude / gap", digits(c.reach, 3)]);
+  if (c.gap !== undefined) all.push(["Gap", mm(c.gap)], [values.load === "random" ? "Search begins at" : "Rule's gap here", mm(c.rule_gap)]);
+  if (c.reach !== undefined) all.push(["Free amplitude / gap", digits(c.reach, 3)]);
   if (c.mass !== null) all.push(["Absorber's mass", `${digits(c.mass, 3)} kg`], ["Impacts a period", digits(c.impacts_a_period, 3)]);
-  all.push(["Resonance", `${digits(c.resonance_hz)} Hz`], ["Sweep rate", `${digits(c.rate, 3)} % / 100 periods`]);
+  all.push(["Resonance", `${digits(c.resonance_hz)} Hz`]);
+  if (c.rate !== null) all.push(["Sweep rate", `${digits(c.rate, 3)} % / 100 periods`]);
   return all;
 }
 function drawCard() {
   const list = panels.card.querySelector("dl");
   list.replaceChildren(...cardRows(known.card).map(([term, text]) => { const pair = document.createElement("div"), dt = document.createElement("dt"), dd = document.createElement("dd"); dt.textContent = term; dd.textContent = text; pair.append(dt, dd); return pair; }));
-  note("card", `${digits(known.card.force)} N, ${known.card.words}`);
+  note("card", `${inWords(known.card.force)}, ${known.card.words}`);
 }
 
 function cardHtml() {
   const text = (t) => String(t).replace(/[&<>]/g, (ch) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;" })[ch]), c = known.card;
   const figures = Object.values(plots).filter((p) => p.figure).map((p) => svgOf(p.figure)).join("\n");
   return `<!doctype html><html lang="en"><meta charset="utf-8"><title>Design card</title><style>body{font:15px sans-serif;max-width:60rem;margin:2rem auto}td,th{padding:.2rem .8rem;text-align:left;border-bottom:1px solid #ccc}</style>
-<h1>Design card</h1><p>${text(table.structure)}; ${text(c.words)}; ${digits(c.force)} N near resonance ${values.resonance}.</p><table>${cardRows(c).map(([a, b]) => `<tr><th>${text(a)}</th><td>${text(b)}</td></tr>`).join("")}</table>
-<p>The same by hand, with the scene below as scene.json:</p><pre>${text(known.command)}</pre><pre>${text(JSON.stringify(known.scene, null, 1))}</pre>${figures}</html>`;
+<h1>Design card</h1><p>${text(table.structure)}; ${text(c.words)}; ${text(table.loads[values.load])}, ${inWords(c.force)}, near resonance ${values.resonance}.</p><table>${cardRows(c).map(([a, b]) => `<tr><th>${text(a)}</th><td>${text(b)}</td></tr>`).join("")}</table>
+<p>The same by hand, with what is below as scene.json${known.load ? " and load.json" : ""}:</p><pre>${text(known.command)}</pre>${[known.scene, known.load].filter(Boolean).map((file) => `<pre>${text(JSON.stringify(file, null, 1))}</pre>`).join("")}${figures}</html>`;
 }
 
 // saving, colours, start
@@ -279,7 +290,7 @@ for (const name of ["curve", "sweep", "response"]) {
   panels[name].querySelector(".saves").append(choice);
 }
 for (const button of document.querySelectorAll("[data-save]")) button.addEventListener("click", async () => {
-  if (button.dataset.save === "scene" && known.scene) save("scene.json", `${JSON.stringify(known.scene, null, 1)}\n`, "application/json");
+  for (const file of ["scene", "load"]) if (button.dataset.save === file && known[file]) save(`${file}.json`, `${JSON.stringify(known[file], null, 1)}\n`, "application/json");
   if (button.dataset.save === "card" && known.card) save("design_card.html", cardHtml(), "text/html");
   if (button.dataset.save === "command") await navigator.clipboard.writeText(known.command).then(() => say("copied"), () => $("#command").focus());
 });
