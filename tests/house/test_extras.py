@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -89,7 +90,12 @@ def test_an_import_names_the_extra() -> None:
 @pytest.mark.parametrize(
     ("module", "package", "extra"),
     [
-        ("optimisation.rl.models", "torch", "rl"),
+        pytest.param(
+            "optimisation.rl.models",
+            "torch",
+            "rl",
+            marks=pytest.mark.skipif(importlib.util.find_spec("stable_baselines3") is None, reason="of several, only torch is to be missing"),
+        ),
         ("optimisation.rl.vec_env", "stable_baselines3", "rl"),
     ],
 )

@@ -69,5 +69,6 @@ def test_the_sites_contents_are_those_of_the_index() -> None:
     from conf import toctrees
 
     listed = set(re.findall(r"^[\w./-]+$", toctrees(), re.MULTILINE))
-    pages = {f"docs/{page.stem}" for page in (ROOT / "docs").glob("*.md")} | {"CONTRIBUTING", "CHANGELOG", "SECURITY", "CODE_OF_CONDUCT"}
+    found = (page for pattern in ("*.md", "internals/*.md") for page in (ROOT / "docs").glob(pattern))
+    pages = {page.relative_to(ROOT).with_suffix("").as_posix() for page in found} | {"CONTRIBUTING", "CHANGELOG", "SECURITY", "CODE_OF_CONDUCT"}
     assert pages | {"impact_env/kernels/README", "docs/site/api", "docs/site/notebooks"} == listed
