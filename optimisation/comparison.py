@@ -105,7 +105,10 @@ def scaled_concepts(model: ModalModel, mass_ratio: float, gap: float, resonance:
 
 @dataclass(frozen=True, eq=False)
 class ResonanceComparison:
-    """Curves near one resonance, by the concepts' keys. ``forces`` (F,) in N, ``design_force`` in N; the absorbers' ``mass`` (kg) and ``gap`` (m)."""
+    """Curves near one resonance, by the concepts' keys. ``forces`` (F,) in N, ``design_force`` in N; the absorbers' ``mass`` (kg) and ``gap`` (m).
+
+    ``own_force``: that of the forces (N) at which the concepts are told beside each other; None for the impact absorber's best.
+    """
 
     model: ModalModel
     resonance: int
@@ -114,6 +117,7 @@ class ResonanceComparison:
     design_force: float
     mass: float
     gap: float
+    own_force: float | None = None
 
     @property
     def omega(self) -> float:
@@ -145,6 +149,11 @@ class ResonanceComparison:
         """Index of the impact absorber's best force, relative to no absorber; None if nothing is finished."""
         optimum = self.curves[IMPACT].optimum(self.curves[NONE])
         return None if optimum is None else int(np.flatnonzero(self.forces == optimum.force)[0])
+
+    @property
+    def told(self) -> int | None:
+        """Index of the force at which the concepts are told beside each other; None if nothing is finished."""
+        return self.best if self.best is None or self.own_force is None else int(np.flatnonzero(self.forces == self.own_force)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,30 +210,31 @@ def compare(
 
     On the paper's beam (None), with any number of modes, the absorbers have the paper's parameters. On another structure, or with another mass, gap
     or force, they follow from rules (`scaled_concepts`): the gap in m, by default 1 mm, or that which the design rule gives for a ``force`` in N
-    near the first of the resonances. A ``device`` with rigid walls stands in the place of the impact absorber, and gives mass and gap.
-    Forces go around the design force of each resonance.
+    near the first of the resonances. A ``device`` with rigid walls stands in the place of the impact absorber, and gives mass and gap; a ``force``
+    beside it is one at which all are compared near the first resonance, the damper at its best for it. Forces go around the design force of each
+    resonance.
     """
     if device is not None:
-        require(force is None and gap is None, "gap", (force, gap), "left out, with the force, beside a device")
+        require(gap is None, "gap", gap, "left out beside a device")
         gap, mass_ratio = rigid_walls(device).gap, device.mass_ratio
     model = mounted(Beam() if beam is None else instance("beam", beam, Beam | ModalModel))
     every = tuple(dict.fromkeys(count("resonances", resonance, 1) for resonance in listed("resonances", resonances)))
     require(len(every) > 0, "resonances", resonances, "one or more, counted from 1")
     rate = default_rate(model, every) if percent_per_100_periods is None else percent_per_100_periods
     mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
-    require(force is None or gap is None, "gap", gap, "left out beside a force, for which the design rule gives it")
-    clearance = (
-        design_gap(model, mass, usable_force("force", force), every[0])
-        if force is not None
-        else positive("gap", RigidWalls.gap if gap is None else gap)
-    )
+    require(device is not None or force is None or gap is None, "gap", gap, "left out beside a force, for which the design rule gives it")
+    at = None if force is None else usable_force("force", force)
+    clearance = design_gap(model, mass, at, every[0]) if gap is None and at is not None else positive("gap", RigidWalls.gap if gap is None else gap)
+    own = at if device is not None else None
     design = [design_force(model, mass, clearance, resonance) for resonance in every]
     paper = beam is None or is_paper(beam)
     usual = paper and device is None and force is None and gap is None and mass_ratio == DEFAULT_MASS_RATIO
-    compared = concepts(model) if usual else scaled_concepts(model, mass_ratio, clearance, every[0], design[0])
+    compared = concepts(model) if usual else scaled_concepts(model, mass_ratio, clearance, every[0], design[0] if own is None else own)
     if device is not None:
         compared = tuple(replace(concept, absorber=device) if concept.key == IMPACT else concept for concept in compared)
     grids = [force_grid(f, forces) for f in design]
+    if own is not None:
+        grids[0] = np.union1d(grids[0], own)
     # a sweep that is wide enough for the peaks of a tuned absorber tells nothing of a resonance that it is not tuned to
     kept = [(r, c) for r in every for c in compared if usual or c.limits != WIDE_LIMITS or r == every[0]]
     grid_of = dict(zip(every, grids, strict=True))
@@ -235,7 +245,7 @@ def compare(
     for (resonance, concept), curve in zip(kept, found, strict=True):
         curves[resonance][concept.key] = curve
     parts = tuple(
-        ResonanceComparison(model, resonance, grid, curves[resonance], f, mass, clearance)
+        ResonanceComparison(model, resonance, grid, curves[resonance], f, mass, clearance, own if resonance == every[0] else None)
         for resonance, grid, f in zip(every, grids, design, strict=True)
     )
     return Comparison(model, compared, parts, members, seed, rate, mass_ratio, clearance, not paper)

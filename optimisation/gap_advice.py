@@ -24,7 +24,7 @@ from optimisation.gap_search import LEAST, MEMBERS, MOST, PAIRS, STEP, Table, an
 Array = NDArray[np.float64]
 TOLERANCE = 0.1  # of the force
 MOST_TOLERANCE = 0.3
-FASTER = 4.0  # times the full rate: a look's
+FASTER = 4.0  # times the rate of the answers: that of looks at free variables
 FREE = {"restitution": (0.5, 0.35, 0.2), "friction_limit": (0.0, 0.5, 2.0)}  # what is tried of a free variable; friction as shares of the usual
 
 
@@ -53,14 +53,12 @@ class Answer:
 class Advice:
     """The answers and what they rest on.
 
-    ``check`` has the full runs; ``looks`` (gap in m, level in m) the quick ones, one member each at ``look_rate``; ``table`` both by steps from the
-    rule's gap. ``sweeps`` counts all runs, one member and one direction each. ``tried`` has what was tried of free variables: name, value and the
-    lowest level of a look there (m). The answers are None where nothing was finished.
+    ``check`` has the runs, ``table`` their levels by steps from the rule's gap. ``sweeps`` counts all runs, one member and one direction each.
+    ``tried`` has what was tried of free variables: name, value, the lowest level of a look there and its gap (m). The answers are None where
+    nothing was finished.
     """
 
     check: GapCheck
-    looks: tuple[tuple[float, float], ...]
-    look_rate: float
     table: Table
     tolerance: float
     members: int
@@ -68,7 +66,13 @@ class Advice:
     sharp: Answer | None
     recommended: Answer | None
     complete: bool
-    tried: tuple[tuple[str, float, float], ...] = ()
+    tried: tuple[tuple[str, float, float, float], ...] = ()
+
+    @property
+    def looks(self) -> tuple[tuple[float, float], ...]:
+        """Gaps that only one of several members ran, and its levels, in m."""
+        every = zip(self.check.gaps, self.check.curves, strict=True)
+        return tuple((float(gap), float(curve.median[0])) for gap, curve in every if len(curve.members) < min(2, self.members))
 
     @cached_property
     def curve(self) -> tuple[Array, Array]:
@@ -181,7 +185,6 @@ def advise(
         sweep_limits(model, mass, resonance),
     )
     rate = usable_rate("rate", default_rate(model, (resonance,)) if percent_per_100_periods is None else percent_per_100_periods, [limits])
-    look_rate = max(rate, min(PAPER_RATE, FASTER * rate))
     pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
 
     def run(lanes: Sequence[Lane], before: int) -> LaneLevels:
@@ -190,12 +193,12 @@ def advise(
 
     runs = _Runs(model, force, resonance, replace(own, walls=replace(walls, gap=rule)), limits, seed, not friction_given, run)
     start, table, complete = round(math.log(start_factor(found)) / STEP), Table(), True
-    tried: list[tuple[str, float, float]] = []
+    tried: list[tuple[str, float, float, float]] = []
     try:
         without = runs.curve(None, 1, rate)
         for name in wanted:
-            start = _freed(runs, name, start, look_rate, tried)
-        search(lambda n, m, full: runs.levels(n, m, rate if full else look_rate), start, tolerance, members, pairs, table, look_rate == rate)
+            start = _freed(runs, name, start, max(rate, min(PAPER_RATE, FASTER * rate)), tried)
+        search(lambda n, m: runs.levels(n, m, rate), start, tolerance, members, pairs, table)
         runs.curve(0, 1, rate)
         for factor in factors:
             runs.curve(math.log(factor) / STEP, members, rate)
@@ -203,14 +206,13 @@ def advise(
         complete = False
         without = runs.kept.get((None, rate), _nothing(force))
     full = dict(sorted((step, curve) for (step, of), curve in runs.kept.items() if of == rate and step is not None))
-    table.full |= {step: curve.combined[0] for step, curve in full.items()}
+    table.levels |= {step: curve.combined[0] for step, curve in full.items()}
     gaps = rule * np.exp(STEP * np.array([*full], dtype=float))
     check = GapCheck(model, resonance, force, runs.absorber, rule, gaps, limits, tuple(full.values()), without, found, rate)
-    looks = tuple((rule * math.exp(STEP * n), float(level[0])) for n, level in sorted(table.quick.items()))
-    ran = max((len(levels) for levels in table.full.values()), default=0)
+    ran = max((len(levels) for levels in table.levels.values()), default=0)
     both = answers(table, tolerance, min(2, ran)) if ran else ()
     sharp, recommended = (_answer(runs.device(step), full[step], table, step, tolerance) for step in both) if both else (None, None)
-    return Advice(check, looks, look_rate, table, tolerance, members, runs.sweeps, sharp, recommended, complete, tuple(tried))
+    return Advice(check, table, tolerance, members, runs.sweeps, sharp, recommended, complete, tuple(tried))
 
 
 def _nothing(force: float) -> PerformanceCurve:
@@ -227,7 +229,7 @@ def _answer(absorber: SlidingAbsorber, curve: PerformanceCurve, table: Table, st
     return Answer(absorber, level, float(low), float(high), largest)
 
 
-def _freed(runs: _Runs, name: str, start: int, rate: float, tried: list[tuple[str, float, float]]) -> int:
+def _freed(runs: _Runs, name: str, start: int, rate: float, tried: list[tuple[str, float, float, float]]) -> int:
     """Put the value of a free variable with the lowest look into the runs' absorber, the gap found anew for each; return the step of its gap."""
     usual = runs.absorber
     walls, friction = rigid_walls(usual), usual.friction
@@ -242,7 +244,7 @@ def _freed(runs: _Runs, name: str, start: int, rate: float, tried: list[tuple[st
         seen = bracket(lambda n: float(runs.levels(n, 1, rate)[0]), start)
         step = min(seen, key=lambda n: seen[n])
         told = value if name == "restitution" else runs.device(step).friction
-        tried.append((name, told if isinstance(told, float) else 0.0 if told is None else told.limit, seen[step]))
+        tried.append((name, told if isinstance(told, float) else 0.0 if told is None else told.limit, seen[step], rigid_walls(runs.device(step)).gap))
         if best is None or seen[step] < best[0]:
             best = (seen[step], step, runs.absorber)
         start = step

@@ -8,15 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.curve import CurveCase
+from impact_env.curve import CurveCase, performance_curves
 from impact_env.drive import Drive
 from impact_env.ensemble import Executor, Lane, draw_members, each_lane, run_lanes
+from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import ParameterError
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.friction_rule import best_friction
 from optimisation.gap_advice import Advice, Answer
+from optimisation.mounting import with_more_modes
 from optimisation.tuned import HIGH, LOW, highest_amplitude, minimax
 from optimisation.uncertain import Spread, drawn, shares
 
@@ -28,12 +30,29 @@ HALVED = 0.5  # of the level without absorber, which a device that works is belo
 
 @dataclass(frozen=True)
 class Impacts:
-    """What impacts do over the worse of a sweep up and down: largest and RMS relative speed (m/s), number a second, and power lost (W)."""
+    """What impacts do over the worse of a sweep up and down: largest and RMS relative speed (m/s), number a second, and power lost (W).
+
+    ``omega``: the higher frequency of the structure's level in rad/s.
+    """
 
     largest: float
     rms: float
     rate: float
     power: float
+    omega: float
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """Levels in m (RMS) with other absorbers of the same mass.
+
+    ``tuned``: the smallest peak of a tuned absorber, stationary, over the wide range; ``damper``: a friction damper with its best limit, both by the
+    energy of a cycle, ``damper_limit`` in N; NaN where it does nothing.
+    """
+
+    tuned: float
+    damper: float
+    damper_limit: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +60,6 @@ class Bearing:
     """What a device bears and what else there is: levels in m (RMS).
 
     ``works`` and ``helps``: lowest and highest force in N of those known where it at least halves the level, and where it lowers it; NaN for none.
-    ``tuned``: the smallest peak of a tuned absorber of the same mass, stationary, over the wide range; ``damper``: a friction damper of the same mass
-    with its best limit, both by the energy of a cycle, ``damper_limit`` in N.
-    ``acceleration``: that of the structure at the level's frequency, m/s^2.
     """
 
     answer: Answer
@@ -52,44 +68,51 @@ class Bearing:
     impacts: Impacts
     works: tuple[float, float]
     helps: tuple[float, float]
-    tuned: float
-    damper: float
-    damper_limit: float
-    acceleration: float
+    rivals: Rivals
 
 
 def bearing(found: Advice, answer: Answer, threads: int | None = None, executor: Executor | None = None) -> Bearing:
     """Run a device once up and once down with its impacts recorded, and its rivals; raises KeyboardInterrupt if that is stopped."""
     check = found.check
-    model, force, resonance = check.model, check.force, check.resonance
-    case = CurveCase(Scene(model, answer.absorber), np.array([force]), resonance, check.limits, check.rate)
-    drives = [Drive(force, schedule) for schedule in case.schedules()]
-    where = {"threads": threads if executor is None else None, "executor": executor}
-    pairs = each_lane([Lane(case.scene, drive) for drive in drives], _impacts, **where)  # type: ignore[arg-type]
-    seen = [one for one in pairs if one is not None]
-    if len(seen) < len(drives):
-        raise KeyboardInterrupt
-    worse = Impacts(*(float(x) for x in np.max([[one.largest, one.rms, one.rate, one.power] for one, _ in seen], axis=0)))
-    forces, without = force * FACTORS, float(check.without.median[0]) / force
+    case = CurveCase(Scene(check.model, answer.absorber), np.array([check.force]), check.resonance, check.limits, check.rate)
+    impacts = impacts_of(case, threads, executor)
+    forces, without = check.force * FACTORS, float(check.without.median[0]) / check.force
     levels = np.array([found.at_force(answer, float(factor)) for factor in FACTORS])
-    relative = levels / (without * forces)
+    works, helps = (stretch(forces, levels < share * without * forces, len(forces) // 2) for share in (HALVED, 1.0))
+    return Bearing(answer, forces, levels, impacts, works, helps, rivals(check.model, check.absorber.mass_ratio, check.force, check.resonance))
+
+
+def rivals(model: ModalModel, mass_ratio: float, force: float, resonance: int) -> Rivals:
+    """Return what other absorbers of a mass leave under a force in N near a resonance."""
     try:
-        limit, damper = best_friction(model, check.mass, force, resonance)
+        limit, damper = best_friction(model, mass_ratio * model.beam_mass, force, resonance)
     except ParameterError:  # no such damper where the resonance's own mode does not move the place, or the force
         limit, damper = float("nan"), float("nan")
-    acceleration = float(np.sqrt(2) * answer.level * (max(seen, key=lambda one: one[1])[1] * model.resonance_omega(resonance)) ** 2)
-    return Bearing(
-        answer,
-        forces,
-        levels,
-        worse,
-        _range(forces, relative < HALVED),
-        _range(forces, relative < 1),
-        force * highest_amplitude(model, minimax(model, check.absorber.mass_ratio, resonance), resonance, LOW, HIGH)[0] / float(np.sqrt(2)),
-        damper,
-        limit,
-        acceleration,
-    )
+    peak = highest_amplitude(model, minimax(model, mass_ratio, resonance), resonance, LOW, HIGH)[0]
+    return Rivals(force * peak / float(np.sqrt(2)), damper, limit)
+
+
+def impacts_of(case: CurveCase, threads: int | None = None, executor: Executor | None = None) -> Impacts:
+    """Run a case's first force once up and once down with its impacts recorded; raises KeyboardInterrupt if that is stopped."""
+    lanes = [Lane(case.scene, Drive(float(case.forces[0]), schedule)) for schedule in case.schedules()]
+    pairs = each_lane(lanes, _impacts, threads=threads if executor is None else None, executor=executor)
+    seen = [one for one in pairs if one is not None]
+    if len(seen) < len(lanes):
+        raise KeyboardInterrupt
+    largest, rms, rate, power, ratio = (float(x) for x in np.max(seen, axis=0))
+    return Impacts(largest, rms, rate, power, ratio * case.scene.model.resonance_omega(case.resonance))
+
+
+def change_with_modes(
+    found: Advice, answer: Answer, structure: Structure, seed: int = 0, threads: int | None = None, executor: Executor | None = None
+) -> str:
+    """Return in words what twice the modes change of a device's level; nothing where the structure has no more."""
+    beam, check = with_more_modes(structure), found.check
+    if beam is None:
+        return ""
+    case = CurveCase(Scene(modal_model(beam), answer.absorber), np.array([check.force]), check.resonance, check.limits, check.rate)
+    (curve,) = performance_curves([case], found.members, seed, threads=threads, executor=executor)
+    return f"; with {beam.modes} the level is {1e3 * curve.median[0]:.4g} mm, {curve.median[0] / answer.level:.2f} times as high"
 
 
 def uncertain_levels(
@@ -112,7 +135,7 @@ def uncertain_levels(
     return float(low), float(median), float(high)
 
 
-def _impacts(lane: Lane) -> tuple[Impacts, float]:
+def _impacts(lane: Lane) -> tuple[float, ...]:
     """Return a lane's impact speeds, rate and power, and the frequency of its level over the resonance's."""
     response = simulate(lane.scene, lane.drive, record=Record(events=True))
     impacts, level = response.impacts, response.level
@@ -120,18 +143,13 @@ def _impacts(lane: Lane) -> tuple[Impacts, float]:
     assert level is not None
     speed, time = np.abs(impacts.relative_velocity), float(lane.drive.schedule.times[-1])
     rms = float(np.sqrt(np.mean(speed**2))) if len(speed) else 0.0
-    largest = float(np.max(speed, initial=0.0))
-    return Impacts(largest, rms, len(speed) / time, float(np.sum(impacts.energy_lost)) / time), level.frequency_ratio
+    return float(np.max(speed, initial=0.0)), rms, len(speed) / time, float(np.sum(impacts.energy_lost)) / time, level.frequency_ratio
 
 
-def _range(forces: Array, good: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the lowest and highest force of the stretch around the middle one that is good; NaN where that is not."""
-    middle = len(forces) // 2
+def stretch(forces: Array, good: NDArray[np.bool_], middle: int) -> tuple[float, float]:
+    """Return the lowest and highest force of the stretch around a force, by its index, that is good; NaN where that is not."""
     if not good[middle]:
         return float("nan"), float("nan")
-    low = high = middle
-    while low > 0 and good[low - 1]:
-        low -= 1
-    while high < len(forces) - 1 and good[high + 1]:
-        high += 1
-    return float(forces[low]), float(forces[high])
+    bad = np.flatnonzero(~good)
+    first, last = int(np.max(bad[bad < middle], initial=-1)) + 1, int(np.min(bad[bad > middle], initial=len(good))) - 1
+    return float(forces[first]), float(forces[last])

@@ -53,7 +53,7 @@ class LoadAdvice:
     @property
     def gaps(self) -> Array:
         """Gaps that were run, in m, rising."""
-        return np.asarray(self.start * np.exp(STEP * np.array(sorted(self.table.full))))
+        return np.asarray(self.start * np.exp(STEP * np.array(sorted(self.table.levels))))
 
     @property
     def size_of(self) -> str:
@@ -63,7 +63,7 @@ class LoadAdvice:
     @property
     def runs(self) -> list[Array]:
         """The members' measures at each of the gaps."""
-        return [self.table.full[step] for step in sorted(self.table.full)]
+        return [self.table.levels[step] for step in sorted(self.table.levels)]
 
 
 def rule_gap(model: ModalModel, mass: float, loads: Loads, resonance: int) -> float | None:
@@ -106,17 +106,16 @@ def advise_for_loads(
         gap = start * float(np.exp(STEP * step))
         return impact_absorber(gap, restitution, scaled_friction(model, mass, gap) if friction_limit is None else friction_limit, mass_ratio)
 
-    table = Table(power=0.0, cliff=False) if measure_of(loads) == DECAY else Table()
-
+    table = Table(power=0.0 if measure_of(loads) == DECAY else 1.0)
     pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
 
-    def look(step: float, number: int, full: bool) -> Array:
+    def look(step: float, number: int) -> Array:
         if progress is not None:
-            progress(sum(map(len, table.full.values())), pairs)
-        kept = table.full.get(step, np.empty(0)) if full else np.empty(0)
+            progress(sum(map(len, table.levels.values())), pairs)
+        kept = table.levels.get(step, np.empty(0))
         return np.append(kept, runs_of(model, [device(step)], drives[len(kept) : number], threads))
 
-    search(look, 0, tolerance, members, pairs, table, same=True)
+    search(look, 0, tolerance, members, pairs, table)
     sharp, recommended = (_answer(device(step), table, step, tolerance) for step in answers(table, tolerance, min(2, members)))
     without = runs_of(model, [None], drives, threads)[0]
     return LoadAdvice(loads, measure_of(loads), mass, table, start, rule, rms, tolerance, without, sharp, recommended)
@@ -124,7 +123,7 @@ def advise_for_loads(
 
 def _answer(absorber: SlidingAbsorber, table: Table, step: float, tolerance: float) -> Answer:
     """Return a device of the table with its measure."""
-    low, middle, high = np.quantile(table.full[step], (0.05, 0.5, 0.95))
+    low, middle, high = np.quantile(table.levels[step], (0.05, 0.5, 0.95))
     steps, levels = table.known()
     largest = float(np.maximum(middle, worst(STEP * steps, levels, STEP * step, tolerance, table.power)))
     return Answer(absorber, float(middle), float(low), float(high), largest)

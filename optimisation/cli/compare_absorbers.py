@@ -12,16 +12,18 @@ import numba
 import numpy
 import scipy
 
-from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.curve import DEFAULT_MEMBERS, CurveCase
 from impact_env.ensemble import available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
+from impact_env.scene import Scene
 from optimisation.cli.common import BadInput, command, end_early, name_files, plain_errors
 from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
 from optimisation.cli.structure_option import RESONANCES_HELP, mass_option, mass_ratio_of, read_device, read_structure, scene_option, structure_option
-from optimisation.comparison import DEFAULT_FORCES, RESONANCES, Comparison, compare
+from optimisation.comparison import DEFAULT_FORCES, IMPACT, RESONANCES, Comparison, compare
 from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json
+from optimisation.gap_card import Impacts, impacts_of
 from optimisation.load_comparison import compare_loads
 from optimisation.memory import peak_memory
 from optimisation.mounting import mounted
@@ -32,6 +34,7 @@ from optimisation.report.cards import comparison_card
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, curve_rows, run_rows, summary, text_table
 
 QUICK_FORCES, QUICK_MEMBERS = 10, 2
+FORCE_HELP = "Force in N near the first of the resonances: the design rule gives the gap for it; with --scene all are compared at it."
 
 
 def compared(structure: Structure | None, cluster: str | None, given: dict[str, Any]) -> Comparison:
@@ -52,7 +55,17 @@ def conditions(started: float, threads: int | None, cluster: str | None) -> dict
     }
 
 
-def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Path]:
+def borne(comparison: Comparison, threads: int | None) -> Impacts | None:
+    """Return what a device bears near the first resonance, where all are told beside each other."""
+    part = comparison.resonances[0]
+    if part.told is None or not comparison.complete:
+        return None
+    case = {concept.key: concept for concept in comparison.concepts}[IMPACT]
+    scene, rate = Scene(comparison.model, case.absorber), comparison.percent_per_100_periods
+    return impacts_of(CurveCase(scene, part.forces[part.told : part.told + 1], part.resonance, case.limits, rate), threads)
+
+
+def write(out: Path, comparison: Comparison, made: dict[str, object], impacts: Impacts | None = None) -> list[Path]:
     """Write runs, curves, summary (with the conditions ``made``) and figure into a folder, each whole or not at all; return the files."""
     from optimisation.report.comparison_figure import save_figure  # matplotlib is slow to import
 
@@ -62,7 +75,7 @@ def write(out: Path, comparison: Comparison, made: dict[str, object]) -> list[Pa
     write_json(files[2], made | summary(comparison))
     with replacing(files[3]) as temporary:
         save_figure(temporary, comparison)
-    return files + write_card(out, comparison_card(comparison))
+    return files + write_card(out, comparison_card(comparison, impacts))
 
 
 def compared_under_loads(load: Path, structure: Structure | None, out: Path, given: dict[str, Any]) -> tuple[str, list[Path]]:
@@ -86,7 +99,7 @@ def compared_under_loads(load: Path, structure: Structure | None, out: Path, giv
 @click.option("--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP)
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Mass of each absorber over the structure's.")
 @mass_option
-@click.option("--force", type=float, help="Force in N near the first of the resonances for which the design rule gives the gap.")
+@click.option("--force", type=float, help=FORCE_HELP)
 @click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: by --force, or {RigidWalls.gap}]")
 @click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--quick", is_flag=True, help=f"A look in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given.")
@@ -125,10 +138,11 @@ def main(structure: Path | None, scene: Path | None, load: Path | None, quick: b
             name_files(written)
             return
         if scene is not None:
-            own, given["device"] = read_device(scene, "structure", "mass_ratio", "mass_kg", "force", "gap")
+            own, given["device"] = read_device(scene, "structure", "mass_ratio", "mass_kg", "gap")
             given |= {"mass_ratio": DEFAULT_MASS_RATIO}
         comparison = compared(own, cluster, given)
-        files = write(out, comparison, conditions(started, given["threads"], cluster))
+        impacts = None if scene is None else borne(comparison, given["threads"])
+        files = write(out, comparison, conditions(started, given["threads"], cluster), impacts)
     click.echo(text_table(comparison))
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

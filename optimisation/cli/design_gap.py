@@ -29,7 +29,7 @@ from optimisation.extremes import usable_force, usable_rate
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.friction_rule import PAPER_FRICTION
 from optimisation.gap_advice import FREE, TOLERANCE, Advice, advise
-from optimisation.gap_card import bearing, uncertain_levels
+from optimisation.gap_card import bearing, change_with_modes, uncertain_levels
 from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
 from optimisation.gap_search import MEMBERS
 from optimisation.hertz import ALLOWED, material
@@ -233,7 +233,8 @@ def main(**given: Any) -> None:
         if found.recommended is not None and found.complete and not given["no_card"]:
             with workers(given["threads"], given["cluster"]) as executor:
                 borne = bearing(found, found.recommended, given["threads"], executor)
-            own, beside = card(found, borne, unsure, given["contact"]), [rivals(borne)]
+                more = change_with_modes(found, found.recommended, structure, given["seed"], given["threads"], executor)
+            own, beside = card(found, borne, unsure, given["contact"], more), [rivals(borne)]
             files += write_card(given["out"], own)
             told += ["", as_text(own)]
     click.echo("\n".join([*answer(found), *beside, *([] if unsure is None else [unsure.words]), "", text(found), *(["", *told] if told else [])]))

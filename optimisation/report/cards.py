@@ -2,42 +2,61 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 
 from impact_env.frequency import tip_response
+from impact_env.parameters import Absorber, SlidingAbsorber, TunedAbsorber
 from optimisation.comparison import IMPACT, NONE, Comparison, ResonanceComparison
 from optimisation.designs import VARIABLES
+from optimisation.gap_card import HALVED, Impacts, rivals, stretch
 from optimisation.insight import Levels
 from optimisation.load_measures import SHOWN, TOLD
+from optimisation.problem import Problem
 from optimisation.report.card import Card, Chart, Curve, Row, numbers
-from optimisation.report.design_tables import compared, kept
+from optimisation.report.card_rows import NO_DEVICE, assumed_rows, between, borne_rows, device_rows, mass_rows, rival_rows
+from optimisation.report.design_tables import PAPER, WINNER, compared, condition_values, kept, limit
 from optimisation.report.front_tables import Front
-from optimisation.report.service_tables import service_lines
+from optimisation.report.service_tables import service_pairs
 from optimisation.search.result import Findings
 from optimisation.sweep_rate import LEAST_RATIO
 from optimisation.tuned.table import TuningTable
+from optimisation.variables import MASS_RATIO
 
 MM = 1e3
 POINTS = 601  # of a curve over the frequency
 
 
-def comparison_card(found: Comparison) -> Card:
-    """Return levels at the impact absorber's best force, and all curves."""
-    labels = {concept.key: concept.label for concept in found.concepts}
-    groups: list[tuple[str, tuple[Row, ...]]] = [
-        ("Compared", (Row("mass of each", found.mass_ratio * found.model.beam_mass, "kg"), Row("gap", MM * found.gap, "mm")))
-    ]
+def comparison_card(found: Comparison, borne: Impacts | None = None) -> Card:
+    """Return the impact absorber, the levels of all at one force near each resonance, and all curves; ``borne`` near the first, if known."""
+    every = {concept.key: concept for concept in found.concepts}
+    own = every[IMPACT].absorber
+    assert isinstance(own, SlidingAbsorber)
+    groups: list[tuple[str, tuple[Row, ...]]] = [("Impact absorber", device_rows(own, found.model))]
+    groups.append(("Others of its mass", tuple(Row(one.label, _parameters(one.absorber)) for one in found.concepts if one.key not in (NONE, IMPACT))))
     warnings, charts = [], []
     for part in found.resonances:
-        name = f"Resonance {part.resonance}, {part.omega / (2 * np.pi):.4g} Hz"
-        if part.best is not None:
-            groups.append((f"{name}, at {part.forces[part.best]:.3g} N", _levels(part, labels, part.best)))
-        charts.append(_comparison_chart(part, labels, name))
+        name = f"Resonance {part.resonance}"
+        if part.told is not None:
+            rows = _levels(part, {key: one.label for key, one in every.items()}, part.told)
+            groups.append((f"{name}, at {part.forces[part.told]:.3g} N", rows))
+        if part.told is not None and part is found.resonances[0] and borne is not None:
+            groups.append(("What it bears there", borne_rows(found.gap, borne, float(part.curves[IMPACT].median[part.told]))))
+        charts.append(_comparison_chart(part, {key: one.label for key, one in every.items()}, name))
         if part.sweep_ratio < LEAST_RATIO:
             warnings.append(f"{name}: sweeps show {part.sweep_ratio:.3f} of the stationary level; sweep more slowly")
         if part.reach < 1:
             warnings.append(f"{name}: the structure does not move as far as the rule's gap, and no wall is touched there")
-    return Card("Absorbers of one mass compared", tuple(groups), tuple(charts), tuple(warnings))
+    assumed = assumed_rows(found.model, [part.resonance for part in found.resonances], found.percent_per_100_periods)
+    return Card("Absorbers of one mass compared", (*groups, ("Assumptions", assumed)), tuple(charts), tuple(warnings))
+
+
+def _parameters(absorber: Absorber | None) -> str:
+    if isinstance(absorber, TunedAbsorber):
+        return f"{absorber.stiffness:.6g} N/m, {absorber.damping:.4g} N s/m"
+    return "" if absorber is None or absorber.friction is None else f"friction limit {absorber.friction.limit:.4g} N"  # type: ignore[union-attr]
 
 
 def _levels(part: ResonanceComparison, labels: dict[str, str], k: int) -> tuple[Row, ...]:
@@ -45,7 +64,8 @@ def _levels(part: ResonanceComparison, labels: dict[str, str], k: int) -> tuple[
     for key, curve in part.curves.items():
         level, (low, high), none = MM * curve.median[k], MM * curve.band[:, k], MM * part.curves[NONE].median[k]
         rows.append(Row(labels[key], f"{level:.4g} mm ({low:.4g} to {high:.4g}), {100 * level / none:.3g} %"))
-    return (*rows, Row("no impact absorber in this cavity comes below", MM * float(part.limit[k]), "mm"))
+    halves = stretch(part.forces, part.curves[IMPACT].median < HALVED * part.curves[NONE].median, k)
+    return (*rows, Row(NO_DEVICE, MM * float(part.limit[k]), "mm"), Row(f"the {labels[IMPACT]} halves the level", between(*halves)))
 
 
 def _comparison_chart(part: ResonanceComparison, labels: dict[str, str], name: str) -> Chart:
@@ -53,7 +73,8 @@ def _comparison_chart(part: ResonanceComparison, labels: dict[str, str], name: s
         Curve(labels[key], numbers(part.forces), numbers(MM * curve.median), numbers(MM * curve.band[0]), numbers(MM * curve.band[1]))
         for key, curve in part.curves.items()
     ]
-    best = () if part.best is None else ((f"best of the {labels[IMPACT]}", float(part.forces[part.best])),)
+    what = "the force" if part.own_force is not None else f"best of the {labels[IMPACT]}"
+    best = () if part.told is None else ((what, float(part.forces[part.told])),)
     return Chart(name, "force in N", "level in mm (RMS)", tuple(curves), best, log_x=True, log_y=True)
 
 
@@ -68,37 +89,61 @@ def tuning_card(table: TuningTable, bounds: dict[str, float]) -> Card:
         rows.append(Row(tuning.label, f"peak {100 * table.relative_peak(tuning):.4g} % at {tuning.peak_ratio:.4g}{proved}{what}"))
         amplitude = 100 * np.abs(tip_response(table.model, own, ratios * table.omega)) / table.tunings[0].peak
         curves.append(Curve(tuning.label, numbers(ratios), numbers(amplitude)))
-    mass = Row("absorber mass", table.mass_ratio * table.model.beam_mass, "kg")
-    assumed = (mass, Row("resonance", f"{table.resonance}, {table.omega / (2 * np.pi):.4g} Hz"), Row("modes kept", str(table.model.modes)))
+    assumed = (*mass_rows(table.mass_ratio, table.model), *assumed_rows(table.model, (table.resonance,), None))
     chart = Chart("Amplitude", "frequency over the resonance's", "% of the peak without absorber", tuple(curves), log_y=True)
     return Card("Tuned absorbers of one mass", (("Tunings", tuple(rows)), ("Assumptions", assumed)), (chart,))
 
 
 def findings_card(found: Findings) -> Card:
-    """Return a search's winner beside paper and rule, with its constraints, and what it bears."""
+    """Return a search's winner, its level under each condition beside its rivals, what it bears, and what it rests on."""
     problem, verdict = found.problem, found.verdict
-    rate = () if problem.under_loads else (Row("rate", problem.rate, "% per 100 pseudo periods"),)
-    search = (Row("designs", str(found.cost.designs)), Row("runs", str(found.cost.runs)), *rate)
     groups: list[tuple[str, tuple[Row, ...]]] = []
     warnings = [] if found.finished else ["stopped early"]
     if verdict is not None:
-        values = [judged.design.values for judged in compared(verdict).values()]
-        rows = [
-            Row(v.name, "{:.4g} (paper {:.4g}, rule {:.4g}) ".format(*(x[v.name] for x in values)) + v.si) for v in VARIABLES[problem.space.concept]
-        ]
-        groups.append(("Winner", tuple(rows)))
+        values = verdict.winner.design.values
+        own = [Row(v.name.replace("_", " "), values[v.name], v.si) for v in VARIABLES[problem.space.concept] if v.name != MASS_RATIO]
+        groups.append(("Winner", (*mass_rows(values[MASS_RATIO], problem.model), *own)))
         judged = [
-            Row(name, "{:.4g} ({:.4g} to {:.4g})".format(one.score.values[0], *one.bands[0]) + kept(problem, one.score))
+            Row(f"{name}'s design", "{:.4g} ({:.4g} to {:.4g})".format(one.score.values[0], *one.bands[0]) + kept(problem, one.score))
             for name, one in compared(verdict).items()
         ]
         groups.append((f"{problem.objectives[0].label}, on fresh members", tuple(judged)))
+        groups += [(c.words[0].upper() + c.words[1:], _condition_rows(found, k)) for k, c in enumerate(problem.conditions)]
         if not verdict.feasible:
             warnings.append("no feasible design: the winner breaks the constraints least")
         warnings += [f"the winner lies at a bound: {line}" for line in problem.space.at_bounds(verdict.winner.design)]
-    if found.service is not None:
-        groups.append(("In service", tuple(Row(line.strip(), "") for line in service_lines(found.service))))
+    more = "" if found.wider is None else f"; with {found.wider.modes} {found.wider.change} of its value"
+    groups.append(("Assumptions", (*_assumed(problem, more), Row("searched", f"{found.cost.designs} designs, {found.cost.runs} runs"))))
     charts = [_over_force(part) for part in found.curves or ()]
-    return Card(f"Search for the best design: {problem.space.concept}", (*groups, ("Search", search)), tuple(charts), tuple(warnings))
+    return Card(f"Search for the best design: {problem.space.concept}", tuple(groups), tuple(charts), tuple(warnings))
+
+
+def _assumed(problem: Problem, more: str = "") -> tuple[Row, ...]:
+    resonances = () if problem.under_loads else tuple(c.resonance for c in problem.conditions)
+    return assumed_rows(problem.model, resonances, None if problem.under_loads else problem.rate, more)
+
+
+def _condition_rows(found: Findings, k: int) -> tuple[Row, ...]:
+    """Return levels under a condition, and what the winner bears there."""
+    assert found.own is not None
+    values, condition = condition_values(found, k), found.own.conditions[k]
+    (name, unit), (scale, shown) = condition.told, SHOWN[condition.told[1]]
+    rows = []
+    for who in (WINNER, PAPER):
+        one: dict[str, Any] = values[who]  # type: ignore[assignment]
+        low, high = (scale * x for x in one[f"{name}_5_to_95_percent_{unit}"])
+        level = f"{scale * one[f'{name}_{unit}']:.4g} {shown} ({low:.4g} to {high:.4g}), {100 * one['relative']:.3g} % of no absorber"
+        rows.append(Row(f"{who}'s design", level))
+    rows.append(Row("no absorber", scale * float(found.own.without[k]), shown))
+    if condition.loads is None:
+        assert found.verdict is not None
+        design = found.verdict.winner.design
+        rows += rival_rows(rivals(found.problem.model, design.values[MASS_RATIO], condition.force, condition.resonance))
+        bound = limit(found.problem, design, condition)
+        rows += [] if math.isnan(bound) else [Row(NO_DEVICE, MM * bound, "mm")]
+    if found.service is not None:
+        rows += [Row(*pair) for pair in service_pairs(found.service, k)]
+    return tuple(rows)
 
 
 def _over_force(part: Levels) -> Chart:
@@ -126,5 +171,7 @@ def front_card(found: Front) -> Card:
     warnings = () if found.members else ("no design kept all constraints",)
     parts = [("tried", found.told), ("on the front", found.members)]
     curves = [Curve(name, numbers(e.score.values[0] for e in part), numbers(e.score.values[1] for e in part), points=True) for name, part in parts]
-    cost = (Row("designs", str(found.cost.designs)), Row("runs", str(found.cost.runs)))
-    return Card(" against ".join(names), (("Front", tuple(rows)), ("Search", cost)), (Chart("Front", names[0], names[1], tuple(curves)),), warnings)
+    assumed = (*_assumed(problem), Row("searched", f"{found.cost.designs} designs, {found.cost.runs} runs"))
+    return Card(
+        " against ".join(names), (("Front", tuple(rows)), ("Assumptions", assumed)), (Chart("Front", names[0], names[1], tuple(curves)),), warnings
+    )

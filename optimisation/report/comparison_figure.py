@@ -56,7 +56,7 @@ def save_figure(path: Path, comparison: Comparison) -> None:
     )
     legend.get_title().set(fontsize=9, color="0.35", ha="center")
     what, whose = ("the structure", "its") if comparison.own_structure else ("the beam's tip", "the beam's")
-    title = f"Response of {what} at resonance, with absorbers of {100 * comparison.mass_ratio:g} % of {whose} mass"
+    title = f"Response of {what} at resonance, with absorbers of {100 * comparison.mass_ratio:.3g} % of {whose} mass"
     figure.suptitle(title, fontsize=13)
     write_figure(figure, path, DPI)
 
@@ -79,6 +79,8 @@ def _draw(panel: Axes, part: ResonanceComparison) -> None:
     panel.set(xscale="log", yscale="log", xlim=(part.forces[0], part.forces[-1]))
     _draw_limit(panel, part)
     _mark_optimum(panel, part)
+    if part.own_force is not None:
+        panel.axvline(part.own_force, color="0.4", lw=1.2, ls=":", label=f"the force, {part.own_force:g} N")
     panel.set_title(f"{ORDINALS.get(part.resonance, part.resonance)} resonance, {part.omega / (2 * np.pi):.1f} Hz", fontsize=12)
     panel.set_xlabel("amplitude of the force in N", fontsize=11)
     for axis in (panel.xaxis, panel.yaxis):
@@ -104,5 +106,5 @@ def _mark_optimum(panel: Axes, part: ResonanceComparison) -> None:
     colour = LOOKS[IMPACT].colour
     panel.plot(optimum.force, MM * optimum.level, "o", ms=9, mfc="white", mec=colour, mew=2.2, zorder=5)
     panel.plot(0.05, 0.925, "o", ms=9, mfc="white", mec=colour, mew=2.2, transform=panel.transAxes)
-    text = f"best point: {optimum.force:.2g} N,\n{100 * optimum.relative:.0f} % of no absorber"
+    text = f"best point: {optimum.force:.3g} N,\n{100 * optimum.relative:.0f} % of no absorber"
     panel.text(0.085, 0.95, text, fontsize=11, color=colour, ha="left", va="top", transform=panel.transAxes)

@@ -120,6 +120,8 @@ def _concept_summary(comparison: Comparison, part: ResonanceComparison, concept:
         summary["optimum"] = {**_at(optimum), "force_5_to_95_percent_n": _numbers(optimum.force_band)}
     if part.best is not None:
         summary["at_best_force_of_impact_absorber"] = _at(curve.at(part.best, none))
+    if part.told is not None and part.own_force is not None:
+        summary["at_the_force"] = _at(curve.at(part.told, none))
     return summary
 
 
@@ -166,9 +168,9 @@ def _with_band(value: float, band: tuple[float, float], pattern: str) -> str:
 def _row(comparison: Comparison, part: ResonanceComparison, concept: Concept) -> list[str]:
     curve, none = part.curves[concept.key], part.curves[NONE]
     optimum = curve.optimum(none)
-    if optimum is None or part.best is None:
+    if optimum is None or part.told is None:
         return [concept.label, *["-"] * 4]
-    here = curve.at(part.best, none)
+    here = curve.at(part.told, none)
     best = "any" if _linear(comparison, concept) else _with_band(optimum.force, optimum.force_band, "{:.3g}")
     own, level = (_with_band(100 * x.relative, (100 * x.relative_band[0], 100 * x.relative_band[1]), "{:.1f}") for x in (optimum, here))
     return [concept.label, best, own, _with_band(1e3 * here.level, (1e3 * here.level_band[0], 1e3 * here.level_band[1]), "{:.3f}"), level]
@@ -176,11 +178,11 @@ def _row(comparison: Comparison, part: ResonanceComparison, concept: Concept) ->
 
 def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
     finished = int(np.max(np.sum(~np.isnan(part.curves[IMPACT].combined), axis=1)))
-    at = "the best force" if part.best is None else f"{part.forces[part.best]:.3g} N"
+    at = "the best force" if part.told is None else f"{part.forces[part.told]:.3g} N"
     rows = [["concept", "best force, N", "level there, %", f"level at {at}, mm", f"level at {at}, %"]]
     rows += [_row(comparison, part, concept) for concept in _seen(comparison, part)]
-    if part.best is not None:
-        rows.append([f"limit within a cavity of ±{1e3 * part.gap:.4g} mm", "", "", f"{1e3 * part.limit[part.best]:.3f}", ""])
+    if part.told is not None:
+        rows.append([f"limit within a cavity of ±{1e3 * part.gap:.4g} mm", "", "", f"{1e3 * part.limit[part.told]:.3f}", ""])
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     title = f"Resonance {part.resonance} ({part.omega / (2 * np.pi):.1f} Hz), {finished} of {comparison.members} members"

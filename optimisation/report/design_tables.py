@@ -148,7 +148,7 @@ def summary(findings: Findings) -> Json:
             "rank_correlation": number(audit.rank_correlation),
         }
     if findings.own is not None and verdict is not None:
-        content["conditions"] = [_condition(findings, k) for k in range(len(findings.own.conditions))]
+        content["conditions"] = [condition_values(findings, k) for k in range(len(findings.own.conditions))]
     if findings.sensitivity is not None:
         s = findings.sensitivity
         content["sensitivity"] = {
@@ -158,7 +158,8 @@ def summary(findings: Findings) -> Json:
     return content
 
 
-def _condition(findings: Findings, k: int) -> Json:
+def condition_values(findings: Findings, k: int) -> Json:
+    """Return levels, limit and share of winner and paper under a condition, by its index, as JSON values."""
     own, verdict, problem = findings.own, findings.verdict, findings.problem
     assert own is not None
     assert verdict is not None
@@ -249,7 +250,7 @@ def _overhead(cost: Cost) -> str:
 def _condition_lines(findings: Findings) -> Iterator[str]:
     assert findings.own is not None
     for k in range(len(findings.own.conditions)):
-        row = _condition(findings, k)
+        row = condition_values(findings, k)
         mine, paper, sweep = row[WINNER], row[PAPER], row["sweep_over_stationary_level"]
         assert isinstance(mine, dict)
         assert isinstance(paper, dict)

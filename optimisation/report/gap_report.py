@@ -65,8 +65,8 @@ def summary(found: Advice) -> Json:
     check, points = found.check, {}
     if check.gaps.size:
         points["at_rule"] = _values(check, check.at_rule, check.rule) if check.gaps[check.at_rule] == check.rule else None
-    if check.best is not None:
-        points["best"] = _values(check, check.best, float(check.gaps[check.best]))
+    if found.sharp is not None:
+        points["best"] = _values(check, int(np.argmin(np.abs(check.gaps - found.sharp.gap))), found.sharp.gap)
     device = found.recommended.absorber if found.recommended is not None else check.absorber
     without = float(check.without.median[0])
     return {
@@ -79,7 +79,7 @@ def summary(found: Advice) -> Json:
         "sweep_over_stationary_level": None if math.isnan(without) else check.sweep_ratio,
         **points,
         "looks": [{"gap_m": gap, "level_m": level} for gap, level in found.looks],
-        "tried": [{"name": name, "value": value, "level_m": level} for name, value, level in found.tried],
+        "tried": [dict(zip(("name", "value", "level_m", "gap_m"), one, strict=True)) for one in found.tried],
         "settings": {
             "force_n": check.force,
             "force_tolerance": found.tolerance,
@@ -89,7 +89,6 @@ def summary(found: Advice) -> Json:
             "friction_limit_n": None if device.friction is None else device.friction.limit,
             "modes": check.model.modes,
             "percent_per_100_pseudo_periods": check.rate,
-            "percent_per_100_pseudo_periods_of_looks": found.look_rate,
             "sweep_limits": list(check.limits),
             "members": found.members,
             "sweeps": found.sweeps,
@@ -104,7 +103,7 @@ def save_figure(path: Path, found: Advice) -> None:
     figure = Figure(figsize=(8, 5.2), layout="constrained")
     axes = figure.subplots()
     gaps, (low, high) = MM * check.gaps, MM * check.band.reshape(2, -1)
-    every = [*check.gaps, *(gap for gap, _ in found.looks)] or [check.rule]
+    every = [*check.gaps] or [check.rule]
     fine = np.geomspace(0.95 * min(every), 1.05 * max(every), 120)
     limit = MM * np.array([check.limit_at(float(gap)) for gap in fine])
     axes.fill_between(MM * fine, 0, limit, facecolor="0.93", edgecolor=LIMIT, hatch="////", lw=0.8, label="out of reach for any device in that gap")
@@ -112,7 +111,7 @@ def save_figure(path: Path, found: Advice) -> None:
     axes.plot(gaps, MM * check.level, "o-", color=IMPACT, lw=2.2, ms=5, label=f"median and 5 to 95 % of up to {found.members} runs")
     if found.looks:
         at, level = MM * np.array(found.looks).T
-        axes.plot(at, level, "o", ms=4, mfc="white", mec=IMPACT, label="looks: one run, swept faster")
+        axes.plot(at, level, "o", ms=5, mfc="white", mec=IMPACT, ls="", label="one run")
     axes.axvline(MM * check.rule, color="#D55E00", lw=1.4, ls="--", label=f"design rule: {MM * check.rule:.3g} mm")
     for answer, colour, word in ((found.sharp, "black", "lowest level"), (found.recommended, "#009E73", "recommended")):
         if answer is not None:
@@ -124,7 +123,7 @@ def save_figure(path: Path, found: Advice) -> None:
     without = MM * float(check.without.median[0])
     stopped = "" if found.complete else " (stopped early)"
     axes.set_xscale("log")
-    top = max(float(np.nanmax(high, initial=0)), float(limit.max()), *(MM * level for _, level in found.looks), 0.0)
+    top = max(float(np.nanmax(high, initial=0)), float(limit.max()))
     axes.set(xlim=(MM * fine[0], MM * fine[-1]), ylim=(0, 1.6 * top if top > 0 else 1))
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))

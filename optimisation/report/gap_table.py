@@ -13,6 +13,7 @@ from optimisation.gap_advice import Advice, Answer
 from optimisation.gap_card import DRAWS, Bearing
 from optimisation.hertz import estimate, meeting_mass, reaches_beyond
 from optimisation.report.card import Card, Chart, Curve, Row, numbers
+from optimisation.report.card_rows import NO_DEVICE, assumed_rows, between, borne_rows, device_rows, rival_rows
 from optimisation.report.markdown import markdown
 from optimisation.sweep_rate import LEAST_RATIO
 from optimisation.uncertain import Spread, plain
@@ -49,7 +50,7 @@ def answer(found: Advice) -> list[str]:
     ]
     if sharp.gap != best.gap:
         lines.append(
-            f"Lowest level that the next narrower gap bears out: {1e3 * sharp.gap:.4g} mm, "
+            f"Lowest level: {1e3 * sharp.gap:.4g} mm, "
             f"level {1e3 * sharp.level:.4g} mm ({1e3 * sharp.low:.4g} to {1e3 * sharp.high:.4g}), "
             f"{100 * sharp.level / without:.1f} % of no absorber; at most {1e3 * sharp.worst:.4g} mm over that range."
         )
@@ -63,13 +64,14 @@ def answer(found: Advice) -> list[str]:
     return lines
 
 
-def _tried(tried: Sequence[tuple[str, float, float]]) -> list[str]:
-    """Return the lowest level with each value of a free variable, relative to the first."""
+def _tried(tried: Sequence[tuple[str, float, float, float]]) -> list[str]:
+    """Return the lowest level with each value of a free variable, relative to the first, and its gap."""
     lines = []
-    for name in dict.fromkeys(name for name, _, _ in tried):
-        rows = [(value, level) for other, value, level in tried if other == name]
-        words = "; ".join(f"{value:.3g}: {level / rows[0][1]:.2f}" for value, level in rows)
-        lines.append(f"Lowest level of a look over the first, {name.replace('_', ' ')} {words}.")
+    for name in dict.fromkeys(name for name, *_ in tried):
+        rows = [row for other, *row in tried if other == name]
+        words = "; ".join(f"{value:.3g}: {level / rows[0][1]:.2f}, {1e3 * gap:.3g} mm" for value, level, gap in rows)
+        softer = " Softer walls take more of each impact: more wear, less stroke." if name == "restitution" else ""
+        lines.append(f"Lowest level of a look over the first, and its gap, {name.replace('_', ' ')} {words}.{softer}")
     return lines
 
 
@@ -88,22 +90,24 @@ def warnings(found: Advice) -> list[str]:
     lines.append(f"Sweeps at {check.rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber.")
     if ratio < LEAST_RATIO:
         lines.append(f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly.")
-    lines.append(f"{found.sweeps} sweeps, {len(found.looks)} gaps looked at with sweeps at {found.look_rate:.3g} %.")
+    lines.append(f"{found.sweeps} sweeps; {len(found.looks)} gaps with one run only are left out of the table.")
     return lines
 
 
 def rivals(bearing: Bearing) -> str:
     """Return what other absorbers of the same mass leave."""
-    tuned = f"{1e3 * bearing.tuned:.4g} mm, for this resonance alone" if bearing.tuned < bearing.answer.level else f"{1e3 * bearing.tuned:.4g} mm"
-    return (
-        f"Of the same mass, the best tuned absorber leaves {tuned} (stationary); the best friction damper {1e3 * bearing.damper:.4g} mm (estimate)."
-    )
+    other = bearing.rivals
+    alone = ", for this resonance alone" if other.tuned < bearing.answer.level else ""
+    tuned = f"the best tuned absorber leaves {1e3 * other.tuned:.4g} mm{alone} (stationary)"
+    return f"Of the same mass, {tuned}; the best friction damper {1e3 * other.damper:.4g} mm (estimate)."
 
 
 def text(found: Advice) -> str:
-    """Return a line for each gap that was run in full."""
-    check, lines = found.check, []
+    """Return a line for the rule's gap, and for each that more than one member ran."""
+    check, lines, single = found.check, [], {gap for gap, _ in found.looks}
     for k, gap in enumerate(check.gaps):
+        if gap in single and gap != check.rule:
+            continue
         low, high = 1e3 * check.band[:, k]
         share = "-" if math.isnan(check.share[k]) else f"{100 * check.share[k]:.1f}"
         cells = (f"{1e3 * gap:.4g}", f"{gap / check.rule:.3g}", f"{1e3 * check.level[k]:.4g}", f"{low:.4g} to {high:.4g}")
@@ -155,60 +159,44 @@ def _contact(found: Advice, bearing: Bearing, given: tuple[str, str, float]) -> 
     return rows, [text] if reaches_beyond(model, one) else []
 
 
-def card(found: Advice, bearing: Bearing, unsure: Unsure | None = None, contact: tuple[str, str, float] | None = None) -> Card:
-    """Return what is told of the recommended device; ``contact``: two materials of `optimisation.hertz` and the radius in m of the rounder one."""
+def card(found: Advice, bearing: Bearing, unsure: Unsure | None = None, contact: tuple[str, str, float] | None = None, more: str = "") -> Card:
+    """Return what is told of the recommended device.
+
+    ``contact``: two materials of `optimisation.hertz` and the radius in m of the rounder one; ``more``: what more modes change, in words.
+    """
     check, best, model = found.check, bearing.answer, found.check.model
-    t, without, impacts = found.tolerance, float(check.without.median[0]), bearing.impacts
+    t, without = found.tolerance, float(check.without.median[0])
     low, high = ((1 - t) * check.force, (1 + t) * check.force)
-    walls = best.absorber.walls
-    device = (
-        Row("absorber mass", check.mass, "kg"),
-        Row("that is", 100 * best.absorber.mass_ratio, f"% of the structure's {model.beam_mass:.4g} kg"),
-        Row("clearance to either wall", 1e3 * best.gap, "mm"),
-        Row("coefficient of restitution", float(walls.restitution)),  # type: ignore[union-attr]
-        Row("friction limit", best.friction_limit, "N"),
-    )
     level: tuple[Row, ...] = (
         Row(f"at {check.force:g} N, median of {found.members} runs", 1e3 * best.level, "mm RMS"),
         Row("5 to 95 % of the runs", f"{1e3 * best.low:.4g} to {1e3 * best.high:.4g} mm"),
         Row(f"at most, {low:.4g} to {high:.4g} N", 1e3 * best.worst, "mm"),
         Row("of no absorber", 100 * best.level / without, "%"),
         Row("no absorber", 1e3 * without, "mm"),
-        Row("best tuned absorber of this mass (stationary)", 1e3 * bearing.tuned, "mm"),
-        Row(f"best friction damper of this mass, {bearing.damper_limit:.4g} N (estimate)", 1e3 * bearing.damper, "mm"),
-        Row("no device in this cavity comes below", 1e3 * check.limit_at(best.gap), "mm"),
+        *rival_rows(bearing.rivals),
+        Row(NO_DEVICE, 1e3 * check.limit_at(best.gap), "mm"),
     )
     if unsure is not None:
         level = (*level, Row(f"with {unsure.said}", f"{1e3 * unsure.median:.4g} mm ({1e3 * unsure.low:.4g} to {1e3 * unsure.high:.4g})"))
+    there = bearing.forces[~np.isnan(bearing.levels)]
     forces = (
-        Row("halves the level", _between(bearing.works), ""),
-        Row("lowers the level", _between(bearing.helps), ""),
-        Row("known by the scaling law", _between(_known(bearing)), ""),
-    )
-    wear = (
-        Row("stroke of the absorber, wall to wall", 2e3 * best.gap, "mm"),
-        Row("largest impact speed", impacts.largest, "m/s"),
-        Row("RMS impact speed", impacts.rms, "m/s"),
-        Row("impacts", impacts.rate, "1/s"),
-        Row("power lost in impacts", 1e3 * impacts.power, "mW"),
-        Row("largest acceleration of the structure, harmonic part", bearing.acceleration, "m/s^2"),
+        Row("halves the level", between(*bearing.works)),
+        Row("lowers the level", between(*bearing.helps)),
+        Row("known by the scaling law", between(there[0], there[-1])),
     )
     assumed = (
-        Row("resonance", f"{check.resonance}, {model.resonance_omega(check.resonance) / (2 * math.pi):.4g} Hz"),
-        Row("damping ratio", 100 * float(model.damping_ratio[check.resonance - 1]), "%"),
-        Row("modes kept", f"{model.modes}; more are not tried: --modes, or modes in the file"),
-        Row("sweep", f"{check.limits[0]:.3g} to {check.limits[1]:.3g} of it, up and down"),
-        Row("rate", check.rate, "% per 100 pseudo periods"),
+        *assumed_rows(model, (check.resonance,), check.rate, more),
+        Row("over", f"{check.limits[0]:.3g} to {check.limits[1]:.3g} of the resonance"),
         Row("such sweeps show of the stationary level", 100 * check.sweep_ratio, "%"),
         Row("sweeps taken", f"{found.sweeps}, and two with impacts recorded"),
     )
     title = f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
     touch, reached = ((), []) if contact is None else _contact(found, bearing, contact)
     groups = (
-        ("Device", device),
+        ("Device", device_rows(best.absorber, model)),
         ("Response level", level),
         ("Forces", forces),
-        ("What it bears", wear),
+        ("What it bears", borne_rows(best.gap, bearing.impacts, best.level)),
         *((("Contact, estimated after Hertz, without loss", touch),) if touch else ()),
         ("Assumptions", assumed),
     )
@@ -216,24 +204,15 @@ def card(found: Advice, bearing: Bearing, unsure: Unsure | None = None, contact:
     return Card(title, groups, _charts(found, bearing), (*told, *reached))
 
 
-def _between(ends: tuple[float, float]) -> str:
-    return "at no force that is known" if math.isnan(ends[0]) else f"{ends[0]:.3g} to {ends[1]:.3g} N"
-
-
-def _known(bearing: Bearing) -> tuple[float, float]:
-    there = bearing.forces[~np.isnan(bearing.levels)]
-    return float(there[0]), float(there[-1])
-
-
 def _charts(found: Advice, bearing: Bearing) -> tuple[Chart, ...]:
     """Return the level over the gap, and that of the recommended device over the force."""
     check, mm = found.check, 1e3
     gaps = numbers(mm * check.gaps)
-    full = Curve("simulated in full, 5 to 95 %", gaps, numbers(mm * check.level), numbers(mm * check.band[0]), numbers(mm * check.band[1]))
+    full = Curve("median, 5 to 95 %", gaps, numbers(mm * check.level), numbers(mm * check.band[0]), numbers(mm * check.band[1]))
     curves = [full]
     if found.looks:
         at, level = zip(*found.looks, strict=True)
-        curves.append(Curve("looks", numbers([mm * x for x in at]), numbers([mm * x for x in level]), points=True))
+        curves.append(Curve("one run", numbers([mm * x for x in at]), numbers([mm * x for x in level]), points=True))
     marks = [("design rule", mm * check.rule), ("recommended", mm * bearing.answer.gap)]
     if found.sharp is not None:
         marks.append(("lowest level", mm * found.sharp.gap))
@@ -242,7 +221,7 @@ def _charts(found: Advice, bearing: Bearing) -> tuple[Chart, ...]:
     both = (
         Curve("recommended device", numbers(force), numbers(mm * bearing.levels)),
         Curve("no absorber", numbers(force), numbers(mm * without * force)),
-        Curve("best tuned absorber", numbers(force), numbers(mm * bearing.tuned / check.force * force)),
+        Curve("best tuned absorber", numbers(force), numbers(mm * bearing.rivals.tuned / check.force * force)),
     )
     mark = (("the force", check.force),)
     over_force = Chart("Level over the force", "force in N", "level in mm (RMS)", both, mark, log_x=True, log_y=True)

@@ -51,20 +51,25 @@ def service_summary(found: Service) -> Json:
     return {"tolerances": {name: _range_of(name) for name in found.single}, "conditions": rows}
 
 
+def service_pairs(found: Service, c: int) -> Iterator[tuple[str, str]]:
+    """Yield what is known under a condition, by its index: name, and value in words."""
+    for name, values in found.watched.items():
+        word, unit, scale = WORDS[name]
+        low, middle, high = (f"{scale * x:.3g}" for x in values[:, c])
+        yield word, f"{middle} {unit} ({low} to {high})"
+    low, high = found.forces[:, c]
+    yield "halves the level at least from", "no force: not at this one" if math.isnan(low) else f"{low:.3g} to {high:.3g} N"
+    for name, values in found.single.items():
+        small, large = (f"{100 * (x / found.level[c] - 1):+.0f} %" for x in values[:, c])
+        yield f"{name.replace('_', ' ')} off by {_range_of(name)}: level", f"{small} and {large}"
+    parts = ", ".join(f"{1e3 * x:.3g} mm in {100 * q:g} %" for q, x in zip(QUANTILES, found.joint[:, c], strict=True))
+    yield "all of them off at once: at most", f"{parts} of the cases"
+    over = found.lasting[c] / found.level[c]
+    yield "a lasting vibration at the worst frequency:", f"{1e3 * found.lasting[c]:.3g} mm, {over:.2f} of the sweep's level"
+
+
 def service_lines(found: Service) -> Iterator[str]:
     """Yield the lines of a text, condition by condition."""
     for c, condition in enumerate(found.conditions):
         yield f"  in service at resonance {condition.resonance}, {condition.force:g} N:"
-        for name, values in found.watched.items():
-            word, unit, scale = WORDS[name]
-            low, middle, high = (f"{scale * x:.3g}" for x in values[:, c])
-            yield f"    {word} {middle} {unit} ({low} to {high})"
-        low, high = found.forces[:, c]
-        yield "    at this force it does not halve the level" if math.isnan(low) else f"    halves the level at least from {low:.3g} to {high:.3g} N"
-        for name, values in found.single.items():
-            small, large = (f"{100 * (x / found.level[c] - 1):+.0f} %" for x in values[:, c])
-            yield f"    {name.replace('_', ' ')} off by {_range_of(name)}: level {small} and {large}"
-        parts = ", ".join(f"{1e3 * x:.3g} mm in {100 * q:g} %" for q, x in zip(QUANTILES, found.joint[:, c], strict=True))
-        yield f"    all of them off at once: at most {parts} of the cases"
-        over = found.lasting[c] / found.level[c]
-        yield f"    a lasting vibration at the worst frequency: {1e3 * found.lasting[c]:.3g} mm, {over:.2f} of the sweep's level"
+        yield from (f"    {name} {value}" for name, value in service_pairs(found, c))

@@ -17,11 +17,12 @@ from scipy.stats import spearmanr
 
 from impact_env.curve import BAND
 from impact_env.ensemble import Executor, Members
-from impact_env.parameters import Beam, count, require
+from impact_env.parameters import count, require
 from optimisation.designs import Design
 from optimisation.evaluation import Progress, evaluate
 from optimisation.insight import Levels
 from optimisation.measures import LEVEL
+from optimisation.mounting import with_more_modes
 from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem
 from optimisation.search.settings import seed_of
@@ -130,15 +131,11 @@ class MoreModes:
 
 def more_modes(problem: Problem, winner: Judged, share: float, executor: Executor, progress: Progress | None = None) -> MoreModes | None:
     """Run a winner again with twice the modes, as far as the elements allow; None if the structure has no more."""
-    beam = problem.beam
-    if not isinstance(beam, Beam) or isinstance(beam.damping_ratio, tuple):
+    beam = with_more_modes(problem.beam)
+    if beam is None:
         return None
-    modes = min(2 * beam.modes, beam.freedoms)
-    if modes <= problem.model.modes:
-        return None
-    wider = replace(problem, beam=replace(beam, modes=modes))
-    (found,) = judged(wider, [winner.design], problem.fresh_ensemble(problem.members, VERDICT), executor, progress)
-    return MoreModes(modes, found, ratio_of_quantiles(found.members[0], winner.members[0], share))
+    (found,) = judged(replace(problem, beam=beam), [winner.design], problem.fresh_ensemble(problem.members, VERDICT), executor, progress)
+    return MoreModes(beam.modes, found, ratio_of_quantiles(found.members[0], winner.members[0], share))
 
 
 @dataclass(frozen=True)

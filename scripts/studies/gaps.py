@@ -18,13 +18,14 @@ from numpy.polynomial.legendre import Legendre, leggauss
 from numpy.typing import NDArray
 
 from impact_env.curve import CurveCase, performance_curves
+from impact_env.drive import PAPER_RATE
 from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam, CoulombFriction, SlidingAbsorber
 from impact_env.scene import Scene
 from impact_env.structures.matrices import lowest_modes
 from optimisation.bounds import expected_gap
-from optimisation.gap_advice import TOLERANCE, Advice, advise
+from optimisation.gap_advice import FASTER, TOLERANCE, Advice, advise
 from optimisation.gap_check import scaled_absorber
 from optimisation.mounting import mounted
 
@@ -102,19 +103,44 @@ def frame(width: float, height: float, bending: float, per_length: float, force:
     corners = np.array([[0, 0], [0, height], [width, height], [width, 0]])
     steps = np.linspace(0, 1, ELEMENTS, endpoint=False)
     nodes = np.vstack([a + steps[:, None] * (b - a) for a, b in itertools.pairwise(corners)] + [corners[-1:]])
-    size = 3 * len(nodes)
-    mass, stiffness = np.zeros((size, size)), np.zeros((size, size))
-    for k, (x, y) in enumerate(np.diff(nodes, axis=0)):
-        length = float(np.hypot(x, y))
-        turn = np.array([[x / length, y / length, 0], [-y / length, x / length, 0], [0, 0, 1]])
-        both = np.kron(np.eye(2), turn)
-        at = slice(3 * k, 3 * k + 6)
-        for total, own in ((mass, per_length * _inertia(length)), (stiffness, bending * _stiffness(length))):
-            total[at, at] += both.T @ own @ both
-    inner = slice(3, size - 3)
+    pairs = list(itertools.pairwise(range(len(nodes))))
+    mass, stiffness = assembled(nodes, pairs, np.full(len(pairs), bending), np.full(len(pairs), per_length))
+    inner = slice(3, len(mass) - 3)
     modes = lowest_modes(mass[inner, inner], stiffness[inner, inner], MODES)
     force_shape, tip, read = (modes.shapes[3 * (node - 1)] for node in (force, absorber, response))
     return ModalModel(modes.omega, np.full(MODES, damping), force_shape, tip, per_length * (2 * height + width), response_shape=read)
+
+
+def assembled(nodes: Real, members: Sequence[tuple[int, int]], bending: Real, per_length: Real) -> tuple[Real, Real]:
+    """Return (mass, stiffness) of a plane frame: places of its nodes (n, 2), and the two nodes, N m^2 and kg/m of each member.
+
+    Three freedoms a node: along both axes, and turn.
+    """
+    mass, stiffness = np.zeros((2, 3 * len(nodes), 3 * len(nodes)))
+    for (first, second), rigidity, own in zip(members, bending, per_length, strict=True):
+        x, y = nodes[second] - nodes[first]
+        length = float(np.hypot(x, y))
+        both = np.kron(np.eye(2), [[x / length, y / length, 0], [-y / length, x / length, 0], [0, 0, 1]])
+        at = np.ix_(*2 * [[3 * node + k for node in (first, second) for k in range(3)]])
+        mass[at] += own * both.T @ _inertia(length) @ both
+        stiffness[at] += rigidity * both.T @ _stiffness(length) @ both
+    return mass, stiffness
+
+
+def hermite(length: float, elements: int) -> tuple[Real, Real, Real, Real]:
+    """Return integrals over a line of cubic Hermite elements, deflection and slope by turns: of N N, N' N', N'' N'' and N'' N."""
+    found = np.zeros((4, 2 * elements + 2, 2 * elements + 2))
+    step, bend = length / elements, [1, 2, 4, 5]
+    b = 3 * step
+    rows = [[36, b, -36, b], [b, 4 * step**2, -b, -(step**2)], [-36, -b, 36, -b], [b, -(step**2), -b, 4 * step**2]]
+    slopes = np.array(rows) / (30 * step)
+    ends = np.zeros((4, 4))
+    ends[1, 0], ends[3, 2] = -1, 1  # slope times deflection at the ends of an element, by parts
+    for k in range(elements):
+        at = slice(2 * k, 2 * k + 4)
+        for total, own in zip(found, (_inertia(step)[np.ix_(bend, bend)], slopes, _stiffness(step)[np.ix_(bend, bend)], ends - slopes), strict=True):
+            total[at, at] += own
+    return tuple(found)  # type: ignore[return-value]
 
 
 def _inertia(length: float) -> Real:
@@ -214,8 +240,7 @@ CASES = (
 
 Array = NDArray[np.float64]
 STEP, FROM, TO = 0.05, -1.225, 1.1  # of ln (gap over the rule's); half a step off the gaps that a search tries
-WITHIN, NEARER, BESIDE = 1.5, 1.25, 2  # gaps are run in full where a look is within this of the lowest; judged where a full run is; so many beside
-JUDGES = 15  # members, the first of them the search's: medians of few members differ by luck, and the lowest of many such is a lucky one
+WITHIN, BESIDE = 1.5, 2  # gaps are run in full where a look is within this of the lowest, and so many beside
 
 
 @dataclass(frozen=True)
@@ -223,7 +248,7 @@ class Row:
     """One case. Levels are medians over the lowest of the scan, for ``recommended`` the worst over the tolerance, over the lowest such.
 
     ``best`` is the best gap over the rule's; ``rule``, ``expected``: the levels at the rule's gap and at the fit of `expected_gap`. ``relative``: the
-    lowest level over that without absorber. ``sharp_few`` and ``recommended_few`` are judged on the members of the search alone.
+    lowest level over that without absorber.
     """
 
     name: str
@@ -239,12 +264,18 @@ class Row:
     expected: float
     sweeps: int
     gaps: int
-    sharp_few: float
-    recommended_few: float
 
 
-def row(case: Case, members: int, step: float = STEP, rate: float | None = None, threads: int | None = None, executor: Executor | None = None) -> Row:
-    """Return a case's row; raises KeyboardInterrupt if it is stopped."""
+def row(
+    case: Case,
+    members: int,
+    step: float = STEP,
+    rate: float | None = None,
+    judges: int | None = None,
+    threads: int | None = None,
+    executor: Executor | None = None,
+) -> Row:
+    """Return a case's row, judged on ``judges`` members (None: those of the search); raises KeyboardInterrupt if it is stopped."""
     model = case.model()
     absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
     where = {"threads": threads, "executor": executor}
@@ -253,7 +284,8 @@ def row(case: Case, members: int, step: float = STEP, rate: float | None = None,
         raise KeyboardInterrupt
     check = found.check
     fit = float(expected_gap(model, check.mass, FORCE, case.resonance))
-    told = np.log(np.array([found.sharp.gap, found.recommended.gap, check.rule, fit]) / check.rule)
+    best = found.recommended.gap  # and what it is under more and less force
+    told = np.log(np.array([found.sharp.gap, best / (1 + TOLERANCE), best, best / (1 - TOLERANCE), check.rule, fit]) / check.rule)
     grid = np.arange(FROM, TO, step)
 
     def levels(at: Sequence[float] | Array, number: int, speed: float) -> Array:
@@ -264,12 +296,9 @@ def row(case: Case, members: int, step: float = STEP, rate: float | None = None,
             raise KeyboardInterrupt
         return np.array([curve.median[0] for curve in curves])
 
-    near = grid[_beside(levels(grid, 1, found.look_rate), WITHIN)]
-    few = levels(at := np.union1d(near, told), members, check.rate)
-    by_few = judged(case, found, at, few, fit / check.rule)
-    nearer = at[_beside(few, NEARER)]
-    many = levels(at := np.union1d(nearer, told), max(JUDGES, members), check.rate)
-    return replace(judged(case, found, at, many, fit / check.rule), sharp_few=by_few.sharp, recommended_few=by_few.recommended)
+    near = grid[_beside(levels(grid, 1, min(PAPER_RATE, FASTER * check.rate)), WITHIN)]
+    at = np.union1d(near, told)
+    return judged(case, found, at, levels(at, judges or members, check.rate), fit / check.rule)
 
 
 def _beside(levels: Array, within: float) -> NDArray[np.bool_]:
@@ -304,5 +333,5 @@ def judged(case: Case, found: Advice, at: Array, full: Array, expected: float) -
     return Row(
         case.name, case.resonance, float(case.model().damping_ratio[case.resonance - 1]), case.mass_ratio, found.check.reach,
         float(np.exp(at[np.argmin(full)])), float(lowest / found.check.without.median[0]), *told, float(between(0.0) / lowest),
-        float(between(np.log(expected)) / lowest), found.sweeps, len(at), *told,
+        float(between(np.log(expected)) / lowest), found.sweeps, len(at),
     )  # fmt: skip

@@ -14,14 +14,17 @@ from matplotlib.figure import Figure
 from places import EXAMPLES, ROOT
 
 from impact_env import Beam, beam_scene, impact_absorber, load_structure, modal_model
+from impact_env.curve import performance_curve
 from impact_env.periodic.case import Case
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.plain import from_scene
+from impact_env.scene import Scene
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.group import file_of
 from optimisation.comparison import compare
 from optimisation.files import read_json
 from optimisation.friction_rule import best_friction
+from optimisation.mounting import mounted
 from optimisation.report.comparison_figure import save_figure
 from optimisation.tuned import den_hartog, undamped_h2
 from studies.cli.your_structure import BLOCK, PAGES
@@ -179,13 +182,22 @@ def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_pa
     beam = Beam(modes=2, damping_ratio=0.02, response_position=1.0)
     device = tmp_path / "device.json"
     device.write_text(json.dumps(from_scene(beam_scene(beam, impact_absorber(7e-4, 0.55, 0.03, 0.015)), beam)))
-    line = f"--scene {device} --resonances 1 2 --forces 2 --members 1 --rate 60 --out {tmp_path}"
+    line = f"--scene {device} --force 1.7 --resonances 1 2 --forces 2 --members 1 --rate 60 --out {tmp_path}"
     result = call("compare_absorbers", monkeypatch, line)
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "summary.json").read_text())
     impact = found["resonances"]["1"]["concepts"]["impact"]["absorber"]
     assert impact == {"mass_ratio": 0.015, "walls": {"gap": 7e-4, "restitution": 0.55}, "friction": {"limit": 0.03}, "gravity": 0.0}
     assert found["settings"]["gap_m"] == 7e-4
+    model, (first, second) = mounted(beam), (found["resonances"][k]["concepts"] for k in ("1", "2"))
+    own = performance_curve(Scene(model, impact_absorber(7e-4, 0.55, 0.03, 0.015)), [1.7], members=1, percent_per_100_periods=60.0)
+    assert first["impact"]["at_the_force"]["response_level_m"] == pytest.approx(own.median[0], rel=1e-9)
+    assert first["friction"]["absorber"]["friction"]["limit"] == pytest.approx(best_friction(model, 0.015 * model.beam_mass, 1.7)[0])
+    assert "at_the_force" not in second["impact"]
+    assert "level at 1.7 N, mm" in result.stdout
+    card = json.loads((tmp_path / "card.json").read_text())["groups"]
+    assert {"Resonance 1, at 1.7 N", "What it bears there", "Assumptions"} < set(card)
+    assert card["Impact absorber"][2] == {"label": "clearance to either wall", "value": 0.7, "unit": "mm"}
     result = call("tune_ltva", monkeypatch, f"--scene {device} --quick --out {tmp_path}")
     assert result.exit_code == 0, result.output
     assert json.loads((tmp_path / "summary.json").read_text())["settings"]["mass_ratio"] == 0.015

@@ -12,6 +12,7 @@ from commands import FAST, call, load, read
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
 
+from impact_env.modes import modal_model
 from impact_env.parameters import Beam
 from optimisation.designs import design_space
 from optimisation.evaluation import Threads
@@ -57,6 +58,11 @@ def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path) -> N
         assert content["with_more_modes"]["modes"] == 4
         assert content["paper"]["values"]["mass_ratio"] == 0.02
         assert content["in_service"]["conditions"][0]["level_m"] > 0
+        card = {heading: {row["label"]: row for row in rows} for heading, rows in json.loads((folder / "card.json").read_text())["groups"].items()}
+        mass = content["winner"]["values"]["mass_ratio"] * modal_model(Beam(modes=2)).beam_mass
+        assert card["Winner"]["absorber mass"]["value"] == pytest.approx(mass)
+        assert {"winner's design", "no absorber", "best tuned absorber of this mass (stationary)"} < set(card["Resonance 1, 3.5 N"])
+        assert "with 4" in card["Assumptions"]["modes kept"]["value"]
         assert len(read(folder / "designs.csv")) == content["designs"]
         assert tuple(read(folder / "curves.csv")[0]) == LEVEL_COLUMNS
     (condition,) = json.loads((tmp_path / "impact" / "summary.json").read_text())["conditions"]

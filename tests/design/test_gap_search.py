@@ -14,12 +14,15 @@ from click.testing import CliRunner
 from impact_env import Beam, ParameterError, modal_model
 from impact_env.curve import performance_curve
 from impact_env.scene import Scene
+from impact_env.structures.matrices import lowest_modes
+from optimisation.bounds import reach
 from optimisation.friction_rule import scaled_friction
 from optimisation.gap_advice import Advice, advise
 from optimisation.gap_check import scaled_absorber
 from optimisation.gap_search import PAIRS, STEP, Table, answers, bracket, search, worst
 from studies.cli import check_gaps
-from studies.gaps import CASES, frame, judged, plate, storeys
+from studies.drawn import CASES as DRAWN
+from studies.gaps import CASES, assembled, frame, hermite, judged, plate, storeys
 
 MODEL = modal_model(Beam(modes=3))
 
@@ -39,17 +42,17 @@ def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
     edge = generator.uniform(-0.9, 0.9)
     level = cliff(edge)
     runs = 0
-    kept: dict[tuple[float, bool], np.ndarray] = {}
+    kept: dict[float, np.ndarray] = {}
 
-    def look(n: float, members: int, full: bool) -> np.ndarray:
+    def look(n: float, members: int) -> np.ndarray:
         nonlocal runs
-        if (n, full) not in kept:
-            kept[n, full] = level(STEP * n) * np.exp(generator.normal(0, 0.02, 3)) * (1.0 if full else 0.8)  # type: ignore[operator]
-        runs += members - len(table.full.get(n, ()))
-        return kept[n, full][:members]
+        if n not in kept:
+            kept[n] = level(STEP * n) * np.exp(generator.normal(0, 0.02, 3))  # type: ignore[operator]
+        runs += members - len(table.levels.get(n, ()))
+        return kept[n][:members]
 
     table = Table()
-    search(look, 0, 0.1, 3, PAIRS, table, same=False)
+    search(look, 0, 0.1, 3, PAIRS, table)
     sharp, robust = answers(table, 0.1, 2)
     fine = np.arange(edge - 0.5, edge + 0.5, 0.002)
     exact = [max(k * level(x - math.log(k)) for k in (0.9, 1.0, 1.1)) for x in fine]  # type: ignore[operator]
@@ -99,7 +102,7 @@ def test_answers_are_runs(advice: Advice) -> None:
         assert curve.median[0] == pytest.approx(answer.level, rel=1e-9)
         np.testing.assert_allclose(curve.band[:, 0], (answer.low, answer.high), rtol=1e-9)
         assert answer.friction_limit == pytest.approx(scaled_friction(MODEL, advice.check.mass, answer.gap))
-    runs = sum(len(curve.members) for curve in (*advice.check.curves, advice.check.without)) + len(advice.looks)
+    runs = sum(len(curve.members) for curve in (*advice.check.curves, advice.check.without))
     assert 2 * runs == advice.sweeps <= 40
     assert advice.at_force(advice.sharp, 1.0) == pytest.approx(advice.sharp.level)
 
@@ -134,7 +137,25 @@ def test_structures_of_the_study_are_those_of_the_books() -> None:
     stiffness = 2e6 * (2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
     stiffness[-1, -1] = 2e6
     np.testing.assert_allclose(chain.omega, np.sqrt(np.linalg.eigvalsh(stiffness) / 1e3))
+    edges = assembled(np.array([[0, 0], [0.5, 0.0], [1, 0]]), [(0, 1), (1, 2)], np.array([3.0, 3.0]), np.array([2.0, 2.0]))
+    cantilever = lowest_modes(*(matrix[3:, 3:] for matrix in edges), 1).omega[0]
+    assert cantilever == pytest.approx(1.8751**2 * np.sqrt(3.0 / 2.0), rel=1e-3)
+    assert len({case.name for case in DRAWN}) == 10
+    for case in DRAWN:
+        model = case.model()
+        assert 1.5 <= reach(model, case.mass_ratio * model.beam_mass, case.resonance) <= 15
+        assert 0.0012 <= model.damping_ratio.min() <= model.damping_ratio.max() <= 0.03
     assert len(CASES) == len({(case.name, case.resonance, case.mass_ratio) for case in CASES}) == 20
+
+
+def test_plates_by_elements_and_by_polynomials_are_one() -> None:
+    """A plate clamped at one edge by Hermite elements and by Ritz's method with polynomials, which share no code."""
+    (ax, bx, cx, dx), (ay, by, cy, dy) = hermite(0.4, 6), hermite(0.3, 5)
+    stiffness = np.kron(cx, ay) + np.kron(ax, cy) + 0.3 * (np.kron(dx, dy.T) + np.kron(dx.T, dy)) + 1.4 * np.kron(bx, by)
+    free = np.arange(len(stiffness)) // len(ay) >= 2
+    omega = lowest_modes(np.kron(ax, ay)[np.ix_(free, free)], stiffness[np.ix_(free, free)], 5).omega
+    ritz = plate(("cantilever", "free"), (0.4, 0.3), 1.0, ((1.0, 1.0),) * 3, 0.01, (12 * 0.91, 1.0))
+    np.testing.assert_allclose(omega, ritz.omega[:5], rtol=2e-3)
 
 
 def test_a_scan_judges_both_answers_by_their_own_criteria(advice: Advice) -> None:

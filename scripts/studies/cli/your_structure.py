@@ -17,9 +17,11 @@ import click
 
 from optimisation.cli.common import command, plain_errors
 from optimisation.files import replacing
-from optimisation.page import ROOT
+from optimisation.machine import conditions, sources
+from optimisation.page import ROOT, fill, require_markers
 from optimisation.progress import BAR, Bar
 
+PRINTED = "printed"  # the section that says when and where the commands ran
 PAGES = tuple(ROOT / "docs" / f"{name}.md" for name in ("which_gap", "your_structure"))
 # a command and what it prints: all, or the paragraphs that begin with what stands behind ```text, several apart by ;
 BLOCK = re.compile(r"```sh\n(?P<command>scripts/run [^\n]+)\n```\n\n```text(?P<shown>[^\n]*)\n(?P<printed>(?:(?!```).*\n)*?)```\n")
@@ -38,7 +40,7 @@ def printed_by(command: str, shown: str = "") -> str:
 
 def bring_up_to_date(page: Path) -> int:
     """Run the commands of a page in turn, write what they print into it, and return their number; the page stays as it is until all have run."""
-    text = page.read_text(encoding="utf-8")
+    text = require_markers(page, page, (PRINTED,))
     blocks = list(BLOCK.finditer(text))
     shutil.rmtree(ROOT / "results" / page.stem, ignore_errors=True)  # a study goes on where it was left, and would print something else
     results = [printed_by(block["command"], block["shown"]) for block in Bar(blocks, desc=page.stem, bar_format=BAR)]
@@ -46,6 +48,7 @@ def bring_up_to_date(page: Path) -> int:
         text = f"{text[: block.start('printed')]}{result}\n{text[block.end('printed') :]}"
     with replacing(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
+    fill(page, page, {PRINTED: sources(conditions())})
     return len(blocks)
 
 
