@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import io
+import itertools
 import os
 import shutil
 import statistics
@@ -34,11 +36,13 @@ from studies.study import Json, Measured
 
 NAME = "benchmark_explorer"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-REPEATS, QUICK_REPEATS = 15, 2
+REPEATS, QUICK_REPEATS, WHOLE_REPEATS = 15, 2, 2
 MARKS = {"first points": "first_ms", "all forces": "all_forces_ms", "all": "everything_ms"}
 CASES = tuple((modes, friction) for modes in (3, 10) for friction in (0.0, 0.1))
 WAIT = 600_000.0  # ms, with what is compiled
 SIZE: Any = {"width": 1280, "height": 800}
+FILM, FILM_COLOURS = (960, 600), 64
+GAP = "Gap to either wall, mm"
 
 
 class Settings(NamedTuple):
@@ -73,25 +77,83 @@ def browsing() -> Iterator[Any]:
         browser.close()
 
 
-def _finished(page: Any) -> None:
+def _finished(page: Any, what: str = "done") -> None:
     asked = page.evaluate("document.documentElement.dataset.asked") or 1
-    page.wait_for_selector(f'html[data-done="{asked}"]', state="attached", timeout=WAIT)
+    page.wait_for_selector(f'html[data-{what}="{asked}"]', state="attached", timeout=WAIT)
+
+
+def opened(page: Any, address: str, setting: str) -> None:
+    """Load the page with a setting, and wait until all is drawn."""
+    page.goto("about:blank")
+    page.goto(f"{address}#{setting}")
+    page.wait_for_selector("html[data-asked]", state="attached")
+    _finished(page)
 
 
 def moved(page: Any, address: str, modes: int, friction: float, repeats: int) -> dict[str, list[float]]:
-    """Return the times in ms of each move of the gap's slider, one after the other."""
-    page.goto("about:blank")
-    page.goto(f"{address}#modes={modes}&friction={friction}&members=1")
-    page.wait_for_selector("html[data-asked]", state="attached")
-    _finished(page)
-    page.get_by_label("Gap to either wall, mm").focus()
-    for _ in range(repeats + 1):
+    """Return the times in ms of each move of the gap's slider: the next one comes when all forces are there, after the last ones everything is."""
+    opened(page, address, f"modes={modes}&friction={friction}&members=1")
+    page.get_by_label(GAP).focus()
+    for k in range(repeats + 1):
         before = int(page.evaluate("document.documentElement.dataset.asked"))
         page.keyboard.press("ArrowRight")
         page.wait_for_selector(f'html[data-asked="{before + 1}"]', state="attached")
-        _finished(page)
+        _finished(page, "whole" if k <= repeats - WHOLE_REPEATS else "done")
     found = page.evaluate("performance.getEntriesByType('measure').map((m) => [m.name, m.duration])")
-    return {key: [ms for name, ms in found if name == mark][-repeats:] for mark, key in MARKS.items()}
+    return {key: [ms for name, ms in found if name == mark][-(WHOLE_REPEATS if mark == "all" else repeats) :] for mark, key in MARKS.items()}
+
+
+CURSOR = """
+const style = "position:fixed; width:16px; height:16px; margin:-8px; border-radius:8px; background:#c4511ccc; pointer-events:none; z-index:9";
+const dot = document.body.appendChild(Object.assign(document.createElement("div"), { style }));
+addEventListener("pointermove", (e) => { dot.style.left = `${e.clientX}px`; dot.style.top = `${e.clientY}px`; }, true);
+"""
+
+
+def film(target: Path) -> None:
+    """Write a film of the page, as long as it takes: the gap's slider is dragged, a click sets the force, and advice is asked for."""
+    frames, seconds, last = list[Image.Image](), list[float](), 0.0
+
+    def shoot(least: float, until: str = "html") -> None:
+        """Take pictures for ``least`` seconds, and until there is what a selector says."""
+        nonlocal last
+        end = time.monotonic() + least
+        while time.monotonic() < end or not page.locator(until).count():
+            frames.append(Image.open(io.BytesIO(page.screenshot())).convert("RGB").resize(FILM, Image.Resampling.LANCZOS))
+            seconds.append(time.monotonic())
+
+    def go(x: float, y: float, steps: int) -> None:
+        """Move the pointer so, with a picture at each step."""
+        for k in range(1, steps + 1):
+            page.mouse.move(at[0] + (x - at[0]) * k / steps, at[1] + (y - at[1]) * k / steps)
+            shoot(0.0)
+            shoot(0.05)
+        at[:] = [x, y]
+
+    def middle(selector: str, share: float) -> tuple[float, float]:
+        box = page.locator(selector).bounding_box()
+        return box["x"] + share * box["width"], box["y"] + 0.5 * box["height"]
+
+    with serving() as address, browsing() as page:
+        opened(page, address, "friction=0.1&gap=0.0005&members=2&modes=3")
+        page.evaluate(CURSOR)
+        slider, at = '[data-control="gap"] input[type=range]', [640.0, 400.0]
+        go(*middle(slider, 0.41), 4)
+        page.mouse.down()
+        go(*middle(slider, 0.55), 14)
+        page.mouse.up()
+        shoot(1.5)
+        go(*middle("#curve .u-over", 0.5), 5)
+        page.mouse.click(*at)
+        shoot(2.0)
+        go(*middle("#recommend", 0.5), 5)
+        page.mouse.click(*at)
+        shoot(1.0, "#why:not(:empty)")
+        shoot(2.5)
+    palette = frames[-1].quantize(FILM_COLOURS)  # one for all, so that what stands still costs nothing
+    frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    lengths = [round(1e3 * (b - a)) for a, b in itertools.pairwise(seconds)] + [2000]
+    frames[0].save(target, save_all=True, append_images=frames[1:], duration=lengths, loop=0, optimize=True)
 
 
 def stopped(modes: int, friction: float, repeats: int) -> list[float]:
@@ -118,10 +180,7 @@ def measure(settings: Settings) -> Json:
             times = moved(page, address, modes, friction, settings.repeats) | {"stopped_ms": stopped(modes, friction, settings.repeats)}
             rows.append({"modes": modes, "friction_limit": friction, **times})
         if settings.picture is not None:
-            page.goto("about:blank")
-            page.goto(f"{address}#friction=0.1&gap=0.0012&members=8&modes=3")
-            page.wait_for_selector("html[data-asked]", state="attached")
-            _finished(page)
+            opened(page, address, "friction=0.1&gap=0.0012&members=8&modes=3")
             page.screenshot(path=settings.picture)
             few_colours(Image.open(settings.picture)).save(settings.picture, optimize=True)
     return {"repeats": settings.repeats, "load": [load, os.getloadavg()[0]], "cases": rows}
@@ -147,11 +206,18 @@ STUDY = table_study(NAME, "explorer", measure, said)
 @command()
 @click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} moves of each case: a look, not a measurement.")
 @click.option("--picture", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Keep a picture of the page: .png.")
+@click.option(
+    "--film", "filmed", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Make a film of the page, .gif, and nothing else."
+)
 @table_options(NAME, "docs/explore.md")
-def main(quick: bool, picture: Path | None, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, picture: Path | None, filmed: Path | None, target: Path | None, page: Path | None) -> None:
     """Move a slider of the page and time what it draws, until the first points, all forces and everything; and how soon stale work ends.
 
     Run it on an otherwise idle machine. It needs Chromium. The first call compiles kernels, which is not part of the times.
     """
     check_target("--picture", picture, (".png",))
+    check_target("--film", filmed, (".gif",))
+    if filmed is not None:
+        film(filmed)
+        return
     run(STUDY, Settings(QUICK_REPEATS if quick else REPEATS, None if picture is None else picture.resolve()), table_place(target, page))
