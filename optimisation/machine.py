@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import platform
+import sys
 from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -64,3 +65,19 @@ def sources(values: Mapping[str, Any]) -> str:
     named = ", ".join(f"{'Python' if name == 'python' else name} {number}" for name, number in values["versions"].items())
     where = (values["date"], values["processor"], f"{values['cores']} cores", values.get("system"))
     return f"Measured on {', '.join(part for part in where if part)}; {named}."
+
+
+# The largest memory that a process has had, on any system.
+
+
+if sys.platform == "win32":
+    import psutil
+else:
+    import resource
+
+
+def peak_memory() -> int:
+    """Return the largest resident memory that this process had, in bytes; that of its children is not in it."""
+    if sys.platform == "win32":
+        return int(psutil.Process().memory_info().peak_wset)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

@@ -8,9 +8,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.families.common import compiled, schedule_of
-from impact_env.families.family import Family, Observers
-from impact_env.families.rigid import rigid_laws
+from impact_env.families.exact import rigid_laws
+from impact_env.families.family import Family, Observers, compiled, schedule_of
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import moreau_lanes, runge_kutta_lanes
 from impact_env.kernels.stepping import feedback, moreau

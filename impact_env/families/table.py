@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from impact_env.families.compliant import COMPLIANT
+from impact_env.families.exact import COMPLIANT, LINEAR, RIGID, SEVERAL
 from impact_env.families.family import Family
-from impact_env.families.linear import LINEAR
-from impact_env.families.rigid import RIGID
-from impact_env.families.several import SEVERAL
 from impact_env.families.stepping import MOREAU, RUNGE_KUTTA
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported, method_class

@@ -17,9 +17,10 @@ from optimisation.bounds.rule import (
     gap_unit,
     near_range,
     reach,
+    reduction_share,
     require_reach,
+    share_reached,
 )
-from optimisation.bounds.share import reduction_share, share_reached
 from optimisation.bounds.stroke import SWEPT, resonance_limit, stroke_limit_rms
 
 __all__ = [

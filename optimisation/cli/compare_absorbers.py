@@ -25,7 +25,7 @@ from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.gap_card import Impacts, impacts_of
 from optimisation.load_comparison import compare_loads
-from optimisation.memory import peak_memory
+from optimisation.machine import peak_memory
 from optimisation.mounting import mounted
 from optimisation.progress import sweeps_bar
 from optimisation.report import load_tables

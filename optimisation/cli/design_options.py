@@ -32,8 +32,7 @@ from optimisation.comparison import RESONANCES
 from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.designs import FREE, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, RESTITUTION, VARIABLES, DesignSpace, design_space
 from optimisation.executors import cluster_option, executor
-from optimisation.machine import conditions
-from optimisation.memory import peak_memory
+from optimisation.machine import conditions, peak_memory
 from optimisation.mounting import mounted
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem

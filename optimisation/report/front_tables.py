@@ -12,10 +12,9 @@ from optimisation.load_measures import TOLD
 from optimisation.objectives import Score
 from optimisation.problem import Problem
 from optimisation.report.design_tables import number
-from optimisation.search.front import hypervolume
 from optimisation.search.judge import Judged
 from optimisation.search.result import Cost
-from optimisation.search.told import Evaluated
+from optimisation.search.told import Evaluated, hypervolume
 
 Array = NDArray[np.float64]
 Json = dict[str, object]

@@ -17,9 +17,9 @@ from optimisation.report.design_tables import limit
 from optimisation.report.front_tables import Front, costs, signed
 from optimisation.search.bars import BARS
 from optimisation.search.find import searched
-from optimisation.search.front import hypervolume, nondominated
 from optimisation.search.judge import judged
 from optimisation.search.settings import NSGA2, RANDOM, SAMPLERS, Settings, default_settings
+from optimisation.search.told import hypervolume, nondominated
 
 FORCES = ((1, 3.5), (2, 15.0))  # in N: each the design force of its resonance for one gap would leave nothing to trade
 BY_RESONANCE = (Objective(resonance=1), Objective(resonance=2))

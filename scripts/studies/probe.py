@@ -14,7 +14,7 @@ import tracemalloc
 from typing import Any
 
 from impact_env import simulate
-from optimisation.memory import peak_memory
+from optimisation.machine import peak_memory
 from studies.variants import METHODS, RECORDS, Variant
 
 LONGER = 10  # memory is compared between a run and one so many times longer

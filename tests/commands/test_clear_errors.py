@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
+from types import ModuleType
 
+import click
+import numpy as np
 import pytest
+from click.testing import CliRunner
+from commands import FAST, call, load, read
+
+from impact_env.modes import modal_model
+from impact_env.parameters import Beam
+from optimisation.cli.common import end_early, json_option, name_files, plain_errors
+from optimisation.designs import design_space
+from optimisation.evaluation import Threads
+from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
+from optimisation.files import write_json
+from optimisation.insight import sensitivity
+from optimisation.objectives import Condition
+from optimisation.problem import Problem
+from optimisation.report.design_tables import LEVEL_COLUMNS, limit
 
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
-
-import click
-from click.testing import CliRunner
-from commands import FAST, call, load
-
-from optimisation.cli.common import end_early, json_option, name_files, plain_errors
-from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
-from optimisation.files import write_json
 
 
 def test_bounds_of_what_is_usable() -> None:
@@ -99,3 +109,110 @@ def test_json_alone_goes_to_standard_output_and_what_is_finished_after_an_early_
     result = call(command, "--json", "-")
     assert (result.exit_code, json.loads(result.stdout)) == (130, [1])
     assert "a table\n\nwritten: standard output\nStopped early" in result.stderr
+
+
+@pytest.fixture
+def optimise(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.setattr("optimisation.service.FREQUENCIES", 2)
+    monkeypatch.setattr("optimisation.service.FORCES", np.array([0.5, 1.0, 2.0]))
+    return load("optimise_design", monkeypatch)
+
+
+@pytest.fixture
+def pareto(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    return load("pareto", monkeypatch)
+
+
+def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path) -> None:
+    before = optimise.conditions_of({"cluster": None, "threads": 1})["memory_bytes"]  # of all that these tests have loaded and compiled
+    result = call(optimise, *FAST, "--concept", "all", "--at", "1:3.5", "--designs", 6, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    common = {"card.html", "card.json", "designs.csv", "summary.json", "curves.csv", "curves.png", "detuned.csv", "detuned.png"}
+    impact = {"map.csv", "map.png", "sensitivity.png", "study.journal"}
+    for concept, own in (
+        ("impact", impact),
+        ("friction", {"study.journal"}),
+        ("tuned", {"sensitivity.png", "study.journal"}),
+        ("several", {"sensitivity.png", "study.journal"}),
+    ):
+        folder = tmp_path / concept
+        assert {file.name for file in folder.iterdir()} == common | own
+        assert all(file.read_bytes().startswith(b"\x89PNG") for file in folder.glob("*.png"))
+        content = json.loads((folder / "summary.json").read_text())
+        assert content["finished"] is True
+        assert before <= content["memory_bytes"] < before + 2**30
+        assert content["problem"]["space"]["concept"] == concept
+        low, high = content["winner_over_paper"]["95_percent"]
+        assert 0 < low <= content["winner_over_paper"]["ratio"] <= high
+        assert content["with_more_modes"]["modes"] == 4
+        assert content["paper"]["values"]["mass_ratio"] == 0.02
+        assert content["in_service"]["conditions"][0]["level_m"] > 0
+        card = {heading: {row["label"]: row for row in rows} for heading, rows in json.loads((folder / "card.json").read_text())["groups"].items()}
+        mass = content["winner"]["values"]["mass_ratio"] * modal_model(Beam(modes=2)).beam_mass
+        assert card["Winner"]["absorber mass"]["value"] == pytest.approx(mass)
+        assert {"winner's design", "no absorber", "best tuned absorber of this mass (stationary)"} < set(card["Resonance 1, 3.5 N"])
+        assert "with 4" in card["Assumptions"]["modes kept"]["value"]
+        assert len(read(folder / "designs.csv")) == content["designs"]
+        assert tuple(read(folder / "curves.csv")[0]) == LEVEL_COLUMNS
+    (condition,) = json.loads((tmp_path / "impact" / "summary.json").read_text())["conditions"]
+    assert 0 < condition["winner"]["level_m"] < condition["without_m"]
+    assert condition["sweep_over_stationary_level"] < 0.95
+    assert condition["winner"]["share_of_possible_reduction"] is None  # the test's sweeps are too fast to tell
+    assert len(read(tmp_path / "impact" / "map.csv")) == 9
+    assert "winner over paper" in result.stdout
+
+
+def test_range_objective_spreads_the_forces(optimise: ModuleType, tmp_path: Path) -> None:
+    arguments = ["--objective", "range", "--limit", 0.4, "--over", "mean", "--quantile", 0.9, "--at", "1:3.5", "--no-figures"]
+    result = call(optimise, *FAST, *arguments, "--designs", 5, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    content = json.loads((tmp_path / "impact" / "summary.json").read_text())
+    assert len(content["problem"]["conditions"]) == 8
+    assert 0 <= content["winner"]["score"][0] <= 2 * 0.4772
+    assert "larger is better" in result.stdout
+
+
+@pytest.mark.parametrize("against", ["resonances", "severity"])
+def test_front_is_written_and_compared(pareto: ModuleType, tmp_path: Path, against: str) -> None:
+    compared = ["--random-seeds", 2] if against == "resonances" else []
+    result = call(pareto, *FAST, "--against", against, "--designs", 13, *compared, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    folder = tmp_path / against
+    assert {file.name for file in folder.iterdir()} == {"front.csv", "front.png", "summary.json", "study.journal", "card.html", "card.json"}
+    content, rows = json.loads((folder / "summary.json").read_text()), read(folder / "front.csv")
+    assert len(rows) == content["designs"] == 13
+    scores = [row["score"] for row in content["front"]]
+    assert scores == sorted(scores)
+    assert [b for _, b in scores] == sorted((b for _, b in scores), reverse=True)
+    assert sum(row["on_front"] == "1" for row in rows) == len(scores)
+    assert len(content["against_random"]) == (2 if compared else 0)
+    won = sum(entry["method"] > entry["random"] for entry in content["against_random"])
+    assert content["seeds_won_against_random"] == (won if compared else None)
+    assert (f"in {won} of 2 seeds" in result.stdout) == bool(compared)
+    assert all(set(entry) == {"seed", "method", "random"} for entry in content["against_random"])
+
+
+def test_limit_is_that_of_the_free_end_for_any_place_and_any_number_of_cavities() -> None:
+    beam = Beam(modes=3)
+    conditions = (Condition(1, 10.0), Condition(1, 10.0, detuning=0.05))
+    problem = Problem(design_space("impact", ["gap", "position"]), conditions, beam=beam)
+    end, near, inside = (problem.space.design({"gap": 1e-3, "position": x}) for x in (1.0, 1 - 1e-9, 0.7))
+    both = design_space("several", ["gap_1", "gap_2"]).design({"gap_1": 1e-3, "gap_2": 1e-3})
+    own, other = (limit(problem, end, condition) for condition in conditions)
+    assert own > other > 1e-3  # a stiffer beam answers less
+    assert limit(problem, near, conditions[0]) == pytest.approx(own, rel=1e-6)
+    assert limit(problem, both, conditions[0]) == pytest.approx(own, rel=1e-9)  # two halves of the mass, one place, one gap
+    assert limit(problem, inside, conditions[0]) > 1.2 * own
+    assert math.isnan(limit(problem, design_space("friction").default, conditions[0]))  # no cavity
+
+
+def test_sobol_indices_find_what_matters() -> None:
+    """A tuned absorber's level is smooth; in a box of stiffness alone, damping can explain nothing."""
+    space = design_space("tuned", ["stiffness", "damping"], {"damping": (0.899, 0.901)}, {})
+    problem = Problem(space, (Condition(1, 1.0, (0.5, 1.6)),), beam=Beam(modes=2), members=1, rate=40.0)
+    found = sensitivity(problem, space.design({"stiffness": 620.0, "damping": 0.9}), 16, 1, Threads())
+    assert found.names == ("stiffness", "damping")
+    assert found.designs == 16 * 4
+    assert found.total[0] > 0.8
+    assert abs(found.total[1]) < 0.05
+    assert (found.low[0], found.high[0]) == pytest.approx((496.0, 744.0))

@@ -19,11 +19,11 @@ from optimisation.designs import design_space
 from optimisation.evaluation import Threads, evaluate
 from optimisation.objectives import Condition, Constraint
 from optimisation.problem import Problem
-from optimisation.search.front import hypervolume, nondominated
+from optimisation.search.find import smooth_search
 from optimisation.search.judge import audit, verdict
 from optimisation.search.settings import Rung, Settings, default_settings
-from optimisation.search.smooth import smooth_search
 from optimisation.search.study import opened
+from optimisation.search.told import hypervolume, nondominated
 from optimisation.tuned import HIGH, LOW, minimax
 
 DESIGNS = 3 * BATCH + 1

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import subprocess
 import sys
@@ -9,20 +10,25 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from design_studies import BATCH, Bowl, Model, problem, settings
 from places import ROOT, SUPPORT
+
+from impact_env.ensemble import Executor
+from optimisation.designs import design_space
+from optimisation.objectives import Condition
+from optimisation.problem import Problem
+from optimisation.search.find import Plan, find
+from optimisation.search.ledger import StudyError, key_of, repair
+from optimisation.search.result import Findings
+from optimisation.search.settings import Rung, Settings
+from optimisation.search.study import DesignStudy, opened
+from optimisation.sources import fingerprint
 
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
 
-from design_studies import BATCH, Model, problem, settings
-
-from optimisation.designs import design_space
-from optimisation.objectives import Condition
-from optimisation.problem import Problem
-from optimisation.search.journal import StudyError, repair
-from optimisation.search.settings import Rung, Settings
-from optimisation.search.study import DesignStudy, opened
 
 DESIGNS = 3 * BATCH + 1
 
@@ -189,3 +195,169 @@ def test_study_in_use_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "a.journal"
     with opened(problem(), settings(), file), pytest.raises(StudyError, match="in use"), opened(problem(), settings(), file):
         pytest.fail("opened")
+
+
+# Searches without Optuna go on from their file: killed anywhere, on a full disk, and only where they are the same search.
+
+
+def case(kind: str) -> tuple[Problem, Plan, type[Bowl] | type[Model]]:
+    """Return a small search by SciPy, or by one of the methods that model the noise."""
+    if kind in ("friction", "tuned"):
+        wide = {"conditions": tuple(replace(c, limits=(0.5, 1.6)) for c in problem().conditions)} if kind == "tuned" else {}
+        return problem(space=design_space(kind), **wide), Plan(30, modes=False), Bowl
+    return problem(), Plan(20, sampler=kind, modes=False), Model
+
+
+def told(found: Findings) -> list[tuple[object, ...]]:
+    assert found.finished
+    assert found.verdict is not None
+    score = found.verdict.winner.score
+    return [*((e.number, dict(e.design.values), e.score) for e in found.told), (dict(found.verdict.winner.design.values), score)]
+
+
+@pytest.mark.parametrize("kind", ["friction", "tuned", "map", "replicated"])
+def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(tmp_path: Path, kind: str) -> None:
+    given, plan, executor = case(kind)
+    whole = executor()
+    expected = told(find(given, plan, None, whole))
+    last = len(whole.seen) - 3
+    for stop in (5, last) if kind == "replicated" else (0, 5, 31, last):  # a search that fits its model again at every step takes seconds
+        file, first, second = tmp_path / f"{stop}.journal", executor(stop=stop), executor()
+        try:
+            assert not find(given, plan, file, first).finished
+        except KeyboardInterrupt:
+            assert stop > 31  # it came while the finalists were judged
+        assert told(find(given, plan, file, second)) == expected
+        assert Counter(first.seen + second.seen) == Counter(whole.seen)
+        again = executor()
+        assert told(find(given, plan, file, again)) == expected
+        assert again.seen == []
+
+
+def test_file_goes_on_from_any_torn_line(tmp_path: Path) -> None:
+    given, plan, executor = case("friction")
+    file = tmp_path / "a.journal"
+    expected = told(find(given, plan, file, executor()))
+    lines = file.read_bytes().splitlines(keepends=True)
+    for cut in range(0, len(lines), 9):
+        file.write_bytes(b"".join(lines[:cut]) + lines[cut][: len(lines[cut]) // 2])
+        assert told(find(given, plan, file, executor())) == expected
+        assert sorted(file.read_bytes().splitlines()) == sorted(line.rstrip(b"\n") for line in lines)
+
+
+def test_methods_do_not_take_one_anothers_files(tmp_path: Path) -> None:
+    given, plan, executor = case("map")
+    find(given, plan, tmp_path / "map.journal", executor())
+    with pytest.raises(StudyError, match=r"search\.sampler is 'map' there and 'replicated' here"):
+        find(given, replace(plan, sampler="replicated"), tmp_path / "map.journal", executor())
+    with pytest.raises(StudyError, match=r"map\.journal is not allowed"), opened(given, settings(), tmp_path / "map.journal"):
+        pytest.fail("opened")
+    with opened(given, settings(), tmp_path / "cma.journal") as study:
+        study.run(2, Model())
+    with pytest.raises(StudyError, match="journal of another method"):
+        find(given, plan, tmp_path / "cma.journal", executor())
+
+
+def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For both kinds of journal; versions of the packages count like the code."""
+    given, plan, executor = case("friction")
+    find(given, plan, tmp_path / "scipy.journal", executor())
+    with opened(problem(), settings(), tmp_path / "cma.journal"):
+        pass
+    for file in ("scipy.journal", "cma.journal"):
+        lines = (tmp_path / file).read_text().splitlines()
+        head = next(line for line in lines if '"sources"' in line)
+        assert all(f'"{name}":' in head for name in ("code", "numba", "numpy"))
+    for module in ("find", "study"):
+        monkeypatch.setattr(f"optimisation.search.{module}.fingerprint", lambda *given: fingerprint(*given) | {"code": "0" * 16})
+    with pytest.raises(StudyError, match=r"sources\.code is '[0-9a-f]{16}' there and '0{16}' here; choose another file"):
+        find(given, plan, tmp_path / "scipy.journal", executor())
+    with pytest.raises(StudyError, match=r"sources\.code is"), opened(problem(), settings(), tmp_path / "cma.journal"):
+        pytest.fail("opened")
+
+
+@pytest.mark.same_bits
+def test_key_is_the_same_in_another_process_and_differs_with_all_that_a_run_is_made_of() -> None:
+    code = "from design_studies import problem; from optimisation.search.ledger import key_of\n"
+    code += "g = problem(); print(*map(key_of, g.chunks(g.space.default, g.ensemble, g.rate)))"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SUPPORT), str(ROOT)]), "PYTHONHASHSEED": "7"}
+    there = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout.split()
+    given = problem()
+
+    def keys(other: Problem, rate: float = given.rate) -> list[str]:
+        return [key_of(chunk) for chunk in other.chunks(other.space.default, other.ensemble, rate)]
+
+    here = keys(given)
+    assert here == there
+    assert len(set(here)) == len(here) == 2
+    detuned = tuple(replace(c, detuning=0.01) for c in given.conditions)
+    for other in (problem(seed=1), problem(conditions=detuned), problem(members=3), problem(beam=replace(given.beam, modes=3))):
+        assert not set(keys(other)) & set(here)
+    assert not set(keys(given, 2 * given.rate)) & set(here)
+
+
+FULL = """
+import json, resource, sys
+from pathlib import Path
+sys.path[:0] = {path!r}
+from test_study import case, find, full_study
+kind, file = sys.argv[1], Path(sys.argv[2])
+for limit in map(int, sys.argv[3:]):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    try:
+        full_study(kind, file)
+    except OSError as error:
+        print(type(error).__name__, error.errno)
+    file.with_suffix(f".{{limit}}").write_bytes(file.read_bytes())
+"""
+
+
+def full_study(kind: str, file: Path) -> list[tuple[object, ...]]:
+    if kind == "cma":
+        with opened(problem(), settings(), file) as study:
+            assert study.run(13, Model())
+            return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told]
+    given, plan, executor = case(kind)
+    return told(find(given, plan, file, executor()))
+
+
+@pytest.mark.same_bits
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes are POSIX")
+@pytest.mark.parametrize("kind", ["cma", "friction"])
+def test_disk_that_is_full_leaves_a_whole_journal_that_goes_on(tmp_path: Path, kind: str) -> None:
+    """The system writes a part of a line, then refuses: what stays is whole lines, and the study ends as if nothing had been."""
+    file, expected = tmp_path / "a.journal", full_study(kind, tmp_path / "whole.journal")
+    size = (tmp_path / "whole.journal").stat().st_size
+    script = FULL.format(path=[str(Path(__file__).parent), str(SUPPORT), str(ROOT)])
+    limits = (size // 3, 2 * size // 3)
+    result = subprocess.run([sys.executable, "-c", script, kind, str(file), *map(str, limits)], capture_output=True, text=True, check=False)
+    assert result.stdout.split() == ["OSError", "27"] * 2, result.stdout + result.stderr
+    for limit in limits:
+        content = file.with_suffix(f".{limit}").read_bytes()
+        assert limit // 2 < len(content) <= limit
+        assert all(isinstance(json.loads(line), dict) for line in content.splitlines())
+        assert content.endswith(b"\n")
+    assert full_study(kind, file) == expected
+    assert not list(tmp_path.glob("*.damaged"))
+
+
+@pytest.mark.parametrize("kind", ["cma", "friction"])
+@pytest.mark.parametrize("place", ["nowhere/a.journal", "folder", "/dev/full"])
+def test_file_that_cannot_be_is_named(tmp_path: Path, kind: str, place: str) -> None:
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(StudyError, match=r"study file = .* is not allowed: a file that can be written to, in a folder that exists"):
+        full_study(kind, tmp_path / place)
+
+
+def test_runs_that_were_given_up_are_kept_as_such(tmp_path: Path) -> None:
+    class Failing(Bowl):
+        def value(self, chunk: object, lane: object) -> float:
+            return np.nan if self.seen[-1][0] > 1.0 else super().value(chunk, lane)  # type: ignore[arg-type, operator]
+
+    given, plan, _ = case("friction")
+    failing: Executor = Failing()
+    found = find(given, plan, tmp_path / "a.journal", failing)
+    assert any(e.score.failed for e in found.told)
+    again = Failing()
+    assert told(find(given, plan, tmp_path / "a.journal", again)) == told(found)
+    assert again.seen == []

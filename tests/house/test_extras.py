@@ -23,7 +23,6 @@ SOLD_AS = {
     "pygame": "pygame-ce",
 }
 IMPORTS = {
-    "optimisation.search.samplers": ("optuna", "optimise"),
     "optimisation.search.study": ("optuna", "optimise"),
     "optimisation.search.cluster": ("distributed", "cluster"),
     "optimisation.convex": ("cvxpy", "optimise"),

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import ast
+import os
+import subprocess
+import sys
+import tarfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from places import ROOT
+import pytest
+from choice import LONGEST_FIRST, PARTS, QUICK
+from places import ROOT, SUPPORT
 
 KERNELS = Path("impact_env", "kernels")  # compiled: their arguments decide what is compiled, their files what is compiled together
 LINES, KERNEL_LINES = 400, 450
@@ -58,3 +64,90 @@ def test_kernels_take_few_arguments() -> None:
         if isinstance(node, ast.FunctionDef) and len(node.args.args) > PLACES and node.args.args[0].arg != "code"
     ]
     assert found == []
+
+
+# Results are not source: what is committed of them stays small.
+
+
+FILES_RESULTS, DOCS_BYTES, SDIST_BYTES = 870, 8e6, 8e6
+
+
+def _tracked() -> list[Path]:
+    """Return the files of the checkout that Git knows and that are there; skips the test where there is no checkout."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("no checkout")
+    names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return [ROOT / name for name in names.split("\0") if name and (ROOT / name).is_file()]
+
+
+def test_files_are_few_and_docs_small() -> None:
+    tracked = _tracked()
+    assert len(tracked) < FILES_RESULTS
+    docs = {file: file.stat().st_size for file in tracked if (ROOT / "docs") in file.parents}
+    assert sum(docs.values()) < DOCS_BYTES, sorted(docs.items(), key=lambda entry: -entry[1])[:10]
+
+
+def test_a_source_distribution_is_small_and_brings_no_numbers(tmp_path: Path) -> None:
+    """It has the files that hatchling takes, in an archive of its own, since a checkout may hold files that are no part of it."""
+    builder = pytest.importorskip("hatchling.builders.sdist").SdistBuilder(str(ROOT))
+    tracked = {str(file.relative_to(ROOT)) for file in _tracked()}
+    taken = [file.relative_path for file in builder.recurse_included_files() if file.relative_path in tracked]
+    assert {"pyproject.toml", "docs/README.md", "docs/paper/m12.png"} <= set(taken)
+    assert not [name for name in taken if name.startswith("docs/") and name.endswith(".json.gz")]
+    with tarfile.open(tmp_path / "sdist.tar.gz", "w:gz") as archive:
+        for name in taken:
+            archive.add(ROOT / name, name)
+    assert (tmp_path / "sdist.tar.gz").stat().st_size < SDIST_BYTES
+
+
+# What `scripts/test --quick` runs: some of every kind, without torch, and none that is marked slow.
+
+
+TESTS = SUPPORT.parent
+KINDS = {folder_quick.name for folder_quick in TESTS.iterdir() if list(folder_quick.glob("test_*.py"))}
+ABSENT = ("torch", "stable_baselines3", "sb3_contrib", "distributed", "heyoka", "minari")
+COLLECT = f"""
+import sys
+import pytest
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {ABSENT}:
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, Absent())
+sys.exit(pytest.main(["--quick", "--collect-only", "-q", "-rs", "-n", "0", "-p", "no:cacheprovider"]))
+"""
+
+
+@pytest.mark.parametrize("names", [QUICK, LONGEST_FIRST], ids=["quick", "longest first"])
+def test_lists_name_files_that_are_there(names: tuple[str, ...]) -> None:
+    assert len(set(names)) == len(names)
+    assert not [name for name in names if not (TESTS / name).is_file()]
+
+
+def test_every_kind_has_a_folder_and_is_in_the_quick_set() -> None:
+    assert {"kernels", "simulator", "periodic", "environments", "design", "studies", "commands", "house"} - {"house"} < KINDS
+    assert {name.split("/")[0] for name in QUICK} == KINDS
+    assert not list(TESTS.glob("test_*.py"))
+
+
+def test_the_parts_have_every_file_of_tests_once() -> None:
+    found = [
+        file
+        for part in PARTS
+        for pattern in part.split()
+        for place in ROOT.glob(pattern)
+        for file in ([place] if place.is_file() else place.rglob("test_*.py"))
+    ]
+    assert sorted(found) == sorted(TESTS.rglob("test_*.py"))
+
+
+def test_the_quick_set_is_collected_whole_without_torch_and_leaves_out_what_is_slow() -> None:
+    done = subprocess.run([sys.executable, "-c", COLLECT], cwd=ROOT, env=os.environ, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = [line.partition("::") for line in done.stdout.splitlines() if "::" in line]
+    assert {file.removeprefix("tests/") for file, _, _ in found} == set(QUICK)
+    assert "skipped" not in done.stdout
+    assert " deselected" in done.stdout
+    assert "test_joined_phases_of_a_run_are_joined_segments_of_its_schedule" not in done.stdout

@@ -34,7 +34,7 @@ def test_fingerprint_is_that_of_the_sources_wherever_they_lie_and_has_the_versio
         ("optimisation/measures.py", True, True),
         ("optimisation/problem.py", False, True),
         ("optimisation/objectives.py", False, True),
-        ("optimisation/search/samplers.py", False, True),
+        ("optimisation/search/study.py", False, True),
         ("optimisation/report/design_tables.py", False, False),
         ("impact_env/envs/drawing.py", False, False),
     ],

@@ -5,7 +5,7 @@ import pytest
 from core import scene_of
 
 from impact_env import Drive, Moreau, ParameterError, Record, Response, Scene, constant_frequency, impact_absorber, simulate
-from impact_env.families.rigid import rigid_regimes
+from impact_env.families.exact import rigid_regimes
 from impact_env.kernels.events.signals import HIT_HIGH, REVERSAL
 from impact_env.kernels.exact.check import check_flight, check_hold
 from impact_env.kernels.exact.free_and_joined import Rigid, new_room

@@ -9,7 +9,7 @@ import pytest
 from core import Array
 
 from impact_env import Beam, ModalModel, Scene, beam_scene, impact_absorber
-from impact_env.families.rigid import rigid_regimes
+from impact_env.families.exact import rigid_regimes
 from impact_env.kernels.events.search import search
 from impact_env.kernels.events.signals import Course, new_signal
 from impact_env.kernels.events.signals import Guards as SearchGuards

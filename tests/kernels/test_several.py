@@ -36,7 +36,7 @@ from impact_env.controlled import ControlledRuns
 from impact_env.energy import stored_energy
 from impact_env.ensemble import Lane, run_lanes
 from impact_env.families import Observers
-from impact_env.families.several import SEVERAL as ANY_NUMBER
+from impact_env.families.exact import SEVERAL as ANY_NUMBER
 from impact_env.kernels.motion.observers import DONE, new_counters, new_energy, new_events
 from impact_env.methods import Exact
 from optimisation.designs import design_space

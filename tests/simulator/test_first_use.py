@@ -10,9 +10,14 @@ import sys
 from pathlib import Path
 
 import pytest
-from places import ROOT
+from places import ROOT, SUPPORT
 
-from impact_env import Beam, Drive, Record, beam_scene, constant_frequency, friction_damper, impact_absorber, impact_absorbers, simulate
+from impact_env import Beam, Drive, Record, beam_scene, constant_frequency, friction_damper, impact_absorber, impact_absorbers, simulate, warm_up
+from impact_env.kernels.exact.rigid import exact_lane
+from impact_env.modes import modal_model
+from impact_env.periodic.case import Case
+from impact_env.periodic.survey import orbits_over
+from impact_env.periodic.validation import shortest_validation
 
 RUN = """
 from impact_env import Beam, Drive, beam_scene, constant_frequency, first_use, simulate
@@ -180,3 +185,57 @@ def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
     two = repr(beam_scene(Beam(), impact_absorbers([1e-3, 2e-3], [0.5, 1.0])))
     assert "at 0.5 of the length impact absorber, mass ratio 0.01, gap 1 mm" in two
     assert "at 1 of the length impact absorber, mass ratio 0.01, gap 2 mm" in two
+
+
+# A kernel that another process compiles is loaded from there, or compiled here if that fails; and validations of orbits use the kernel meant.
+
+
+@pytest.mark.parametrize(
+    ("way", "first", "again"),
+    [("well", "False 1 1 0 None True", "True 0 1 0 None True"), ("badly", "False 1 0 0 None True", ""), ("alone", "False 0 0 0 None True", "")],
+)
+def test_a_kernel_comes_from_the_other_process_or_else_from_here(tmp_path: Path, way: str, first: str, again: str) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(tmp_path)}
+    for told in (first, again) if again else (first,):
+        words = [sys.executable, str(SUPPORT / "beside.py"), way]
+        done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=120)
+        assert done.stdout.strip() == told, done.stderr
+        assert all(line.startswith("impact_env: compiling ") for line in done.stderr.splitlines())
+
+
+def test_the_shortest_trial_has_the_kernels_of_trials() -> None:
+    model = modal_model(Beam(modes=2))
+    case = Case(model, 0.95 * float(model.omega[0]), 1.5, friction_limit=0.01)
+    shortest_validation(case)
+    known = list(exact_lane.signatures)  # type: ignore[attr-defined]
+    assert any(found.orbits for found in orbits_over(case, [0.95, 0.96]))
+    assert exact_lane.signatures == known  # type: ignore[attr-defined]
+
+
+def test_every_variant_is_compiled_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(warm_up, "ABSORBERS", {"linear scenes": lambda: None})
+    lines: list[str] = []
+    assert warm_up.main([], lines.append) == 0
+    assert len(lines) == len(warm_up.RECORDS) + 1
+    assert all(line.rstrip().endswith(" s") for line in lines[:-1])
+
+
+def test_environments_take_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("gymnasium")
+    assert [name for name, _ in warm_up.environments()] == list(warm_up.ENVIRONMENTS)
+    monkeypatch.setattr(warm_up, "ENVIRONMENTS", ["ImpactAbsorber/Passive-v0"])
+    lines: list[str] = []
+    assert warm_up.main(["environments"], lines.append) == 0
+    assert "Passive" in lines[0]
+
+
+def test_other_words_are_refused() -> None:
+    lines: list[str] = []
+    assert warm_up.main(["everything"], lines.append) == 2
+    assert "everything is not allowed" in lines[0]
+
+
+def test_all_is_the_main_job_and_more() -> None:
+    names = [name for name, _ in warm_up.everything()]
+    assert len(set(names)) == len(names)
+    assert {name for name, _ in warm_up.main_job() + warm_up.environments()} < set(names)

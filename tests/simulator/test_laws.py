@@ -28,7 +28,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.envs.settings import Settings
-from impact_env.families.common import compiled
+from impact_env.families.family import compiled
 from impact_env.laws import CONCEPTS, FRICTION, WALLS, argument, entry, make, values
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import harmonic_balance

@@ -19,7 +19,7 @@ from impact_env import (
     linear_sweep,
     modal_model,
 )
-from impact_env.beam import deflection_row, matrices
+from impact_env.modes import deflection_row, matrices
 
 INF = math.inf
 

@@ -19,7 +19,7 @@ from impact_env import Beam, modal_model
 from optimisation.designs import VARIABLES
 from optimisation.files import read_json
 from optimisation.friction_rule import best_friction
-from optimisation.memory import peak_memory
+from optimisation.machine import peak_memory
 from optimisation.problem import Problem
 
 PARTS = ("concepts", "optima", "place", "robustness", "front", "scaling", "full")

@@ -11,8 +11,8 @@ import click
 import numpy as np
 
 from impact_env.drive import PAPER_RATE, Drive, linear_sweep
-from impact_env.families.common import WINDOW_PERIODS
-from impact_env.families.rigid import rigid_regimes
+from impact_env.families.exact import rigid_regimes
+from impact_env.families.family import WINDOW_PERIODS
 from impact_env.kernels.motion.vector import POINTS
 from impact_env.methods import Exact
 from optimisation.cli.common import command

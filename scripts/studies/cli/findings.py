@@ -17,8 +17,7 @@ from optimisation.cli.common import command, plain_errors
 from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.executors import cluster_option, executor
 from optimisation.files import require_writable
-from optimisation.machine import sources
-from optimisation.memory import peak_memory
+from optimisation.machine import peak_memory, sources
 from optimisation.page import published
 from optimisation.report.markdown import markdown
 from optimisation.statistics import ratio_of_quantiles

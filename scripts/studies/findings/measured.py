@@ -15,7 +15,7 @@ from impact_env.ensemble import Executor
 from impact_env.extras import optional
 from optimisation.designs import IMPACT
 from optimisation.evaluation import Threads, evaluate
-from optimisation.memory import peak_memory
+from optimisation.machine import peak_memory
 from optimisation.progress import Bar
 from optimisation.report.front_tables import front_summary
 from optimisation.search.bars import BARS

@@ -15,7 +15,7 @@ from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber, T
 from impact_env.response import Record, Response
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import IntegrationError, simulate
-from optimisation.memory import peak_memory
+from optimisation.machine import peak_memory
 from reference.dense import Truth, follow
 from studies.stability.cases import EXACT, MOREAU, Case
 

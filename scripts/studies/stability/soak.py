@@ -11,7 +11,7 @@ from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorbe
 from impact_env.response import Record
 from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
-from optimisation.memory import peak_memory
+from optimisation.machine import peak_memory
 
 LENGTHS = (1_000, 10_000, 100_000, 1_000_000)  # pseudo periods
 QUICK_LENGTHS = (100, 1_000, 10_000)

@@ -1,0 +1,225 @@
+"""One absorber with rigid walls, rigid friction or both: free or sliding, and joined."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache, partial
+
+import numpy as np
+
+from impact_env.families.family import (
+    WINDOW_PERIODS,
+    Array,
+    Family,
+    Observers,
+    compiled,
+    contact_of,
+    gravity_in,
+    losses_of,
+    moves_base,
+    schedule_of,
+    window_of,
+)
+from impact_env.kernels.control.interval import Batch
+from impact_env.kernels.control.lanes import compliant_lanes, linear_lanes, rigid_lanes
+from impact_env.kernels.exact.compliant import Sprung, compliant_lane
+from impact_env.kernels.exact.free_and_joined import Rigid
+from impact_env.kernels.exact.linear import Linear, linear_lane
+from impact_env.kernels.exact.rigid import exact_lane
+from impact_env.kernels.exact.rigid_contact import Walls
+from impact_env.kernels.exact.sets import Absorbers, Sets
+from impact_env.kernels.exact.several import Several, several_lane
+from impact_env.kernels.exact.springs import Springs
+from impact_env.kernels.motion.segments import Regime
+from impact_env.loads import AnyDrive
+from impact_env.methods import Exact
+from impact_env.parameters import RigidWalls, SeveralAbsorbers, SlidingAbsorber
+from impact_env.regime_sets import regime_sets
+from impact_env.regimes import fastest, free_regime, joined_regime, padded_size, sprung_regime
+from impact_env.scene import Scene
+from impact_env.tables import table_reach
+
+# One absorber with rigid walls, rigid friction or both: free or sliding, and joined.
+
+
+FAR_AWAY = Walls(1e300, 1.0, None)
+
+
+@lru_cache(maxsize=256)
+def rigid_regimes(scene: Scene, wanted: float, moves: bool = False) -> tuple[Regime, Regime, float]:
+    """Return the free and the joined regime, and the reach of their tables in s: ``wanted`` or less. ``moves``: whether the base does."""
+    assert scene.absorber_mass is not None
+    bounds = (fastest(scene.model), fastest(scene.model, scene.absorber_mass))
+    size = padded_size(max(slots for _, slots in bounds))
+    reach = table_reach(max(speed for speed, _ in bounds), wanted)
+    joined = joined_regime(scene.model, scene.absorber_mass, size, reach, moves=moves, heavy=gravity_in(scene) is not None)
+    return free_regime(scene.model, size, reach, moves=moves), joined, reach
+
+
+def rigid_laws(scene: Scene) -> tuple[Walls | None, float | None]:
+    """Return rigid walls and friction limit (N), None where absent."""
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    return compiled(absorber.walls), compiled(absorber.friction)
+
+
+def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
+    """Return walls and friction limit (N, None where absent); walls that are absent are out of reach.
+
+    A friction damper with such walls runs as fast as one without, to the same digits, and needs no kernels of its own.
+    """
+    walls, limit = rigid_laws(scene)
+    return FAR_AWAY if walls is None else walls, limit
+
+
+def _rigid(scene: Scene, wanted: float, walls: Walls | None, limit: float | None, drive: AnyDrive | None = None) -> tuple[Rigid, float]:
+    """Return the scene as its kernels take it, and the reach of the regimes' tables in s: ``wanted`` or less."""
+    free, joined, reach = rigid_regimes(scene, wanted, moves_base(drive))
+    return Rigid(free, joined, contact_of(scene, walls, limit, drive), losses_of(scene)), reach
+
+
+def _run_rigid(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
+    rigid, reach = _rigid(scene, window_of(drive), *_laws_rigid(scene), drive)
+    return int(exact_lane(rigid, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
+
+
+def _control_rigid(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+    return partial(rigid_lanes, *_rigid(scene, WINDOW_PERIODS * pseudo_period, *rigid_laws(scene)), batch)
+
+
+def _slots_rigid(scene: Scene, pseudo_period: float) -> int:
+    return rigid_regimes(scene, WINDOW_PERIODS * pseudo_period)[0].slots.rows.shape[1]
+
+
+RIGID = Family("rigid", _laws_rigid, _run_rigid, _control_rigid, _slots_rigid, searched=True)
+
+
+# One absorber whose contacts are springs (paper, appendix A): a spring to the wall, and elastic Coulomb friction.
+
+
+def _springs(scene: Scene) -> Springs:
+    """Return wall and friction stiffness in N/m, 0 where absent."""
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    walls, friction = compiled(absorber.walls), compiled(absorber.friction)
+    return Springs(0.0 if walls is None else walls.stiffness, 0.0 if friction is None else friction.stiffness)
+
+
+@lru_cache(maxsize=256)
+def compliant_regimes(scene: Scene, wanted: float) -> tuple[tuple[Regime, Regime, Regime, Regime], float]:
+    """Return the free regime and those with the wall's spring, with the friction's, and with both, and the reach of their tables in s.
+
+    An absent spring's regime repeats another.
+    """
+    model, mass = scene.model, scene.absorber_mass
+    assert mass is not None
+    wall, friction = _springs(scene)
+    springs = [wall or friction, friction or wall, wall + friction]
+    bounds = [fastest(model), *(fastest(model, mass, k) for k in springs)]
+    size = padded_size(max(slots for _, slots in bounds))
+    reach = table_reach(max(speed for speed, _ in bounds), wanted)
+    first, second, third = (sprung_regime(model, mass, k, 0.0, size, reach) for k in springs)
+    return (free_regime(model, size, reach), first, second, third), reach
+
+
+def _laws_compliant(scene: Scene) -> tuple[float | None, float | None]:
+    """Return gap (m) and friction limit (N), None where absent."""
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    return None if absorber.walls is None else absorber.walls.gap, None if absorber.friction is None else absorber.friction.limit
+
+
+def _sprung(scene: Scene, wanted: float) -> tuple[Sprung, float]:
+    """Return the scene as its kernels take it, and the reach of the regimes' tables in s: ``wanted`` or less."""
+    regimes, reach = compliant_regimes(scene, wanted)
+    return Sprung(regimes, contact_of(scene), _springs(scene), *_laws_compliant(scene), losses_of(scene)), reach
+
+
+def _run_compliant(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
+    sprung, reach = _sprung(scene, window_of(drive))
+    return int(compliant_lane(sprung, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
+
+
+def _control_compliant(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+    return partial(compliant_lanes, *_sprung(scene, WINDOW_PERIODS * pseudo_period), batch)
+
+
+def _slots_compliant(scene: Scene, pseudo_period: float) -> int:
+    return compliant_regimes(scene, WINDOW_PERIODS * pseudo_period)[0][0].slots.rows.shape[1]
+
+
+COMPLIANT = Family("compliant", _laws_compliant, _run_compliant, _control_compliant, _slots_compliant, searched=True)
+
+
+# Scenes of one linear regime: no absorber, a stuck one, a tuned one. The exact method is a closed form, without events.
+
+
+@lru_cache(maxsize=256)
+def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Regime, float]:
+    """Return the regime and the reach of its tables in s: ``wanted`` or less. ``moves``: whether the base does."""
+    model, absorber, mass = scene.model, scene.absorber, scene.absorber_mass
+    spring = compiled(absorber)
+    speed, slots = fastest(model, mass, *(spring or (None, 0.0)))
+    size, reach = padded_size(slots), table_reach(speed, wanted)
+    if mass is None:
+        return free_regime(model, size, reach, moves=moves), reach
+    heavy = gravity_in(scene) is not None
+    if spring is None:
+        return joined_regime(model, mass, size, reach, moves=moves, heavy=heavy), reach
+    return sprung_regime(model, mass, spring.stiffness, spring.damping, size, reach, moves=moves, heavy=heavy), reach
+
+
+def _laws_linear(scene: Scene) -> tuple[object, ...]:
+    return ()
+
+
+def _run_linear(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
+    regime, reach = linear_regime(scene, window_of(drive), moves_base(drive))
+    observers = replace(observers, events=None)  # there are none, and a list would be one more variant to compile
+    return int(
+        linear_lane(Linear(regime, losses_of(scene), gravity_in(scene, drive)), schedule_of(scene, drive, reach), state, observers.every(sample_dt))
+    )
+
+
+def _control_linear(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
+    regime, reach = linear_regime(scene, WINDOW_PERIODS * pseudo_period)
+    return partial(linear_lanes, Linear(regime, losses_of(scene), None), reach, batch)
+
+
+def _slots_linear(scene: Scene, pseudo_period: float) -> int:
+    return linear_regime(scene, WINDOW_PERIODS * pseudo_period)[0].slots.rows.shape[1]
+
+
+LINEAR = Family("linear", _laws_linear, _run_linear, _control_linear, _slots_linear)
+
+
+# Several absorbers with rigid contact at places of their own: one regime for each set of joined ones.
+
+
+@lru_cache(maxsize=64)
+def _sets(scene: Scene, wanted: float) -> tuple[Sets, float]:
+    return regime_sets(scene.model, scene.absorber_shapes, scene.absorber_masses, wanted)
+
+
+def _absorbers(scene: Scene) -> Absorbers:
+    """Return what the kernels need to know of the absorbers; one without walls has them infinitely far away."""
+    every = scene.absorber.absorbers if isinstance(scene.absorber, SeveralAbsorbers) else (scene.absorber,)
+    walls = [scene.cavity(a) or RigidWalls(np.inf) for a in range(len(every))]
+    gap, restitution = np.array([w.gap for w in walls]), np.array([w.restitution for w in walls])
+    limit = np.array([one.friction.limit if isinstance(one, SlidingAbsorber) and one.friction is not None else 0.0 for one in every])
+    shapes, tip = np.array(scene.absorber_shapes), np.array(scene.model.tip_shape)
+    return Absorbers(scene.absorber_masses, gap, restitution, limit, shapes, tip, scene.model.omega**2)
+
+
+def _laws_several(scene: Scene) -> tuple[object, ...]:
+    return ()
+
+
+def _run_several(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
+    sets, reach = _sets(scene, window_of(drive))
+    several = Several(sets, _absorbers(scene), losses_of(scene))
+    return int(several_lane(several, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
+
+
+SEVERAL = Family("several", _laws_several, _run_several, searched=True)
