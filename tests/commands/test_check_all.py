@@ -17,8 +17,6 @@ FINE, BROKEN = "def test_it():\n    pass\n", "def test_it():\n    assert 0\n"
 @pytest.fixture
 def checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     spec = importlib.util.spec_from_file_location("check_all", SCRIPTS / "lib" / "check_all.py")
-    assert spec is not None
-    assert spec.loader is not None
     module: ModuleType = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     page = tmp_path / "machines.md"

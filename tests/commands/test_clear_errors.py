@@ -88,7 +88,7 @@ def test_certificate_that_is_not_optimal_leaves_its_cell_empty(monkeypatch: pyte
         calls.append(given)
         if len(calls) == 2:
             raise NotOptimalError("largest amplitude: the solver ended with status 'optimal_inaccurate'")
-        return certify(*given)  # type: ignore[arg-type]
+        return certify(*given)
 
     monkeypatch.setattr("optimisation.tuned.certificate.certify", once)
     result = call(load("tune_ltva", monkeypatch), "--modes", 2, "--out", tmp_path)

@@ -124,7 +124,7 @@ def test_files_are_whole_or_absent(tmp_path: Path) -> None:
         yield [1, 2]
         raise RuntimeError
 
-    for write in (lambda: write_csv(tmp_path / "a.csv", ["x"], rows()), lambda: write_json(tmp_path / "a.json", [float("nan")])):  # type: ignore[arg-type]
+    for write in (lambda: write_csv(tmp_path / "a.csv", ["x"], rows()), lambda: write_json(tmp_path / "a.json", [float("nan")])):
         with pytest.raises((RuntimeError, ValueError)):
             write()
     with contextlib.suppress(OSError), replacing(tmp_path / "b.txt") as temporary:

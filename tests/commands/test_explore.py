@@ -104,9 +104,7 @@ def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
     assert (card["force"], card["level"], card["band"]) == (3.5, here.median[0], here.band[:, 0].tolist())
     assert card["without"] == pytest.approx(performance_curve(to_scene({"beam": {"modes": 3}}), [3.5], members=1).median[0], rel=1e-12)
     (sweep,) = (message for message in messages if message["type"] == "sweep")
-    run = simulate(scene, Drive(3.5, CurveCase(scene, [3.5]).schedules()[0]), record=Record(events=True, series=True))  # type: ignore[arg-type]
-    assert run.level is not None
-    assert run.history is not None
+    run = simulate(scene, Drive(3.5, CurveCase(scene, [3.5]).schedules()[0]), record=Record(events=True, series=True))
     assert (sweep["level"], sweep["at"], sweep["impacts"]) == (run.level.value, run.level.time, run.impact_count)
     assert max(x for x in sweep["high"] if x is not None) == pytest.approx(run.history.tip_displacement.max(), rel=1e-5)
     assert {message["which"] for message in messages if message["type"] == "line"} == {"none", "limit", "friction", "tuned"}
@@ -284,7 +282,6 @@ def test_ctrl_c_ends_the_command_and_leaves_nothing(tmp_path: Path) -> None:
     code = "from optimisation.cli.start import main; main()"
     words = [sys.executable, "-c", code, "explore", "--port", "0", "--no-browser"]
     with subprocess.Popen(words, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         line = process.stdout.readline()
         assert line.startswith("http://127.0.0.1:")
         process.send_signal(signal.SIGINT)

@@ -46,7 +46,6 @@ def address() -> Iterator[str]:
     code = "from optimisation.cli.start import main; main()"
     words = [sys.executable, "-c", code, "explore", "--port", "0", "--no-browser"]
     with subprocess.Popen(words, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         yield process.stdout.readline().split()[0]
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0

@@ -162,7 +162,7 @@ def test_an_environment_takes_a_structure() -> None:
     assert Settings(structure=FRAME).beam_parameters is None
     for bad in ({"structure": 3}, {"structure": "none.toml"}, {"structure": STEEL, "beam": {"length": 1.0}}):
         with pytest.raises(ValueError, match="is not allowed"):
-            Settings(**bad)  # type: ignore[arg-type]
+            Settings(**bad)
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)

@@ -224,5 +224,4 @@ def test_a_state_to_start_from() -> None:
     found = to_loads({"load": load, "start": {"modal_velocity": [0.1, 0.0, 0.0]}}, 250.0)
     assert isinstance(found, Loads)
     assert not isinstance(found.start, str)
-    assert found.start.modal_velocity is not None
     assert found.start.modal_velocity.tolist() == [0.1, 0.0, 0.0]

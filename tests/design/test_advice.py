@@ -29,7 +29,7 @@ STEEL = replace(STRUCTURES["steel"], modes=2)
 
 def steel(concept: str = "impact", **changes: object) -> Problem:
     given = {"space": design_space(concept), "conditions": (Condition(1, 0.5),), "beam": STEEL, "members": 3, "rate": 40.0}
-    return Problem(**(given | changes))  # type: ignore[arg-type]
+    return Problem(**(given | changes))
 
 
 def test_interval_covers_the_ratio_as_often_as_it_says() -> None:
@@ -85,7 +85,7 @@ def test_two_branches_are_told_and_one_is_not() -> None:
     assert branches([0.1, 0.2] * 3) is None  # too few members
     assert branches([0.1, np.nan] * 8) is None
     assert branches([0.1, 0.2] * 8) is not None
-    assert "14 % (50 % of the members)" in branches([0.14, 0.19] * 8).text(100, " %")  # type: ignore[union-attr]
+    assert "14 % (50 % of the members)" in branches([0.14, 0.19] * 8).text(100, " %")
 
 
 def test_all_that_is_shown_is_run_on_fresh_members() -> None:
@@ -109,7 +109,7 @@ def test_lasting_vibration_of_a_linear_absorber_is_its_receptance() -> None:
     best = 0.0
     for omega in model.omega[0] * np.linspace(0.5, 1.6, FREQUENCIES):
         terms = model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega
-        spring = absorber.stiffness + 1j * omega * absorber.damping  # type: ignore[union-attr]
+        spring = absorber.stiffness + 1j * omega * absorber.damping
         inertia = scene.absorber_masses[0] * omega**2
         force = spring * inertia / (spring - inertia)
         matrix = np.diag(terms) - force * np.outer(model.tip_shape, model.tip_shape)
@@ -136,7 +136,7 @@ def test_service_of_an_impact_absorber_on_another_beam() -> None:
     text = "\n".join(service_lines(found))
     assert all(word in text for word in ("impact speed", "friction heat", "halves the level", "gap off by -+10 %", "all of them off", "lasting"))
     content = service_summary(found)
-    assert set(content["tolerances"]) == set(found.single)  # type: ignore[call-overload]
+    assert set(content["tolerances"]) == set(found.single)
 
 
 def test_numbers_that_are_off_are_off_as_told() -> None:

@@ -72,9 +72,8 @@ def test_card_of_a_gap_is_of_the_recommended_device() -> None:
     model = modal_model(Beam(modes=2))
     found = advise(model, 3.5, members=1, percent_per_100_periods=40.0)
     best = found.recommended
-    assert best is not None
     seen = bearing(found, best, 1)
-    told = {row["label"]: row["value"] for rows in content(gap_card(found, seen))["groups"].values() for row in rows}  # type: ignore[attr-defined]
+    told = {row["label"]: row["value"] for rows in content(gap_card(found, seen))["groups"].values() for row in rows}
     assert told["clearance to either wall"] == 1e3 * best.gap
     assert told["absorber mass"] == pytest.approx(0.02 * model.beam_mass)
     curve = performance_curve(Scene(model, best.absorber), [3.5], members=1, limits=found.check.limits, percent_per_100_periods=40.0)

@@ -73,10 +73,10 @@ class Closing(Workers):
 
     cluster: object = None
 
-    def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+    def each(self, function, chunks, kinds):
         for count, result in enumerate(super().each(function, chunks, kinds)):
             if count == 2:
-                self.cluster.close()  # type: ignore[attr-defined]
+                self.cluster.close()
             yield result
 
 

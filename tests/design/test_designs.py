@@ -104,7 +104,7 @@ def test_chosen_variables_are_free_and_the_others_fixed() -> None:
 )
 def test_bad_space_is_named(arguments: tuple[object, ...], names: list[str]) -> None:
     with pytest.raises(ParameterError) as error:
-        design_space(*arguments)  # type: ignore[arg-type]
+        design_space(*arguments)
     assert all(name in str(error.value) for name in names), error.value
 
 
@@ -204,7 +204,7 @@ PUBLIC = (*OWN, Condition, Objective, force_grid, *TUNINGS)
 @pytest.mark.parametrize("make", PUBLIC, ids=lambda make: make.__name__)
 @pytest.mark.filterwarnings("ignore")
 def test_whatever_is_handed_in_is_refused_by_name_or_right(make: object) -> None:
-    found = list(handed_in.complaints(make.__name__, make, OWN.get(make, {}), dear=make in (minimax, minimum_h2)))  # type: ignore[arg-type]
+    found = list(handed_in.complaints(make.__name__, make, OWN.get(make, {}), dear=make in (minimax, minimum_h2)))
     assert not [problem for problem in found if problem is not None]
 
 
@@ -221,7 +221,7 @@ def test_whatever_is_handed_in_is_refused_by_name_or_right(make: object) -> None
 )
 def test_what_is_compared_is_refused_by_name(arguments: dict[str, object], name: str) -> None:
     with pytest.raises(ParameterError, match=name):
-        compare(**arguments)  # type: ignore[arg-type]
+        compare(**arguments)
 
 
 def test_an_unknown_concept_is_no_tuned_absorber() -> None:

@@ -38,14 +38,13 @@ beam_mass_kg = {MASS}
 
 def problem(loads: Loads, factors: tuple[float, ...] = (1.0,), members: int = 1, **more: object) -> Problem:
     conditions = tuple(Condition(1, factor, loads=loads) for factor in factors)
-    return Problem(design_space(IMPACT, (GAP,)), conditions, beam=MODEL, members=members, **more)  # type: ignore[arg-type]
+    return Problem(design_space(IMPACT, (GAP,)), conditions, beam=MODEL, members=members, **more)
 
 
 def late_rms(scene: Scene, factor: float) -> float:
     """Return the RMS after five time constants under so many times the noise, from the run's samples."""
     record = Record(level=False, series=True, samples_per_period=64)
-    history = simulate(scene, Loads((Random(NOISE.parts[0].spectrum, 4.0, 1, factor=factor),), OMEGA[0]), record=record).history  # type: ignore[attr-defined]
-    assert history is not None
+    history = simulate(scene, Loads((Random(NOISE.parts[0].spectrum, 4.0, 1, factor=factor),), OMEGA[0]), record=record).history
     late = history.time >= 5 / (0.02 * OMEGA[0])
     return float(np.sqrt(np.mean(history.tip_displacement[late] ** 2)))
 
@@ -76,7 +75,6 @@ def test_every_member_has_a_record_of_its_own() -> None:
 
 def test_a_search_begins_at_the_gap_that_the_free_motion_sets() -> None:
     history = simulate(Scene(MODEL), SHOCK, record=Record(level=False, series=True)).history
-    assert history is not None
     largest = float(np.max(np.abs(history.tip_displacement)))
     assert problem(SHOCK).space.default.values[GAP] == pytest.approx(1.5 * largest / np.sqrt(2), rel=0.01)
 

@@ -22,7 +22,7 @@ class Backwards(Threads):
 
     lost = ()
 
-    def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+    def each(self, function, chunks, kinds):
         for k, values in reversed(list(super().each(function, chunks, kinds))):
             gap = chunks[k].lanes[0].scene.absorber.walls.gap
             yield k, np.full_like(values, np.nan) if any(abs(gap - x) < 1e-9 for x in self.lost) else values
@@ -36,7 +36,7 @@ def steel(**changes: object) -> Problem:
         "members": 5,
         "rate": 40.0,
     }
-    return Problem(**(given | changes))  # type: ignore[arg-type]
+    return Problem(**(given | changes))
 
 
 def test_rows_come_in_the_order_of_the_designs() -> None:
@@ -67,7 +67,7 @@ def test_all_objectives_are_minimised() -> None:
 def test_failures_are_nan_with_a_reason_and_leave_the_others() -> None:
     problem = steel()
     executor = Backwards()
-    executor.lost = (problem.units.gap(0.02) * 2.0,)  # type: ignore[misc]
+    executor.lost = (problem.units.gap(0.02) * 2.0,)
     why: dict[int, str] = {}
     F, _, spread = problem.evaluate([[1.0, 0.1], [9.0, 0.1], [2.0, 0.1], [np.nan, 0.1]], executor=executor, failures=why)
     assert np.isfinite(F[0]).all()

@@ -33,8 +33,6 @@ def findings(tmp_path_factory: pytest.TempPathFactory) -> Findings:
 
 def test_what_is_reported_is_the_verdicts_own(findings: Findings) -> None:
     found, problem = findings.verdict, findings.problem
-    assert found is not None
-    assert findings.own is not None
     fresh = problem.fresh_ensemble(4, VERDICT)
     np.testing.assert_array_equal(found.winner.without, problem.reference(fresh, problem.rate)[..., 0].max(axis=2))
     assert findings.own.median[0, 0] == np.median(found.winner.levels[:, 0])
@@ -46,7 +44,6 @@ def test_what_is_reported_is_the_verdicts_own(findings: Findings) -> None:
 
 def test_paper_is_the_papers_design_and_the_rule_is_the_structures(findings: Findings) -> None:
     found, problem = findings.verdict, findings.problem
-    assert found is not None
     assert dict(found.paper.design.values) == {"gap": 1e-3, "restitution": 0.7, "friction_limit": 0.1, "mass_ratio": 0.02, "position": 1.0}
     assert found.rule.design.values["gap"] == problem.units.gap(0.02)
     narrow = replace(problem, space=design_space("impact", ["gap"], {"gap": (2e-3, 3e-3)}, {"mass_ratio": 0.01}))
@@ -56,8 +53,6 @@ def test_paper_is_the_papers_design_and_the_rule_is_the_structures(findings: Fin
 
 def test_winner_runs_with_more_modes(findings: Findings) -> None:
     found, wider = findings.verdict, findings.wider
-    assert found is not None
-    assert wider is not None
     assert wider.modes == 4
     assert wider.judged.design == found.winner.design
     assert wider.change.ratio == pytest.approx(np.median(wider.judged.members[0]) / np.median(found.winner.members[0]))
@@ -70,18 +65,16 @@ def test_text_and_summary_say_it(findings: Findings) -> None:
     told, content = text(findings), summary(findings)
     for part in ("over the rule's design", "95 % bootstrap intervals", "winner with 4 modes", "(paper 0.001, rule", "too fast to tell the share"):
         assert part in told, told
-    (condition,) = content["conditions"]  # type: ignore[misc]
+    (condition,) = content["conditions"]
     assert condition["winner"]["share_of_possible_reduction"] is None
     assert condition["sweep_over_stationary_level"] < 0.95
-    assert set(content["winner_over_rule"]) == {"ratio", "95_percent"}  # type: ignore[call-overload]
+    assert set(content["winner_over_rule"]) == {"ratio", "95_percent"}
     edge = findings.problem.space.at([0.0, 0.5, 0.5])
-    assert findings.verdict is not None
     at_edge = replace(findings, verdict=replace(findings.verdict, winner=replace(findings.verdict.winner, design=edge)))
     assert "the winner lies at a bound: gap at its lower bound of 0.1 of the rule's gap" in text(at_edge)
 
 
 def test_branches_of_a_winner_are_told(findings: Findings) -> None:
-    assert findings.verdict is not None
     without = float(np.median(findings.verdict.winner.without))
     levels = without * np.repeat([0.14, 0.19], 4)[:, None]
     winner, paper = replace(findings.verdict.winner, levels=levels), replace(findings.verdict.paper, levels=0 * levels + without)
@@ -93,10 +86,9 @@ def test_search_is_quiet_by_default_and_tells_its_bars_if_asked() -> None:
     problem = Problem(design_space("friction"), (Condition(1, 0.5),), beam=STEEL, members=2, rate=40.0)
     labels: list[str] = []
     found = find(problem, Plan(6))
-    assert found.verdict is not None
     assert found.verdict.gain.high < 1  # 0.1 N of friction is not this structure's
 
-    def noted(label: str):  # type: ignore[no-untyped-def]
+    def noted(label: str):
         labels.append(label)
         return Bars().runs(label)
 

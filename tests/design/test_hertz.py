@@ -19,7 +19,7 @@ def test_time_and_force_are_those_of_the_motion(first: str, second: str, radius:
         return 4 / 3 * stiff * np.sqrt(radius) * max(depth, 0.0) ** 1.5
 
     parted = lambda _, y: y[0]  # noqa: E731
-    parted.terminal, parted.direction = True, -1  # type: ignore[attr-defined]
+    parted.terminal, parted.direction = True, -1
     run = solve_ivp(
         lambda _, y: [y[1], -force(y[0]) / mass], (0, 5 * found.time), [0, speed], events=parted, rtol=1e-9, atol=1e-14, max_step=found.time / 200
     )

@@ -33,7 +33,6 @@ def stationary(scene: Scene, force: float, omega: float, reference: float) -> tu
     """Return the tip's RMS and the absorber's displacement relative to the tip in m after the start-up; of several absorbers, none."""
     drive = Drive(force, constant_frequency(reference, omega / reference, SETTLED + MEASURED))
     history = core.run(scene, drive, samples=SAMPLES).history
-    assert history is not None
     part = slice(-MEASURED * SAMPLES, None)
     rms = float(np.sqrt(np.mean(history.tip_displacement[part] ** 2)))
     if history.absorber_displacement.ndim > 1:

@@ -44,7 +44,6 @@ def late_rms(gap: float, member: int) -> float:
     drive = drives_of(draw_members(member + 1, 0), NOISE)[member]
     scene = Scene(MODEL, impact_absorber(gap, 0.7, 0.0, 0.02))
     history = simulate(scene, drive, record=Record(level=False, series=True)).history
-    assert history is not None
     return float(np.sqrt(np.mean(history.modal_displacement[history.time >= 5 / (0.01 * OMEGA[0]), 0] ** 2))) * 2.6
 
 

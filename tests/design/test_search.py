@@ -95,7 +95,7 @@ def test_broken_constraints_cannot_win() -> None:
 
 def test_failed_runs_cost_a_design_and_not_the_study() -> None:
     class Failing(Model):
-        def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+        def each(self, function, chunks, kinds):
             for k, values in super().each(function, chunks, kinds):
                 yield k, np.full_like(values, np.nan) if self.seen[-1][1] > 0.6 else values
 
@@ -209,7 +209,7 @@ def test_tuned_absorber_is_tuned_as_the_minimax_says() -> None:
 )
 def test_bad_settings_are_named(make: object, names: list[str]) -> None:
     with pytest.raises(ParameterError) as error:
-        make()  # type: ignore[operator]
+        make()
     assert all(name in str(error.value) for name in names), error.value
 
 

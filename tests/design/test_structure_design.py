@@ -120,7 +120,7 @@ def test_the_tuned_absorber_of_the_steel_beam_is_the_best_by_dense_solution() ->
 
 def small(beam: Beam | ModalModel, **changes: object) -> Problem:
     given = {"space": design_space("impact"), "conditions": (Condition(1, 3.5), Condition(2, 35.0, detuning=0.02)), "members": 2, "rate": 40.0}
-    return Problem(beam=beam, **(given | changes))  # type: ignore[arg-type]
+    return Problem(beam=beam, **(given | changes))
 
 
 def measured(problem: Problem) -> np.ndarray:
@@ -169,11 +169,11 @@ def test_a_comparison_scales_with_the_structure() -> None:
     """By the scaling law levels over the gap are the same for a force that is as many times larger as the gap."""
     beam = replace(steel(), modes=2)
     options = {"resonances": (1,), "mass_ratio": 0.01, "forces": 3, "members": 1, "percent_per_100_periods": 20.0, "threads": 1}
-    one, four = (compare(beam, gap=gap, **options) for gap in (1e-3, 4 * 1e-3))  # type: ignore[arg-type]
+    one, four = (compare(beam, gap=gap, **options) for gap in (1e-3, 4 * 1e-3))
     np.testing.assert_allclose(four.resonances[0].forces, 4 * one.resonances[0].forces, rtol=1e-12)
     for key in (NONE, IMPACT):  # powers of two round as the numbers themselves do, so that no impact amplifies a difference
         np.testing.assert_allclose(four.resonances[0].curves[key].median, 4 * one.resonances[0].curves[key].median, rtol=1e-9)
-    by_force = compare(beam, force=one.resonances[0].design_force, **options)  # type: ignore[arg-type]
+    by_force = compare(beam, force=one.resonances[0].design_force, **options)
     assert by_force.gap == pytest.approx(1e-3)
     assert [c.key for c in one.concepts] == ["none", "impact", "friction", "ltva_tuned", "ltva_tuned_wide"]
 

@@ -210,7 +210,6 @@ def case(kind: str) -> tuple[Problem, Plan, type[Bowl] | type[Model]]:
 
 def told(found: Findings) -> list[tuple[object, ...]]:
     assert found.finished
-    assert found.verdict is not None
     score = found.verdict.winner.score
     return [*((e.number, dict(e.design.values), e.score) for e in found.told), (dict(found.verdict.winner.design.values), score)]
 
@@ -352,7 +351,7 @@ def test_file_that_cannot_be_is_named(tmp_path: Path, kind: str, place: str) -> 
 def test_runs_that_were_given_up_are_kept_as_such(tmp_path: Path) -> None:
     class Failing(Bowl):
         def value(self, chunk: object, lane: object) -> float:
-            return np.nan if self.seen[-1][0] > 1.0 else super().value(chunk, lane)  # type: ignore[arg-type, operator]
+            return np.nan if self.seen[-1][0] > 1.0 else super().value(chunk, lane)
 
     given, plan, _ = case("friction")
     failing: Executor = Failing()

@@ -42,9 +42,6 @@ def test_the_level_is_the_one_that_a_single_run_reads_there(scene: dict[str, Any
         Scene(MODEL), Drive(1.0, FrequencySchedule(16 * schedule.times, schedule.omegas, omega))
     ).level  # a quarter of 1 %: half the paper's damping
     at_the_tip = simulate(Scene(replace(MODEL, response_shape=None), env.task.settings.scene.absorber), Drive(0.3, schedule, phase)).level
-    assert found is not None
-    assert alone is not None
-    assert at_the_tip is not None
     assert info["level"] == pytest.approx(found.value, rel=digits)
     assert passage(Scene(MODEL), 1, 0.985, 0.995, 32, 0.0, 1e-3)[0] == pytest.approx(alone.value, rel=1e-9)
     assert info["relative_level"] == pytest.approx(found.value / (0.3 * alone.value), rel=digits)
@@ -83,5 +80,5 @@ def test_the_gaps_score_is_relative_to_the_same_place() -> None:
     ).unwrapped
     env.reset(seed=0)
     _, reward, _, _, info = env.step(np.zeros(1, np.float32))
-    still = 0.3 * abs(receptance(MODEL, 0.99 * MODEL.resonance_omega(1), MODEL.response_shape, MODEL.force_shape).item())  # type: ignore[arg-type]
+    still = 0.3 * abs(receptance(MODEL, 0.99 * MODEL.resonance_omega(1), MODEL.response_shape, MODEL.force_shape).item())
     assert reward == pytest.approx(-info["rms"] / (still / np.sqrt(2)) / 10, rel=1e-12)

@@ -200,7 +200,7 @@ def test_end_by_the_clock_is_no_end_for_the_value() -> None:
     model = make_model(chosen, env, 0)
     seen: dict[str, Any] = {}
 
-    class Recorded(type(env.venv.venv)):  # type: ignore[misc]
+    class Recorded(type(env.venv.venv)):
         def step_wait(self) -> Any:
             result = super().step_wait()
             seen.setdefault("rewards", []).append(result[1].copy())

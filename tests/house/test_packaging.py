@@ -30,8 +30,6 @@ def _pins(name: str) -> dict[str, str]:
 
 def _set_up_module() -> ModuleType:
     spec = importlib.util.spec_from_file_location("set_up", SCRIPTS / "lib" / "set_up.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -36,8 +36,6 @@ def deviation(response: Response, exact: Response) -> float:
 
     Samples lie on straight lines between the steps, which hides the order of a linear scene.
     """
-    assert response.history is not None
-    assert exact.history is not None
     scale, modes = np.max(np.abs(exact.history.modal_displacement)), exact.scene.model.modes
     if not isinstance(exact.scene.absorber, SlidingAbsorber):
         return float(np.max(np.abs(response.end_state - exact.end_state)[:modes]) / scale)
@@ -51,15 +49,13 @@ def converge(absorber: Absorber | None, methods: list[Method], close: float) -> 
     runs = [run(scene, DRIVE, method) for method in methods]
     errors = [deviation(r, exact) for r in runs]
     fine = runs[-1]
-    assert fine.impacts is not None
-    assert exact.impacts is not None
     few = min(3, exact.impact_count)
     np.testing.assert_allclose(fine.impacts.time[:few], exact.impacts.time[:few], rtol=0, atol=10 * close * PERIOD)
     for name in ("work", "friction_loss", "impact_loss", "absorber_damping"):
         values = [getattr(r.energy, name) for r in (fine, exact)]
-        assert values[0] == pytest.approx(values[1], rel=20 * close, abs=20 * close * abs(exact.energy.work))  # type: ignore[union-attr]
-    np.testing.assert_allclose(fine.energy.modal_loss, exact.energy.modal_loss, rtol=0, atol=20 * close * abs(exact.energy.work))  # type: ignore[union-attr]
-    steps = [method.steps_per_period for method in methods]  # type: ignore[union-attr]
+        assert values[0] == pytest.approx(values[1], rel=20 * close, abs=20 * close * abs(exact.energy.work))
+    np.testing.assert_allclose(fine.energy.modal_loss, exact.energy.modal_loss, rtol=0, atol=20 * close * abs(exact.energy.work))
+    steps = [method.steps_per_period for method in methods]
     return errors[-1], float(np.log(errors[0] / errors[-1]) / np.log(steps[-1] / steps[0]))
 
 

@@ -46,9 +46,6 @@ class Motion:
 
 def motion_of(response: Response, which: int) -> Motion:
     history, impacts, phases = response.history, response.impacts, response.phases
-    assert history is not None
-    assert impacts is not None
-    assert phases is not None
     time, shape = history.time, response.scene.absorber_shapes[which]
     q, v = (rows.reshape(len(time), -1)[:, which] for rows in (history.absorber_displacement, history.absorber_velocity))
     force = response.scene.absorber_masses[which] * np.diff(v) / np.diff(time)
@@ -111,7 +108,7 @@ def start_of(scene: Scene, rng: np.random.Generator) -> InitialState:
     places, speeds = shapes @ q, np.zeros(len(shapes))
     if scene.cavity(0) is not None and rng.random() < 0.4:
         side = rng.choice([-1.0, 1.0], len(shapes))
-        places = places + side * [scene.cavity(a).gap for a in range(len(shapes))]  # type: ignore[union-attr]
+        places = places + side * [scene.cavity(a).gap for a in range(len(shapes))]
         speeds = -side * 10 ** rng.uniform(-6, -1, len(shapes)) * rng.integers(0, 2, len(shapes))
     return InitialState(q, None, places if len(shapes) > 1 else float(places[0]), speeds if len(shapes) > 1 else float(speeds[0]))
 
@@ -144,7 +141,7 @@ def test_contacts_hold_at_every_sample(make: object, modes: int) -> None:
     wrong, impacts = [], 0
     for seed in range(scenes if make is one_absorber else scenes // 4):
         rng = np.random.default_rng([seed, modes])
-        scene = make(modes, rng)  # type: ignore[operator]
+        scene = make(modes, rng)
         drive = drive_of(scene, rng.uniform(0.9, 1.04), periods, rng)
         samples = int(density * scene.model.omega[-1] / scene.model.omega[0])
         response = run(scene, drive, initial=start_of(scene, rng), samples=samples)

@@ -43,7 +43,6 @@ def own_beam(*damping: float) -> ModalModel:
 def rows_of(response: Response) -> Array:
     """Return what is integrated, (S, N_m + 2): modal velocities squared, power of the force, the damper's relative velocity squared."""
     history, model, drive = response.history, response.scene.model, response.drive
-    assert history is not None
     force = drive.amplitude * np.cos(drive.schedule.phase_at(history.time) + drive.phase)
     relative = np.zeros_like(history.time)
     if isinstance(response.scene.absorber, TunedAbsorber):
@@ -53,8 +52,6 @@ def rows_of(response: Response) -> Array:
 
 def integrals(response: Response) -> Array:
     """Return the integrals over a run, (N_m + 2,): splines from one impact or break of the drive to the next, drawn out to them."""
-    assert response.history is not None
-    assert response.impacts is not None
     times, rows = response.history.time, rows_of(response)
     edges = np.unique(np.concatenate([response.impacts.time, response.drive.schedule.times]))
     edges = edges[np.append(True, np.diff(edges) > 1e-9 * PERIOD)]
@@ -75,7 +72,6 @@ def assert_account(scene: Scene, drive: Drive, initial: InitialState | None = No
     """Compare a run's account with splines, relative to the largest term, and check its balance."""
     response = run(scene, drive, initial=initial, samples=samples)
     found, model, truth = response.energy, scene.model, integrals(response)
-    assert found is not None
     damper = scene.absorber.damping if isinstance(scene.absorber, TunedAbsorber) else 0.0
     loss = 2 * np.array(model.damping_ratio) * model.omega * truth[: model.modes]
     largest = max(abs(found.work), float(np.max(found.modal_loss)), found.stored_at_start, found.stored_at_end)
@@ -157,7 +153,6 @@ def test_two_absorbers() -> None:
 def test_many_impacts_balance() -> None:
     """Stretches that are short beside all time scales: a chatter, again and again."""
     response = run(scene_of(impact_absorber(restitution=0.5)), drive_of(5.0, 0.97, 1.03, periods=60))
-    assert response.energy is not None
     assert response.impact_count > 100
     assert response.energy.relative_error < 1e-11
 
@@ -168,7 +163,6 @@ def test_the_balance_notices_a_wrong_propagation(monkeypatch: pytest.MonkeyPatch
     start = InitialState(modal_velocity=np.array([0.1, 0.0, 0.0]))
     exact = run(scene, drive, initial=start).energy
     regime, reach = exact.linear_regime(scene, window_of(drive))
-    assert exact is not None
     assert exact.relative_error < 1e-13
     slots = regime.slots
     table, rows = slots.table.copy(), slots.rows.copy()
@@ -177,5 +171,4 @@ def test_the_balance_notices_a_wrong_propagation(monkeypatch: pytest.MonkeyPatch
     for spoiled in (slots._replace(table=table), slots._replace(rows=rows)):
         monkeypatch.setattr(exact, "linear_regime", lambda *_, spoiled=spoiled: (regime._replace(slots=spoiled), reach))
         found = run(scene, drive, initial=start).energy
-        assert found is not None
         assert found.relative_error > 1e-10

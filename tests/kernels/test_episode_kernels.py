@@ -67,7 +67,7 @@ def test_orders_are_in_si_units(lanes: Any) -> None:
 def test_rewards_are_falls_of_the_score_less_prices(lanes: Any, fatigue: bool) -> None:
     potential, rewards = lanes.force.copy(), np.empty(LANES)
     pay = pay_for_damage if fatigue else pay_for_level
-    pay(lanes.reports, lanes.scale, 2e-5, lanes.duration, 1.0, lanes.late, potential, rewards)  # type: ignore[no-untyped-call]
+    pay(lanes.reports, lanes.scale, 2e-5, lanes.duration, 1.0, lanes.late, potential, rewards)
     for i in range(LANES):
         before, part = float(lanes.force[i]), float(lanes.reports["damage" if fatigue else "level"][i]) / float(lanes.scale[i])
         gain = part if fatigue else part - before

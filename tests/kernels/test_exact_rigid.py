@@ -26,9 +26,6 @@ GAP = 1e-3
 
 def check(response: Response, balance: float = 1e-12) -> Response:
     """Energy is balanced, walls are not passed, and the lists of phases and impacts are consistent."""
-    assert response.energy is not None
-    assert response.phases is not None
-    assert response.impacts is not None
     assert response.energy.relative_error < balance
     assert len(response.impacts.time) == response.impact_count
     assert np.all(np.diff(response.impacts.time) >= 0)
@@ -49,7 +46,6 @@ def test_golden_case(name: str) -> None:
     scene, drive, times, velocities = golden(name, float(times[11]))
     response = check(run(scene, drive))
     period = drive.schedule.pseudo_period
-    assert response.impacts is not None
     off = np.abs(response.impacts.time[:10] - times[:10]) / period
     assert off[0] < 1e-12
     assert off[9] < 1e-6
@@ -66,7 +62,6 @@ def test_bouncing_between_fixed_walls(restitution: float) -> None:
     speeds = speed * restitution ** np.arange(8)
     times = np.cumsum(np.concatenate([[GAP / speed], 2 * GAP / speeds[1:]]))
     response = check(run(scene, still(times[-1] * 1.001), initial=InitialState(absorber_velocity=speed)))
-    assert response.impacts is not None
     np.testing.assert_allclose(response.impacts.time, times, rtol=1e-13)
     np.testing.assert_allclose(response.impacts.relative_velocity, speeds * (-1.0) ** np.arange(8), rtol=1e-13)
     np.testing.assert_allclose(response.impacts.impulse, -(1 + restitution) * response.impacts.relative_velocity, rtol=1e-13)
@@ -84,7 +79,6 @@ def test_an_impact_shares_momentum_with_a_free_base() -> None:
 def test_without_rebound_a_fixed_wall_keeps_the_absorber() -> None:
     scene = Scene(steady_base(), impact_absorber(GAP, 0.0, mass_ratio=1.0))
     response = check(run(scene, still(1.0), initial=InitialState(absorber_velocity=0.05)))
-    assert response.phases is not None
     assert response.impact_count == 1
     assert response.end_state[1] == pytest.approx(GAP)
     assert response.phases.start[0] == pytest.approx(0.02)
@@ -121,8 +115,6 @@ def test_complete_chatter_on_an_accelerating_wall(restitution: float, direction:
     scene = Scene(base, impact_absorber(GAP, restitution, mass_ratio=1e-13))
     start = InitialState(np.array([-2.0 * direction]))
     response = check(run(scene, still(1.9, 1.0), initial=start))
-    assert response.impacts is not None
-    assert response.phases is not None
     times, velocities = bounces(restitution, 1e-3)
     few = min(len(times), 10)
     np.testing.assert_allclose(response.impacts.time[:few], times[:few], rtol=1e-9)
@@ -150,8 +142,6 @@ def test_chatter_with_friction(limit: float) -> None:
     flights = restitution * speeds * (1 / out + ratio / back)
     scene = Scene(base, impact_absorber(GAP, restitution, limit, mass_ratio=mass))
     response = check(run(scene, Drive(push * 1e3, FrequencySchedule(np.array([0.0, 0.5]), np.zeros(2), 2 * np.pi))))
-    assert response.impacts is not None
-    assert response.phases is not None
     np.testing.assert_allclose(response.impacts.time[:8], first + np.concatenate([[0], np.cumsum(flights[:7])]), rtol=1e-6)
     np.testing.assert_allclose(-response.impacts.relative_velocity[:8], speeds[:8], rtol=1e-4)
     assert response.phases.start[-1] == pytest.approx(first + np.sum(flights), abs=3e-5)
@@ -161,7 +151,6 @@ def test_chatter_with_friction(limit: float) -> None:
 def test_low_frequency_motion_holds_releases_and_crosses() -> None:
     """Far below the first resonance the absorber rests on the wall behind for half of each period."""
     response = check(run(scene_of(impact_absorber(1e-6, 0.5)), drive_of(100.0, 0.05, periods=100)), 1e-10)
-    assert response.phases is not None
     assert {HELD_LOWER, HELD_UPPER} == set(response.phases.kind)
     assert 0.2 < response.stuck_time / (100 * PERIOD) < 0.99
 
@@ -174,8 +163,6 @@ def test_a_sliding_mass_stops_where_and_when_coulomb_says(speed: float) -> None:
     scene, limit = Scene(steady_base(), friction_damper(0.25, 1.0)), 0.25
     stop = abs(speed) / limit
     response = check(run(scene, still(2 * stop), initial=InitialState(absorber_velocity=speed)))
-    assert response.phases is not None
-    assert response.energy is not None
     assert response.end_state[1] == pytest.approx(np.sign(speed) * speed**2 / limit / 2, rel=1e-13)
     np.testing.assert_allclose(response.phases.start, [stop], rtol=1e-13)
     np.testing.assert_allclose(response.phases.end, [2 * stop], rtol=1e-13)
@@ -191,7 +178,6 @@ def test_coulomb_oscillator(start: float) -> None:
     scene = Scene(model, friction_damper(limit, 1e7))
     halves = int(np.ceil((abs(start) - 1) / 2)) if abs(start) > 1 else 0
     response = check(run(scene, still((halves + 0.01) * half), initial=InitialState(np.array([start * unit]), absorber_displacement=0.0)))
-    assert response.phases is not None
     rest = np.sign(start) * (abs(start) - 2 * halves) * (-1) ** halves * unit
     assert response.end_state[0] == pytest.approx(rest, rel=1e-6)
     np.testing.assert_allclose(response.phases.start, [halves * half], rtol=1e-6, atol=1e-15)
@@ -204,7 +190,6 @@ def test_friction_on_a_slowly_shaken_base() -> None:
     shake, limit, omega = 2.0, 1.2, 30.0
     scene = Scene(base, friction_damper(limit, 1.0))
     response = check(run(scene, Drive(shake * 1e3, FrequencySchedule(np.array([0.0, 0.2]), np.full(2, omega), omega), -np.pi / 2)), 1e-11)
-    assert response.phases is not None
     assert response.phases.kind[0] == STUCK_INSIDE
     assert response.phases.end[0] == pytest.approx(np.arcsin(limit / shake) / omega, rel=1e-8)
 
@@ -230,8 +215,6 @@ def test_a_wide_gap_leaves_a_friction_damper_or_nothing() -> None:
 def test_vanishing_friction_is_no_friction() -> None:
     drive = drive_of(10.0, 1.0, periods=8)
     without, little = (check(run(scene_of(impact_absorber(GAP, 0.8, limit)), drive)) for limit in (None, 1e-14))
-    assert without.impacts is not None
-    assert little.impacts is not None
     assert without.impact_count > 0
     few = min(4, without.impact_count)
     np.testing.assert_allclose(little.impacts.time[:few], without.impacts.time[:few], rtol=1e-9)
@@ -247,7 +230,6 @@ def test_vanishing_friction_is_no_friction() -> None:
 def test_start_on_the_wall(side: float, limit: float | None, force: float, speed: float) -> None:
     scene = scene_of(impact_absorber(GAP, 0.7, limit))
     response = check(run(scene, drive_of(force, 1.0), initial=InitialState(absorber_displacement=side * GAP, absorber_velocity=speed)), 1e-11)
-    assert response.impacts is not None
     into = np.any(response.impacts.time == 0)
     assert into == (speed * side > 0)
     if force == speed == 0:
@@ -273,7 +255,6 @@ def test_grazing(side: int) -> None:
             for h in (-hair, hair)
         )
         assert missed.impact_count == 0
-        assert touched.impacts is not None
         late = np.arccos(1 / (1 + hair)) / omega  # the quarter period less the time of contact
         assert touched.impacts.time[0] == pytest.approx(np.pi / 2 / omega - late, abs=1e-15 / (omega * np.sqrt(hair)) * 10)
         assert np.sign(touched.impacts.relative_velocity[0]) == side
@@ -285,7 +266,6 @@ def test_truncations_and_restitutions(modes: int, restitution: float) -> None:
     periods = 4 if modes < 60 else 2
     response = check(run(scene_of(impact_absorber(2e-4, restitution), modes=modes), drive_of(5.0, 1.0, periods=periods)), 1e-9)
     assert response.impact_count > 0
-    assert response.energy is not None
     assert (response.energy.impact_loss == pytest.approx(0, abs=1e-18)) == (restitution == 1.0)
 
 
@@ -296,7 +276,7 @@ def test_all_times_of_a_run_do_not_depend_on_its_windows(friction_limit: float |
     times = [np.array([0.0, end]), np.sort(np.concatenate([[0.0, end], np.random.default_rng(1).uniform(0, end, 37)]))]
     runs = [check(run(scene, Drive(3.5, FrequencySchedule(t, OMEGA * (0.98 + 0.02 * t / end), OMEGA)))) for t in times]
     assert all(r.impacts is not None and r.impact_count >= 6 for r in runs)
-    np.testing.assert_allclose(runs[1].impacts.time[:6], runs[0].impacts.time[:6], rtol=0, atol=1e-9 * PERIOD)  # type: ignore[union-attr]
+    np.testing.assert_allclose(runs[1].impacts.time[:6], runs[0].impacts.time[:6], rtol=0, atol=1e-9 * PERIOD)
 
 
 def test_a_window_that_ends_within_a_tiny_flight() -> None:
@@ -309,6 +289,5 @@ def test_a_window_that_ends_within_a_tiny_flight() -> None:
         drive = Drive(500.0, FrequencySchedule(share * 4 * np.pi / reference, 30 * share * reference, reference))
         runs.append(run(scene, drive))
     for response in runs:
-        assert response.energy is not None
         assert response.energy.relative_error < 1e-12
     assert runs[0].impact_count == runs[1].impact_count

@@ -34,7 +34,6 @@ def run(scene: Scene, drive: Drive, start: InitialState | None = None) -> Respon
     """Observe all, and find no miss in a second run, which is the same: `test_check` has shown that."""
     samples = max(32, int(np.ceil(4 * drive.schedule.omegas.max() / drive.schedule.reference)))  # of a level: four a cycle
     checked = simulate(scene, drive, initial=start, most_events=200_000, record=Record(check=True, samples_per_period=samples))
-    assert checked.check is not None
     assert checked.check.misses == 0
     response = core.run(scene, drive, initial=start)
     np.testing.assert_array_equal(checked.end_state, response.end_state)
@@ -67,7 +66,6 @@ def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_on
     start = InitialState(np.array([tip / shape]), None, (tip + 1e-5, tip - 1e-3), (0.0, -speed))
     response = run(scene, still(1e-4), start)
     pushed = shape**2 * speed / (1 / mass + shape**2)
-    assert response.impacts is not None
     np.testing.assert_array_equal(response.impacts.absorber[:2], [1, 0])
     np.testing.assert_allclose(response.impacts.time[:2], 0.0, atol=1e-12)
     np.testing.assert_allclose(response.impacts.relative_velocity[:2], [-speed, pushed], rtol=1e-9)
@@ -82,11 +80,9 @@ def test_bounces_beside_an_absorber_that_sticks_die_out() -> None:
     response = run(scene, still(5e-3), start)
     energy, phases, end = response.energy, response.phases, response.end_state
     assert response.impact_count < 200
-    assert phases is not None
     assert set(phases.absorber[phases.end == phases.end.max()].tolist()) == {0, 1}
     np.testing.assert_allclose(end[4:], shape * end[3], rtol=1e-12)
     assert end[1] - shape * end[0] == pytest.approx(1e-5, rel=1e-9)
-    assert energy is not None
     assert energy.friction_loss > 0
     assert abs(energy.balance_error) < 1e-12 * energy.stored_at_start
 
@@ -97,7 +93,6 @@ def test_energy_is_balanced_under_a_force_far_above_all_modes(force: float) -> N
     scene = beam_scene(Beam(modes=10), friction_damper(0.1))
     response = run(scene, drive_of(force, 1e4, periods=2.0))
     energy = response.energy
-    assert energy is not None
     assert energy.work > 0
     assert abs(energy.balance_error) < 2e-10 * energy.work
     assert (response.stuck_time < 1e-3) == (force > 1e3)
@@ -110,10 +105,6 @@ def test_a_spring_of_friction_that_gives_way_at_once_has_no_effect() -> None:
         simulate(beam_scene(Beam(), SlidingAbsorber(walls=walls, friction=friction)), drive, record=Record(series=True))
         for friction in (None, ElasticCoulombFriction(1e-200, SPRING))
     )
-    assert free.history is not None
-    assert dragged.history is not None
     early, tip = free.history.time < 5 * 2 * np.pi / OMEGA, free.history.tip_displacement
     np.testing.assert_allclose(dragged.history.tip_displacement[early], tip[early], atol=1e-12 * np.max(np.abs(tip)))
-    assert dragged.level is not None
-    assert free.level is not None
     assert dragged.level.value == pytest.approx(free.level.value, rel=0.2)  # after many impacts another draw of the same motion

@@ -40,7 +40,7 @@ def test_a_sparing_group_spares_copies_and_changes_no_digit() -> None:
 def test_energies_and_states_spare_and_cheaper_observers_do_not() -> None:
     level, energy = Level(np.zeros(3), np.zeros(1), np.zeros(2)), Energy(np.zeros(1), np.zeros(2))
     events = Events(np.zeros(1), np.zeros(1), np.zeros(1))
-    cheap = Observe(1.0, (2, 3), level, events)  # type: ignore[arg-type]
+    cheap = Observe(1.0, (2, 3), level, events)
     assert not _is_sparing(typeof(cheap))
     assert _is_sparing(typeof(cheap._replace(energy=energy)))
     assert _is_sparing(typeof((1.0, cheap._replace(series=Series(np.zeros((2, 2)))))))

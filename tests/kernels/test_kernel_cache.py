@@ -120,7 +120,6 @@ def test_a_folder_of_someone_else_is_not_read(tmp_path: Path, monkeypatch: pytes
     assert choose(None, "x") == Folders(foreign / "x", None)
     foreign.chmod(0o777)
     chosen = choose(None, "x").write
-    assert chosen is not None
     assert chosen.parent != foreign
     assert chosen.parent.stat().st_mode & 0o777 == 0o700
 

@@ -92,12 +92,11 @@ CASES: dict[str, tuple[tuple[Load, ...], Inputs]] = {
 
 
 def run(absorber: object, loads: tuple[Load, ...], record: Record = EVERYTHING) -> Response:
-    return simulate(Scene(cantilever(), absorber), Loads(loads, W1), record=record)  # type: ignore[arg-type]
+    return simulate(Scene(cantilever(), absorber), Loads(loads, W1), record=record)
 
 
 def states(response: Response) -> Array:
     history = response.history
-    assert history is not None
     shown = history.absorber_displacement, history.absorber_velocity
     return np.column_stack([history.modal_displacement, shown[0], history.modal_velocity, shown[1]])
 
@@ -108,10 +107,6 @@ def test_events_and_states_are_those_of_dense_exponentials(name: str, absorber: 
     loads, inputs = CASES[name]
     response = run(absorber, loads)
     impacts, check, history, energy = response.impacts, response.check, response.history, response.energy
-    assert impacts is not None
-    assert check is not None
-    assert history is not None
-    assert energy is not None
     truth = follow(response.scene, inputs, None, history.time, most_impacts=12)
     known = min(len(truth.impacts), 10)
     assert known >= 5, known
@@ -136,7 +131,6 @@ def test_linear_scenes_are_those_of_held_samples_and_exponentials(absorber: str)
     """A record of the base: the state goes on by the exponential of a matrix with rows for a line's value and slope."""
     found = run(LINEAR[absorber], (RECORD,), Record(series=True, energy=True))
     assert found.history is not None
-    assert found.energy is not None
     a, b, weight = first_order(absorber)
     size, step = len(a), float(CLOCK[1])
     whole = np.zeros((size + 2, size + 2))
@@ -171,7 +165,7 @@ def first_order(absorber: str) -> tuple[Array, Array, Array]:
         k, c = (scipy.linalg.block_diag(x, 0.0) + y * np.outer(line, line) for x, y in ((k, 615.4), (c, 0.878)))
     n = len(m)
     matrix = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
-    return matrix, *(np.concatenate([np.zeros(n), np.linalg.solve(m, x)]) for x in (push, weight))  # type: ignore[return-value]
+    return matrix, *(np.concatenate([np.zeros(n), np.linalg.solve(m, x)]) for x in (push, weight))
 
 
 # metres for 1 m/s^2 of the base at the first frequency, in closed form
@@ -182,7 +176,6 @@ STEADY = {"no absorber": 1.229953900e-3, "stuck": 3.135898412e-4, "tuned": 1.047
 def test_a_base_gives_the_transfer_function(absorber: str) -> None:
     long = FrequencySchedule(np.array([0.0, 12.0]), np.full(2, W1), W1)
     found = run(LINEAR[absorber], (ShakenBase(long, acceleration=1.0),), Record(series=True))
-    assert found.history is not None
     tip = found.history.tip_displacement[-320:]
     assert np.sqrt(2 * np.mean(tip**2)) == pytest.approx(STEADY[absorber], rel=1e-8)
 
@@ -195,7 +188,6 @@ def test_a_random_load_has_the_mean_square_of_its_lines() -> None:
         record = load.record()
         twice = np.concatenate([record.values[:-1], record.values])
         found = run(None, (Samples(record.times[1] * np.arange(len(twice)), twice, quantity),), Record(series=True, samples_per_period=64))
-        assert found.history is not None
         assert model.base_participation is not None
         driven = model.force_shape if quantity == "force" else -model.base_participation
         omega = 2 * np.pi * load.lines / 4.0
@@ -228,8 +220,6 @@ def test_a_force_among_loads_is_the_drive_alone() -> None:
     drive = Drive(5.0, SWEEP, 0.4)
     scene = Scene(cantilever(None), SMOOTH)
     one, other = simulate(scene, drive, record=Record(events=True)), simulate(scene, Loads((Force(drive),)), record=Record(events=True))
-    assert one.impacts is not None
-    assert other.impacts is not None
     assert len(one.impacts.time) > 10
     np.testing.assert_allclose(other.impacts.time[:8], one.impacts.time[:8], rtol=0, atol=1e-11)
 
@@ -259,7 +249,6 @@ def test_with_the_base_s_mean_at_rest_the_absorber_stays_where_it_is_in_space() 
     steady = FrequencySchedule(np.array([0.0, 0.5]), np.full(2, W1), W1)
     base, scene = ShakenBase(steady, displacement=1e-4, phase=1.0), Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1.0, 0.7)))
     found = simulate(scene, Loads((base,), start="base-mean-rest"), record=Record(series=True, events=True))
-    assert found.history is not None
     moved = -1e-4 * (np.cos(W1 * found.history.time + 1.0) - np.cos(1.0))
     np.testing.assert_allclose(found.history.absorber_displacement, moved, atol=1e-15)
 
@@ -272,15 +261,12 @@ TWO = SeveralAbsorbers((SMOOTH, SlidingAbsorber(0.01, RigidWalls(4e-4, 0.6), Cou
 
 def structure(absorber: object) -> Scene:
     places = np.array([cantilever().tip_shape, cantilever().force_shape]) if isinstance(absorber, SeveralAbsorbers) else None
-    return Scene(replace(cantilever(), absorber_shapes=places), absorber)  # type: ignore[arg-type]
+    return Scene(replace(cantilever(), absorber_shapes=places), absorber)
 
 
 @pytest.mark.parametrize("absorber", [SOFT, TWO], ids=["compliant", "several"])
 def test_forces_on_compliant_contact_and_on_several_absorbers_are_those_of_dense_exponentials(absorber: object) -> None:
     found = simulate(structure(absorber), Loads(FORCES), record=EVERYTHING)
-    assert found.history is not None
-    assert found.check is not None
-    assert found.energy is not None
     truth = follow(found.scene, IN, None, found.history.time, most_impacts=10)
     known = int(np.searchsorted(found.history.time, truth.impacts[8])) if len(truth.impacts) > 8 else len(truth.time)
     assert known > 50
@@ -297,12 +283,10 @@ def test_stepping_methods_tend_to_the_exact_one_under_loads(name: str) -> None:
     """Up to the third impact, from where errors of a step grow."""
     absorber, method = STEPPED[name]
     exact = simulate(structure(absorber), Loads(FORCES), record=Record(series=True, events=True))
-    assert exact.history is not None
     before = exact.history.time < 0.03
     errors = []
     for steps in (40, 400):
         found = simulate(structure(absorber), Loads(FORCES), method(steps), record=Record(series=True, events=True))
-        assert found.history is not None
         errors.append(np.max(np.abs(found.history.tip_displacement - exact.history.tip_displacement)[before]))
     assert errors[1] < 0.3 * errors[0]
     assert errors[1] < 2e-3 * np.max(np.abs(exact.history.tip_displacement))

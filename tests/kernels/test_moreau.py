@@ -209,14 +209,14 @@ def test_methods_refuse_what_they_cannot_do() -> None:
         for method in (Exact(), Moreau(), RungeKutta()):
             check_supported(linear, method)
     with pytest.raises(ParameterError, match="method"):
-        check_supported(rigid, "moreau")  # type: ignore[arg-type]
+        check_supported(rigid, "moreau")
 
 
 @pytest.mark.parametrize("value", [3, 0, -20, 20.5, True, float("nan")])
 def test_bad_numbers_of_steps(value: object) -> None:
     with pytest.raises(ParameterError, match="steps_per_period"):
-        Moreau(value)  # type: ignore[arg-type]
+        Moreau(value)
     with pytest.raises(ParameterError, match="steps_per_period"):
-        RungeKutta(value)  # type: ignore[arg-type]
+        RungeKutta(value)
     with pytest.raises(ParameterError, match="steps_per_contact"):
-        RungeKutta(20, value)  # type: ignore[arg-type]
+        RungeKutta(20, value)

@@ -16,19 +16,19 @@ ROUNDING = 2e-16  # what cosine and sine are allowed
 
 
 @numba.njit
-def _each(x, out):  # type: ignore[no-untyped-def]
+def _each(x, out):
     for i in range(len(x)):
         out[i] = cos_sin(x[i])
 
 
 @numba.njit
-def _fused(x, y, z, out):  # type: ignore[no-untyped-def]
+def _fused(x, y, z, out):
     for i in range(len(x)):
         out[i] = fma(x[i], y[i], z[i])
 
 
 @numba.njit
-def _lowest(mask):  # type: ignore[no-untyped-def]
+def _lowest(mask):
     return lowest_bit(mask)
 
 

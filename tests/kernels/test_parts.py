@@ -25,22 +25,22 @@ def diamond() -> tuple[Any, ...]:
 
     @fresh
     @jit
-    def cube(x):  # type: ignore[no-untyped-def]
+    def cube(x):
         return x * x * x
 
     @fresh
     @jit_inline
-    def half(x):  # type: ignore[no-untyped-def]
+    def half(x):
         return 0.5 * cube(x)
 
     @fresh
     @jit
-    def third(x):  # type: ignore[no-untyped-def]
+    def third(x):
         return half(x) + cube(x) / 3.0
 
     @fresh
     @jit_room
-    def both(x):  # type: ignore[no-untyped-def]
+    def both(x):
         room = np.zeros(2)
         room[0], room[1] = half(x), third(x)
         return room.sum()
@@ -73,14 +73,14 @@ def test_a_function_that_is_no_kernel_calls_kernels() -> None:
 def test_a_branch_for_a_part_that_is_absent_is_not_typed_where_it_is_there() -> None:
     @fresh
     @jit
-    def force(x, limit):  # type: ignore[no-untyped-def]
+    def force(x, limit):
         if limit is None:
             return x.nothing  # does not compile
         return limit * x
 
     @fresh
     @jit
-    def other(x, limit):  # type: ignore[no-untyped-def]
+    def other(x, limit):
         return force(x, limit) if limit is not None else x
 
     assert other(2.0, 3.0) == 6.0
@@ -91,17 +91,17 @@ def test_a_branch_for_a_part_that_is_absent_is_not_typed_where_it_is_there() -> 
 
 def test_an_argument_that_may_be_none_keeps_both_branches() -> None:
     @numba.njit
-    def some(x):  # type: ignore[no-untyped-def]
+    def some(x):
         return x if x > 0.0 else None
 
     @fresh
     @jit
-    def size(limit):  # type: ignore[no-untyped-def]
+    def size(limit):
         return -1.0 if limit is None else 1.0
 
     @fresh
     @jit
-    def of(x):  # type: ignore[no-untyped-def]
+    def of(x):
         return size(some(x))
 
     assert (of(2.0), of(-2.0)) == (1.0, -1.0)
@@ -121,7 +121,7 @@ class Nest(NamedTuple):
     factor: float
 
 
-def by_name(pair, x):  # type: ignore[no-untyped-def]
+def by_name(pair, x):
     if pair.low is None:
         return pair.low.nothing  # does not compile
     if pair.high is not None:
@@ -129,7 +129,7 @@ def by_name(pair, x):  # type: ignore[no-untyped-def]
     return pair.low * x
 
 
-def by_another_name(pair, x):  # type: ignore[no-untyped-def]
+def by_another_name(pair, x):
     low, high = pair.low, pair.high
     lacks = high is None
     if low is None or not lacks:
@@ -137,18 +137,18 @@ def by_another_name(pair, x):  # type: ignore[no-untyped-def]
     return low * x
 
 
-def in_one_expression(pair, x):  # type: ignore[no-untyped-def]
+def in_one_expression(pair, x):
     return pair.low * x if pair.low is not None and pair.high is None else x.nothing
 
 
 @jit_view
-def dissolves(pair, x):  # type: ignore[no-untyped-def]
+def dissolves(pair, x):
     if pair.high is None:
         return pair.low * x
     return pair.high.nothing
 
 
-def in_a_function_that_dissolves(pair, x):  # type: ignore[no-untyped-def]
+def in_a_function_that_dissolves(pair, x):
     return dissolves(pair, x)
 
 
@@ -159,7 +159,7 @@ def test_a_branch_for_an_absent_field_of_a_group_is_not_typed(function: Callable
 
     @fresh
     @jit
-    def of(x):  # type: ignore[no-untyped-def]
+    def of(x):
         return leaf(Pair(x, None), 2.0)
 
     assert of(3.0) == 6.0
@@ -171,7 +171,7 @@ def test_a_branch_for_an_absent_field_of_a_group_is_not_typed(function: Callable
 def test_a_branch_for_an_absent_field_of_a_group_in_a_group_is_not_typed() -> None:
     @fresh
     @jit
-    def of(nest, x):  # type: ignore[no-untyped-def]
+    def of(nest, x):
         pair = nest.pair
         if nest.pair.low is None:
             return nest.pair.low.nothing
@@ -186,17 +186,17 @@ def test_a_branch_for_an_absent_field_of_a_group_in_a_group_is_not_typed() -> No
 
 def test_a_field_that_may_be_none_keeps_both_branches() -> None:
     @numba.njit
-    def some(x):  # type: ignore[no-untyped-def]
+    def some(x):
         return x if x > 0.0 else None
 
     @fresh
     @jit
-    def size(pair):  # type: ignore[no-untyped-def]
+    def size(pair):
         return (-1.0 if pair.low is None else 1.0) + (-10.0 if pair.high is None else 10.0)
 
     @fresh
     @jit
-    def of(x, y):  # type: ignore[no-untyped-def]
+    def of(x, y):
         return size(Pair(some(x), some(y)))
 
     assert [of(x, y) for x in (2.0, -2.0) for y in (2.0, -2.0)] == [11.0, -9.0, 9.0, -11.0]
@@ -205,7 +205,7 @@ def test_a_field_that_may_be_none_keeps_both_branches() -> None:
 def test_a_name_that_is_a_field_only_at_times_keeps_both_branches() -> None:
     @fresh
     @jit
-    def size(pair, x):  # type: ignore[no-untyped-def]
+    def size(pair, x):
         high = pair.high
         if x > 0.0:
             high = x
@@ -218,7 +218,7 @@ def test_a_name_that_is_a_field_only_at_times_keeps_both_branches() -> None:
 def test_what_is_no_named_tuple_keeps_its_own_meaning() -> None:
     @fresh
     @jit
-    def real(x, pair):  # type: ignore[no-untyped-def]
+    def real(x, pair):
         first, _ = pair
         return 0.0 if x.real is None or pair is None or first is None else x.real
 
@@ -228,12 +228,12 @@ def test_what_is_no_named_tuple_keeps_its_own_meaning() -> None:
 def test_constants_share_a_part() -> None:
     @fresh
     @jit
-    def power(x, n):  # type: ignore[no-untyped-def]
+    def power(x, n):
         return x**n
 
     @fresh
     @jit
-    def sums(x):  # type: ignore[no-untyped-def]
+    def sums(x):
         return power(x, 2) + power(x, 3)
 
     assert sums(2.0) == 12.0
@@ -243,14 +243,14 @@ def test_constants_share_a_part() -> None:
 def test_an_error_in_a_part_reaches_python() -> None:
     @fresh
     @jit
-    def refuse(x):  # type: ignore[no-untyped-def]
+    def refuse(x):
         if x < 0.0:
             raise ValueError("below zero")
         return x
 
     @fresh
     @jit
-    def outer(x):  # type: ignore[no-untyped-def]
+    def outer(x):
         return 2.0 * refuse(x)
 
     assert outer(1.0) == 2.0

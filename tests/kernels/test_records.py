@@ -16,7 +16,7 @@ KIND = record(flag=FLAG, number=NUMBER, count=INTEGER)
 
 
 @numba.njit
-def _fill(rows):  # type: ignore[no-untyped-def]
+def _fill(rows):
     for k in range(rows.shape[0]):
         row = rows[k]
         row.flag, row.number, row.count = k == 1, 0.5 * k, k
@@ -56,9 +56,9 @@ def test_an_order_that_there_is_not_is_refused(name: str | int) -> None:
     with pytest.raises((ValueError, TypeError)):
         runs.orders[name] = "fast"
     with pytest.raises(AttributeError):
-        runs.orders = np.zeros(2, ORDER)  # type: ignore[misc]
+        runs.orders = np.zeros(2, ORDER)
     with pytest.raises(AttributeError):
-        runs.reports = np.zeros(2, REPORT)  # type: ignore[misc]
+        runs.reports = np.zeros(2, REPORT)
 
 
 def test_records_are_laid_out_as_a_processor_reads_them() -> None:

@@ -140,7 +140,7 @@ def test_critically_damped_modes_without_exception_span_the_state() -> None:
         set_modes(model, np.full(len(places), mass / len(places)), np.array(model.absorber_shapes))
 
 
-NODE = scipy.optimize.brentq(lambda x: modal_model(Beam(modes=3), [x]).absorber_shapes[0, 1], 0.7, 0.85, xtol=1e-16)  # type: ignore[index]
+NODE = scipy.optimize.brentq(lambda x: modal_model(Beam(modes=3), [x]).absorber_shapes[0, 1], 0.7, 0.85, xtol=1e-16)
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.01, 1.0, 3.0])

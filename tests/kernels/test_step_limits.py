@@ -26,7 +26,7 @@ from impact_env.methods import LEAST_STEPS, SURE_REACH, check_mass, check_step
 
 
 def checked(ratio: float, method: Moreau | RungeKutta | Exact, frequency: float = 1.0, force: float = 1.0, **beam: object) -> None:
-    scene = beam_scene(Beam(**({"modes": 1, "damping_ratio": ratio} | beam)))  # type: ignore[arg-type]
+    scene = beam_scene(Beam(**({"modes": 1, "damping_ratio": ratio} | beam)))
     check_step(scene, Drive(force, constant_frequency(float(scene.model.omega[0]), frequency, 1.0)), method)
 
 

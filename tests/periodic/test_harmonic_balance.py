@@ -203,7 +203,7 @@ def test_bad_input_is_refused_in_one_line() -> None:
         harmonic_balance(scene, omega, 1.0, multiple=2)
     for name, value in (("harmonics", 0), ("weight", -1.0), ("grounded_damper", -1.0), ("friction_weight", 0.0), ("multiple", 30)):
         with pytest.raises(ParameterError, match=name):
-            harmonic_balance(scene, omega, 1.0, **{name: value, "symmetric": False})  # type: ignore[arg-type]
+            harmonic_balance(scene, omega, 1.0, **{name: value, "symmetric": False})
     with pytest.raises(ParameterError, match="omega"):
         harmonic_balance(scene, 0.0, 1.0)
     with pytest.raises(ParameterError, match=r"parameter = 'restitution' .* omega, force, gap"):

@@ -32,7 +32,7 @@ def other_model() -> ModalModel:
 
 
 def beam_model(modes: int, **beam: object) -> ModalModel:
-    return modal_model(Beam(modes=modes, **beam))  # type: ignore[arg-type]
+    return modal_model(Beam(modes=modes, **beam))
 
 
 CASES = [

@@ -42,7 +42,6 @@ def test_the_motion_between_events_is_the_exact_methods(k: int) -> None:
     orbit = judged()[k]
     response, start = propagated(orbit.motion, Record(level=False, events=True, series=True))
     history = response.history
-    assert history is not None
     truth = np.column_stack([history.modal_displacement, history.absorber_displacement, history.modal_velocity, history.absorber_velocity])
     states = orbit.motion.states(start + orbit.case.omega * history.time)
     half = truth.shape[1] // 2

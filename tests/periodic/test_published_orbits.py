@@ -75,7 +75,7 @@ def test_the_fold_of_ten_modes_with_friction() -> None:
     """Published as 0.951825, where four reversals a half period become six; the folds on both sides of that are 1.3e-6 and 5.4e-5 below it."""
     found = [fold for fold in folds(paper_case(10, 1.0, 3.5, 0.7, 0.1), 0.94, 0.965) if isinstance(fold.orbit, Orbit)]
     assert [fold.omega_ratio for fold in found] == pytest.approx([0.9517714335, 0.9518237122], abs=1e-9)
-    assert [fold.orbit.schedule.reversals for fold in found] == [4, 6]  # type: ignore[union-attr]
+    assert [fold.orbit.schedule.reversals for fold in found] == [4, 6]
     assert found[1].omega_ratio == pytest.approx(0.951825, abs=2e-6)
 
 

@@ -137,7 +137,6 @@ def test_the_motion_is_the_exact_methods(name: str) -> None:
     assert orbit.residual < (BAR if name == "friction damper" else CHATTER_BAR)
     response, start = propagated(orbit.motion, Record(level=False, events=True, series=True))
     history = response.history
-    assert history is not None
     states = orbit.motion.states(start + orbit.case.omega * history.time)
     n = orbit.case.model.modes
     assert np.max(np.abs(states[:, :n] - history.modal_displacement)) < 1e-9 * orbit.case.gap
@@ -151,7 +150,6 @@ def test_the_motion_is_the_exact_methods(name: str) -> None:
 def test_a_chatter_lists_the_impacts_of_the_recorded_run() -> None:
     orbit = settled("chatter")
     response, start = propagated(orbit.motion, Record(level=False, events=True))
-    assert response.impacts is not None
     assert orbit.schedule.symmetric
     assert len(orbit.impacts) == 2 * len(response.impacts.time)
     sizes = np.abs([impact.impulse for impact in orbit.impacts])

@@ -82,7 +82,7 @@ CALLS: list[Refused] = [
     ("walls, friction or both", lambda: SlidingAbsorber()),
     ("rigid or both compliant", lambda: SlidingAbsorber(walls=RigidWalls(), friction=ElasticCoulombFriction(1.0, 1.0))),
     ("rigid or both compliant", lambda: SlidingAbsorber(walls=CompliantWalls(1.0), friction=CoulombFriction(1.0))),
-    ("absorber", lambda: Scene(modal_model(Beam(modes=1)), RigidWalls())),  # type: ignore[arg-type]
+    ("absorber", lambda: Scene(modal_model(Beam(modes=1)), RigidWalls())),
     ("absorber", unknown_absorber),
     ("reference", lambda: linear_sweep(0.0)),
     ("start ratio = -1.0", lambda: linear_sweep(1.0, -1.0)),

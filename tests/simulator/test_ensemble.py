@@ -55,7 +55,6 @@ def test_lane_is_a_single_run_bit_for_bit(method: Exact | Moreau) -> None:
     assert levels.complete
     for k, lane in enumerate(lanes):
         single = simulate(lane.scene, lane.drive, method)
-        assert single.level is not None
         expected = (single.level.value, single.level.time, single.level.frequency_ratio, single.level.max_tip, single.impact_count, single.stuck_time)
         assert tuple(rows(levels)[:, k]) == expected
     assert levels.impacts.max() > 10
@@ -87,7 +86,7 @@ def test_a_kind_leaves_the_other_part_as_it_is() -> None:
     assert phase.key == Members(both.phases, np.ones(9)).key
     assert force.key == Members(np.zeros(9), both.factors).key
     with pytest.raises(ParameterError, match="kind = 'neither'"):
-        draw_members(2, 0, "neither")  # type: ignore[arg-type]
+        draw_members(2, 0, "neither")
 
 
 def test_members_make_drives() -> None:
@@ -138,7 +137,7 @@ def test_failing_lane_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(scene: object, drive: Drive, *arguments: object, **options: object) -> object:
         if drive.amplitude == 3.0:
             raise IntegrationError("it broke down")
-        return simulate(scene, drive, *arguments, **options)  # type: ignore[arg-type]
+        return simulate(scene, drive, *arguments, **options)
 
     monkeypatch.setattr(ensemble, "simulate", fail)
     with pytest.raises(IntegrationError, match=r"lane \d+ \(3 N, phase .*\): it broke down"):
@@ -227,13 +226,12 @@ def made_up(levels: np.ndarray, forces: np.ndarray) -> PerformanceCurve:
 
 @pytest.mark.parametrize("scene", [NONE, TUNED, IMPACT], ids=["none", "tuned", "impact"])
 def test_curve_holds_the_single_runs(scene: object) -> None:
-    case = CurveCase(scene, FORCES, 2, (0.99, 1.01))  # type: ignore[arg-type]
+    case = CurveCase(scene, FORCES, 2, (0.99, 1.01))
     (curve,) = performance_curves([case], members=2, seed=5)
     members = draw_members(2, 5)
     assert curve.level.shape == (3, 2, 2)
     for (k, m, d), level in np.ndenumerate(curve.level):
         run = simulate(case.scene, members.drives(FORCES[k], case.schedules()[d])[m]).level
-        assert run is not None
         # the level of a linear scene is computed at one newton and scaled
         tolerance = 0.0 if scene is IMPACT else 1e-12
         assert level == pytest.approx(run.value, rel=tolerance, abs=0)
@@ -305,7 +303,6 @@ def test_optimum_is_relative_to_the_reference() -> None:
     reference = made_up(np.broadcast_to(forces[:, None, None], (3, 2, 2)), forces)
     curve = made_up(np.broadcast_to(np.array([[0.9, 1.0], [0.5, 0.7], [1.4, 1.3]])[:, :, None], (3, 2, 2)), forces)
     best = curve.optimum(reference)
-    assert best is not None
     assert (best.force, best.level, best.relative) == pytest.approx((2.0, 0.6, 0.3))
     assert best.level_band == pytest.approx((0.51, 0.69))
     assert best.relative_band == pytest.approx((0.255, 0.345))
@@ -334,4 +331,4 @@ def test_optimum_is_relative_to_the_reference() -> None:
 )
 def test_bad_input_is_named(change: dict[str, object], name: str) -> None:
     with pytest.raises(ParameterError, match=name):
-        performance_curve(**{"scene": NONE, "forces": FORCES} | change)  # type: ignore[arg-type]
+        performance_curve(**{"scene": NONE, "forces": FORCES} | change)

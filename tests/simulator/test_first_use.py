@@ -170,7 +170,6 @@ def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
     scene = beam_scene(Beam(modes=2))
     assert repr(scene) == "Scene(2 modes, no absorber)"
     run = simulate(scene, Drive(1.5, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0)))
-    assert run.level is not None
     first, second = repr(run).splitlines()
     assert first == "Response(2 modes, no absorber"
     assert second.strip().startswith(f"1.5 N from 0 to {run.drive.schedule.times[-1]:.4g} s, level {1e3 * run.level.value:.4g} mm at ")
@@ -207,9 +206,9 @@ def test_the_shortest_trial_has_the_kernels_of_trials() -> None:
     model = modal_model(Beam(modes=2))
     case = Case(model, 0.95 * float(model.omega[0]), 1.5, friction_limit=0.01)
     shortest_validation(case)
-    known = list(exact_lane.signatures)  # type: ignore[attr-defined]
+    known = list(exact_lane.signatures)
     assert any(found.orbits for found in orbits_over(case, [0.95, 0.96]))
-    assert exact_lane.signatures == known  # type: ignore[attr-defined]
+    assert exact_lane.signatures == known
 
 
 def test_every_variant_is_compiled_and_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -223,7 +223,7 @@ def test_no_friction_is_a_limit_of_zero_everywhere() -> None:
         assert design_space("impact", ["gap"], fixed={"friction_limit": zero}).default.absorber() == impact_absorber(restitution=0.7)
     for limit in (-1e-300, NAN, "0", False):
         with pytest.raises(ParameterError, match="friction limit"):
-            friction_law(limit)  # type: ignore[arg-type]
+            friction_law(limit)
 
 
 def test_a_damper_without_friction_is_nothing() -> None:

@@ -30,7 +30,7 @@ def curve(level: np.ndarray) -> PerformanceCurve:
 
 
 def response(schedule: object, **recorded: object) -> Response:
-    return Response(SCENE, Drive(2.0, schedule), Exact(), np.zeros(6), 1, 0.0, 10, 10, 0.0, **recorded)  # type: ignore[arg-type]
+    return Response(SCENE, Drive(2.0, schedule), Exact(), np.zeros(6), 1, 0.0, 10, 10, 0.0, **recorded)
 
 
 def history(samples: int, end: float) -> History:

@@ -94,14 +94,13 @@ def test_stopped_lanes_stay_open_and_finished_ones_are_whole() -> None:
     alone = simulate(SCENE, short).level
     stop, _ = given_after(0.5)
     levels = run_lanes([Lane(SCENE, short), Lane(SCENE, LONG), Lane(SCENE, LONG), Lane(SCENE, short)], threads=2, stop=stop)
-    assert alone is not None
     assert levels.level[0] == alone.value
     assert np.isnan(levels.level[1:3]).all()
     assert not levels.complete
 
 
 def test_passes_end_with_the_numbers_of_the_curve() -> None:
-    case = CurveCase(SCENE, FORCES, limits=(0.98, 1.02), percent_per_100_periods=FAST)  # type: ignore[arg-type]
+    case = CurveCase(SCENE, FORCES, limits=(0.98, 1.02), percent_per_100_periods=FAST)
     passes = (Pass(3, 4.0), Pass(), Pass(members=2))
     last = dict(curve_passes(case, passes, seed=3, threads=2))
     assert list(last) == list(passes)
@@ -124,7 +123,7 @@ def test_partial_curves_only_gain_points() -> None:
 
 def test_a_linear_scene_runs_one_force_in_passes() -> None:
     scene = beam_scene(BEAM, TunedAbsorber())
-    ((_, curve),) = curve_passes(CurveCase(scene, FORCES, percent_per_100_periods=FAST), [Pass()])  # type: ignore[arg-type]
+    ((_, curve),) = curve_passes(CurveCase(scene, FORCES, percent_per_100_periods=FAST), [Pass()])
     np.testing.assert_array_equal(curve.level, performance_curve(scene, FORCES, members=1, percent_per_100_periods=FAST).level)
 
 
@@ -146,7 +145,7 @@ def test_passes_end_at_a_stop_and_with_their_reader(way: str) -> None:
 
 def test_passes_refuse_what_runs_refuse() -> None:
     with pytest.raises(ParameterError, match="method = RungeKutta"):
-        list(curve_passes(CurveCase(SCENE, FORCES), [Pass()], method=RungeKutta()))  # type: ignore[arg-type]
+        list(curve_passes(CurveCase(SCENE, FORCES), [Pass()], method=RungeKutta()))
 
 
 def test_an_envelope_and_a_window_are_those_of_the_samples() -> None:
@@ -154,9 +153,6 @@ def test_an_envelope_and_a_window_are_those_of_the_samples() -> None:
     whole = simulate(SCENE, drive, record=Record(events=True, series=True))
     end = drive.schedule.times[-1]
     part = simulate(SCENE, drive, record=Record(events=True, envelope=7, series=Window(0.25 * end, 0.5 * end)))
-    assert whole.history is not None
-    assert part.history is not None
-    assert part.envelope is not None
     tip, times = whole.history.tip_displacement, whole.history.time
     inside = (times >= 0.25 * end) & (times <= 0.5 * end)
     np.testing.assert_array_equal(part.history.time, times[inside])
@@ -172,8 +168,6 @@ def test_an_envelope_and_a_window_are_those_of_the_samples() -> None:
 def test_an_envelope_is_that_of_the_levels_place() -> None:
     scene = beam_scene(Beam(modes=3, absorber_position=0.6, response_position=1.0), SCENE.absorber)
     response = simulate(scene, drive_of(3.0, 0.98, 1.02, periods=30), record=Record(events=True, envelope=5, series=True))
-    assert response.envelope is not None
-    assert response.history is not None
     end = response.history.modal_displacement @ modal_model(Beam(modes=3)).tip_shape
     assert (response.envelope.low.min(), response.envelope.high.max()) == pytest.approx((end.min(), end.max()), rel=1e-12)
 
@@ -186,7 +180,7 @@ def test_shapes_along_a_beam_are_those_of_its_model() -> None:
     assert not shapes[[0, 3]].any()
     for bad in ([-0.1], [1.1], [np.nan], "0.5"):
         with pytest.raises(ParameterError, match="positions"):
-            mode_shapes(beam, bad)  # type: ignore[arg-type]
+            mode_shapes(beam, bad)
 
 
 PREPARED = """
@@ -244,7 +238,7 @@ def start_of(state: np.ndarray) -> InitialState:
 def with_limit(scene: Scene, limit: float) -> Scene:
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
-    return Scene(scene.model, SlidingAbsorber(absorber.mass_ratio, absorber.walls, type(absorber.friction)(limit)))  # type: ignore[misc,call-arg]
+    return Scene(scene.model, SlidingAbsorber(absorber.mass_ratio, absorber.walls, type(absorber.friction)(limit)))
 
 
 def bundle(runs: ControlledRuns) -> bytes:
@@ -296,7 +290,6 @@ def test_energy_balances_over_the_changes(name: str) -> None:
         start, order = runs.state[0].copy(), runs.orders[0].copy()
         runs.advance()
         account = run(with_limit(scene, limit), drive_of_order(order), initial=start_of(start)).energy
-        assert account is not None
         work += account.work
         losses += float(np.sum(account.modal_loss)) + account.friction_loss + account.impact_loss
     assert stored_energy(scene, runs.state[0]) == pytest.approx(work - losses, rel=1e-7)
@@ -336,7 +329,6 @@ def test_lanes_with_other_limits_and_a_snapshot_do_not_touch_each_other() -> Non
             runs.advance()
             np.testing.assert_array_equal(many.state[lane], runs.state[0])
     again = copy.deepcopy(lanes_of(scene, 5))
-    assert kept is not None
     again.restore(kept[0])
     for wanted in kept[1]:
         again.orders["limit"] = wanted

@@ -99,7 +99,6 @@ def test_bands_compare_the_kinds_of_members() -> None:
     assert phase.against("force")[1] < 1e-9 < 0.01 < both.against("phase")[1]
     low, middle, high = force.quantiles
     assert low < 1.1 < middle < 1.3 < high
-    assert both.between is not None
     assert both.between[0] > 0.9
     assert phase.between is None
     assert bands.band_table(rows).count("(") > 6

@@ -33,8 +33,8 @@ def findings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     from studies.findings import parts
 
     def small(self: object, concept: str, at: object, free: object = None, bounds: object = None, members: int | None = None) -> Problem:
-        space, conditions = parts.design_space(concept, free, bounds), parts.make_conditions(concept, list(at))  # type: ignore[call-overload]
-        return Problem(space, conditions, beam=Beam(modes=2), members=members or self.members, rate=40.0)  # type: ignore[attr-defined]
+        space, conditions = parts.design_space(concept, free, bounds), parts.make_conditions(concept, list(at))
+        return Problem(space, conditions, beam=Beam(modes=2), members=members or self.members, rate=40.0)
 
     monkeypatch.setattr(parts.Settings, "problem", small)
     for name, value in (("QUICK_DESIGNS", 4), ("QUICK_POINTS", 3), ("JOURNALS", tmp_path / "journals")):
@@ -61,11 +61,11 @@ def test_parts_write_numbers_figures_and_page(findings: ModuleType, tmp_path: Pa
     concepts = result(tmp_path, "concepts")
     assert set(concepts) == set(VARIABLES)
     assert page.count("| resonance 1") == 2
-    assert len(result(tmp_path, "robustness")["designs"]) == 2 * len(VARIABLES) + 1  # type: ignore[arg-type]
+    assert len(result(tmp_path, "robustness")["designs"]) == 2 * len(VARIABLES) + 1
     full = result(tmp_path, "full")
     assert full["designs"] == 41
-    assert 0 <= full["overhead"] < 1  # type: ignore[operator]
-    assert before <= full["memory_bytes"] < before + 2**31  # type: ignore[operator]
+    assert 0 <= full["overhead"] < 1
+    assert before <= full["memory_bytes"] < before + 2**31
     before = page
     (tmp_path / "findings" / "optima.png").unlink()
     again = call(findings, "--redraw", "--out", tmp_path, "--part", "optima")
@@ -90,7 +90,7 @@ def test_scaling_compares_one_worker_with_two(findings: ModuleType, monkeypatch:
     from studies.findings import measured
 
     class Slow(measured.Threads):
-        def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+        def each(self, function, chunks, kinds):
             time.sleep(0.2 / self.threads)
             return super().each(function, chunks, kinds)
 
@@ -103,11 +103,11 @@ def test_scaling_compares_one_worker_with_two(findings: ModuleType, monkeypatch:
     run = call(findings, "--quick", "--out", tmp_path, "--part", "scaling")
     assert run.exit_code == 0, run.output
     found = result(tmp_path, "scaling")
-    assert [(row["kind"], row["workers"], len(row["all_s"])) for row in found["rows"]] == [  # type: ignore[index, attr-defined]
+    assert [(row["kind"], row["workers"], len(row["all_s"])) for row in found["rows"]] == [
         ("threads", 1, 3), ("threads", 2, 3), ("cluster", 1, 3), ("cluster", 2, 3),
     ]  # fmt: skip
-    assert found["speedup"]["threads"] > 1  # type: ignore[index]
-    assert f"{found['speedup']['cluster']:.2f} |" in run.stdout  # type: ignore[index]
+    assert found["speedup"]["threads"] > 1
+    assert f"{found['speedup']['cluster']:.2f} |" in run.stdout
 
 
 def test_energy_argument_scales_and_balances() -> None:

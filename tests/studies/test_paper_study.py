@@ -28,8 +28,6 @@ from studies.study import Json, Steps
 def script() -> ModuleType:
     """Return a copy of the command as it is with the figures that there are now."""
     spec = importlib.util.spec_from_file_location("reproduce_paper", reproduce_paper.__file__)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

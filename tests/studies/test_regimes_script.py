@@ -50,7 +50,6 @@ def test_published_numbers_tell_what_the_page_says() -> None:
         assert [row["at"] for row in sorted(sweeps, key=lambda row: row["at"])] == list(case.slownesses)
         assert all(row["runs"] >= 200 for row in sweeps)
     told = hazard_of(of_case(found, measured.STAY, PAPER))
-    assert told is not None
     for row in of_case(found, measured.SWEEP, PAPER):
         value, _, _ = told.probability(row["at"])
         assert row["low"] - 0.05 < value < row["high"] + 0.05

@@ -89,8 +89,8 @@ def test_command_goes_on_and_writes_the_page(tmp_path: Path, monkeypatch: pytest
     def counted(case: object, *arguments: object, **fine: bool) -> object:
         if len(ran) == 2:
             raise KeyboardInterrupt
-        ran.append(case.key)  # type: ignore[attr-defined]
-        return run_case(case, *arguments, **fine)  # type: ignore[arg-type]
+        ran.append(case.key)
+        return run_case(case, *arguments, **fine)
 
     with monkeypatch.context() as patch:
         patch.setattr(rule, "run_case", counted)

@@ -104,8 +104,6 @@ def forbidden() -> None:
 def test_a_run_writes_numbers_tables_figures_and_page(place: Place) -> None:
     result = carry_out(Settings(), place)
     assert result.exit_code == 0, result.output
-    assert place.folder is not None
-    assert place.page is not None
     assert {file.name for file in place.folder.iterdir()} == {
         f"{name}.{kind}" for name in ("omega", "shape") for kind in ("json.gz", "csv", "png", "html")
     }
@@ -129,15 +127,12 @@ def test_a_run_writes_numbers_tables_figures_and_page(place: Place) -> None:
 def test_one_part_alone_leaves_the_other(place: Place) -> None:
     assert carry_out(Settings(), place, only=("shape",)).exit_code == 0
     assert place.folder is not None
-    assert place.page is not None
     assert not (place.folder / "omega.json.gz").exists()
     assert place.page.read_text().count("old") == 1
 
 
 def test_drawing_anew_measures_nothing(place: Place) -> None:
     assert carry_out(Settings(), place).exit_code == 0
-    assert place.folder is not None
-    assert place.page is not None
     before = {file: file.read_bytes() for file in place.folder.iterdir()} | {place.page: place.page.read_bytes()}
     for file in before:
         if file.suffix != ".gz":
@@ -167,7 +162,6 @@ def test_what_is_stopped_is_kept_and_gone_on_with(place: Place) -> None:
     values = content(place, "omega")
     assert [row["elements"] for row in values["rows"]] == [2, 2, 3, 3]
     assert values["complete"] is False
-    assert place.page is not None
     assert "4 rows." in place.page.read_text()
     again = carry_out(Settings(events=((2, forbidden), (3, forbidden))), place, only=("omega",), resume=True)
     assert again.exit_code == 0, again.output
@@ -193,8 +187,6 @@ def test_nothing_is_written_where_nothing_is_known(place: Place) -> None:
         result = carry_out(Settings(events=((2, event),)), place)
         assert result.exit_code == code
         assert words in result.stderr
-    assert place.folder is not None
-    assert place.page is not None
     assert list(place.folder.iterdir()) == []
     assert not place.page.exists()
 
@@ -224,7 +216,6 @@ def test_failures_make_the_exit_code(place: Place) -> None:
 
 
 def test_a_page_without_a_place_is_refused_before_anything_is_measured(place: Place) -> None:
-    assert place.template is not None
     never = Settings(events=((2, forbidden),))
     for text in ("no marker", PAGE.replace("<!-- /shape -->", ""), PAGE + PAGE, PAGE.replace("<!-- shape", "<!-- /shape", 1)):
         place.template.write_text(text)

@@ -21,14 +21,14 @@ def job(way: str) -> None:
 
 def main(way: str) -> None:
     """Print whether it was kept before, processes, times that it was loaded, whether one still runs, whether it is kept now."""
-    beside.available_cores = lambda: 1 if way == "alone" else 2  # type: ignore[assignment]
+    beside.available_cores = lambda: 1 if way == "alone" else 2
     call = partial(job, way)
     before = beside.is_kept(call)
     with beside.alongside(phase_of, call):
         processes = len(multiprocessing.active_children())
         phase_of(LINE, 1.0, 0.5)
     left = len(multiprocessing.active_children())
-    print(before, processes, sum(phase_of.stats.cache_hits.values()), left, phase_of.wait, beside.is_kept(call))  # type: ignore[attr-defined]
+    print(before, processes, sum(phase_of.stats.cache_hits.values()), left, phase_of.wait, beside.is_kept(call))
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ class Murderous(Workers):
     victim: int | None = None
     mercy = 2
 
-    def each(self, function, items, kinds):  # type: ignore[no-untyped-def]
+    def each(self, function, items, kinds):
         for count, result in enumerate(super().each(function, items, kinds)):
             if count == self.mercy and self.victim is not None:
                 os.kill(self.victim, signal.SIGKILL)

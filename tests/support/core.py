@@ -51,10 +51,9 @@ def pushed_base() -> ModalModel:
 
 
 def scene_of(absorber: Absorber | None = None, **beam: object) -> Scene:
-    return beam_scene(Beam(**({"modes": 3} | beam)), absorber)  # type: ignore[arg-type]
+    return beam_scene(Beam(**({"modes": 3} | beam)), absorber)
 
 
 def relative_displacement(response: Response) -> Array:
     history = response.history
-    assert history is not None
     return np.asarray(history.absorber_displacement - history.tip_displacement)

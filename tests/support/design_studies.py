@@ -32,7 +32,7 @@ def problem(objectives: int = 1, **changes: object) -> Problem:
         "members": 4,
         "rate": 100.0,
     }
-    return Problem(**(given | changes))  # type: ignore[arg-type]
+    return Problem(**(given | changes))
 
 
 def settings(sampler: str = "cma", seed: int = 0, rungs: tuple[Rung, ...] = (Rung(1, 1.0, 0.5), Rung(4))) -> Settings:
@@ -50,12 +50,12 @@ class Model:
     log: Path | None = None
     seen: list[tuple[object, ...]] = field(default_factory=list)
 
-    def each(self, _function, chunks, _kinds):  # type: ignore[no-untyped-def]
+    def each(self, _function, chunks, _kinds):
         for k, chunk in enumerate(chunks):
             if self.stop is not None and len(self.seen) == self.stop:
                 raise KeyboardInterrupt
             first = chunk.lanes[0]
-            walls = first.scene.absorber.walls  # type: ignore[union-attr]
+            walls = first.scene.absorber.walls
             self.seen.append((walls.gap, walls.restitution, first.drive.amplitude, first.drive.phase, first.drive.schedule.times[-1]))
             if self.log is not None:
                 with self.log.open("a") as file:
@@ -64,7 +64,7 @@ class Model:
 
 
 def _level(lane: Lane) -> float:
-    walls = lane.scene.absorber.walls  # type: ignore[union-attr]
+    walls = lane.scene.absorber.walls
     best = 6e-4 if lane.drive.amplitude < 10 else 9e-4  # another one for the second resonance
     bowl = np.log(walls.gap / best) ** 2 + (walls.restitution - 0.5) ** 2
     return float(1e-4 * (1 + bowl) * (1 + 0.01 * np.sin(7 * lane.drive.phase + 1e4 * walls.gap)))
@@ -77,17 +77,17 @@ class Bowl:
     stop: int | None = None
     seen: list[tuple[object, ...]] = field(default_factory=list)
 
-    def each(self, _function, chunks, _kinds):  # type: ignore[no-untyped-def]
+    def each(self, _function, chunks, _kinds):
         for k, chunk in enumerate(chunks):
             if self.stop is not None and len(self.seen) == self.stop:
                 raise KeyboardInterrupt
             absorber = chunk.lanes[0].scene.absorber
-            numbers = (absorber.friction.limit,) if isinstance(absorber, SlidingAbsorber) else (absorber.stiffness, absorber.damping)  # type: ignore[union-attr]
+            numbers = (absorber.friction.limit,) if isinstance(absorber, SlidingAbsorber) else (absorber.stiffness, absorber.damping)
             self.seen.append((*numbers, chunk.lanes[0].drive.amplitude, chunk.lanes[0].drive.phase, len(chunk.lanes)))
             yield k, np.array([[self.value(chunk, lane)] for lane in chunk.lanes])
 
     def value(self, chunk: Chunk, lane: Lane) -> float:  # noqa: ARG002 - others need it
         """Return the level of a lane in m."""
-        numbers = [float(x) for x in self.seen[-1][:-3]]  # type: ignore[arg-type]
+        numbers = [float(x) for x in self.seen[-1][:-3]]
         bottom = [0.3] if len(numbers) == 1 else [600.0, 0.5]
         return float(1e-4 * (1 + sum(np.log(x / best) ** 2 for x, best in zip(numbers, bottom, strict=True)) + 0.01 * np.sin(lane.drive.phase)))

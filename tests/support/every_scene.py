@@ -62,7 +62,7 @@ def of_response(response: Response) -> Bits:
 
 
 def swept(absorber: Absorber | SeveralAbsorbers | None, method: Method | None = None, record: Record = ALL) -> Callable[[], Bits]:
-    return lambda: of_response(simulate(scene_of(absorber, modes=2), DRIVE, method, record=record))  # type: ignore[arg-type]
+    return lambda: of_response(simulate(scene_of(absorber, modes=2), DRIVE, method, record=record))
 
 
 def controlled(absorber: Absorber, method: Method | None = None) -> Callable[[], Bits]:

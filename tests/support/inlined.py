@@ -29,7 +29,7 @@ class Sparing(NamedTuple):
 
 
 @jit
-def far(x, values):  # type: ignore[no-untyped-def]
+def far(x, values):
     """Return a sum that LLVM itself would not inline twice."""
     total = 0.0
     for k in range(7):
@@ -41,15 +41,15 @@ def far(x, values):  # type: ignore[no-untyped-def]
 
 
 @jit_inline
-def near(x, values):  # type: ignore[no-untyped-def]
+def near(x, values):
     """Return what is inlined at each call, and with it, but for a sparing group, what it calls."""
-    return far(x, values) + far(2.0 * x, values)  # type: ignore[no-untyped-call]
+    return far(x, values) + far(2.0 * x, values)
 
 
 @jit
-def whole(x, group):  # type: ignore[no-untyped-def]
+def whole(x, group):
     """Call it from Python."""
-    return near(x, None) * near(x + 1.0, None) if group is None else near(x, group.values) * near(x + 1.0, group.values)  # type: ignore[no-untyped-call]
+    return near(x, None) * near(x + 1.0, None) if group is None else near(x, group.values) * near(x + 1.0, group.values)
 
 
 def main(kernel: Any) -> None:

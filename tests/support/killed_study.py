@@ -14,7 +14,7 @@ from optimisation.search.study import opened
 class Slow(Model):
     """The model with a pause after each chunk."""
 
-    def each(self, function, chunks, kinds):  # type: ignore[no-untyped-def]
+    def each(self, function, chunks, kinds):
         for result in super().each(function, chunks, kinds):
             yield result
             time.sleep(0.002)

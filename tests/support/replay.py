@@ -62,8 +62,6 @@ class Beam:
 def replay(response: Response, dense: int = 200) -> Replay:
     """Follow a run that began at rest, impact by impact, up to its first phase of contact; ``dense``: samples of each flight."""
     scene, drive, impacts, phases = response.scene, response.drive, response.impacts, response.phases
-    assert impacts is not None
-    assert phases is not None
     every = getattr(scene.absorber, "absorbers", (scene.absorber,))
     walls = [a.walls for a in every if isinstance(a, SlidingAbsorber) and isinstance(a.walls, RigidWalls)]
     gap, e = np.array([w.gap for w in walls]), np.array([w.restitution for w in walls])

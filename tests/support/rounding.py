@@ -32,4 +32,4 @@ def round_models(pattern: int) -> None:
                 changed.flags.writeable = False
                 object.__setattr__(self, name, changed)
 
-    ModalModel.__post_init__ = post_init  # type: ignore[method-assign]
+    ModalModel.__post_init__ = post_init

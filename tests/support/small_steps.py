@@ -25,7 +25,7 @@ def laws_of(scene: Scene, mobility: Array) -> Laws:
     assert isinstance(scene.absorber, SeveralAbsorbers)
     every = scene.absorber.absorbers
     gap = np.array([np.inf if a.walls is None else a.walls.gap for a in every])
-    restitution = np.array([0.0 if a.walls is None else a.walls.restitution for a in every])  # type: ignore[union-attr]
+    restitution = np.array([0.0 if a.walls is None else a.walls.restitution for a in every])
     return Laws(gap, restitution, np.array([0.0 if a.friction is None else a.friction.limit for a in every]), np.diag(mobility))
 
 
