@@ -12,7 +12,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from impact_env.matrices import with_link
+from impact_env.modes import with_link
 from impact_env.secular import (
     Complex,
     Coupling,

@@ -15,8 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.matrices import with_link, with_masses
-from impact_env.modes import ModalModel
+from impact_env.modes import ModalModel, with_link, with_masses
 from impact_env.parameters import StuckAbsorber, TunedAbsorber, finite, positive, require
 
 LinearAbsorber = TunedAbsorber | StuckAbsorber

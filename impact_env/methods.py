@@ -9,8 +9,7 @@ import numpy as np
 from impact_env.drive import Drive
 from impact_env.laws import SceneKind, parts
 from impact_env.loads import AnyDrive, largest
-from impact_env.matrices import with_link
-from impact_env.modes import MOST_HEAVINESS
+from impact_env.modes import MOST_HEAVINESS, with_link
 from impact_env.parameters import (
     CompliantWalls,
     ElasticCoulombFriction,

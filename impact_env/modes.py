@@ -11,10 +11,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.parameters import MOST_DAMPING, SMALL, Beam, finite, instance, listed, positive, require, row, suspended
 
-# Hermite Euler-Bernoulli beam: parameters to mass and stiffness matrices (paper, section 2.1).
+# Mass, damping and stiffness of modes that carry masses, or that a spring and a damper link to one more coordinate.
 
 
 Real = NDArray[np.float64]
+
+
+def with_masses(shapes: Real, masses: Real) -> Real:
+    """Return the mass matrix (N_m, N_m) of modes that carry ``masses`` (n,) in kg at places with ``shapes`` (n, N_m)."""
+    return np.asarray(np.eye(shapes.shape[1]) + (shapes.T * masses) @ shapes)
+
+
+def with_link(own: Real, factor: float, line: Real) -> Real:
+    """Return the stiffness or damping matrix (N_m + 1, N_m + 1) of modes and a coordinate that has none of its own.
+
+    ``own`` (N_m,): that of the modes; ``factor``: of the link, whose stretch is ``line`` (N_m + 1,) times the coordinates.
+    """
+    return np.asarray(np.diag(np.append(own, 0.0)) + factor * np.outer(line, line))
+
+
+# Hermite Euler-Bernoulli beam: parameters to mass and stiffness matrices (paper, section 2.1).
+
 
 _STIFFNESS = np.array([[12.0, 6.0, -12.0, 6.0], [6.0, 4.0, -6.0, 2.0], [-12.0, -6.0, 12.0, -6.0], [6.0, 2.0, -6.0, 4.0]])
 _MASS = np.array([[156.0, 22.0, 54.0, -13.0], [22.0, 4.0, 13.0, -3.0], [54.0, 13.0, 156.0, -22.0], [-13.0, -3.0, -22.0, 4.0]]) / 420

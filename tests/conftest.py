@@ -6,10 +6,8 @@ from pathlib import Path
 
 import pytest
 from choice import LONGEST_FIRST, QUICK
-from cpu_times import CPUTimes
 from hypothesis import settings
-from peak import Peaks
-from rounding import round_models
+from plugins import CPUTimes, Peaks, round_models
 
 settings.register_profile("workbench", derandomize=True, deadline=None)
 settings.load_profile("workbench")

@@ -17,8 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.matrices import with_masses
-from impact_env.modes import ModalModel
+from impact_env.modes import ModalModel, with_masses
 from impact_env.parameters import positive, require
 
 Complex = NDArray[np.complex128]

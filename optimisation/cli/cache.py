@@ -2,10 +2,65 @@
 
 from __future__ import annotations
 
-import click
+import re
+import shutil
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
 
+import click
+from filelock import FileLock
+
+from impact_env.kernels.compiling.cache import PATIENCE, digest, folders
 from optimisation.cli.common import command, plain_errors
-from optimisation.kept_kernels import Kept, clear, kept, parents
+
+# The folders of compiled kernels, one for each version of their sources and of the compiler: sizes, and how they are removed.
+
+
+OURS = re.compile(r"[0-9a-f]{16}")  # what `digest` returns: nothing else is ever removed
+STAMP = "warm"  # a checkout's set-up says with it that the usual kernels are there
+
+
+@dataclass(frozen=True)
+class Kept:
+    """One folder: how many compiled ``kernels`` it holds, its ``size`` in bytes, and whether today's sources and compiler made them."""
+
+    folder: Path
+    kernels: int
+    size: int
+    current: bool
+
+
+def parents() -> tuple[Path, ...]:
+    """Return the folders that hold the folders of kernels: where this process writes, and what it only reads; none where nothing is kept."""
+    found = folders()
+    return tuple(folder.parent for folder in (found.write, found.read) if folder is not None)
+
+
+def kept(parent: Path) -> list[Kept]:
+    """Return what is kept in a folder, that of today's sources first."""
+    found = []
+    for folder in parent.iterdir():
+        if OURS.fullmatch(folder.name) and folder.is_dir() and not folder.is_symlink():
+            sizes = {}
+            for file in folder.rglob("*.nb[ci]"):
+                with suppress(FileNotFoundError):  # another process has just put a new one in its place
+                    sizes[file] = file.stat().st_size
+            found.append(Kept(folder, sum(file.suffix == ".nbc" for file in sizes), sum(sizes.values()), folder.name == digest()))
+    return sorted(found, key=lambda one: (not one.current, one.folder.name))
+
+
+def clear(these: Iterable[Kept]) -> None:
+    """Remove folders of kernels, each when no process writes into it; raises OSError if one does for a minute, or if it cannot be removed."""
+    for one in these:
+        if one.current:
+            (one.folder.parent / STAMP).unlink(missing_ok=True)
+        with FileLock(one.folder / "lock", timeout=PATIENCE):
+            for inner in one.folder.iterdir():
+                if inner.is_dir():
+                    shutil.rmtree(inner)
+        shutil.rmtree(one.folder)
 
 
 def line(one: Kept) -> str:

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import Executor, available_cores
 from impact_env.loads import Loads
 from impact_env.modes import Structure, modal_model
@@ -28,14 +30,33 @@ from optimisation.cli.structure_option import (
     scene_option,
     structure_option,
 )
-from optimisation.comparison import RESONANCES
-from optimisation.conditions import QUICK_MEMBERS, QUICK_SPEED
-from optimisation.designs import FREE, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, RESTITUTION, VARIABLES, DesignSpace, design_space
+from optimisation.comparison import RESONANCES, WIDE_LIMITS
+from optimisation.designs import FREE, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, RESTITUTION, TUNED, VARIABLES, DesignSpace, design_space
 from optimisation.executors import cluster_option, executor
 from optimisation.machine import conditions, peak_memory
 from optimisation.mounting import mounted
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
+
+# The conditions (resonance, force) under which commands and studies judge a design, and the size of a quick look.
+
+
+RANGE_FORCES = 8  # forces between a third and three times the given one, for the objective range
+QUICK_SPEED, QUICK_MEMBERS = 10.0, 2
+
+
+def load_conditions(loads: Loads, spread: bool = False) -> tuple[Condition, ...]:
+    """Return the conditions under loads: as they are, or with ``spread`` times factors."""
+    factors = np.geomspace(1 / 3, 3, RANGE_FORCES) if spread else np.ones(1)
+    return tuple(Condition(1, float(factor), loads=loads) for factor in factors)
+
+
+def make_conditions(concept: str, at: list[tuple[int, float]], spread: bool = False) -> tuple[Condition, ...]:
+    """Return conditions; a tuned absorber is swept so wide that both of its peaks are seen."""
+    limits = WIDE_LIMITS if concept == TUNED else PAPER_LIMITS
+    factors = np.geomspace(1 / 3, 3, RANGE_FORCES) if spread else np.ones(1)
+    return tuple(Condition(resonance, force * float(factor), limits) for resonance, force in at for factor in factors)
+
 
 KEPT = "Broken off; the study keeps what is finished."
 GOES_ON = "the same command goes on from here."

@@ -15,9 +15,9 @@ import impact_env
 from impact_env.ensemble import available_cores
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
 from impact_env.kernels.compiling.cache import SHIPPED, why_not_shipped
+from optimisation.cli.cache import kept, parents
 from optimisation.cli.common import check_target, command, json_option, plain_errors
 from optimisation.files import write_json
-from optimisation.kept_kernels import kept, parents
 from optimisation.machine import processor, versions
 
 SHOWN = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "gymnasium", "torch")

@@ -19,8 +19,7 @@ from impact_env.periodic.response_curve import COLUMNS
 from impact_env.periodic.stationary import QUANTILES, StationaryRuns
 from impact_env.plain import from_scene
 from optimisation.cli.common import FIGURES, RESUME, BadInput, check_target, command, end_early, json_option, name_files, plain_errors
-from optimisation.cli.scene_options import scene_options
-from optimisation.cli.structure_option import is_given
+from optimisation.cli.structure_option import is_given, scene_options
 from optimisation.cli.sweep_scene import make_scene, refuse_parts
 from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing, write_csv, write_json

@@ -13,7 +13,7 @@ from impact_env.periodic.isolas import COLUMNS, IsolaCell, IsolaMap, isola_map
 from impact_env.periodic.validation import validation_alongside
 from impact_env.plain import from_scene
 from optimisation.cli.common import FIGURES, RESUME, check_target, command, end_early, json_option, name_files, plain_errors
-from optimisation.cli.scene_options import scene_options
+from optimisation.cli.structure_option import scene_options
 from optimisation.cli.sweep_scene import make_scene, option_name, refuse_parts
 from optimisation.files import replacing, write_csv, write_json
 from optimisation.pieces import Pieces

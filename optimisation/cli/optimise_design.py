@@ -25,13 +25,14 @@ from optimisation.cli.design_options import (
     executor_of,
     forces_at,
     journal_of,
+    load_conditions,
     loads_in,
+    make_conditions,
     make_problem,
     shared_options,
     study_option,
     variables_help,
 )
-from optimisation.conditions import load_conditions, make_conditions
 from optimisation.designs import GAP, IMPACT, VARIABLES
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.insight import detuned, levels, over_force, sensitivity, varied, with_gaps
@@ -50,8 +51,7 @@ from optimisation.report.design_tables import (
     summary,
     text,
 )
-from optimisation.search.bars import BARS
-from optimisation.search.find import SCIPY, Plan, find
+from optimisation.search.find import BARS, SCIPY, Plan, find
 from optimisation.search.judge import AUDITED
 from optimisation.search.noisy import NOISY
 from optimisation.search.result import Findings

@@ -24,7 +24,9 @@ from optimisation.cli.design_options import (
     executor_of,
     forces_at,
     journal_of,
+    load_conditions,
     loads_in,
+    make_conditions,
     make_problem,
     shared_options,
     study_option,
@@ -32,7 +34,6 @@ from optimisation.cli.design_options import (
 )
 from optimisation.cli.load_option import refuse_beside_load
 from optimisation.cli.structure_option import is_given
-from optimisation.conditions import load_conditions, make_conditions
 from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.objectives import Objective

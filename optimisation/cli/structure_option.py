@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Beam, RigidWalls, SlidingAbsorber, positive
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, SlidingAbsorber, positive
 from impact_env.plain import from_scene, to_beam, to_scene
 from impact_env.plain_files import read_plain
 from impact_env.scene import Scene
@@ -112,3 +112,32 @@ def refuse_beside(structure: Path | None, *names: str) -> None:
     for name in names:
         if structure is not None and is_given(name):
             raise BadInput(f"--{name.replace('_', '-')} does not go with --structure: the file says what the structure is")
+
+
+# The options of an absorber on the paper's beam, for commands on periodic motions; what is left out is None.
+
+
+def scene_options(restitution: str, friction: str = "") -> Callable[[Command], Command]:
+    """Add --scene, --structure, --modes, --damping, --mass-ratio, --gap, --restitution and --friction-limit to a command.
+
+    ``restitution`` says which are allowed, ``friction`` is the default of the friction limit where it is to be told.
+    """
+    file = click.Path(dir_okay=False, path_type=Path)
+    told = f"  [default: {friction}]" if friction else ""
+    options = (
+        click.option("--scene", type=file, metavar="FILE", help="Beam and absorber from a .toml or .json file."),
+        structure_option,
+        click.option("--modes", type=int, help=f"Number of modes kept.  [default: {Beam.modes}]"),
+        click.option("--damping", type=float, help=f"Modal damping ratio, the same for all modes.  [default: {Beam.damping_ratio}]"),
+        click.option("--mass-ratio", type=float, help=f"Absorber mass over beam mass.  [default: {DEFAULT_MASS_RATIO}]"),
+        click.option("--gap", type=float, help=f"Clearance to either wall in m.  [default: {RigidWalls.gap}]"),
+        click.option("--restitution", type=float, help=f"Coefficient of restitution{restitution}.  [default: {RigidWalls.restitution}]"),
+        click.option("--friction-limit", type=float, help=f"Friction limit in N; 0: no friction.{told}"),
+    )
+
+    def add(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Sequence
 
 from optimisation.bounds import reduction_share, resonance_limit
-from optimisation.branches import Branches, branches
 from optimisation.designs import VARIABLES, Design
 from optimisation.insight import Levels
 from optimisation.load_measures import SHOWN, TOLD
@@ -17,7 +16,7 @@ from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.search.judge import Judged, Verdict
 from optimisation.search.result import Cost, Findings
 from optimisation.search.told import Evaluated
-from optimisation.statistics import COVERED, Gain
+from optimisation.statistics import COVERED, Branches, Gain, branches
 from optimisation.sweep_rate import LEAST_RATIO
 
 Json = dict[str, object]

@@ -24,7 +24,6 @@ from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count, require
-from optimisation.differences import difference
 from optimisation.files import held, require_writable, write_json
 from optimisation.rl.agents import FINAL, actor_of, save_agent
 from optimisation.rl.checkpoints import forget_replay, last_checkpoint, save_checkpoint
@@ -33,6 +32,7 @@ from optimisation.rl.demonstrations import fingerprint, read_demonstrations
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings
 from optimisation.rl.models import Model, ScaledRewards, begin_leg, make_lanes, make_model
 from optimisation.rl.runs import SETTINGS, Evaluation, read_evaluations, write_evaluations
+from optimisation.sources import difference
 
 with optional():
     import gymnasium

@@ -26,6 +26,7 @@ from impact_env.parameters import count, require
 from optimisation.designs import WITH_IMPACTS, Design
 from optimisation.evaluation import Clocked, Threads, evaluate
 from optimisation.problem import Problem
+from optimisation.progress import Bar, runs_bar
 from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdict
 from optimisation.search.ledger import Ledger, remembering
 from optimisation.search.noisy import NOISY, noisy_search
@@ -223,3 +224,22 @@ def _judged(findings: Findings, candidates: Sequence[Evaluated], plan: Plan, exe
         return findings
     with bars.runs(f"{concept}: winner with more modes") as show:
         return replace(findings, wider=more_modes(problem, found.winner, found.share, executor, show))
+
+
+# The bars that show a search on the command line.
+
+
+@contextmanager
+def study_bar(label: str, wanted: int) -> Iterator[Callable[[Progress], None]]:
+    """Give a function that shows how many designs are done of those that are ``wanted``, and the runs that they took."""
+    with Bar(total=wanted, desc=label, unit="designs") as bar:
+
+        def show(progress: Progress) -> None:
+            bar.set_postfix_str(f"{progress.runs} runs", refresh=False)
+            bar.update(progress.designs - bar.n)
+            bar.refresh()
+
+        yield show
+
+
+BARS = Bars(runs_bar, study_bar)

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
-from optimisation.differences import difference
 from optimisation.files import append, held
 from optimisation.measures import Chunk
+from optimisation.sources import difference
 
 # A study's journal file: one process at a time, and in order again after a writer that was killed in the middle of a line.
 

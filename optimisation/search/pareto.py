@@ -15,8 +15,7 @@ from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.report.design_tables import limit
 from optimisation.report.front_tables import Front, costs, signed
-from optimisation.search.bars import BARS
-from optimisation.search.find import searched
+from optimisation.search.find import BARS, searched
 from optimisation.search.judge import judged
 from optimisation.search.settings import NSGA2, RANDOM, SAMPLERS, Settings, default_settings
 from optimisation.search.told import hypervolume, nondominated

@@ -27,7 +27,6 @@ from impact_env.ensemble import Executor
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from optimisation.designs import Design, DesignSpace
-from optimisation.differences import difference
 from optimisation.evaluation import evaluate
 from optimisation.files import append
 from optimisation.objectives import Score
@@ -35,7 +34,7 @@ from optimisation.problem import Problem
 from optimisation.search.ledger import StudyError, alone, line_of, listed, repair
 from optimisation.search.settings import CMA, GP, NSGA2, RANDOM, Settings, seed_of
 from optimisation.search.told import Evaluated, Progress
-from optimisation.sources import SEARCHING, fingerprint
+from optimisation.sources import SEARCHING, difference, fingerprint
 
 # Optuna's samplers without memory: what is proposed for a trial follows from the seed, its number, and the finished trials alone.
 

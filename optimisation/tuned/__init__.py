@@ -5,8 +5,7 @@
 
 from optimisation.tuned.closed_forms import PAPER, den_hartog, effective_mass_ratio, paper_rule, undamped_h2, undamped_minimax
 from optimisation.tuned.scoring import HIGH, LOW, highest_amplitude, peak, peaks, require_wide_range
-from optimisation.tuned.search import minimax, minimum_h2
-from optimisation.tuned.variance import h2_norm, h2_norm_everywhere
+from optimisation.tuned.search import h2_norm, h2_norm_everywhere, minimax, minimum_h2
 
 __all__ = [
     "HIGH",

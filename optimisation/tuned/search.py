@@ -5,14 +5,70 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from impact_env.frequency import LinearAbsorber, frequency_range, state_space
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber, require
 from optimisation.tuned.closed_forms import den_hartog, undamped_h2, undamped_minimax
 from optimisation.tuned.scoring import HIGH, LOW, peak, require_wide_range, splits_inside
-from optimisation.tuned.variance import h2_norm
+
+# H2: the response to white noise, from a Lyapunov equation, over all frequencies or over a range.
+
+
+Real = NDArray[np.float64]
+
+_CONDITION = 1e9  # of the eigenvectors: above it their digits are lost
+
+
+def _gramian(matrix: Real, b: Real) -> Real:
+    return np.asarray(scipy.linalg.solve_continuous_lyapunov(matrix, -np.outer(b, b)))
+
+
+def _stable(model: ModalModel, absorber: LinearAbsorber | None, reference: float) -> tuple[Real, Real, Real]:
+    """Return the state space; raises ParameterError if a pole is not damped, since the variance is infinite then."""
+    matrix, b, c = state_space(model, absorber, reference)
+    decay = float(-np.max(np.linalg.eigvals(matrix).real))
+    require(decay > 1e-12, "damping_ratio", model.damping_ratio, "above 0 at every mode, or an absorber that damps it: the variance is infinite")
+    return matrix, b, c
+
+
+def h2_norm_everywhere(model: ModalModel, absorber: LinearAbsorber | None) -> float:
+    """Return the H2 norm of `tip_response` over all frequencies in m/(N sqrt(s)): RMS of the tip under white noise of unit intensity.
+
+    Raises ParameterError for a mode without damping.
+    """
+    reference = float(model.omega[0])
+    matrix, b, c = _stable(model, absorber, reference)
+    return float(np.sqrt(reference * (c @ _gramian(matrix, b) @ c)))
+
+
+def h2_norm(model: ModalModel, absorber: LinearAbsorber | None, resonance: int = 1, low: float = LOW, high: float = HIGH) -> float:
+    """Return the part of the H2 norm that comes from low..high times omega_r (and its mirror image), in m/(N sqrt(s)).
+
+    Raises ParameterError for a mode without damping and, with a TunedAbsorber, for a range that cannot hold both split peaks.
+    """
+    omega_r = model.resonance_omega(resonance)
+    frequency_range(low, high)
+    if isinstance(absorber, TunedAbsorber):
+        require_wide_range(model, absorber.mass_ratio, resonance, low, high)
+    matrix, b, c = _stable(model, absorber, omega_r)
+    weighted = _gramian(matrix, b) @ c
+    return float(np.sqrt(omega_r * 2 * max(0.0, _integrated(matrix, c, weighted, low, high))))
+
+
+def _integrated(matrix: Real, c: Real, weighted: Real, low: float, high: float) -> float:
+    """Return c (S(high) - S(low)) ``weighted``, S of the module's text: the logarithm of a matrix by its poles, or as such where two coincide."""
+    s, vectors = np.linalg.eig(matrix)
+    if np.linalg.cond(vectors) < _CONDITION:
+        turned = [(np.log(-s - 1j * w) - np.log(-s + 1j * w)) for w in (low, high)]
+        return float(np.real(1j / (2 * np.pi) * (c @ vectors) @ ((turned[1] - turned[0]) * np.linalg.solve(vectors, weighted))))
+    shifts = [1j * w * np.eye(len(matrix)) for w in (low, high)]
+    logs = [scipy.linalg.logm((matrix + shift) @ np.linalg.inv(matrix - shift)) for shift in shifts]
+    return float(np.real(1j / (2 * np.pi) * c @ (logs[1] - logs[0]) @ weighted))
+
 
 _REFUSED = 1e3  # objective (log of the score) of a design that the range cannot score
 

@@ -10,8 +10,7 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber
 from optimisation.tuned.closed_forms import PAPER, den_hartog, paper_rule, undamped_h2, undamped_minimax
 from optimisation.tuned.scoring import HIGH, LOW, peak, require_wide_range
-from optimisation.tuned.search import minimax, minimum_h2
-from optimisation.tuned.variance import h2_norm
+from optimisation.tuned.search import h2_norm, minimax, minimum_h2
 
 NONE, PAPER_VALUES, RULE, EXACT, EXACT_H2, MINIMAX, MINIMUM_H2 = "none", "paper", "den_hartog", "undamped_minimax", "undamped_h2", "minimax", "h2"
 _PRINTED = 1e-3  # the paper prints its values to this accuracy

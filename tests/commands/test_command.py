@@ -24,7 +24,8 @@ from filelock import FileLock
 from places import ROOT
 
 from impact_env.kernels.compiling.cache import digest, folders
-from optimisation import kept_kernels, progress
+from optimisation import progress
+from optimisation.cli import cache as kept_kernels
 from optimisation.cli import group as command
 from optimisation.cli.group import imported
 from optimisation.progress import Bar, counting_bar, stages_bar

@@ -10,7 +10,6 @@ import pytest
 from impact_env import Drive, ParameterError, Scene
 from impact_env.drive import constant_frequency
 from impact_env.ensemble import Lane
-from optimisation.branches import branches
 from optimisation.designs import design_space
 from optimisation.evaluation import Threads, measured_chunks
 from optimisation.insight import SHOWN, levels, member_levels
@@ -19,7 +18,7 @@ from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
-from optimisation.statistics import ratio_of_quantiles, standard_error
+from optimisation.statistics import branches, ratio_of_quantiles, standard_error
 from reference import dense
 from studies.cli.friction_branches import LIMITS, rows
 from studies.rule import STRUCTURES

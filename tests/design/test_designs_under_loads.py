@@ -16,8 +16,8 @@ from impact_env.parameters import ParameterError, impact_absorber
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
+from optimisation.cli.design_options import load_conditions
 from optimisation.cli.group import imported
-from optimisation.conditions import load_conditions
 from optimisation.designs import GAP, IMPACT, TUNED, design_space
 from optimisation.evaluation import evaluate_arrays
 from optimisation.objectives import Condition, Constraint, Objective

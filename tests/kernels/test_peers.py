@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from core import drive_of, scene_of, still
-from truth_scenes import SCENES
+from every_scene import SCENES
 
 from impact_env import ElasticCoulombFriction, InitialState, SlidingAbsorber, impact_absorbers
 

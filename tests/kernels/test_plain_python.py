@@ -16,7 +16,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from every_scene import SCENES
+from every_scene import EVERY
 from places import ROOT, SUPPORT
 
 from impact_env.kernels.compiling.plain_code import PlainNumber, fused
@@ -51,9 +51,9 @@ def plain(folder: Path) -> dict[str, dict[str, str]]:
     return found
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", EVERY)
 def test_plain_python_gives_the_bits_of_compiled_kernels(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
-    found, compiled = plain(tmp_path_factory.getbasetemp() / FOLDER)[name], SCENES[name]()
+    found, compiled = plain(tmp_path_factory.getbasetemp() / FOLDER)[name], EVERY[name]()
     assert {what: np.frombuffer(bytes.fromhex(bits)).tolist() for what, bits in found.items() if compiled[what] != bits} == {}
     assert found.keys() == compiled.keys()
 

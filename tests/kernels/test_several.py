@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from core import OMEGA, PERIOD, Array, drive_of, relative_displacement, run, scene_of
+from every_scene import SEVERAL
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_steps import small_steps
-from truth_scenes import SEVERAL
 
 from impact_env import (
     Beam,

@@ -8,9 +8,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from core import OMEGA, PERIOD, drive_of, run, scene_of, steady_base, still
+from every_scene import SCENES, SEVERAL
 from places import TRUTHS
 from stepped import golden
-from truth_scenes import SCENES, SEVERAL
 
 from impact_env import CompliantWalls, Drive, FrequencySchedule, InitialState, Response, Scene, SlidingAbsorber, StuckAbsorber, impact_absorber
 from reference import dense

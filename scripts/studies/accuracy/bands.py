@@ -16,8 +16,7 @@ from impact_env.ensemble import Lane, MemberKind, Members, draw_members, run_lan
 from impact_env.parameters import Beam
 from impact_env.scene import beam_scene
 from optimisation.report.markdown import markdown
-from studies.accuracy.cases import Cases, Row, Settings, kind_named
-from studies.accuracy.shown import unique
+from studies.accuracy.cases import Cases, Row, Settings, kind_named, unique
 
 Array = NDArray[np.float64]
 NAME = "bands"

@@ -23,8 +23,7 @@ from impact_env.parameters import Beam
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
-from studies.accuracy.cases import Cases, Kind, Row, Settings, kind_named, method_name
-from studies.accuracy.shown import LOOKS, named, number, shown_rows, unique
+from studies.accuracy.cases import LOOKS, Cases, Kind, Row, Settings, kind_named, method_name, named, number, shown_rows, unique
 
 Array = NDArray[np.float64]
 NAME = "distribution"

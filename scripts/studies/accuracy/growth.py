@@ -17,8 +17,7 @@ from impact_env.methods import Exact
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
-from studies.accuracy.cases import BARE, WATCHED, Case, Cases, Row, Settings, case, kind_named
-from studies.accuracy.shown import COLOURS, MARKERS, number, plain, shown_rows, unique
+from studies.accuracy.cases import BARE, COLOURS, MARKERS, WATCHED, Case, Cases, Row, Settings, case, kind_named, number, plain, shown_rows, unique
 
 Array = NDArray[np.float64]
 NAME = "growth"

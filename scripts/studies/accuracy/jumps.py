@@ -17,8 +17,7 @@ from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
 from impact_env.sweep import simulate
 from optimisation.report.markdown import markdown
-from studies.accuracy.cases import Cases, Row, Settings
-from studies.accuracy.shown import MARKERS, named, plain, unique
+from studies.accuracy.cases import MARKERS, Cases, Row, Settings, named, plain, unique
 
 NAME = "jumps"
 FORCE, FRICTION = 1.5, 0.025  # N

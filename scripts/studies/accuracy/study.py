@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from optimisation.page import published
 from optimisation.report.written_figure import write_figure
-from studies.accuracy import bands, cost, distribution, growth, jumps, shown, trajectory
-from studies.accuracy.cases import Row, Settings
+from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
+from studies.accuracy.cases import Row, Settings, made_with
 from studies.study import Json, Measured, Part, Study, left, rows_by_case
 
 QUICK_OUT = Path("results/error_vs_runtime")
@@ -35,7 +35,7 @@ def _part(
         title,
         measure=lambda settings, known: rows_by_case(module.cases(settings), module.key, known, order(settings)),
         markers=(module.NAME,),
-        sections=lambda measured: {module.NAME: f"{table(measured.values['rows'])}\n\n{shown.made_with(measured)}"},
+        sections=lambda measured: {module.NAME: f"{table(measured.values['rows'])}\n\n{made_with(measured)}"},
         steps=lambda settings, known: len(left(module.cases(settings), module.key, known)),
         whole=whole,
         figures=lambda measured: {file: partial(write_figure, figure, dpi=DPI) for file, figure in draw(measured.values["rows"]).items()},

@@ -20,9 +20,26 @@ from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
 from impact_env.sweep import IntegrationError, simulate
 from optimisation.report.markdown import markdown
-from studies.accuracy.cases import BARE, FULL, KINDS, WATCHED, Case, Cases, Kind, Row, Settings, case, median_time, method_name
+from studies.accuracy.cases import (
+    BARE,
+    FULL,
+    KINDS,
+    LOOKS,
+    WATCHED,
+    Case,
+    Cases,
+    Kind,
+    Row,
+    Settings,
+    case,
+    median_time,
+    method_name,
+    named,
+    number,
+    shown_rows,
+    unique,
+)
 from studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator
-from studies.accuracy.shown import LOOKS, named, number, shown_rows, unique
 from studies.study import left
 
 if TYPE_CHECKING:

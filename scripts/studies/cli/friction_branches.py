@@ -19,7 +19,6 @@ from impact_env.curve import BAND
 from impact_env.drive import PAPER_DAMPING
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
-from optimisation.branches import Branches, branches
 from optimisation.cli.common import command, plain_errors
 from optimisation.designs import FRICTION_LIMIT, GAP, IMPACT, Design, design_space
 from optimisation.evaluation import Progress
@@ -30,6 +29,7 @@ from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.search.judge import judged
+from optimisation.statistics import Branches, branches
 from studies.one_table import lines, table_options, table_place
 from studies.runner import run
 from studies.study import Json, Part, Steps, Study, rows_by_case

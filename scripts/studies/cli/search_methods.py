@@ -28,8 +28,7 @@ from optimisation.objectives import Condition
 from optimisation.page import DOCS, published
 from optimisation.problem import Problem
 from optimisation.report.markdown import markdown
-from optimisation.search.bars import BARS
-from optimisation.search.find import QUIET, Bars, Plan, find
+from optimisation.search.find import BARS, QUIET, Bars, Plan, find
 from optimisation.search.noisy import MAP, NOISY, REPLICATED
 from optimisation.search.settings import CMA, RANDOM, SAMPLERS
 from optimisation.statistics import ratio_of_quantiles

@@ -18,9 +18,8 @@ from optimisation.evaluation import Threads, evaluate
 from optimisation.machine import peak_memory
 from optimisation.progress import Bar
 from optimisation.report.front_tables import front_summary
-from optimisation.search.bars import BARS
 from optimisation.search.cluster import Workers
-from optimisation.search.find import Plan, find
+from optimisation.search.find import BARS, Plan, find
 from optimisation.search.judge import Audit
 from optimisation.search.pareto import BY_RESONANCE, CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
 from optimisation.search.settings import default_settings

@@ -13,7 +13,7 @@ from impact_env.drive import PAPER_RATE
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError, RigidWalls
 from optimisation.bounds import design_force, design_gap
-from optimisation.conditions import make_conditions
+from optimisation.cli.design_options import make_conditions
 from optimisation.designs import FRICTION, FRICTION_LIMIT, GAP, IMPACT, MASS_RATIO, POSITION, SEVERAL, TUNED, VARIABLES, Design, design_space
 from optimisation.files import read_json
 from optimisation.friction_rule import best_friction
@@ -21,8 +21,7 @@ from optimisation.insight import Levels, detuned, levels, member_levels, over_fo
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.report.design_tables import limit, number, summary
-from optimisation.search.bars import BARS
-from optimisation.search.find import Plan, find
+from optimisation.search.find import BARS, Plan, find
 from optimisation.search.result import Findings
 from optimisation.tuned import minimax
 

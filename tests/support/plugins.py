@@ -1,0 +1,119 @@
+"""Options of the suite: processor time of each test, the memory of each process, and other last bits in every modal model."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import time
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numba.core import event
+
+from impact_env.modes import ModalModel
+
+# What each process of the tests has needed of memory at most, told at the end.
+
+
+UNIT = 1 if sys.platform == "darwin" else 1024  # bytes that getrusage counts in
+
+
+class Peaks:
+    """A plugin for the processes of a run and for the one that they report to."""
+
+    def __init__(self) -> None:
+        self.found: list[float] = []
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        self.found.append(getattr(node, "workeroutput", {}).get("peak", float("nan")))
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if hasattr(session.config, "workeroutput"):
+            session.config.workeroutput["peak"] = own()
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        terminalreporter.write_line(f"memory at most, by process: {', '.join(f'{peak:.2f}' for peak in self.found or [own()])} GB")
+
+
+def own() -> float:
+    """Return this process's peak in GB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * UNIT / 1e9
+
+
+# What each test takes of the processor, which does not depend on what else the machine does, and how much of that is compilation of kernels.
+
+
+class Compiling(event.Listener):
+    """Seconds of the processor in compilation; one kernel's contains that of those it calls."""
+
+    def __init__(self) -> None:
+        self.seconds = self.began = 0.0
+        self.depth = 0
+
+    def on_start(self, _: event.Event) -> None:
+        if self.depth == 0:
+            self.began = time.process_time()
+        self.depth += 1
+
+    def on_end(self, _: event.Event) -> None:
+        self.depth -= 1
+        if self.depth == 0:
+            self.seconds += time.process_time() - self.began
+
+
+class CPUTimes:
+    """A plugin that writes a line for each test: its name, and seconds in this process, in processes that it waited for, and compiling."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self.compiling = Compiling()
+        event.register("numba:compile", self.compiling)
+
+    def now(self) -> dict[str, float]:
+        times = os.times()
+        return {"own": times.user + times.system, "children": times.children_user + times.children_system, "compiling": self.compiling.seconds}
+
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
+        before = self.now()
+        result = yield
+        taken = {name: round(value - before[name], 3) for name, value in self.now().items()}
+        with self.file.open("a") as file:
+            file.write(json.dumps({"test": item.nodeid} | taken) + "\n")
+        return result
+
+
+# Other last bits in every modal model, as other processors and libraries would give them: verdicts of tests must not hang on these.
+
+
+BITS = 3  # of a number's 53 those that differ, a relative change of 1e-15 at most
+NAMES = ("omega", "tip_shape", "force_shape", "absorber_shapes")
+
+
+def rounded(values: Any, pattern: int) -> Any:
+    """Return an array with its lowest bits set to a pattern; what has them already stays."""
+    bits = np.array(values, dtype=np.float64).view(np.int64)
+    found: Any = ((bits >> BITS << BITS) | pattern % 2**BITS).view(np.float64)
+    return np.where(np.asarray(values) == 0, values, found)
+
+
+def round_models(pattern: int) -> None:
+    """Let all modal models of this process have these last bits."""
+    made = ModalModel.__post_init__
+
+    def post_init(self: ModalModel) -> None:
+        made(self)
+        for name in NAMES:
+            values = getattr(self, name)
+            if values is not None:
+                changed = rounded(values, pattern)
+                changed.flags.writeable = False
+                object.__setattr__(self, name, changed)
+
+    ModalModel.__post_init__ = post_init
