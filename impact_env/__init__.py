@@ -92,7 +92,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Return what is imported when it is first asked for."""
+    """Import a name at its first use."""
     if name == "evaluate":
         from impact_env.envs.evaluation import evaluate
 

@@ -139,7 +139,7 @@ class PerformanceCurve:
         return [("forces", forces), ("runs", runs + ("" if self.complete else ", not all of them made")), ("level", levels)]
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """Return the HTML table of a notebook."""
         return table("Performance curve", self._told())
 
     def plot(self, axes: Axes | None = None, label: str | None = None, **options: Any) -> Axes:

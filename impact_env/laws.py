@@ -183,7 +183,7 @@ def parts(absorber: Absorber | None) -> tuple[object, ...]:
 
 
 def kind(absorber: Absorber | None) -> SceneKind:
-    """Return what kind of scene an absorber makes."""
+    """Return the kind of scene of an absorber."""
     if isinstance(absorber, SeveralAbsorbers):
         return SceneKind.SEVERAL
     return next((entry(law).kind for law in parts(absorber)), SceneKind.LINEAR)

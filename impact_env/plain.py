@@ -164,7 +164,7 @@ def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
 
 
 def to_structure(plain: Mapping[str, Any], folder: Path | None = None, path: str = "scene.") -> Structure:
-    """Return what a scene's plain form puts the absorber on: a beam, the paper's by default, or a modal model; arguments as in `to_scene`.
+    """Return the structure in a scene's plain form: a beam, the paper's by default, or a modal model; arguments as in `to_scene`.
 
     ``path``: what an error names before the key.
     """

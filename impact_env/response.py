@@ -178,7 +178,7 @@ class Response:
         return f"Response({self.scene}\n         {', '.join(words)})"
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """Return the HTML table of a notebook."""
         run = f"{amplitude_in_words(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s, {self.method}"
         rows = [("scene", str(self.scene)), ("run", run), ("impacts", str(self.impact_count)), ("time stuck or held", f"{self.stuck_time:.4g} s")]
         if self.level is not None:

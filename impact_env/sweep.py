@@ -205,7 +205,7 @@ def _response(
     wall_time: float,
     complete: bool,
 ) -> Response:
-    """Return what was observed, up to the time reached if the run is not complete."""
+    """Return the response, up to the time reached if the run is not complete."""
     counts = room.counters.counts
     reached = float(drive.schedule.times[-1] if complete else counts["reached"])
     impacts = phases = None

@@ -260,7 +260,7 @@ class DesignSpace:
         return found
 
     def describe(self) -> dict[str, object]:
-        """Return what identifies the space, as JSON values."""
+        """Return the space's identity as JSON values."""
         start = self.coordinates(self.default)
         free = {v.name: {"low": v.low, "high": v.high, "log": v.log, "unit": v.unit, "start": start[v.name]} for v in self.free}
         free |= {v.name: free[v.name] | {"whole": True} for v in self.free if v.whole}

@@ -42,6 +42,6 @@ def workers(threads: int | None, cluster: str | None) -> Iterator[Workers | None
 
 @contextmanager
 def executor(threads: int | None, cluster: str | None) -> Iterator[Executor]:
-    """Give what runs the designs of a study: `workers`, or else threads (None: all cores)."""
+    """Give the executor of a study: `workers`, or else threads (None: all cores)."""
     with workers(threads, cluster) as found:
         yield Threads(threads) if found is None else found

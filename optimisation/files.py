@@ -73,7 +73,7 @@ def write_json(path: Path, content: object) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """Return what `write_json` wrote; raises OSError or ValueError if it cannot be read."""
+    """Return the content of a file of `write_json`; raises OSError or ValueError if it cannot be read."""
     content = path.read_bytes()
     try:
         return json.loads(gzip.decompress(content) if path.suffix == ".gz" else content)

@@ -68,7 +68,7 @@ def detuned(structure: Structure, share: float) -> Structure:
 
 
 def described(structure: Structure) -> dict[str, object]:
-    """Return what identifies a structure, as JSON values. What a beam has by default and the paper's lacks is left out."""
+    """Return a structure's identity as JSON values, without the defaults of a beam that the paper's lacks."""
     if isinstance(structure, ModalModel):
         return {name: x.tolist() if hasattr(x, "tolist") else x for name, x in vars(structure).items() if x is not None}
     plain = {name: list(x) if isinstance(x, tuple) else dict(x) if isinstance(x, Mapping) else x for name, x in vars(structure).items()}

@@ -63,7 +63,7 @@ def function_of(name: str) -> Own:
 
 
 def own_values(name: str, measured: dict[str, Array]) -> Array:
-    """Return what a function of one's own makes of the measures, a number for each member, (M,); raises ParameterError for all else."""
+    """Return the values (M,) of a user's function of the measures, one for each member; raises ParameterError for any other result."""
     members = len(measured[LEVEL])
     values = np.asarray(function_of(name)({key: measured[key] for key in HANDED}), dtype=np.float64)
     require(values.shape == (members,) and bool(np.isfinite(values).all()), f"what {name} returns", values, f"{members} finite numbers")
@@ -278,7 +278,7 @@ class Constraint:
         object.__setattr__(self, "limit", positive(f"limit of {self.name}", self.limit))
 
     def value(self, design: Design, measured: dict[str, Array]) -> float:
-        """Return what is limited."""
+        """Return the name of the limited quantity."""
         if _is_own(self.name):
             return float(np.max(own_values(self.name, measured)))
         return design.values[MASS_RATIO] if self.name == MASS_RATIO else float(np.max(measured[self.name]))

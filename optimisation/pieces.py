@@ -41,7 +41,7 @@ class Pieces:
             raise ParameterError(f"{self._refusal} ({error})") from error
 
     def __call__(self, name: Json, make: Callable[[], Iterator[P]], read: Callable[[Json], P], /) -> Iterator[P]:
-        """Yield what ``make`` yields or, if it has come to its end before for the same basis and ``name``, what ``read`` makes of what was kept."""
+        """Yield the pieces of ``make``, from the file by ``read`` if they were finished before for the same basis and ``name``."""
         key = json.dumps(self._basis | name, sort_keys=True)
         if key in self._known:
             try:

@@ -182,7 +182,7 @@ class Problem:
         return draw_members(members + 1, int(seed))[1:]  # member 0 is the paper's run in every ensemble
 
     def describe(self) -> dict[str, object]:
-        """Return what identifies the problem, as JSON values: a study of one problem is not continued with another."""
+        """Return the problem's identity as JSON values: a study of one problem is not continued with another."""
         return {
             "format": FORMAT,
             "space": self.space.describe(),
@@ -300,7 +300,7 @@ class Problem:
         return evaluate_arrays(self, X, ensemble, executor, progress, failures)
 
     def cost(self, score: Score) -> float:
-        """Return what is minimised of the first objective; infinite for a design that breaks a constraint or failed."""
+        """Return the cost of the first objective; infinite for a design that breaks a constraint or failed."""
         value = -score.values[0] if self.objectives[0].maximise else score.values[0]
         return value if score.feasible else math.inf
 

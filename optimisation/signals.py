@@ -113,7 +113,7 @@ def signals_of(response: Response, told: Told) -> dict[str, Array]:
 
 
 def decay_of(response: Response) -> dict[str, Any]:
-    """Return what is told of the energy after shocks, nothing under other loads."""
+    """Return the energy's decay after shocks; empty under other loads."""
     if not isinstance(response.drive, Loads) or measure_of(response.drive) != DECAY:
         return {}
     times, modal = after_pulse(response)

@@ -151,7 +151,7 @@ class Pool:
             worker.connection.send(worker.task)
 
     def _collect(self) -> Iterator[Outcome]:
-        """Yield what has come in, and end tasks that take too long."""
+        """Yield the outcomes that have come in, and end tasks that take too long."""
         busy = {worker.connection: worker for worker in self.workers if worker.task is not None}
         for connection in wait(list(busy), timeout=POLL_S):
             worker = busy[connection]  # type: ignore[index]

@@ -203,7 +203,7 @@ def _sets(scene: Scene, wanted: float) -> tuple[Sets, float]:
 
 
 def _absorbers(scene: Scene) -> Absorbers:
-    """Return what the kernels need to know of the absorbers; one without walls has them infinitely far away."""
+    """Return the kernels' arguments for the absorbers; one without walls has them infinitely far away."""
     every = scene.absorber.absorbers if isinstance(scene.absorber, SeveralAbsorbers) else (scene.absorber,)
     walls = [scene.cavity(a) or RigidWalls(np.inf) for a in range(len(every))]
     gap, restitution = np.array([w.gap for w in walls]), np.array([w.restitution for w in walls])

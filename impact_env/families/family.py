@@ -97,7 +97,7 @@ WINDOW_PERIODS = 3.2  # wanted length of a window of the chirp, in pseudo period
 
 
 def compiled(law: object) -> Any:
-    """Return what the kernels take for a law (`laws.Law.kernel`), None for one that is absent, or that they need nothing of."""
+    """Return the kernels' argument for a law (`laws.Law.kernel`): None for an absent law, and for one of which they need no numbers."""
     name = None if law is None else entry(law).kernel
     if name is None or "." not in name:
         return None if name is None else getattr(law, name)

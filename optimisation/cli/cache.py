@@ -39,7 +39,7 @@ def parents() -> tuple[Path, ...]:
 
 
 def kept(parent: Path) -> list[Kept]:
-    """Return what is kept in a folder, that of today's sources first."""
+    """Return the kernels' folders in a parent folder, that of today's sources first."""
     found = []
     for folder in parent.iterdir():
         if OURS.fullmatch(folder.name) and folder.is_dir() and not folder.is_symlink():
@@ -64,7 +64,7 @@ def clear(these: Iterable[Kept]) -> None:
 
 
 def line(one: Kept) -> str:
-    """Return what is said of one folder."""
+    """Return one folder's line."""
     made = "of today's sources" if one.current else "of other sources or another compiler"
     return f"{one.folder}: {one.kernels} kernels, {one.size / 1e6:.1f} MB, {made}"
 

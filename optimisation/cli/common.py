@@ -129,7 +129,7 @@ uncertain_option = click.option(
 
 
 def uncertain_of(given: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[str, ...]]:
-    """Return what --uncertain says as Python's ``uncertain=`` takes it; raises BadInput for a name that is given twice."""
+    """Return the values of --uncertain in the form of Python's ``uncertain=``; raises BadInput for a name that is given twice."""
     found: dict[str, tuple[str, ...]] = {}
     for name, words in given:
         if name in found:
@@ -160,7 +160,7 @@ def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
 
 
 def name_files(files: Iterable[Path]) -> None:
-    """Say what has been written."""
+    """Print the names of the files written."""
     click.echo("\nwritten: " + ", ".join("standard output" if file.name == STANDARD_OUTPUT else str(file) for file in files))
 
 

@@ -38,7 +38,7 @@ FORCE_HELP = "Force in N near the first of the resonances: the design rule gives
 
 
 def compared(structure: Structure | None, cluster: str | None, given: dict[str, Any]) -> Comparison:
-    """Return what `compare` finds with the arguments ``given``; ``structure`` None is the paper's beam, ``cluster`` an address or None."""
+    """Return the result of `compare` with the arguments ``given``; ``structure`` None is the paper's beam, ``cluster`` an address or None."""
     own: dict[str, Any] = {} if structure is None else {"beam": structure}
     with workers(given["threads"], cluster) as executor, sweeps_bar("comparing") as show:
         return compare(**own, progress=show, executor=executor, **given)

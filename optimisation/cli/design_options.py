@@ -70,7 +70,7 @@ class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     name = "resonance:force"
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, float]:
-        """Return what ``value`` says, or fail with what is allowed."""
+        """Return the resonance and the force in ``value``, or fail with the form that is allowed."""
         if isinstance(value, tuple):
             return value
         try:
@@ -152,7 +152,7 @@ def fixed_of(given: dict[str, Any]) -> dict[str, float]:
 
 
 def _of_device(concept: str, given: dict[str, Any]) -> dict[str, float]:
-    """Return what a file of --scene says of the variables that are not searched: mass, and of an impact absorber all else."""
+    """Return the values, from the file of --scene, of variables that are not searched: the mass, and all others of an impact absorber."""
     structure_of(given)
     if given["scene"] is None:
         return {}
@@ -226,7 +226,7 @@ def executor_of(given: dict[str, Any]) -> AbstractContextManager[Executor]:
 
 
 def conditions_of(given: dict[str, Any]) -> dict[str, object]:
-    """Return what a result was computed with and how much memory it took; worker processes of a cluster are not in it."""
+    """Return versions, machine, threads and memory of a computation; worker processes of a cluster are not in it."""
     where = {"cluster": given["cluster"]} if given["cluster"] else {"threads": given["threads"] or available_cores()}
     versions = conditions(("numpy", "scipy", "numba", "optuna"))["versions"]
     return {"versions": versions, **where, "memory_bytes": peak_memory()}

@@ -1,4 +1,4 @@
-"""Tell what runs here: versions, extras, processor, threads, and where compiled kernels are kept."""
+"""Describe this installation: versions, extras, processor, threads, and where compiled kernels are kept."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def extras() -> dict[str, list[str]]:
 
 
 def found() -> dict[str, Any]:
-    """Return what there is, as plain data; sizes in bytes."""
+    """Return the description as plain data; sizes in bytes."""
     places = parents()
     return {
         "package": {"name": DISTRIBUTION, "version": impact_env.__version__, "folder": str(Path(impact_env.__file__).parent)},
@@ -86,7 +86,7 @@ def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
 @command()
 @json_option("Also write it to this JSON file.")
 def main(json: Path | None) -> None:
-    """Tell what runs here: versions, extras, processor, threads, and where compiled kernels are kept. It belongs into a report of an error."""
+    """Describe this installation: versions, extras, processor, threads, and where compiled kernels are kept. It belongs into a report of an error."""
     with plain_errors():
         check_target("--json", json, (".json",))
         about = found()

@@ -68,7 +68,7 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
 
 
 def stationary_runs(given: dict[str, Any], executor: Executor | None = None) -> StationaryRuns | None:
-    """Return what the options say of the stationary responses, None if there are none; BadInput for options of theirs without --envelope."""
+    """Return the settings of the stationary runs, None without --envelope; raises BadInput for an option of theirs without it."""
     if given["envelope"] is None:
         for name in ("members", "settle", "window", "approach", "threads", "cluster"):
             if is_given(name):

@@ -131,7 +131,7 @@ def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
 
 
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
-    """Return what was found of a concept, and written."""
+    """Search a concept, write its files, and return the findings."""
     loads, spread = loads_in(given), given["objective"] == "range"
     conditions = make_conditions(concept, forces_at(given, USUAL), spread) if loads is None else load_conditions(loads, spread)
     objective = Objective(given["objective"], given["over"], given["quantile"], None, given["limit"])

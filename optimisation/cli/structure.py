@@ -74,7 +74,7 @@ def text(model: ModalModel, structure: Beam | ModalModel) -> str:
 
 
 def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:
-    """Return what is numbered, the numbers (N,) and their places (N, 3) in m; raises BadInput if the file has none."""
+    """Return the word for rows or nodes, their numbers (N,) and their places (N, 3) in m; raises BadInput if the file has none."""
     plain = read_plain(path)
     if "universal" in plain:
         return ("node", *read_nodes(path.parent / plain["universal"]["file"]))

@@ -121,7 +121,7 @@ def compute(
 
 
 def ratio_of(given: Options, scene: Scene, schedule: FrequencySchedule) -> float | None:
-    """Return what such sweeps without absorber show of the stationary level; None at a constant frequency, where nothing is swept."""
+    """Return the level of such sweeps without absorber over the stationary level; None at a constant frequency, where nothing is swept."""
     low, high = sorted(schedule.omegas / schedule.reference)
     if low == high:
         return None
@@ -136,7 +136,7 @@ def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples:
 
 
 def measured(given: Options, scene: Scene, beam: Beam | None, drives: list[AnyDrive], executor: Executor | None) -> list[dict[str, Any]] | None:
-    """Return what --measures asks for, of each member; None where it was not given."""
+    """Return the measures of each member; None without --measures."""
     if given["measures"] is None:
         return None
     told = Told(given["measures"], given["absolute"], stress_shape(scene.model if beam is None else beam))

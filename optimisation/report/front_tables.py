@@ -56,12 +56,12 @@ class Front:
 
 
 def costs(problem: Problem, told: Sequence[Evaluated]) -> Array:
-    """Return what is minimised of both objectives, (designs, 2); infinite for designs that break a constraint."""
+    """Return the costs of both objectives, (designs, 2); infinite for designs that break a constraint."""
     return signed(problem, [e.score for e in told])
 
 
 def signed(problem: Problem, scores: Sequence[Score]) -> Array:
-    """Return what is minimised of scores, (scores, objectives); infinite where a constraint is broken."""
+    """Return the costs of scores, (scores, objectives); infinite where a constraint is broken."""
     signs = np.array([-1.0 if o.maximise else 1.0 for o in problem.objectives])
     rows = np.array([score.values if score.feasible else np.full(len(signs), np.inf) * signs for score in scores]).reshape(-1, len(signs))
     return np.asarray(rows * signs)

@@ -27,13 +27,13 @@ def _numbers(values: NDArray[np.float64]) -> list[float | None]:
 
 
 def _range_of(name: str) -> str:
-    """Return what a tolerance is, in words."""
+    """Return a tolerance in words."""
     kind, size = (BEAM_TOLERANCES | TOLERANCES)[name if name in BEAM_TOLERANCES else parts_of(name)[0]]
     return {"share": f"-+{100 * size:g} %", "factor": f"over and times {size:g}", "difference": f"-+{size:g}"}[kind]
 
 
 def service_summary(found: Service) -> Json:
-    """Return what is known as JSON values, condition by condition, in SI units."""
+    """Return the service of a design as JSON values, condition by condition, in SI units."""
     rows = []
     for c, condition in enumerate(found.conditions):
         rows.append(

@@ -44,7 +44,7 @@ class Result:
 
 
 def contract(result: Result, beam: Beam | None) -> dict[str, object]:
-    """Return what the JSON file holds; the scene is written with its ``beam``, or with its modes if that is None."""
+    """Return the content of the JSON file; the scene is written with its ``beam``, or with its modes if that is None."""
     response = result.response
     level, impacts, energy = response.level, response.impacts, response.energy
     assert level is not None

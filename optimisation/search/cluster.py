@@ -124,7 +124,7 @@ class Workers:
 
 
 def do(sources: dict[str, str], function: Callable[[T], R], item: T) -> R:
-    """Return what a function makes of an item, on a worker; raises ClusterError if its sources are others than those wanted."""
+    """Return ``function(item)``, on a worker; raises ClusterError if its sources are others than those wanted."""
     if sources != SOURCES:
         raise ClusterError(
             f"worker = {distributed.get_worker().address} is not allowed: one with {SAME}; its {difference(SOURCES, sources, 'sources')}"

@@ -112,7 +112,7 @@ class TrialSampler(BaseSampler):
         return self._space
 
     def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
-        """Return what the method proposes; it is asked for trial 0 as well, since NSGA-II counts its generations there."""
+        """Return the method's proposal; it is asked for trial 0 as well, since NSGA-II counts its generations there."""
         # a process that was killed between a proposal and its parameters: the Gaussian process would count its own proposal as another's
         noted = "".join(str(trial.system_attrs[key]) for key in sorted(trial.system_attrs) if key.startswith(_NOTED))
         return dict(json.loads(noted) if noted else self._inner.sample_relative(study, trial, search_space))

@@ -68,7 +68,7 @@ def undamped_h2(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, reson
 
 
 def paper_rule(model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1) -> TunedAbsorber:
-    """Return what the paper's values amount to, for any mass and resonance: Den Hartog's rule with m_a over 1 kg as mass ratio, damping doubled.
+    """Return the rule behind the paper's values, for any mass and resonance: Den Hartog's rule with m_a over 1 kg as mass ratio, damping doubled.
 
     For the paper's beam it gives the paper's k = 701.8 N/m and c = 0.728 N s/m to the digits printed. Not a rule to follow.
     """

@@ -17,7 +17,7 @@ S = TypeVar("S")
 
 
 def pack(_name: str, measured: Measured) -> Json:
-    """Return what the JSON file holds."""
+    """Return the content of the JSON file."""
     return {"machine": machine(measured.conditions), **measured.values}
 
 

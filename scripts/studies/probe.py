@@ -32,7 +32,7 @@ def _lane() -> Any:
 
 
 def _part(dispatcher: Any, signature: Any) -> Any:
-    """Return what was compiled of a kernel for this process's one lane: its part, or the one that is inlined sparingly."""
+    """Return the compiled code of a kernel for this process's one lane: its part, or the one that is inlined sparingly."""
     parts = [getattr(dispatcher, name, dispatcher) for name in ("part", "sparing_part")]
     return next(part for part in parts if signature in part.overloads)
 
@@ -82,7 +82,7 @@ def _peak_kb(variant: Variant, periods: float) -> float:
 
 
 def main(absorber: str, method: str, record: str, what: str, periods: float, repeats: int) -> dict[str, Any]:
-    """Return what is found of a variant: its first run, and its compiled code or the times of its runs."""
+    """Return the measurements of a variant: its first run, and its compiled code or the times of its runs."""
     variant = Variant(absorber, method, record)
     scene, drive = variant.scene(), variant.drive(1.0)
     began = time.perf_counter()

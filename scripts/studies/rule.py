@@ -172,7 +172,7 @@ def run_case(
 
 
 def row_of(case: Case, checks: Sequence[GapCheck]) -> Row:
-    """Return what a finished case showed."""
+    """Return the row of a finished case."""
     first = checks[0]
     known: dict[float, float] = {}
     for check in reversed(checks):  # the rule's own gap is in all of them, with the same members
@@ -210,7 +210,7 @@ class Verdict:
 
 
 def verdicts(rows: Sequence[Row]) -> list[Verdict]:
-    """Return what the rule is worth by reach, where it is refused, warned of, and trusted, and in the fresh cases, which nothing is fitted to."""
+    """Return the rule's price by reach, where it is refused, warned of, and trusted, and in the fresh cases, which nothing is fitted to."""
     fitted = [row for row in rows if row.varied != FRESH]
     edges = (0.0, LEAST_REACH, SMALL_REACH, LARGE_REACH, np.inf)
     classes = {

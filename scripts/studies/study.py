@@ -66,12 +66,12 @@ class Part(Generic[S]):
 
 
 def pack(_name: str, measured: Measured) -> Json:
-    """Return what the JSON file of a part holds."""
+    """Return the content of a part's JSON file."""
     return {"conditions": measured.conditions, "complete": measured.complete, **measured.values}
 
 
 def unpack(_name: str, content: Json) -> Measured:
-    """Return what `pack` has packed; raises KeyError if it was another."""
+    """Return the inverse of `pack`; raises KeyError if it was another."""
     values = {name: value for name, value in content.items() if name not in ("conditions", "complete")}
     return Measured(values, dict(content["conditions"]), bool(content["complete"]))
 

@@ -164,13 +164,6 @@ def test_members_are_reproducible_from_the_seed(tmp_path: Path) -> None:
     assert {key: value for key, value in first.items() if key in ("max_tip_m", "impacts")} == {key: alone[key] for key in ("max_tip_m", "impacts")}
 
 
-def test_phase_shifts_the_force(tmp_path: Path) -> None:
-    plain, shifted = (results(tmp_path, *SHORT, "--absorber", "none", "--phase", phase) for phase in ("0", "1"))
-    half = results(tmp_path, *SHORT, "--absorber", "none", "--phase", str(math.pi))
-    assert plain["response_level_m"] != shifted["response_level_m"]
-    assert half["response_level_m"] == pytest.approx(plain["response_level_m"], rel=1e-12)  # the mirrored motion
-
-
 def test_a_dash_is_standard_output_and_all_else_goes_to_standard_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     alone, refused = call(*SHORT, "--absorber", "none", "--json", "-"), call("--gap", "-1", "--json", "-")
@@ -186,14 +179,6 @@ def test_a_run_that_is_given_up_leaves_no_file(tmp_path: Path) -> None:
     assert "more events than its budget" in result.output
     assert "10 events of 9 allowed" in result.output
     assert list(tmp_path.iterdir()) == []
-
-
-def test_summary_names_scene_run_and_level() -> None:
-    result = call(*SHORT, "--absorber", "none", "--members", "3", "--time", "--energy")
-    assert result.exit_code == 0
-    for text in ("no absorber", "from 0.98 to 1", "20 pseudo periods", "response level", "median of 3 members", " mm", " us a pseudo period", " J"):
-        assert text in result.output
-    assert max(map(len, result.output.splitlines())) < 120
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])

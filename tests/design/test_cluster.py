@@ -14,11 +14,9 @@ from cluster_check import problem
 from commands import SHORT, call, sweep
 from places import ROOT, SUPPORT
 
-from optimisation.cli import design_gap, frequency_response, mass_ratios
-from optimisation.evaluation import Threads, run_chunks
+from optimisation.cli import frequency_response
+from optimisation.evaluation import run_chunks
 from optimisation.search.cluster import ClusterError, Workers
-from studies import rule
-from studies.cli import search_methods
 
 pytest.importorskip("distributed")
 pytest.importorskip("optuna")
@@ -109,23 +107,6 @@ def test_members_of_a_sweep(address: str, tmp_path: Path) -> None:
     assert {k: x for k, x in here.items() if k != "wall_s"} == {k: x for k, x in there.items() if k != "wall_s"}
 
 
-def test_gaps_around_the_rule(address: str, tmp_path: Path) -> None:
-    line = ["--force", "3.5", "--modes", "2", "--rate", "100", "--gaps", "3", "--members", "2"]
-    for name, where in (("here", ["--threads", "1"]), ("there", ["--cluster", address])):
-        result = call(design_gap, *line, *where, "--out", str(tmp_path / name))
-        assert result.exit_code == 0, result.output
-    assert (tmp_path / "here" / "levels.csv").read_text() == (tmp_path / "there" / "levels.csv").read_text()
-
-
-def test_best_gaps_over_the_mass(address: str) -> None:
-    line = ["--mass-ratio", "0.05", "--resonances", "1", "1", "--rate", "100", "--members", "2"]
-    here, there = (call(mass_ratios, *line, *where) for where in (["--threads", "1"], ["--cluster", address]))
-    assert there.exit_code == 0, there.output
-    tables = [[row for row in result.output.splitlines() if row.startswith("|")] for result in (here, there)]
-    assert tables[0] == tables[1]
-    assert "5 %" in tables[1][2]
-
-
 def test_stationary_responses_over_the_frequency(address: str, tmp_path: Path) -> None:
     line = ["--modes", "2", "--no-sweeps", "--method", "balance", "--friction-limit", "0.02", "--from", "1.02", "--to", "1.04"]
     runs, files = ["--envelope", "2", "--members", "2", "--settle", "50", "--window", "20"], [tmp_path / name for name in ("a.json", "b.json")]
@@ -138,13 +119,3 @@ def test_stationary_responses_over_the_frequency(address: str, tmp_path: Path) -
     alone = call(frequency_response, *line, "--cluster", address)
     assert alone.exit_code == 2
     assert "--cluster does not go without --envelope" in alone.output
-
-
-def test_a_case_of_the_rule_study_and_a_search(address: str) -> None:
-    case = next(case for case in rule.cases() if case.varied == rule.DAMPING and case.value == 0.05)
-    with Workers(address) as workers:
-        here, there = (rule.row_of(case, rule.run_case(case, 1, 1, **where)) for where in ({"threads": 1}, {"threads": None, "executor": workers}))
-        assert here == there
-        first, second = (search_methods.trial("paper, first", "random", 0, 4, 1, where, 100.0) for where in (Threads(1), workers))
-    assert first is not None
-    assert first == second

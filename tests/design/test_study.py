@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -113,28 +112,6 @@ def test_interrupt_keeps_what_is_finished_and_runs_nothing_twice(tmp_path: Path,
     # a design whose last chunk was not reached begins again; all others keep their runs
     repeated = Counter(first.seen + second.seen) - Counter(uninterrupted.seen)
     assert len({run[:2] for run in repeated}) <= 1
-
-
-@pytest.mark.same_bits
-def test_killed_process_loses_nothing(tmp_path: Path) -> None:
-    """Kill -9 at a few moments; the next process goes on, and each design's runs are made once but for the one that was under way."""
-    file, log = tmp_path / "a.journal", tmp_path / "log"
-    log.touch()
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SUPPORT), str(ROOT)])}
-    kills = 0
-    for wait in (9, 30):
-        process = subprocess.Popen([sys.executable, str(SUPPORT / "killed_study.py"), str(file), str(log), str(DESIGNS)], env=environment)
-        until = time.monotonic() + 60
-        while process.poll() is None and len(log.read_text().splitlines()) < wait and time.monotonic() < until:
-            time.sleep(0.002)
-        process.kill()
-        process.wait()
-        kills += 1
-    with opened(problem(), settings(), file) as study:
-        assert study.run(DESIGNS, Model(log=log))
-        assert results(study) == whole("cma")
-    times = Counter(log.read_text().splitlines())
-    assert sum(times.values()) - len(times) <= 2 * kills  # the chunks, two a design, of the design under way at each kill
 
 
 def test_larger_budget_continues_a_study(tmp_path: Path) -> None:

@@ -162,13 +162,13 @@ def test_the_balance_notices_a_wrong_propagation(monkeypatch: pytest.MonkeyPatch
     scene, drive = scene_of(None), drive_of(3.5, 0.97, 1.03, periods=40)
     start = InitialState(modal_velocity=np.array([0.1, 0.0, 0.0]))
     exact = run(scene, drive, initial=start).energy
-    regime, reach = exact.linear_regime(scene, window_of(drive))
+    regime, reach = families.linear_regime(scene, window_of(drive))
     assert exact.relative_error < 1e-13
     slots = regime.slots
     table, rows = slots.table.copy(), slots.rows.copy()
     table[:, 0, 1:] *= 1 + 1e-8
     rows[4:6] *= 1 + 1e-8  # DRIVE
     for spoiled in (slots._replace(table=table), slots._replace(rows=rows)):
-        monkeypatch.setattr(exact, "linear_regime", lambda *_, spoiled=spoiled: (regime._replace(slots=spoiled), reach))
+        monkeypatch.setattr(families, "linear_regime", lambda *_, spoiled=spoiled: (regime._replace(slots=spoiled), reach))
         found = run(scene, drive, initial=start).energy
         assert found.relative_error > 1e-10

@@ -49,7 +49,7 @@ def _own_time(name: str, modes: int, method: Method, settings: Settings) -> floa
 
 
 def key(row: Row) -> tuple[str, float, str, str]:
-    """Return what the cost is measured against, its value, scene and method."""
+    """Return the varied quantity, its value, scene and method."""
     return row["over"], row["value"], row["scene"], row["method"]
 
 

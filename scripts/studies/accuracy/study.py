@@ -43,7 +43,7 @@ def _part(
 
 
 def pack(name: str, measured: Measured) -> Json:
-    """Return what PART.json.gz holds."""
+    """Return the content of PART.json.gz."""
     made = dict(measured.conditions)
     versions = dict(made.pop("versions"))
     renamed = {
@@ -61,7 +61,7 @@ def pack(name: str, measured: Measured) -> Json:
 
 
 def unpack(name: str, content: Json) -> Measured:
-    """Return what `pack` has packed; raises KeyError or ValueError if it was another."""
+    """Return the values in the content of a file; raises KeyError or ValueError if it was another."""
     if content.pop("part") != name:
         raise ValueError(f"not the part {name}")
     rows, complete = content.pop("rows"), content.pop("complete")

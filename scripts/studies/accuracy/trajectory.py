@@ -121,7 +121,7 @@ def _row(start: Start, name: str, setting: float | None, found: list[tuple[float
 
 
 def _errors(it: Case, truth: Truth, state: Array, times: Array, balance: float | None) -> tuple[float | None, ...]:
-    """Return what the names in ERRORS say."""
+    """Return the errors named in ERRORS."""
     both = min(len(times), len(truth.impact_time))
     impacts = [float(abs(times[k - 1] - truth.impact_time[k - 1]) / it.period) if k <= both else None for k in (1, IMPACTS)]
     return state_error(it, state, truth.end_state), *impacts, balance

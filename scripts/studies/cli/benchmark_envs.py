@@ -153,7 +153,7 @@ def first_step() -> tuple[float, float]:
 
 
 def cases() -> list[Callable[[float, Callable[[], object]], Speed]]:
-    """Return what is timed, in the order of the table."""
+    """Return the timed cases in the order of the table."""
     cores = available_cores()
 
     def native(lanes: int) -> Callable[[float, Callable[[], object]], Speed]:

@@ -43,7 +43,7 @@ class Settings(NamedTuple):
         return {"members": self.members, "step": self.step, "rate": self.rate, "judges": self.judges}
 
     def keep(self, values: Json) -> Json:
-        """Return what an earlier run has measured with the same settings."""
+        """Return the values of an earlier run with the same settings, else nothing."""
         return values if all(values.get(name) == value for name, value in self.told.items()) else {}
 
 

@@ -98,5 +98,5 @@ STUDY: Study[float] = table_study(
 @click.option("--quick", is_flag=True, help=f"Runs of {QUICK_PERIODS:g} pseudo periods instead of {PERIODS:g}.")
 @table_options(NAME, "docs/internals/cost.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
-    """Say what the exact method's time is spent on, on one core."""
+    """Measure the parts of the exact method's time, on one core."""
     run(STUDY, QUICK_PERIODS if quick else PERIODS, table_place(target, page))

@@ -61,7 +61,7 @@ def _gain(found: Json, digits: int = 3) -> str:
 
 
 def _found_besides(found: Json) -> Iterator[str]:
-    """Yield what is to be known of a winner besides its level: branches of its members, bounds that it lies at, its level with more modes."""
+    """Yield the notes on a winner besides its level: branches of its members, bounds that it lies at, its level with more modes."""
     for condition in found["conditions"]:
         for name, label in (("winner", "the found"), ("paper", "the paper's")):
             two = condition[name]["branches"]

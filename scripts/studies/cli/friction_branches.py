@@ -76,7 +76,7 @@ class Settings(NamedTuple):
     executor: Executor
 
     def keep(self, values: Json) -> Json:
-        """Return what an earlier run has measured with the same settings."""
+        """Return the values of an earlier run with the same settings, else nothing."""
         return values if values["members"] == self.members else {}
 
 

@@ -45,7 +45,7 @@ class Column:
     modes: int = 10
 
     def case(self) -> CurveCase:
-        """Return what is to be computed."""
+        """Return the case of the performance curve."""
         return CurveCase(beam_scene(Beam(modes=self.modes), self.absorber), np.array(self.forces), self.resonance)
 
 
@@ -99,7 +99,7 @@ class Compared:
         return None if " to " in self.earlier else 100 * (self.median / float(self.earlier) - 1)
 
     def values(self) -> dict[str, object]:
-        """Return what the JSON file holds."""
+        """Return the line's content in the JSON file."""
         return {
             "resonance": self.column.resonance,
             "scene": self.column.name,

@@ -139,11 +139,11 @@ class Settings(NamedTuple):
         return {name: own[name] for name in ("designs", "members", "seeds", "speed")} | {"questions": list(self.questions)}
 
     def keep(self, values: Json) -> Json:
-        """Return what an earlier run has measured with the same settings."""
+        """Return the values of an earlier run with the same settings, else nothing."""
         return values if values["settings"] == self.told else {}
 
     def searches(self) -> list[Key]:
-        """Return what tells all searches apart, seed by seed, so that what is broken off has all methods."""
+        """Return the keys of all searches, seed by seed, so that a run that is stopped has all methods."""
         return [(question, method, seed) for seed in range(self.seeds) for question in self.questions for method in METHODS]
 
 

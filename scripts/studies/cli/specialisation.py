@@ -103,7 +103,7 @@ def measure(quick: bool, known: Json) -> Steps:
 
 
 def claims(results: Results) -> Iterator[Claim]:
-    """Yield what has to be true of the compiled code and of the measurements."""
+    """Yield the claims on the compiled code and on the measurements."""
     for entry in results.own.values():
         called = [function["name"] for function in entry["functions"]]
         scene = f"{entry['absorber']}, {entry['method']}, {entry['record']}"

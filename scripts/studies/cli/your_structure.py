@@ -28,7 +28,7 @@ BLOCK = re.compile(r"```sh\n(?P<command>scripts/run [^\n]+)\n```\n\n```text(?P<s
 
 
 def printed_by(command: str, shown: str = "") -> str:
-    """Return what a command of a page prints, of that the paragraphs that begin with one of what is shown; warnings and errors included."""
+    """Return the output of a page's command, warnings and errors included: of it the paragraphs that begin with one of ``shown``."""
     _, name, *arguments = shlex.split(command)
     call = [sys.executable, "-m", "optimisation.cli.group", name, *arguments]
     found = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False)

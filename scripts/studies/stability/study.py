@@ -80,7 +80,7 @@ def sections(measured: Measured) -> dict[str, str]:
 
 
 def said(measured: Measured) -> str:
-    """Return what the command prints: the matrix, and all that failed."""
+    """Return the printed text: the matrix, and all failures."""
     failures = list(Results(**measured.values).failures())
     return "\n".join([sections(measured)["stability:matrix"], *(f"FAILED  {line}" for line in failures), f"\n{len(failures)} failures"])
 

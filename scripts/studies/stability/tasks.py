@@ -139,7 +139,7 @@ def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Results:
 
 
 def _identity(task: Task) -> dict[str, Any]:
-    """Return what tells the result of a task from the others of its section."""
+    """Return the keys by which a task's result is known in its section."""
     if task.function is run_cell:
         return dict(zip(("group", "case", "method"), task.arguments, strict=True))
     number = task.arguments[0]
@@ -152,7 +152,7 @@ def _identity(task: Task) -> dict[str, Any]:
 
 
 def finished(order: Sequence[Task], known: dict[str, Any]) -> list[Outcome]:
-    """Return what an earlier run has found of the tasks; one that was lost there is not among it."""
+    """Return the outcomes of an earlier run; a task that was lost there has none."""
     found = []
     for task in order:
         own = _identity(task)
