@@ -26,6 +26,7 @@ from impact_env import (
     impact_absorber,
     impact_absorbers,
 )
+from impact_env.families import exact as families
 from impact_env.families.family import window_of
 from impact_env.parameters import Absorber
 from impact_env.response import Response
