@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.ensemble import Executor, Members, available_cores
+from impact_env.ensemble import Executor, Members, Threads
 from impact_env.families import kernel_key
 from impact_env.methods import Exact
-from impact_env.parameters import ParameterError, count, require
+from impact_env.parameters import ParameterError, require
 from optimisation.designs import Design
 from optimisation.measures import Chunk, measure
 from optimisation.statistics import standard_error
@@ -29,27 +28,6 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 R = TypeVar("R")
 Progress = Callable[[int, int], None]  # takes the number of finished runs and of all runs of a call
-
-
-@dataclass(frozen=True)
-class Threads:
-    """The cores of this machine as an executor: the kernels release Python's lock. The results do not depend on the number of ``threads``."""
-
-    threads: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.threads is not None:
-            count("threads", self.threads, 1)
-
-    def each(self, function: Callable[[T], R], items: Sequence[T], _kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
-        """See `Executor`. Items under way are finished before a closed call returns."""
-        pool = ThreadPoolExecutor(self.threads or available_cores())
-        try:
-            futures: dict[Future[R], int] = {pool.submit(function, item): k for k, item in enumerate(items)}
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
 
 
 @dataclass

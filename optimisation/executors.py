@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from impact_env.ensemble import Executor
+from impact_env.ensemble import Executor, Threads
 from impact_env.extras import how_to_install
 from impact_env.parameters import ParameterError
-from optimisation.evaluation import Threads
 
 if TYPE_CHECKING:
     from optimisation.search.cluster import Workers

@@ -28,7 +28,6 @@ from impact_env.extras import optional
 from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, positive, require
 from optimisation.bounds.lines import lines, masses_of, places, strokes_of, watched
-from optimisation.bounds.stroke import SWEPT, worst_frequency
 from optimisation.convex import NotOptimalError, solve
 
 with optional():
@@ -131,20 +130,3 @@ def _solve(given: _Problem) -> tuple[complex, float, float]:
     if abs(u) > largest + _ADMISSIBLE or flow > _ADMISSIBLE or reached - bound > _AGREEMENT:
         raise NotOptimalError(f"passive limit: the multipliers prove {bound:.9g}, and the stroke found reaches {reached:.9g} (power {flow:.3g})")
     return u / largest, bound, float(matrix.value[1, 1] + matrix.value[2, 2] - abs(u) ** 2) / largest**2
-
-
-def passive_resonance_limit(
-    model: ModalModel,
-    mass: float,
-    gap: float,
-    force: float,
-    resonance: int = 1,
-    low: float = SWEPT[0],
-    high: float = SWEPT[1],
-    at: ArrayLike | None = None,
-) -> PassiveLimit:
-    """Return the passive limit at the frequency in low..high times omega_r where the closed-form limit is largest.
-
-    Whatever the frequency, it is a limit of the largest stationary level over the range; arguments and errors as in `passive_limit`.
-    """
-    return passive_limit(model, mass, gap, force, worst_frequency(model, mass, gap, force, resonance, low, high, at), at)

@@ -30,7 +30,7 @@ from scipy.optimize import minimize_scalar
 
 from impact_env.frequency import frequency_range
 from impact_env.modes import ModalModel
-from impact_env.parameters import non_negative, require
+from impact_env.parameters import require
 from optimisation.bounds.lines import lines, masses_of, strokes_of, stuck_frequencies, watched
 
 Real = NDArray[np.float64]
@@ -87,41 +87,19 @@ def resonance_limit(
     below it; a sweep's level is a windowed RMS in passing and is only expected to follow it.
     """
     forces = _amplitudes("force", force)
-    return np.array([limit for limit, _ in _largest(model, mass, gap, forces.ravel(), resonance, low, high, at)]).reshape(forces.shape)
-
-
-def worst_frequency(
-    model: ModalModel,
-    mass: ArrayLike,
-    gap: ArrayLike,
-    force: float,
-    resonance: int = 1,
-    low: float = SWEPT[0],
-    high: float = SWEPT[1],
-    at: ArrayLike | None = None,
-) -> float:
-    """Return the frequency in rad/s at which `resonance_limit` finds its value; arguments as there, with one force."""
-    return _largest(model, mass, gap, np.array([non_negative("force", force)]), resonance, low, high, at)[0][1]
-
-
-def _largest(
-    model: ModalModel, mass: ArrayLike, gap: ArrayLike, forces: Real, resonance: int, low: float, high: float, at: ArrayLike | None
-) -> list[tuple[float, float]]:
-    """Return for each of the forces (n,) the largest limit in m over low..high times omega_r, and where it is, in rad/s."""
     omega_r, (low, high) = model.resonance_omega(resonance), frequency_range(low, high)
     stuck = stuck_frequencies(model, masses_of(model, mass)) / omega_r
     # the limit is largest where the masses move with the beam, however narrow that resonance is
     grid = np.union1d(np.linspace(low, high, GRID), stuck[(stuck > low) & (stuck < high)])
     terms = line_terms(model, mass, gap, grid * omega_r, at)
     found = []
-    for force in forces.tolist():
-        limits = _rms(force, terms)
-        value, ratio = float(limits.max()), float(grid[np.argmax(limits)])
+    for amplitude in forces.ravel().tolist():
+        limits = _rms(amplitude, terms)
+        value = float(limits.max())
         if np.isfinite(value):
-            least, ratio = smallest(lambda x, f=force: -float(_rms(f, line_terms(model, mass, gap, x * omega_r, at))), grid, -limits)  # type: ignore[misc]
-            value = -least
-        found.append((value, ratio * omega_r))
-    return found
+            value = -smallest(lambda x, f=amplitude: -float(_rms(f, line_terms(model, mass, gap, x * omega_r, at))), grid, -limits)[0]  # type: ignore[misc]
+        found.append(value)
+    return np.array(found).reshape(forces.shape)
 
 
 def smallest(function: Callable[[float], float], grid: Real, values: Real) -> tuple[float, float]:

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from impact_env.ensemble import Executor
+from impact_env.ensemble import Executor, Threads
 from impact_env.parameters import count, require
 from optimisation.designs import WITH_IMPACTS, Design
-from optimisation.evaluation import Clocked, Threads, evaluate
+from optimisation.evaluation import Clocked, evaluate
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
 from optimisation.search.judge import AUDITED, Verdict, audit, more_modes, verdict

@@ -364,7 +364,7 @@ def test_what_cannot_be_done_is_one_message(name: str, line: str, words: str, mo
     monkeypatch.chdir(tmp_path)
     if CLUSTER in line:
         monkeypatch.setattr("optimisation.search.cluster.Workers.__init__.__defaults__", (1.0,))
-    for computing in ("optimisation.evaluation.Threads.each", "impact_env.ensemble.each_lane"):
+    for computing in ("impact_env.ensemble.Threads.each", "impact_env.ensemble.each_lane"):
         monkeypatch.setattr(computing, lambda *_, **__: pytest.fail("computed"))
     places = {"steel": EXAMPLES / "steel_beam_tip.toml", "frame": EXAMPLES / "frame.toml", "root": ROOT}
     result = call(command, *shlex.split(line.format(**places)))

@@ -13,11 +13,11 @@ import pytest
 from click.testing import CliRunner
 from commands import FAST, call, load, read
 
+from impact_env.ensemble import Threads
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam
 from optimisation.cli.common import end_early, json_option, name_files, plain_errors
 from optimisation.designs import design_space
-from optimisation.evaluation import Threads
 from optimisation.extremes import usable_force, usable_mass_ratio, usable_rate
 from optimisation.files import write_json
 from optimisation.insight import sensitivity

@@ -9,9 +9,9 @@ import pytest
 
 from impact_env import Drive, ParameterError, Scene
 from impact_env.drive import constant_frequency
-from impact_env.ensemble import Lane
+from impact_env.ensemble import Lane, Threads
 from optimisation.designs import design_space
-from optimisation.evaluation import Threads, measured_chunks
+from optimisation.evaluation import measured_chunks
 from optimisation.insight import SHOWN, levels, member_levels
 from optimisation.measures import RMS, Chunk, stress_shape
 from optimisation.objectives import Condition

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from impact_env import ParameterError
+from impact_env.ensemble import Threads
 from optimisation.designs import design_space
-from optimisation.evaluation import Threads, evaluate
+from optimisation.evaluation import evaluate
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
 from studies.rule import STRUCTURES

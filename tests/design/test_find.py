@@ -10,9 +10,9 @@ import pytest
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
 
+from impact_env.ensemble import Threads
 from impact_env.parameters import Beam
 from optimisation.designs import design_space
-from optimisation.evaluation import Threads
 from optimisation.insight import SHOWN
 from optimisation.objectives import Condition
 from optimisation.problem import Problem

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from impact_env import Beam, Drive, ParameterError, Record, Scene, impact_absorber, modal_model, simulate
 from impact_env.drive import constant_frequency
-from impact_env.ensemble import Lane
+from impact_env.ensemble import Lane, Threads
 from impact_env.level import response_level
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
-from optimisation.evaluation import Threads, evaluate, measured_chunks
+from optimisation.evaluation import evaluate, measured_chunks
 from optimisation.measures import MEASURES, Chunk, _value, fatigue_damage, rainflow_amplitudes, stress_shape, turning_points
 from optimisation.mounting import mounted
 from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score, range_width

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from impact_env.frequency import receptance, state_space, tip_response
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber
-from optimisation.bounds import design_force, resonance_limit, stroke_limit_rms
+from optimisation.bounds import design_force, stroke_limit_rms
 from optimisation.bounds.lines import lines as line_terms
-from optimisation.bounds.relaxation import dual_bound, passive_limit, passive_resonance_limit
+from optimisation.bounds.relaxation import dual_bound, passive_limit
 from optimisation.convex import NotOptimalError
 from optimisation.tuned import PAPER, den_hartog, highest_amplitude
 from optimisation.tuned.certificate import certify
@@ -129,13 +129,6 @@ def test_several_absorbers_have_no_passive_limit() -> None:
         passive_limit(both, MASS, GAP, 1.0, 250.0)
 
 
-def test_largest_over_the_sweep() -> None:
-    limit = passive_resonance_limit(MODEL, MASS, GAP, 10.0)
-    assert limit.rms == pytest.approx(float(resonance_limit(MODEL, MASS, GAP, 10.0)), rel=1e-6)
-    assert 0.9 < limit.omega / MODEL.omega[0] < 1.06
-    assert abs(limit.slack) < 1e-6
-
-
 def test_limits_without_a_problem_to_solve() -> None:
     assert passive_limit(MODEL, MASS, GAP, 0.0, 250.0).rms == 0
     undamped = modal_model(Beam(damping_ratio=0.0))
@@ -167,7 +160,6 @@ def test_bad_input() -> None:
         (lambda: passive_limit(MODEL, MASS, -1.0, 1.0, 250.0), "gap"),
         (lambda: passive_limit(MODEL, MASS, GAP, -1.0, 250.0), "force"),
         (lambda: passive_limit(MODEL, MASS, GAP, 1.0, 0.0), "omega"),
-        (lambda: passive_resonance_limit(MODEL, MASS, GAP, 1.0, 11), "resonance"),
     ):
         with pytest.raises(ParameterError, match=name):
             call()

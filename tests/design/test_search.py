@@ -15,8 +15,9 @@ pytest.importorskip("cmaes")
 from design_studies import BATCH, Model, problem, settings
 
 from impact_env import Beam, ParameterError
+from impact_env.ensemble import Threads
 from optimisation.designs import design_space
-from optimisation.evaluation import Threads, evaluate
+from optimisation.evaluation import evaluate
 from optimisation.objectives import Condition, Constraint
 from optimisation.problem import Problem
 from optimisation.search.find import smooth_search

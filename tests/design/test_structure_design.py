@@ -13,6 +13,7 @@ from places import EXAMPLES
 
 from impact_env import ModalModel, load_structure
 from impact_env.drive import PAPER_LIMITS, Drive, default_rate, linear_sweep
+from impact_env.ensemble import Threads
 from impact_env.level import response_level
 from impact_env.modes import deflection_row, matrices, modal_model
 from impact_env.parameters import Beam, ParameterError
@@ -21,7 +22,7 @@ from impact_env.sweep import simulate
 from optimisation.bounds import design_force, near_range, resonance_limit
 from optimisation.comparison import IMPACT, NONE, compare
 from optimisation.designs import design_space
-from optimisation.evaluation import Threads, evaluate
+from optimisation.evaluation import evaluate
 from optimisation.friction_rule import best_friction
 from optimisation.mounting import detuned, mounted, scene_on
 from optimisation.objectives import Condition, Objective

@@ -13,11 +13,12 @@ from commands import sweep
 from places import EXAMPLES
 
 from impact_env import Beam, ModalModel, ParameterError, beam_scene, impact_absorber, impact_absorbers, load_structure, modal_model
+from impact_env.ensemble import Threads
 from impact_env.modes import deflection_row, matrices
 from impact_env.plain import from_scene, to_scene
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
-from optimisation.evaluation import Threads, evaluate
+from optimisation.evaluation import evaluate
 from optimisation.insight import neighbourhood, varied
 from optimisation.mounting import mounted
 from optimisation.objectives import Condition, Objective

@@ -12,10 +12,10 @@ from design_studies import Array
 from distributed.core import Status
 
 from impact_env import Beam
-from impact_env.ensemble import LaneLevels
+from impact_env.ensemble import LaneLevels, Threads
 from optimisation.comparison import compare as absorbers
 from optimisation.designs import design_space
-from optimisation.evaluation import Threads, evaluate
+from optimisation.evaluation import evaluate
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.search.cluster import Workers

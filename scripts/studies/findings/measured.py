@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.ensemble import Executor
+from impact_env.ensemble import Executor, Threads
 from impact_env.extras import optional
 from optimisation.designs import IMPACT
-from optimisation.evaluation import Threads, evaluate
+from optimisation.evaluation import evaluate
 from optimisation.machine import peak_memory
 from optimisation.progress import Bar
 from optimisation.report.front_tables import front_summary
