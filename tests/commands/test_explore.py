@@ -234,7 +234,6 @@ def test_a_loads_linear_response_is_what_a_run_settles_to(kind: str) -> None:
     k = int(np.argmin(np.abs(np.array(response["ratio"]) - 0.98)))
     schedule = constant_frequency(work.model.resonance_omega(1), response["ratio"][k], 400.0)
     settled = simulate(work.scene, work.loading.act(work.intensity, schedule), record=Record(series=True, samples_per_period=256)).history
-    assert settled is not None
     late = settled.tip_displacement[settled.time > 0.9 * settled.time[-1]]
     assert np.max(np.abs(late)) == pytest.approx(response["without"][k], rel=1e-3)
 

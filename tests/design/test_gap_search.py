@@ -47,7 +47,7 @@ def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
     def look(n: float, members: int) -> np.ndarray:
         nonlocal runs
         if n not in kept:
-            kept[n] = level(STEP * n) * np.exp(generator.normal(0, 0.02, 3))  # type: ignore[operator]
+            kept[n] = level(STEP * n) * np.exp(generator.normal(0, 0.02, 3))
         runs += members - len(table.levels.get(n, ()))
         return kept[n][:members]
 
@@ -55,16 +55,16 @@ def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
     search(look, 0, 0.1, 3, PAIRS, table)
     sharp, robust = answers(table, 0.1, 2)
     fine = np.arange(edge - 0.5, edge + 0.5, 0.002)
-    exact = [max(k * level(x - math.log(k)) for k in (0.9, 1.0, 1.1)) for x in fine]  # type: ignore[operator]
-    own = max(k * level(STEP * robust - math.log(k)) for k in (0.9, 1.0, 1.1))  # type: ignore[operator]
-    assert level(STEP * sharp) <= 1.17 * math.exp(edge)  # type: ignore[operator]  # three steps of 5 % at most, off the edge
+    exact = [max(k * level(x - math.log(k)) for k in (0.9, 1.0, 1.1)) for x in fine]
+    own = max(k * level(STEP * robust - math.log(k)) for k in (0.9, 1.0, 1.1))
+    assert level(STEP * sharp) <= 1.17 * math.exp(edge)  # three steps of 5 % at most, off the edge
     assert own <= 1.17 * min(exact)
     assert runs <= PAIRS
 
 
 def test_bracket_ends_beside_the_lowest_and_at_the_ends() -> None:
     for best in (-40, -11, 0, 3, 40):
-        seen = bracket(lambda n, best=best: abs(n - best) + 1.0, 0)  # type: ignore[misc]
+        seen = bracket(lambda n, best=best: abs(n - best) + 1.0, 0)
         assert abs(min(seen, key=lambda n: seen[n]) - np.clip(best, -32, 32)) <= 1
         assert len(seen) <= 12
 
@@ -75,8 +75,8 @@ def test_a_tolerance_is_that_of_neighbouring_gaps() -> None:
     changes = {k: math.log(1 / k) / STEP for k in (0.9, 1.0, 1.1)}
     levels = {}
     for k, step in changes.items():
-        gap, friction = absorber.walls.gap / k, absorber.friction.limit / k  # type: ignore[union-attr]
-        other = replace(absorber, walls=replace(absorber.walls, gap=gap), friction=replace(absorber.friction, limit=friction))  # type: ignore[type-var]
+        gap, friction = absorber.walls.gap / k, absorber.friction.limit / k
+        other = replace(absorber, walls=replace(absorber.walls, gap=gap), friction=replace(absorber.friction, limit=friction))
         here, there = (
             performance_curve(Scene(MODEL, device), [force], members=1, percent_per_100_periods=100.0).combined[0]
             for device, force in ((other, 6.0), (absorber, 6.0 * k))
@@ -95,7 +95,6 @@ def advice() -> Advice:
 
 def test_answers_are_runs(advice: Advice) -> None:
     """Levels and bands are those of curves computed on their own, and the sweeps are counted."""
-    assert advice.sharp is not None
     assert advice.recommended is not None
     for answer in (advice.sharp, advice.recommended):
         curve = performance_curve(Scene(MODEL, answer.absorber), [6.0], members=2, limits=advice.check.limits, percent_per_100_periods=20.0)
@@ -109,14 +108,14 @@ def test_answers_are_runs(advice: Advice) -> None:
 
 def test_friction_is_scaled_with_the_first_frequency_near_any_resonance() -> None:
     first, second = (scaled_absorber(MODEL, force, resonance) for force, resonance in ((3.5, 1), (35.0, 2)))
-    shares = [absorber.friction.limit / absorber.walls.gap for absorber in (first, second)]  # type: ignore[union-attr]
+    shares = [absorber.friction.limit / absorber.walls.gap for absorber in (first, second)]
     assert shares[0] == pytest.approx(shares[1], rel=1e-12)
 
 
 @pytest.mark.parametrize(("given", "name"), [({"tolerance": 0.5}, "force_tolerance"), ({"free": ["mass"]}, "free"), ({"members": 0}, "members")])
 def test_what_is_refused(given: dict[str, object], name: str) -> None:
     with pytest.raises(ParameterError, match=name):
-        advise(MODEL, 6.0, **given)  # type: ignore[arg-type]
+        advise(MODEL, 6.0, **given)
 
 
 def test_structures_of_the_study_are_those_of_the_books() -> None:
@@ -163,7 +162,6 @@ def test_a_scan_judges_both_answers_by_their_own_criteria(advice: Advice) -> Non
     row = judged(CASES[0], advice, at, np.where(at < -0.01, 3.0, 1.0) * np.exp(at), 1.2)
     assert row.best == pytest.approx(1.0)
     assert row.expected == pytest.approx(1.2, rel=1e-6)
-    assert advice.sharp is not None
     sharp = advice.sharp.gap / advice.check.rule
     assert row.sharp == pytest.approx((3.0 if sharp < 0.99 else 1.0) * sharp, rel=0.06)
 
