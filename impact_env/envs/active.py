@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from inspect import cleandoc
+from typing import Any, TypeVar
 
 from impact_env.envs.active_task import ActiveFrictionTask, ActiveGapTask, Cycle, Drive
 from impact_env.envs.friction_task import Grip
@@ -21,8 +22,29 @@ SCENE: dict[str, Any] = {
 }
 FRICTION_KIND = Kind(ActiveFrictionTask, (Settings, Cycle, Grip), SCENE | {"price": 5e-5}, choice)
 GAP_KIND = Kind(ActiveGapTask, (Settings, Cycle, Drive), SCENE | {"price": 5e-4}, choice)
+_Class = TypeVar("_Class", bound=type)
+CYCLE_ROWS = """\
+| # | what | unit and scale |
+| --- | --- | --- |
+| 1 | displacement of the tip | m / half-clearance |
+| 2 | velocity of the tip | m/s / unit of velocity |
+| 3 | absorber less tip | m / half-clearance |
+| 4 | its rate | m/s / unit of velocity |
+| 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
+| 6 | cosine of the force's phase | 1 |
+| 7 | sine of the force's phase | 1 |
+| 8 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
+| 9 | share of the time budget that is left | 1 |
+| 10 | RMS of the tip over the last period | m / half-clearance |"""
 
 
+def within_a_period(kind: _Class) -> _Class:
+    """Put the features that all tasks within a period show into the table of a docstring."""
+    kind.__doc__ = cleandoc(kind.__doc__ or "").replace("(rows 1 to 10)", CYCLE_ROWS)
+    return kind
+
+
+@within_a_period
 class ActiveFrictionEnv(TaskEnv):
     """When to hold an absorber, and when to let it go, within a period.
 
@@ -39,18 +61,7 @@ class ActiveFrictionEnv(TaskEnv):
     A ``Box`` of 11 float32 numbers, cut off at +-100: the state at the interval's end. The unit of displacement is the scene's half-clearance (1 mm
     without walls), that of velocity this times the resonance's circular frequency. The force is not among them; info's ``force`` has it.
 
-    | # | what | unit and scale |
-    | --- | --- | --- |
-    | 1 | displacement of the tip | m / half-clearance |
-    | 2 | velocity of the tip | m/s / unit of velocity |
-    | 3 | absorber less tip | m / half-clearance |
-    | 4 | its rate | m/s / unit of velocity |
-    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
-    | 6 | cosine of the force's phase | 1 |
-    | 7 | sine of the force's phase | 1 |
-    | 8 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
-    | 9 | share of the time budget that is left | 1 |
-    | 10 | RMS of the tip over the last period | m / half-clearance |
+    (rows 1 to 10)
     | 11 | friction limit in use | its place in the range, as the action has it |
 
     ## Rewards
@@ -91,6 +102,7 @@ class ActiveFrictionVectorEnv(TaskVectorEnv):
     kind = FRICTION_KIND
 
 
+@within_a_period
 class ActiveGapEnv(TaskEnv):
     """Where to move the walls of an absorber within a period.
 
@@ -106,18 +118,7 @@ class ActiveGapEnv(TaskEnv):
     A ``Box`` of 11 float32 numbers, cut off at +-100: the state at the interval's end, with the units of `ActiveFrictionEnv`. The force is not among
     them; info's ``force`` has it.
 
-    | # | what | unit and scale |
-    | --- | --- | --- |
-    | 1 | displacement of the tip | m / half-clearance |
-    | 2 | velocity of the tip | m/s / unit of velocity |
-    | 3 | absorber less tip | m / half-clearance |
-    | 4 | its rate | m/s / unit of velocity |
-    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
-    | 6 | cosine of the force's phase | 1 |
-    | 7 | sine of the force's phase | 1 |
-    | 8 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
-    | 9 | share of the time budget that is left | 1 |
-    | 10 | RMS of the tip over the last period | m / half-clearance |
+    (rows 1 to 10)
     | 11 | half-clearance in use | m / half-clearance of the scene |
 
     ## Rewards

@@ -16,7 +16,7 @@ from impact_env.envs.observation import DISTANCE, FREQUENCY, IMPACTS, TIME_LEFT,
 from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import FORCES, Range, Settings, span
 from impact_env.envs.sweep_gap_task import Cavity, require_cavity
-from impact_env.envs.task import IMPACTS_SCALE, Array, Mask, Task
+from impact_env.envs.task import Array, Mask, Task
 from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
 from impact_env.parameters import non_negative, positive, require
@@ -72,7 +72,7 @@ class ActiveTask(Task):
         self.options = {"force": FORCES, "frequency_ratio": (low, high)}
         self.costs, self._scale = np.zeros((lanes, len(COSTS))), np.ones(lanes)
         self.squares = np.zeros((lanes, max(1, round(1 / settings.interval))))
-        self._speed, self._moved = np.zeros(lanes), np.zeros(lanes)
+        self._speed, self._moved, self._rms, self._whole = np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.full(lanes, self.interval)
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw frequency, force and phase."""
@@ -80,7 +80,7 @@ class ActiveTask(Task):
         self.ratio[lane] = self.drawn("frequency_ratio", lane, low if low == high else generator.uniform(low, high))
         self.force[lane] = self.draw_force(lane, generator)
         self._scale[lane] = stationary_amplitude(self.model(lane), self.ratio[lane] * self.omega) * self.force[lane] / math.sqrt(2)
-        self.costs[lane] = self.squares[lane] = self._speed[lane] = self._moved[lane] = 0.0  # type: ignore[index]
+        self.costs[lane] = self.squares[lane] = self._speed[lane] = self._moved[lane] = self._rms[lane] = 0.0  # type: ignore[index]
         self.draw_phase(lane, generator)
 
     @abstractmethod
@@ -94,15 +94,15 @@ class ActiveTask(Task):
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order what is chosen, and stay at the frequency."""
         self.act(actions[:, 0].astype(np.float64))
-        return np.full(self.lanes, self.interval), self.ratio.copy(), np.zeros(self.lanes, dtype=np.bool_)
+        return self._whole, self.ratio, np.zeros(self.lanes, dtype=np.bool_)
 
     def reward(self) -> Array:
         """Return minus the interval's share of the mean relative RMS, less the price of what was moved."""
         reports, costs = self.runs.reports, self.costs
         assert costs is not None
-        mean_square = reports["mean_square"]
-        self.squares[:, :-1], self.squares[:, -1] = self.squares[:, 1:].copy(), mean_square
-        costs[:, 0] = np.sqrt(mean_square) / self._scale / self.steps
+        self.squares[:, :-1], self.squares[:, -1] = self.squares[:, 1:], reports["mean_square"]
+        self._rms = np.sqrt(self.squares[:, -1])
+        costs[:, 0] = self._rms / self._scale / self.steps
         costs[:, 1] = 1 / self.steps
         costs[:, 2] = reports["damage"] / (self.interval * self.settings.samples_per_period)
         self._moved = costs[:, 3] = self.moved()
@@ -114,10 +114,7 @@ class ActiveTask(Task):
 
     def level(self) -> Array:
         """Return the RMS of the last period in half-clearances of the scene."""
-        total = np.zeros(self.lanes)
-        for square in self.squares.T:
-            total = total + square
-        return np.sqrt(total / self.squares.shape[1]) / self.length
+        return np.sqrt(sum(self.squares.T) / self.squares.shape[1]) / self.length
 
     def expected_amplitude(self) -> Array:
         """Return the amplitude without absorber (L,) in m."""
@@ -125,19 +122,12 @@ class ActiveTask(Task):
 
     def values(self) -> Array:
         """Return the scaled features (L, features): the state at the interval's end."""
-        reports, state, phase = self.runs.reports, self.runs.state, self.runs.orders["phase"]
-        values, modes = np.empty((self.lanes, len(self.features))), self.scene.model.modes
-        shapes, per_velocity = [self.tip_shape(mode) for mode in range(modes)], 1 / (self.omega * self.length)
+        values, state, phase, modes = super().values(), self.runs.state, self.runs.orders["phase"], self.scene.model.modes
+        shapes = [self.tip_shape(mode) for mode in range(modes)]
         tip, speed = (sum(shape * state[:, first + mode] for mode, shape in enumerate(shapes)) for first in (0, modes + 1))
-        values[:, 0] = tip / self.length
-        values[:, 1] = speed * per_velocity
-        values[:, 2] = reports["distance"] / self.length
-        values[:, 3] = reports["relative_velocity"] * per_velocity
-        values[:, 4] = np.minimum(reports["impact_count"] / (self.interval * IMPACTS_SCALE), self.settings.impacts_limit)
+        values[:, 7:10] = values[:, 6:9]  # frequency, time left, level
+        values[:, 0], values[:, 1] = tip / self.length, speed * self._units.per_velocity
         values[:, 5], values[:, 6] = np.cos(phase), np.sin(phase)
-        values[:, 7] = (self.ratio - self.frequency_origin) / self.frequency_unit
-        values[:, 8] = 1.0 - self.elapsed / self.steps
-        values[:, 9] = self.level()
         return values
 
     def tip_shape(self, mode: int) -> Any:
@@ -151,7 +141,7 @@ class ActiveTask(Task):
     def info(self) -> dict[str, NDArray[Any]]:
         """Return what info says of each lane."""
         info = super().info()
-        info["rms"] = np.sqrt(self.runs.reports["mean_square"])
+        info["rms"] = self._rms.copy()
         return info
 
 
@@ -212,7 +202,7 @@ class Drive(Cavity):
         """Return the half-clearances (L,) an interval (pseudo periods) later: a lag of first order, no faster than the speed."""
         share = -math.expm1(-interval / self.gap_lag) if self.gap_lag > 0 else 1.0
         most = self.gap_speed * interval
-        return gap + np.clip((wanted - gap) * share, -most, most)
+        return gap + np.minimum(np.maximum((wanted - gap) * share, -most), most)
 
 
 class ActiveGapTask(ActiveTask):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from impact_env.envs.active import SCENE
+from impact_env.envs.active import SCENE, within_a_period
 from impact_env.envs.active_task import Cycle, Drive
 from impact_env.envs.friction_task import Grip
 from impact_env.envs.kind import Kind
@@ -101,6 +101,7 @@ class PassageVectorEnv(TaskVectorEnv):
     kind = PASSAGE_KIND
 
 
+@within_a_period
 class StructuresEnv(TaskEnv):
     """`ActiveFrictionEnv` on a structure that is drawn, and judged on families that were not trained on.
 
@@ -115,18 +116,7 @@ class StructuresEnv(TaskEnv):
     A ``Box`` of 14 float32 numbers, cut off at +-100; the first 11 are those of `ActiveFrictionEnv`. The last three are absent with
     ``observe_structure=False``.
 
-    | # | what | unit and scale |
-    | --- | --- | --- |
-    | 1 | displacement of the tip | m / half-clearance |
-    | 2 | velocity of the tip | m/s / unit of velocity |
-    | 3 | absorber less tip | m / half-clearance |
-    | 4 | its rate | m/s / unit of velocity |
-    | 5 | impacts in the last interval | per pseudo period / 2, cut off at 4 |
-    | 6 | cosine of the force's phase | 1 |
-    | 7 | sine of the force's phase | 1 |
-    | 8 | frequency ratio to the resonance, less 1 | 1 / 0.1 |
-    | 9 | share of the time budget that is left | 1 |
-    | 10 | RMS of the tip over the last period | m / half-clearance |
+    (rows 1 to 10)
     | 11 | friction limit in use | its place in the range, as the action has it |
     | 12 | damping ratio of the first mode | 1 / 0.01 |
     | 13 | second frequency over the first | 1 / 5 |

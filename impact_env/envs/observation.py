@@ -65,7 +65,7 @@ class Sensors:
                 seen[lane, self.measured] += self.noise * generators[lane].standard_normal(number)
         if self.delay > 0:
             seen = self._delayed(seen, fresh)
-        return np.clip(seen, -LIMIT, LIMIT).astype(np.float32)
+        return np.minimum(np.maximum(seen, -LIMIT), LIMIT).astype(np.float32)  # np.clip takes three times as long
 
     def snapshot(self) -> tuple[Array, int]:
         """Return what the delay holds."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impact_env.controlled import ControlledRuns, PooledRuns
 from impact_env.envs.active_task import Drive
-from impact_env.envs.friction_task import Grip, limits_in_newtons
+from impact_env.envs.friction_task import Grip, limits_in_newtons, place_of
 from impact_env.envs.observation import FREQUENCY, STATE, TIME_LEFT, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import FORCES, Range, Settings, span
@@ -132,7 +132,7 @@ class LimitedPassageTask(SweepTask):
         low, high = own.gap_starts
         self.runs.orders["gap"][lane] = self._before[lane] = low * (high / low) ** generator.uniform()
         self.friction[lane] = self._begin
-        self.place[lane] = 2 * math.log(self._begin / self.limits[0]) / math.log(self.limits[1] / self.limits[0]) - 1
+        self.place[lane] = place_of(self._begin, self.limits)
         self.force[lane] = force = self.draw_force(lane, generator)
         self.level_scale[lane] = self._reference(number, down) * force
         self._potential[lane] = 0.0

@@ -59,6 +59,8 @@ def checked_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
         values = np.empty(0, dtype=object)
     require(values.dtype.kind in "iuf" and values.shape == space.shape, "action", actions, f"real numbers of shape {space.shape}")
     if isinstance(space, spaces.Box):
+        if ((values >= space.low) & (values <= space.high)).all():
+            return values
         require(bool(np.isfinite(values).all()), "action", actions, "finite numbers")
         return np.clip(values, space.low, space.high)
     assert isinstance(space, spaces.Discrete | spaces.MultiDiscrete)

@@ -187,11 +187,11 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
     def _masked(self, info: Info, which: NDArray[np.bool_]) -> Info:
         """Return info with its masks, zeros where it does not apply, as gymnasium's own vectors have it."""
-        masked, every = Info(), bool(which.all())
+        masked, which, others = Info(), which.copy(), None if which.all() else ~which
         for name, values in info.items():
-            if not every:
-                values[~which] = 0
-            masked[name], masked[f"_{name}"] = values, which.copy()
+            if others is not None:
+                values[others] = 0
+            masked[name], masked[f"_{name}"] = values, which
         return masked
 
     def snapshot(self) -> dict[str, Any]:

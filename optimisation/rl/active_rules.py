@@ -7,10 +7,11 @@ square of the tip. Friction and gap that suit a response go in proportion to its
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from optimisation.rl.families import Array, Family, Observations
+from optimisation.rl.families import Array, Family, Observations, Start
 
 X, V, R, W, COS, SIN, RATIO, LEFT, RMS = 0, 1, 2, 3, 5, 6, 7, 8, 9  # columns of a task within a period
 PAIR_IMPACTS, PAIR_RATIO, PAIR_SIZE, PAIR_WAY = 4, 6, 8, 9  # of the limited passage
@@ -98,6 +99,7 @@ class PairBySize(Family):
     """
 
     few = 4
+    beside = PAIR_WAY
     names = (
         "gap",
         "gap per size",
@@ -109,44 +111,28 @@ class PairBySize(Family):
         "friction over way",
     )
     neutral = (0.0,) * 8
-    begins = (lambda c: (c[0], 0.0, c[1], 0.0), lambda c: (c[0], 0.3, c[1], 0.3))
+    begins: Sequence[Start] = (lambda c: (c[0], 0.0, c[1], 0.0), lambda c: (c[0], 0.3, c[1], 0.3))
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return gap and friction actions (L, 2)."""
         seen = observations.astype(np.float64)
-        size, ratio, way = np.log(seen[:, PAIR_SIZE] + SMALL), seen[:, PAIR_RATIO], np.abs(seen[:, PAIR_WAY])
-        gap, gap_size, friction, friction_size, gap_ratio, friction_ratio, gap_way, friction_way = parameters.T
+        size, ratio, other = np.log(seen[:, PAIR_SIZE] + SMALL), seen[:, PAIR_RATIO], np.abs(seen[:, self.beside])
+        gap, gap_size, friction, friction_size, gap_ratio, friction_ratio, gap_other, friction_other = parameters.T
         return np.stack(
             [
-                gap + gap_size * size + gap_ratio * ratio + gap_way * way,
-                friction + friction_size * size + friction_ratio * ratio + friction_way * way,
+                gap + gap_size * size + gap_ratio * ratio + gap_other * other,
+                friction + friction_size * size + friction_ratio * ratio + friction_other * other,
             ],
             axis=1,
         )
 
 
-class PairByImpacts(Family):
+class PairByImpacts(PairBySize):
     """The same with impacts in place of the way."""
 
-    few = 4
-    names = (
-        "gap",
-        "gap per size",
-        "friction",
-        "friction per size",
-        "gap over frequency",
-        "friction over frequency",
-        "gap and impacts",
-        "friction and impacts",
-    )
-    neutral = (0.0,) * 8
+    beside = PAIR_IMPACTS
+    names = (*PairBySize.names[:6], "gap and impacts", "friction and impacts")
     begins = PairBySize.begins[:1]
-
-    def act(self, parameters: Array, observations: Observations) -> Array:
-        """Return gap and friction actions (L, 2)."""
-        seen = observations.astype(np.float64)
-        terms = np.column_stack([np.ones(len(seen)), np.log(seen[:, PAIR_SIZE] + SMALL), seen[:, PAIR_RATIO], seen[:, PAIR_IMPACTS]])
-        return np.stack([np.einsum("lk,lk->l", parameters[:, own], terms) for own in ((0, 1, 4, 6), (2, 3, 5, 7))], axis=1)
 
 
 class BlindPair(Family):
