@@ -148,8 +148,10 @@ class Task(ABC):
             values = np.broadcast_to(np.asarray(value, dtype=np.float64), self.lanes)
         except (TypeError, ValueError):
             values = np.full(self.lanes, np.nan)
-        ok = bool(((values >= low) & (values <= high)).all())
-        require(ok, f"options[{name!r}]", value, f"a number from {low:g} to {high:g}, or one for each of {self.lanes} lanes")
+        whole = isinstance(low, int)  # of a structure or a scene
+        ok = bool(((values >= low) & (values <= high)).all()) and not (whole and np.any(values % 1))
+        kind = "whole number" if whole else "number"
+        require(ok, f"options[{name!r}]", value, f"a {kind} from {low:g} to {high:g}, or one for each of {self.lanes} lanes")
         return values
 
     def drawn(self, name: str, lane: int, drawn: float) -> float:

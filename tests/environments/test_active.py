@@ -105,17 +105,19 @@ def test_a_reset_may_choose_what_would_be_drawn() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("name", "options", "words"),
     [
-        ({"force": 0.0}, "options['force'] = 0"),
-        ({"frequency_ratio": 2.0}, "0.96 to 1.02"),
-        ({"force": "much"}, "force"),
-        ({"structure": 1}, "only force"),
+        (ACTIVE_FRICTION, {"force": 0.0}, "options['force'] = 0"),
+        (ACTIVE_FRICTION, {"frequency_ratio": 2.0}, "0.96 to 1.02"),
+        (ACTIVE_FRICTION, {"force": "much"}, "force"),
+        (ACTIVE_FRICTION, {"structure": 1}, "only force"),
+        (STRUCTURES, {"structure": 0.5}, "options['structure'] = 0.5 is not allowed: a whole number from 0 to 4"),
+        (LIMITED, {"scene": 3}, "options['scene'] = 3 is not allowed: a whole number from 0 to 2"),
     ],
 )
-def test_what_no_reset_can_choose_is_refused(options: dict[str, Any], words: str) -> None:
+def test_what_no_reset_can_choose_is_refused(name: str, options: dict[str, Any], words: str) -> None:
     with pytest.raises(ParameterError) as error:
-        make(ACTIVE_FRICTION).reset(options=options)
+        make(name).reset(options=options)
     assert words in str(error.value)
 
 
