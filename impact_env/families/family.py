@@ -128,7 +128,7 @@ def _schedule_of_loads(scene: Scene, drive: Loads, reach: float) -> Schedule:
         model, mass = scene.model, scene.absorber_mass or 0.0
         assert model.base_participation is not None
         base = loads.Base(np.zeros((2, TERMS)), np.array(model.base_participation), model.base_at_absorber, mass * model.base_at_absorber)
-    load = loads.Load(pieces, which, moves_base, np.zeros((2, TERMS)), base)
+    load = loads.Load(pieces, which, moves_base, np.zeros((2, TERMS)), base, np.zeros(1, np.bool_))
     return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
 
 

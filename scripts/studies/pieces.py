@@ -25,7 +25,7 @@ class Room(NamedTuple):
 
 def make_room(regime: Regime, omega: float, half: float) -> Room:
     """Return room with amplitudes of a millimetre on every slot, forced at ``omega`` in a window of half length ``half`` (s)."""
-    signal, forced = new_signal(regime.slots.rows.shape[1]), new_forced(regime.slots)
+    signal, forced = new_signal(regime.slots.rows.shape[1]), new_forced(regime.slots, None)
     window = Window(0.0, half, omega, 0.0, 1.0, 0.0)
     solve_forced(regime.slots, window, None, forced)
     signal.u[:] = 1e-3

@@ -67,7 +67,7 @@ class Bench:
         self.window, self.walls, self.limit = window_of(schedule, 0, 0, 1), Walls(GAP, 1.0, None), limit
         contact = Contact(mass, 1 / mass + float(np.sum(tip_shape**2)), tip_shape, self.walls, limit, None)
         rigid = Rigid(self.free, self.joined, contact, Losses(tip_shape, tip_shape, tip_shape, 0.0))
-        self.room = new_room(self.free, self.joined, np.zeros(8))
+        self.room = new_room(self.free, self.joined, None, np.zeros(8))
         solve_free(rigid, self.window, self.room)
         solve_joined(rigid, self.window, self.room)
         self.now, self.z, self.check = self.room.now[0], self.room.work.z, new_check()

@@ -72,7 +72,7 @@ def stages(model: Model, joined: bool, rng: np.random.Generator) -> list[Stage]:
         alpha = 2 * (1.2e-15) ** 0.2 / half**2 * (1e-3, 1.0)[k]
         phase, push = rng.uniform(0, 2 * np.pi), 10 ** rng.uniform(-2, 2)
         window = Window(0.0, half, float(omega), float(alpha), push * np.cos(phase), push * np.sin(phase))
-        forced = new_forced(slots)
+        forced = new_forced(slots, None)
         solve_forced(slots, window, scene.absorber_mass if joined else None, forced)
         found.append(Stage(slots, forced, window, half * (2 * share - 1)))
     return found

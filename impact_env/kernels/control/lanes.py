@@ -89,7 +89,7 @@ def rigid_lanes(scene, reach, batch, start, stop):
 
     Walls' gap and friction limit are those of a lane's order.
     """
-    desk, room, fresh = new_desk(batch.watch), new_room(scene.free, scene.joined, batch.lanes.state[start]), new_now(1)
+    desk, room, fresh = new_desk(batch.watch), new_room(scene.free, scene.joined, None, batch.lanes.state[start]), new_now(1)
     fresh[0] = room.now[0]
     _each_rigid(scene, reach, batch, start, stop, desk, room, fresh)
 
@@ -119,7 +119,7 @@ def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):
 @jit_room
 def linear_lanes(scene, reach, batch, start, stop):
     """Advance lanes [start, stop) of a scene with one linear regime; ``reach`` (s): longest window."""
-    desk, room = new_desk(batch.watch), linear.new_room(scene.regime, batch.lanes.state[start])
+    desk, room = new_desk(batch.watch), linear.new_room(scene.regime, None, batch.lanes.state[start])
     _each_linear(scene, reach, batch, start, stop, desk, room)
 
 
@@ -156,7 +156,7 @@ def report_relative(watch, state, report):
 @jit_room
 def compliant_lanes(scene, reach, batch, start, stop):
     """Advance lanes [start, stop) of a scene with compliant contact; ``reach`` (s): longest window."""
-    desk, room, fresh = new_desk(batch.watch), compliant.new_room(scene.regimes, batch.lanes.state[start]), springs.new_now()
+    desk, room, fresh = new_desk(batch.watch), compliant.new_room(scene.regimes, None, batch.lanes.state[start]), springs.new_now()
     _each_compliant(scene, reach, batch, start, stop, desk, room, fresh)
 
 

@@ -214,3 +214,18 @@ def careful_search(course, guards, start, stop, length):
             return Event(nearest_event(guards, now), offset, now.y, now.v, now.a, count)
         offset += step
     return given_up(count) if count >= most else Event(NOTHING, max(stop, offset), 0.0, 0.0, 0.0, count)
+
+
+@jit_inline
+def is_clear(load, course, guards, length):
+    """Return whether one evaluation shows that no event comes within ``length`` (s), as it does in most of a record's short windows.
+
+    ``load`` None: a chirp, whose windows are so long that it is not tried.
+    """
+    if load is None:
+        return False
+    if guards.side != 0 or guards.zero_rate:
+        return False
+    now = bounded_at(course, 0.0)
+    kind, y = at_guard(guards, NOISE * signal_scale(course.signal, course.forced.bound), now)
+    return kind == NOTHING and guards_step(guards, Bounded(y, now.v, now.a, now.b2, now.b3, now.b4), length) >= length

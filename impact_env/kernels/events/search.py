@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
-from impact_env.kernels.events.careful import careful_search
+from impact_env.kernels.events.careful import careful_search, is_clear
 from impact_env.kernels.events.signals import NOTHING, Event, counted, given_up, refine, terms_of, time_resolution, wall_of
 from impact_env.kernels.events.steps import closer_root, cubic_root, event_in_step, is_far, leaves_guard
 from impact_env.kernels.motion.forced import DERIVATIVES, fill_carrier
@@ -171,3 +171,11 @@ def search(course, guards, length, half):
                     return counted(found, count)
                 place, careful = Place(found.offset, 0.0, 0.0, MOST_TURNS), 2.0 * careful
     return given_up(count) if count >= memory[1] else Event(NOTHING, length, 0.0, 0.0, 0.0, count)
+
+
+@jit_inline
+def next_event(window, course, guards, length):
+    """Return what `search` does in a `forced.Window`."""
+    if is_clear(window.load, course, guards, length):
+        return Event(NOTHING, length, 0.0, 0.0, 0.0, 1)
+    return search(course, guards, length, window.half)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
 from impact_env.kernels.energy.account import new_account, observe_with
 from impact_env.kernels.energy.energies import add_energy
-from impact_env.kernels.events.search import search
+from impact_env.kernels.events.search import next_event
 from impact_env.kernels.events.signals import NOTHING, Course, Guards, Signal, new_signal
 from impact_env.kernels.exact.budget import limit_searches, progress
 from impact_env.kernels.exact.check import Guard, sample_guard
@@ -35,7 +35,8 @@ from impact_env.kernels.exact.springs import (
     slider_sign,
     switch,
 )
-from impact_env.kernels.motion.forced import Forced, add_forced, new_forced, solve_forced
+from impact_env.kernels.motion.forced import Forced, add_forced, new_forced
+from impact_env.kernels.motion.lines import solve_window
 from impact_env.kernels.motion.observers import DONE, MOTION, NOT_FINITE, PASSED, STUCK_INSIDE, push_phase
 from impact_env.kernels.motion.segments import (
     Losses,
@@ -89,15 +90,15 @@ def check_springs(check, scene, slots, forced, window, bounds, room, offset):
 
 
 @jit_inline
-def next_event(slots, forced, window, limit, low, high, room):
+def end_of_stretch(slots, forced, window, limit, low, high, room):
     """Return the first event up to the window's end of the signal in ``room``: a bound of the interval, or the turn of a slider that slides."""
-    now, half = room.now[0], window.half
-    length, side, course = half - now.tau, int(now.side), Course(slots, forced, window.omega, room.signal, now.tau)
+    now = room.now[0]
+    length, side, course = window.half - now.tau, int(now.side), Course(slots, forced, window.omega, room.signal, now.tau)
     if limit is None:
-        return search(course, Guards(low, high, side, None, False), length, half)
+        return next_event(window, course, Guards(low, high, side, None, False), length)
     if not now.sticks:
-        return search(course, Guards(low, high, side, now.sign, now.at_rest), length, half)
-    return search(course, Guards(low, high, side, None, now.at_rest), length, half)
+        return next_event(window, course, Guards(low, high, side, now.sign, now.at_rest), length)
+    return next_event(window, course, Guards(low, high, side, None, now.at_rest), length)
 
 
 @jit_inline
@@ -115,7 +116,7 @@ def run_to_event(regime, forced, scene, window, reach, room, observe):
         now.q, now.v = 0.0, 0.0
     low, high = guard_bounds(scene.gap, reach, now)
     tau = now.tau
-    found = next_event(slots, forced, window, scene.limit, low, high, room)
+    found = end_of_stretch(slots, forced, window, scene.limit, low, high, room)
     counters.counts.evaluations += found.evaluations
     offset = found.offset
     check_springs(counters.check, scene, slots, forced, window, (low, high), room, offset)
@@ -172,11 +173,11 @@ class Room(NamedTuple):
 
 
 @jit_room
-def new_room(regimes, state):
-    """Return room for lanes of one scene."""
+def new_room(regimes, load, state):
+    """Return room for lanes of one scene under a load, None: a chirp."""
     free, wall, friction, both = regimes
     size = free.slots.rows.shape[1]
-    forced = (new_forced(free.slots), new_forced(wall.slots), new_forced(friction.slots), new_forced(both.slots))
+    forced = (new_forced(free.slots, load), new_forced(wall.slots, load), new_forced(friction.slots, load), new_forced(both.slots, load))
     return Room(new_now(), new_work(size), new_signal(size), forced, np.zeros(4, np.bool_), np.zeros(1, MOTION), np.zeros_like(state))
 
 
@@ -187,7 +188,7 @@ def enter_regime(scene, window, room, state):
     r = regime_number(now)
     regime, forced = scene.regimes[r], room.forced[r]
     if not room.solved[r]:
-        solve_forced(regime.slots, window, None, forced)
+        solve_window(regime.slots, window, None, forced)
         room.solved[r] = True
     write_state(regime, forced, window.omega, now, room.work, state)
 
@@ -237,7 +238,7 @@ def compliant_lane(scene, schedule, state, observe):
 
     The friction loss contains what the slider's spring holds at the end.
     """
-    room, status, counts = new_room(scene.regimes, state), DONE, observe.counters.counts
+    room, status, counts = new_room(scene.regimes, schedule.load, state), DONE, observe.counters.counts
     limit_searches(room.signal.memory, observe.counters)
     seen = observe_with(observe, new_account(observe.energy, 4, room.work.z.shape[1]))
     begin(scene.springs, scene.gap, scene.limit, room.now[0], state, scene.contact, observe.counters)

@@ -68,12 +68,12 @@ class Room(NamedTuple):
 
 
 @jit_room
-def new_room(free, joined, state):
-    """Return room for lanes of one scene."""
+def new_room(free, joined, load, state):
+    """Return room for lanes of one scene under a load, None: a chirp."""
     size = free.slots.rows.shape[1]
     now = new_now(1)
     now[0].kick = largest_kick(free.slots.rows)
-    free_forced, joined_forced, solved = new_forced(free.slots), new_forced(joined.slots), np.zeros(2, np.bool_)
+    free_forced, joined_forced, solved = new_forced(free.slots, load), new_forced(joined.slots, load), np.zeros(2, np.bool_)
     return Room(now, new_work(size), new_signal(size), free_forced, joined_forced, solved, np.zeros(1, MOTION), np.zeros_like(state))
 
 

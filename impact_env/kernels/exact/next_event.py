@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impact_env.kernels.compiling.jit import jit_inline
-from impact_env.kernels.events.search import search
+from impact_env.kernels.events.search import next_event
 from impact_env.kernels.events.signals import Course, Guards
 from impact_env.kernels.exact.rigid_contact import joint_bounds
 from impact_env.kernels.motion.slots import GUARD, weigh
@@ -22,13 +22,13 @@ def end_of_flight(slots, forced, window, walls, limit, body, bent, length):
     if walls is not None:
         gap = walls.gap
     if limit is None:
-        return search(course, Guards(-gap, gap, int(now.side), None, now.at_rest and now.side != 0.0), length, window.half)
+        return next_event(window, course, Guards(-gap, gap, int(now.side), None, now.at_rest and now.side != 0.0), length)
     if walls is None:
-        return search(course, Guards(None, None, 0, now.sign, now.at_rest), length, window.half)
+        return next_event(window, course, Guards(None, None, 0, now.sign, now.at_rest), length)
     # only the wall ahead can be reached before the relative velocity turns
     low = -gap if now.sign < 0.0 else -np.inf
     high = gap if now.sign > 0.0 else np.inf
-    return search(course, Guards(low, high, 0, now.sign, now.at_rest), length, window.half)
+    return next_event(window, course, Guards(low, high, 0, now.sign, now.at_rest), length)
 
 
 @jit_inline
@@ -43,4 +43,4 @@ def end_of_hold(slots, forced, window, limit, weight, body, length):
     signal.polynomial[0] = weight
     low, high = joint_bounds(limit, body.now.side)
     course = Course(slots, forced, window.omega, signal, body.now.tau)
-    return search(course, Guards(low, high, 0, None, False), length, window.half)
+    return next_event(window, course, Guards(low, high, 0, None, False), length)

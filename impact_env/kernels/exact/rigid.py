@@ -13,7 +13,8 @@ from impact_env.kernels.events.signals import NOTHING, REVERSAL
 from impact_env.kernels.exact.budget import limit_searches, progress
 from impact_env.kernels.exact.free_and_joined import begin, body_of, enter, fly, free_state, hold, move_own, new_room, release, try_join
 from impact_env.kernels.exact.rigid_contact import FREE, JOINED, end_phase, friction_force, impact, turn, weight_held
-from impact_env.kernels.motion.forced import add_forced, solve_forced
+from impact_env.kernels.motion.forced import add_forced
+from impact_env.kernels.motion.lines import solve_window
 from impact_env.kernels.motion.observers import DONE, NOT_FINITE
 from impact_env.kernels.motion.segments import last_sample, to_state, window_count, window_of
 from impact_env.kernels.motion.slots import REST, add, copy
@@ -23,7 +24,7 @@ from impact_env.kernels.motion.slots import REST, add, copy
 def solve_free(scene, window, room):
     """Fill the forced part of the free regime for a window, unless it is known."""
     if not room.solved[FREE]:
-        solve_forced(scene.free.slots, window, None, room.free_forced)
+        solve_window(scene.free.slots, window, None, room.free_forced)
         room.solved[FREE] = True
 
 
@@ -31,7 +32,7 @@ def solve_free(scene, window, room):
 def solve_joined(scene, window, room):
     """Fill the forced part of the joined regime for a window, unless it is known."""
     if not room.solved[JOINED]:
-        solve_forced(scene.joined.slots, window, scene.contact.mass, room.joined_forced)
+        solve_window(scene.joined.slots, window, scene.contact.mass, room.joined_forced)
         room.solved[JOINED] = True
 
 
@@ -128,7 +129,7 @@ def exact_stretch(scene, schedule, k, started, room, state, observe):
 @jit_room
 def exact_lane(scene, schedule, state, observe):
     """Integrate one lane of a `free_and_joined.Rigid` scene and return a status code; ``state`` (2 N_m + 2,) is the start and becomes the end."""
-    room, status = new_room(scene.free, scene.joined, state), DONE
+    room, status = new_room(scene.free, scene.joined, schedule.load, state), DONE
     limit_searches(room.signal.memory, observe.counters)
     seen = observe_with(observe, new_account(observe.energy, 2, scene.free.slots.rows.shape[1]))
     for k in range(schedule.times.shape[0] - 1):

@@ -125,7 +125,7 @@ def regime_with(sets, s, rows):
 @jit_view
 def forced_of(flow, s, place):
     """Return the forced part of set s with the signals of an absorber, or of the level's place."""
-    return Forced(flow.slots[s], flow.signals[s, place], flow.bound[s, place], flow.carrier[s], flow.terms)
+    return Forced(flow.slots[s], flow.signals[s, place], flow.bound[s, place], flow.carrier[s], flow.terms, None)
 
 
 @jit_view

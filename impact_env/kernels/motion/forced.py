@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_inline, jit_room
 from impact_env.kernels.motion.forced_sums import add_response, back_substitute, back_substitute_both, combine, first_values, polynomial_value
-from impact_env.kernels.motion.loads import Load, add_base_drive
+from impact_env.kernels.motion.loads import Load, add_base_drive, unit_count
 from impact_env.kernels.motion.numbers import cos_sin
 from impact_env.kernels.motion.slots import BASE, DRIVE, GUARD, TIP, S
 from impact_env.kernels.motion.vector import POINTS, SCAN_TERMS, TERMS
@@ -31,6 +31,23 @@ GUARD_SIGNALS, TIP_SIGNAL, OWN_SIGNAL = (0, 1, 2, 4, 5, 6), 3, 7
 THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
 
 
+class Units(NamedTuple):
+    """A regime's forced part under unit loads without a carrier, of which straight lines are sums (lines.py): 1, and the time from the centre.
+
+    ``slots`` (only A, which B equals), ``signals`` and ``bound``: those of `Forced`, with one axis more for the two loads, first as forces, then as
+    the base's acceleration where it moves. ``shares`` (2,) or (4,): what a window has of each. ``half`` (1,): the longest half window (s) that they
+    hold in. ``leap`` (3, 2, J) or (5, 2, J): what slots become in ``span`` (1,) s, as factor of what they were and for each unit load.
+    """
+
+    slots: NDArray[np.float64]
+    signals: NDArray[np.float64]
+    bound: NDArray[np.float64]
+    shares: NDArray[np.float64]
+    half: NDArray[np.float64]
+    leap: NDArray[np.float64]
+    span: NDArray[np.float64]
+
+
 class Forced(NamedTuple):
     """One regime's forced part in one window.
 
@@ -40,7 +57,7 @@ class Forced(NamedTuple):
     size, up to BEYOND half windows from the centre, of the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of the first
     of them. ``carrier`` (L, 2, POINTS): exp(i Omega k h_L), k = 1 ... POINTS, for the levels of `slots.Slots`; not a number
     first where a level is not known yet.
-    ``terms`` (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier.
+    ``terms`` (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier. ``units`` None: every window is solved anew.
     """
 
     slots: NDArray[np.float64]
@@ -48,6 +65,7 @@ class Forced(NamedTuple):
     bound: NDArray[np.float64]
     carrier: NDArray[np.float64]
     terms: NDArray[np.float64]
+    units: Units | None
 
 
 class Window(NamedTuple):
@@ -66,11 +84,26 @@ class Window(NamedTuple):
 
 
 @jit_room
-def new_forced(slots):
-    """Return empty room for the forced part of a regime."""
+def new_units(load, size):
+    """Return empty room for `Units` of ``size`` slots, None for the chirp."""
+    if load is None:
+        return None
+    n = unit_count(load.base)
+    slots, signals, bound, leap = (
+        np.zeros((n, 2, TERMS, size)),
+        np.zeros((n, *SIGNALS)),
+        np.zeros((n, DERIVATIVES + SCANNED)),
+        np.zeros((n + 1, 2, size)),
+    )
+    return Units(slots, signals, bound, np.zeros(n), np.zeros(1), leap, np.zeros(1))
+
+
+@jit_room
+def new_forced(slots, load):
+    """Return empty room for the forced part of a regime under a `Load`, None: under a chirp."""
     size, levels = slots.rows.shape[1], slots.steps.shape[0]
     signals, bound, carrier = np.zeros(SIGNALS), np.zeros(DERIVATIVES + SCANNED), np.zeros((levels, 2, POINTS))
-    return Forced(np.zeros((4, TERMS, size)), signals, bound, carrier, np.zeros((2, TERMS)))
+    return Forced(np.zeros((4, TERMS, size)), signals, bound, carrier, np.zeros((2, TERMS)), new_units(load, size))
 
 
 @jit

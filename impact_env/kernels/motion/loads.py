@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.compiling.jit import jit, jit_inline
 from impact_env.kernels.motion.numbers import cos_sin
 from impact_env.kernels.motion.vector import TERMS
 
@@ -22,6 +22,7 @@ CHIRP_REMAINDER = 1e-17
 BEAT_REACH = 0.049  # rad from a window's centre to its end, of a frequency against the carrier: to the ninth power over 9! it is 5e-18
 BENT_BEAT = 1e-4  # rad that a frequency's own change may add to that
 MOST_PHASE = 300.0  # rad of the force from a window's centre to its end: rounding of time makes that times 1e-16 of the forced part noise
+EVEN = 1e-4  # of a stretch: by that two may differ that count as equally long
 SAME = 1e-12  # of the highest frequency: closer ones need no common carrier
 # numbers of a piece: when it begins (s), frequency (rad/s), its rate (rad/s^2), phase (rad), real and imaginary parts of c0, c1, c2
 BEGINS, OMEGA, ALPHA, PHASE, POLYNOMIAL, NUMBERS = 0, 1, 2, 3, 4, 10
@@ -44,7 +45,8 @@ class Load(NamedTuple):
     """Loads that act together: ``pieces`` (P, NUMBERS), ``which`` (K - 1, sources) the piece of each source in each stretch of time.
 
     ``moves_base`` (sources,): whether a source is the base's acceleration (m/s^2), else a force (N). ``terms`` (2, TERMS): Taylor coefficients, in
-    the time from the centre of the current window, of half the complex force without its carrier. ``base`` None: it does not move.
+    the time from the centre of the current window, of half the complex force without its carrier. ``base`` None: it does not move. ``straight``
+    (1,): whether all is straight lines in a window as long as the one before; only the first two terms, real, are not zero then.
     """
 
     pieces: Array
@@ -52,6 +54,7 @@ class Load(NamedTuple):
     moves_base: NDArray[np.bool_]
     terms: Array
     base: Base | None
+    straight: NDArray[np.bool_]
 
 
 @jit
@@ -61,6 +64,17 @@ def _acts(piece):
     for n in range(POLYNOMIAL, NUMBERS):
         size += abs(piece[n])
     return size > 0.0
+
+
+@jit
+def is_straight(load, k):
+    """Return whether stretch ``k`` has nothing but straight lines."""
+    for source in range(load.which.shape[1]):
+        piece, p = load.pieces[load.which[k, source]], POLYNOMIAL
+        turns = piece[OMEGA] != 0.0 or piece[ALPHA] != 0.0 or piece[PHASE] != 0.0
+        if (turns or piece[p + 1] != 0.0 or piece[p + 3] != 0.0 or piece[p + 4] != 0.0 or piece[p + 5] != 0.0) and _acts(piece):
+            return False
+    return True
 
 
 @jit
@@ -79,6 +93,8 @@ def band(load, k, t):
 def count_windows(load, times, k, reach):
     """Return how many windows stretch ``k`` between ``times`` needs, each of at most ``reach`` (s)."""
     duration, longest, spread, highest, rate = times[k + 1] - times[k], reach, 0.0, 1e-300, 0.0
+    if duration <= reach and is_straight(load, k):
+        return 1
     for end in range(2):
         low, high, rate = band(load, k, times[k + end])
         spread, highest = max(spread, 0.5 * (high - low)), max(highest, high)
@@ -127,12 +143,40 @@ def force_in(load, k, t):
 
 
 @jit
-def enter_load(load, k, t):
-    """Write the terms of stretch ``k`` around time ``t``, and return their carrier (rad/s)."""
-    low, high, _ = band(load, k, t)
-    carrier = high if high - low <= SAME * high else 0.5 * (low + high)
+def _as_long(times, k):
+    """Return whether stretch ``k`` is as long as the one before, as the steps of a record are."""
+    return k > 0 and abs(times[k + 1] - 2.0 * times[k] + times[k - 1]) <= EVEN * (times[k + 1] - times[k])
+
+
+@jit
+def _add_line(piece, t, terms):
+    """Do what `_expand` does, for a straight line."""
+    terms[0, 0] += 0.5 * (piece[POLYNOMIAL] + piece[POLYNOMIAL + 2] * (t - piece[BEGINS]))
+    terms[0, 1] += 0.5 * piece[POLYNOMIAL + 2]
+
+
+@jit
+def _add_base_line(base, piece, t):
+    if base is not None:
+        _add_line(piece, t, base.terms)
+
+
+@jit
+def enter_load(load, times, k, t):
+    """Write the terms of stretch ``k`` between ``times`` around time ``t``, and return their carrier (rad/s)."""
     load.terms[:] = 0.0
     clear_base(load.base)
+    load.straight[0] = is_straight(load, k) and _as_long(times, k)
+    if load.straight[0]:
+        for source in range(load.which.shape[1]):
+            piece = load.pieces[load.which[k, source]]
+            if load.moves_base[source]:
+                _add_base_line(load.base, piece, t)
+            else:
+                _add_line(piece, t, load.terms)
+        return 0.0
+    low, high, _ = band(load, k, t)
+    carrier = high if high - low <= SAME * high else 0.5 * (low + high)
     for source in range(load.which.shape[1]):
         piece = load.pieces[load.which[k, source]]
         if _acts(piece):
@@ -141,6 +185,14 @@ def enter_load(load, k, t):
             else:
                 _expand(piece, t, carrier, load.terms)
     return carrier
+
+
+@jit_inline
+def unit_count(base):
+    """Return how many unit loads straight lines are sums of: a constant and a line, of the force, and of a base that moves."""
+    if base is None:
+        return 2
+    return 4
 
 
 @jit

@@ -109,7 +109,7 @@ def window_of(schedule, k, w, count):
     duration, load = schedule.times[k + 1] - schedule.times[k], schedule.load
     if load is not None:
         centre = schedule.times[k] + duration * (w + 0.5) / count
-        return Window(centre, 0.5 * duration / count, enter_load(load, k, centre), 0.0, 0.0, 0.0, load)
+        return Window(centre, 0.5 * duration / count, enter_load(load, schedule.times, k, centre), 0.0, 0.0, 0.0, load)
     alpha = (schedule.omegas[k + 1] - schedule.omegas[k]) / duration
     x = duration * (w + 0.5) / count
     phase = schedule.phases[k] + (schedule.omegas[k] + 0.5 * alpha * x) * x
@@ -162,6 +162,18 @@ def sample_level(stretch, clock, level, place):
         push_block(level, first, count)
         n += count
     clock.level = n
+
+
+@jit_inline
+def is_due(window, clock, level, series, energy):
+    """Return whether anything is observed in a window."""
+    if series is not None:
+        return True
+    if energy is not None:
+        return True
+    if level is not None:
+        return clock.level * clock.interval - window.centre < window.half
+    return False
 
 
 @jit
