@@ -19,18 +19,21 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import available_cores
 from impact_env.families import family
+from impact_env.families.common import base_of
 from impact_env.first_use import CompilingFor
 from impact_env.kernels.compiling.jit import COMPILED
-from impact_env.kernels.control.interval import ORDER, REPORT, Batch, Watch, new_lanes
+from impact_env.kernels.control.interval import ORDER, REPORT, Batch, Beside, Watch, new_lanes
 from impact_env.kernels.motion.observers import DONE
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.methods import Exact, Method
+from impact_env.loads import BASE, Samples
+from impact_env.methods import Exact, Method, check_general
 from impact_env.parameters import CoulombFriction, SlidingAbsorber, count, positive, require, weightless
 from impact_env.scene import Scene
 from impact_env.sweep import REASONS, IntegrationError
 
 Array = NDArray[np.float64]
 FEWEST = 64  # lanes a thread must have to be worth its start
+NEVER = 1e300  # s: the step of a record that is not there
 MANY = 512  # lanes from which a thread gets several parts: handing one to compiled code takes some 20 us
 
 
@@ -43,6 +46,17 @@ def friction_limit(scene: Scene) -> float:
     return friction.limit if isinstance(friction, CoulombFriction) else math.inf
 
 
+def _beside(scene: Scene, method: Method, record: Samples | None, moves_base: bool) -> Beside | None:
+    """Return what acts beside one force at the force's place, None where that is all. Raises ParameterError where it cannot."""
+    base = check_general(scene, method, record, moves_base=moves_base)
+    if record is None and not moves_base:
+        return None
+    values = np.zeros(1) if record is None else np.array(record.values[:-1])
+    step = NEVER if record is None else record.duration / len(values)
+    moves = np.array([moves_base, record is not None and record.quantity == BASE])
+    return Beside(values, step, moves, base_of(scene) if base else None)
+
+
 class ControlledRuns:
     """Lanes of one scene, each at its own time.
 
@@ -50,6 +64,9 @@ class ControlledRuns:
     names. Lanes in the mask ``idle`` (L,) rest: they cost nothing and keep state and report. ``reference`` is the circular
     frequency (rad/s) that defines the pseudo period, ``interval`` the longest interval in pseudo periods, ``exponent`` that of the reports' damage
     (0: not computed) with displacements in ``unit`` (m). The result is the same for any number of ``threads`` (default: all cores).
+
+    ``record`` acts beside the orders' force and repeats, its last value taken for its first; the orders' ``place`` says where in it, in steps, a lane
+    goes on. ``moves_base``: that force is the base's acceleration in m/s^2. Both are for the exact method and rigid contact, as in `Loads`.
 
     Raises ParameterError if the method cannot do the scene in intervals.
     """
@@ -66,9 +83,12 @@ class ControlledRuns:
         exponent: float = 0.0,
         unit: float = 1.0,
         threads: int | None = None,
+        record: Samples | None = None,
+        moves_base: bool = False,
     ) -> None:
         method = Exact() if method is None else method
         kernels = family(scene, method)
+        beside = _beside(scene, method, record, moves_base)
         weightless(scene.absorber, "a run that is controlled in intervals")
         require(kernels.control is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
@@ -84,7 +104,7 @@ class ControlledRuns:
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
         omega, tip, read = (np.array(row) for row in (scene.model.omega, scene.model.tip_shape, scene.model.level_shape))
         place = None if scene.model.response_shape is None else read
-        watch = Watch(period / samples_per_period, samples, float(exponent), unit, omega, tip, mass, read, place)
+        watch = Watch(period / samples_per_period, samples, float(exponent), unit, omega, tip, mass, read, place, beside)
         self._watch, self._period = watch, period
         self._take = self._kernel()
         self._pool: ThreadPoolExecutor | None = None

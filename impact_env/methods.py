@@ -8,7 +8,7 @@ import numpy as np
 
 from impact_env.drive import Drive
 from impact_env.laws import SceneKind, parts
-from impact_env.loads import AnyDrive, largest
+from impact_env.loads import BASE, AnyDrive, Samples, largest
 from impact_env.modes import MOST_HEAVINESS, with_link
 from impact_env.parameters import (
     CompliantWalls,
@@ -129,10 +129,22 @@ WHERE = "for that Exact, and a scene without absorber, or with one that is stuck
 def check_load(scene: Scene, drive: AnyDrive, method: Method) -> None:
     """Raise ParameterError if a scene or a method cannot do a drive: a base that moves."""
     if not isinstance(drive, Drive) and drive.moves_base:
-        pair = scene.kind, method_class(method)
-        require(pair in GENERAL, "loads", [type(part).__name__ for part in drive.parts], f"forces with {method} and {scene.kind.value}; {WHERE}")
-        allowed = "given for a base that moves: the participation of the modes (base_vector, or base_participation_sqrt_kg)"
-        require(scene.model.base_participation is not None, "base_participation", None, allowed)
+        _check_general(scene, method, [type(part).__name__ for part in drive.parts], True)
+
+
+def check_general(scene: Scene, method: Method, record: Samples | None, *, moves_base: bool) -> bool:
+    """Return whether the base moves in runs in intervals; raise ParameterError if a scene or a method cannot do it, or a record beside the force."""
+    shaken = moves_base or (record is not None and record.quantity == BASE)
+    if shaken or record is not None:
+        _check_general(scene, method, ["a record"] * (record is not None) + ["a base that moves"] * shaken, shaken)
+    return shaken
+
+
+def _check_general(scene: Scene, method: Method, loads: list[str], moves_base: bool) -> None:
+    pair = scene.kind, method_class(method)
+    require(pair in GENERAL, "loads", loads, f"forces with {method} and {scene.kind.value}; {WHERE}")
+    allowed = "given for a base that moves: the participation of the modes (base_vector, or base_participation_sqrt_kg)"
+    require(not moves_base or scene.model.base_participation is not None, "base_participation", None, allowed)
 
 
 def check_supported(scene: Scene, method: Method) -> None:

@@ -79,7 +79,8 @@ class ActiveTask(Task):
         low, high = self._ratios
         self.ratio[lane] = self.drawn("frequency_ratio", lane, low if low == high else generator.uniform(low, high))
         self.force[lane] = self.draw_force(lane, generator)
-        self._scale[lane] = stationary_amplitude(self.model(lane), self.ratio[lane] * self.omega) * self.force[lane] / math.sqrt(2)
+        unit = stationary_amplitude(self.model(lane), self.ratio[lane] * self.omega, self.settings.moves_base)
+        self._scale[lane] = unit * self.force[lane] / math.sqrt(2)
         self.costs[lane] = self.squares[lane] = self._speed[lane] = self._moved[lane] = self._rms[lane] = 0.0  # type: ignore[index]
         self.draw_phase(lane, generator)
 

@@ -115,7 +115,7 @@ class LimitedPassageTask(SweepTask):
         """Return the level (m) for 1 N of a scene's beam without absorber over the whole range."""
         if (number, down) not in self._levels:
             ends = self._ends[int(down)].tolist()
-            yardstick = (self.settings.samples_per_period, 0.0, self.length)
+            yardstick = (self.settings.samples_per_period, 0.0, self.length, self.settings.moves_base)
             self._levels[number, down] = passage(self.scenes[number], self.settings.resonance, *ends, *yardstick)[0]
         return self._levels[number, down]
 

@@ -3,21 +3,36 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import PAPER_RATE, default_rate
 from impact_env.modes import ModalModel
+from impact_env.parameters import require
 from impact_env.scene import Scene
 
+Array = NDArray[np.float64]
 CHUNK = 20.0  # pseudo periods at the paper's rate; slower ones have as many chunks
 
 
+def drive_shape(model: ModalModel, moves_base: bool) -> Array:
+    """Return what a unit of the drive does to the modes: a force of 1 N, or a base that is accelerated by 1 m/s^2."""
+    if not moves_base:
+        return model.force_shape
+    require(model.base_participation is not None, "base_participation", None, "given for a base that moves")
+    assert model.base_participation is not None
+    return -model.base_participation
+
+
 @lru_cache(maxsize=64)
-def passage(scene: Scene, resonance: int, start: float, stop: float, samples_per_period: int, exponent: float, unit: float) -> tuple[float, float]:
-    """Return (response level in m, damage) of a beam without absorber in a sweep at the rate that suits its damping, under 1 N.
+def passage(
+    scene: Scene, resonance: int, start: float, stop: float, samples_per_period: int, exponent: float, unit: float, moves_base: bool = False
+) -> tuple[float, float]:
+    """Return (response level in m, damage) of a beam without absorber in a sweep at the rate that suits its damping, under a unit of `drive_shape`.
 
     The sweep goes from ``start`` to ``stop`` (ratios of the resonance); the damage is the sum of |q_tip/unit|^exponent over its samples, 0 for an
     exponent of 0.
@@ -25,7 +40,8 @@ def passage(scene: Scene, resonance: int, start: float, stop: float, samples_per
     omega = scene.model.resonance_omega(resonance)
     percent = default_rate(scene.model, (resonance,))
     chunk = CHUNK * PAPER_RATE / percent
-    runs = ControlledRuns(Scene(scene.model), 1, omega, chunk, samples_per_period=samples_per_period, exponent=exponent, unit=unit, threads=1)
+    driven = replace(scene.model, force_shape=drive_shape(scene.model, True)) if moves_base else scene.model
+    runs = ControlledRuns(Scene(driven), 1, omega, chunk, samples_per_period=samples_per_period, exponent=exponent, unit=unit, threads=1)
     rate = math.copysign(percent / 1e4, stop - start)
     periods, damage = (stop - start) / rate, 0.0
     runs.orders["force"] = 1.0
@@ -41,12 +57,13 @@ def passage(scene: Scene, resonance: int, start: float, stop: float, samples_per
     return float(runs.reports["level"][0]), damage
 
 
-def stationary_amplitude(model: ModalModel, omega: float) -> float:
-    """Return the amplitude (m) of the stationary response at the level's place without absorber, under 1 N at ``omega`` (rad/s).
+def stationary_amplitude(model: ModalModel, omega: float, moves_base: bool = False) -> float:
+    """Return the amplitude (m) of the stationary response at the level's place without absorber, under a unit of `drive_shape` at ``omega`` (rad/s).
 
     One number at a time and without NumPy, whose calls would cost a reset more than its draws; `impact_env.frequency` has the formula.
     """
-    rows = zip(model.omega.tolist(), model.damping_ratio.tolist(), model.level_shape.tolist(), model.force_shape.tolist(), strict=True)
+    drive = drive_shape(model, moves_base)
+    rows = zip(model.omega.tolist(), model.damping_ratio.tolist(), model.level_shape.tolist(), drive.tolist(), strict=True)
     return abs(sum(level * force / complex(own * own - omega * omega, 2 * damping * own * omega) for own, damping, level, force in rows))
 
 

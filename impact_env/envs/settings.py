@@ -14,7 +14,8 @@ import numpy as np
 from impact_env.envs.observation import LIMIT
 from impact_env.laws import CONCEPTS, make
 from impact_env.level import MOST_SAMPLES
-from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
+from impact_env.loads import Random, Samples
+from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_general, check_supported
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
     MOST_ELEMENTS,
@@ -24,12 +25,14 @@ from impact_env.parameters import (
     SlidingAbsorber,
     count,
     finite,
+    flag,
     non_negative,
     one_of,
     positive,
     require,
 )
 from impact_env.plain import from_scene, to_beam, to_scene
+from impact_env.plain_loads import to_loads
 from impact_env.response import DEFAULT_SAMPLES
 from impact_env.scene import Scene, beam_scene
 from impact_env.structure import load_structure
@@ -120,6 +123,13 @@ def _whole_scene(text: str) -> tuple[Scene, Beam | None]:
     return to_scene(plain), to_beam(plain)
 
 
+@lru_cache(maxsize=64)
+def _record(text: str) -> Samples:
+    load = to_loads({"load": json.loads(text)}, 1.0).parts[0]
+    require(isinstance(load, Random | Samples), "load", json.loads(text), "one load of the kind random or samples")
+    return load.record() if isinstance(load, Random) else load
+
+
 def with_defaults(defaults: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Return an environment's arguments with its defaults; those that describe a scene do not apply beside a whole one."""
     whole = arguments.get("whole_scene") is not None
@@ -137,6 +147,9 @@ class Settings:
     - ``whole_scene``: a whole scene in place of the lines above, as an `impact_env.Scene` or in plain form (docs/scenes.md): any structure
     - ``resonance`` (default 1): the one that is meant, counted from 1; its period is the pseudo period
     - ``force`` (default 1.5): amplitude in N, or a pair (low, high) from which each episode draws
+    - ``moves_base`` (default False): ``force`` is the amplitude of the base's acceleration in m/s^2 instead, and all displacements are relative to
+      the base; ``load`` (default None): a disturbance beside it, a load of the kind ``random`` or ``samples`` as a table (docs/loads.md), that
+      repeats; each episode draws where in it it begins. Scores and references do not know of it. Both want the exact method and rigid contact
     - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``
     - ``interval`` (default 5): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
     - ``observation_noise`` (default 0): standard deviation of what is added to each scaled feature that is measured (1 to 6 and 9);
@@ -165,6 +178,8 @@ class Settings:
     threads: int | None = None
     whole_scene: Scene | Mapping[str, Any] | None = None
     structure: str | None = None
+    load: Mapping[str, Any] | None = None
+    moves_base: bool = False
 
     def __post_init__(self) -> None:
         known("absorber_options", self.absorber_options, set(CONCEPTS[one_of("absorber", self.absorber, CONCEPTS)]))
@@ -191,7 +206,9 @@ class Settings:
         non_negative("observation_noise", self.observation_noise)
         count("observation_delay", self.observation_delay, 0)
         positive("impacts_limit", self.impacts_limit)
-        require(isinstance(self.raw_state, bool), "raw_state", self.raw_state, "True or False")
+        for name in ("raw_state", "moves_base"):
+            flag(name, getattr(self, name))
+        check_general(self.scene, self.integrator, self.record, moves_base=self.moves_base)
 
     def _check_whole_scene(self) -> None:
         plain = isinstance(self.whole_scene, Scene | Mapping)
@@ -228,6 +245,11 @@ class Settings:
     def integrator(self) -> Method:
         """The integration method."""
         return make_method(self.method, self.steps_per_period)
+
+    @property
+    def record(self) -> Samples | None:
+        """The disturbance beside the force, None without; the same object for the same values."""
+        return None if self.load is None else _record(as_json("load", self.load))
 
     @property
     def forces(self) -> Range:

@@ -104,8 +104,8 @@ class StructuresTask(ActiveFrictionTask):
         self.pool, self.models = pool, pool.models(standard)
         if pool.observe_structure:
             self.features: Sequence[Feature] = (*ActiveFrictionTask.features, *DATA)
-        usual = stationary_amplitude(standard, standard.omega[0])
-        self._force_unit = [usual / stationary_amplitude(model, model.omega[0]) for model in self.models]
+        usual = stationary_amplitude(standard, standard.omega[0], settings.moves_base)
+        self._force_unit = [usual / stationary_amplitude(model, model.omega[0], settings.moves_base) for model in self.models]
         self._shapes = np.array([model.tip_shape for model in self.models])
         super().__init__(settings, cycle, grip, lanes)
         mass = settings.scene.absorber_mass

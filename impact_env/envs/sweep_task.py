@@ -84,7 +84,7 @@ class SweepTask(Task):
         low, high = passage_settings.limits
         require_samples(settings.samples_per_period, high)
         self._ends = np.array([(low, high), (high, low)])
-        yardstick = (settings.samples_per_period, exponent, settings.length)
+        yardstick = (settings.samples_per_period, exponent, settings.length, settings.moves_base)
         self._references = [passage(settings.scene, settings.resonance, *ends, *yardstick) for ends in self._ends.tolist()]
         self.sign, self.far, self.level_scale, self.damage_scale, self._potential = (np.ones(lanes) for _ in range(5))
 

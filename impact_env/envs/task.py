@@ -46,6 +46,7 @@ class Task(ABC):
         self.settings, self.lanes, self.steps, self.scene = settings, lanes, steps, settings.scene
         self.limit: int | None = None
         self.omega, self.length, self.interval = settings.omega, settings.length, settings.interval
+        self._record = settings.record
         self.runs = self.make_runs(
             lanes=lanes,
             reference=self.omega,
@@ -55,6 +56,8 @@ class Task(ABC):
             exponent=exponent,
             unit=self.length,
             threads=settings.threads,
+            record=self._record,
+            moves_base=settings.moves_base,
         )
         self._chosen: dict[str, Any] = {}
         self._force_range = settings.forces
@@ -81,6 +84,8 @@ class Task(ABC):
         self._chosen = {name: self._checked(name, value) for name, value in (chosen or {}).items()}
         for lane in np.flatnonzero(which).tolist():
             self.draw(lane, generators[lane])
+            if self._record is not None:
+                self.runs.orders["place"][lane] = generators[lane].integers(len(self._record.values) - 1)
         for values in (self.time, self.score, self.elapsed):
             values[which] = 0
         self.runs.restart(which)

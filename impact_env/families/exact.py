@@ -13,6 +13,7 @@ from impact_env.families.family import (
     Array,
     Family,
     Observers,
+    base_in,
     compiled,
     contact_of,
     gravity_in,
@@ -73,19 +74,19 @@ def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
     return FAR_AWAY if walls is None else walls, limit
 
 
-def _rigid(scene: Scene, wanted: float, walls: Walls | None, limit: float | None, drive: AnyDrive | None = None) -> tuple[Rigid, float]:
-    """Return the scene as its kernels take it, and the reach of the regimes' tables in s: ``wanted`` or less."""
-    free, joined, reach = rigid_regimes(scene, wanted, moves_base(drive))
-    return Rigid(free, joined, contact_of(scene, walls, limit, drive), losses_of(scene)), reach
+def _rigid(scene: Scene, wanted: float, laws: tuple[Walls | None, float | None], moves: bool, drive: AnyDrive | None = None) -> tuple[Rigid, float]:
+    """Return the scene as its kernels take it, and the reach of the regimes' tables in s: ``wanted`` or less. ``moves``: whether the base does."""
+    free, joined, reach = rigid_regimes(scene, wanted, moves)
+    return Rigid(free, joined, contact_of(scene, *laws, drive), losses_of(scene)), reach
 
 
 def _run_rigid(scene: Scene, drive: AnyDrive, method: Exact, state: Array, sample_dt: float, observers: Observers) -> int:
-    rigid, reach = _rigid(scene, window_of(drive), *_laws_rigid(scene), drive)
+    rigid, reach = _rigid(scene, window_of(drive), _laws_rigid(scene), moves_base(drive), drive)
     return int(exact_lane(rigid, schedule_of(scene, drive, reach), state, observers.every(sample_dt)))
 
 
 def _control_rigid(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
-    return partial(rigid_lanes, *_rigid(scene, WINDOW_PERIODS * pseudo_period, *rigid_laws(scene)), batch)
+    return partial(rigid_lanes, *_rigid(scene, WINDOW_PERIODS * pseudo_period, rigid_laws(scene), base_in(batch)), batch)
 
 
 def _slots_rigid(scene: Scene, pseudo_period: float) -> int:
@@ -183,7 +184,7 @@ def _run_linear(scene: Scene, drive: AnyDrive, method: Exact, state: Array, samp
 
 
 def _control_linear(scene: Scene, method: Exact, pseudo_period: float, batch: Batch) -> Callable[[int, int], None]:
-    regime, reach = linear_regime(scene, WINDOW_PERIODS * pseudo_period)
+    regime, reach = linear_regime(scene, WINDOW_PERIODS * pseudo_period, base_in(batch))
     return partial(linear_lanes, Linear(regime, losses_of(scene), None), reach, batch)
 
 

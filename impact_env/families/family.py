@@ -123,13 +123,21 @@ def schedule_of(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
 
 def _schedule_of_loads(scene: Scene, drive: Loads, reach: float) -> Schedule:
     times, pieces, which, moves_base = drive.on_one_clock()
-    base = None
-    if moves_base.any():
-        model, mass = scene.model, scene.absorber_mass or 0.0
-        assert model.base_participation is not None
-        base = loads.Base(np.zeros((2, TERMS)), np.array(model.base_participation), model.base_at_absorber, mass * model.base_at_absorber)
+    base = base_of(scene) if moves_base.any() else None
     load = loads.Load(pieces, which, moves_base, np.zeros((2, TERMS)), base, np.zeros(1, np.bool_))
     return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
+
+
+def base_of(scene: Scene) -> loads.Base:
+    """Return what a base that moves does to a scene."""
+    model, mass = scene.model, scene.absorber_mass or 0.0
+    assert model.base_participation is not None
+    return loads.Base(np.zeros((2, TERMS)), np.array(model.base_participation), model.base_at_absorber, mass * model.base_at_absorber)
+
+
+def base_in(batch: Batch) -> bool:
+    """Return whether the base moves in lanes under control."""
+    return batch.watch.beside is not None and batch.watch.beside.base is not None
 
 
 def moves_base(drive: AnyDrive | None) -> bool:

@@ -29,6 +29,7 @@ from impact_env import (
 )
 from impact_env.controlled import ControlledRuns
 from impact_env.level import response_level
+from impact_env.loads import BASE, FORCE, Force, Loads, Pieces, Random, ShakenBase
 from impact_env.methods import Method
 from impact_env.sweep import IntegrationError
 
@@ -79,6 +80,42 @@ def test_intervals_make_the_run_that_a_single_call_makes(absorber: SlidingAbsorb
     np.testing.assert_allclose(runs.state[0], response.end_state, rtol=0, atol=digits * scale)
     if isinstance(absorber, SlidingAbsorber) and absorber.walls is not None:
         assert response.impact_count > 1
+
+
+@pytest.mark.parametrize("absorber", [None, impact_absorber(2e-4, 0.7, 0.1)])
+@pytest.mark.parametrize("moves_base", [False, True])
+def test_a_record_beside_the_force_makes_the_run_of_both_loads(absorber: SlidingAbsorber | None, moves_base: bool) -> None:
+    """From a place within a step, over the record's end."""
+    scene, first, quantity = scene_of(absorber), 30.3, FORCE if moves_base else BASE
+    omega, ratios = scene.model.resonance_omega(1), np.linspace(0.97, 0.98, 5)
+    record = Random(np.array([[20.0, 0.02], [60.0, 0.02]]), 0.05, 3, quantity).record()
+    runs = ControlledRuns(scene, 1, omega, 1.0, samples_per_period=SAMPLES, record=record, moves_base=moves_base)
+    runs.orders["force"], runs.orders["phase"], runs.orders["place"] = 1.5, 0.3, first
+    for before, after in pairwise(ratios):
+        runs.orders["omega_start"], runs.orders["omega_stop"] = before * omega, after * omega
+        runs.advance()
+    end, step = runs.duration * 4, record.times[1]
+    schedule = FrequencySchedule(runs.duration * np.arange(5), ratios * omega, omega)
+    sweep = ShakenBase(schedule, acceleration=1.5, phase=0.3) if moves_base else Force(Drive(1.5, schedule, 0.3))
+    times = np.concatenate([[0.0], (np.arange(31, 31 + int(end / step)) - first) * step, [end]])
+
+    class Cut(Random):
+        """The part of the record that the lane meets, whose first and last steps are shorter."""
+
+        @property
+        def duration(self) -> float:
+            return float(end)
+
+        def pieces(self) -> list[Pieces]:
+            places = np.mod(first + times / step, len(record.values) - 1)
+            values = np.interp(places, np.arange(len(record.values)), record.values)
+            rows = np.zeros((len(times) - 1, 9))
+            rows[:, 3], rows[:, 5] = values[:-1], np.diff(values) / np.diff(times)
+            return [Pieces(times, rows, quantity == BASE)]
+
+    response = run(scene, Loads((sweep, Cut(np.array([[20.0, 0.02], [60.0, 0.02]]), 0.05, 3, quantity)), omega), Exact(), samples=SAMPLES)
+    np.testing.assert_allclose(runs.state[0], response.end_state, rtol=0, atol=1e-9)
+    assert absorber is None or response.impact_count > 1
 
 
 @pytest.mark.parametrize(

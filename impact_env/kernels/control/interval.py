@@ -17,14 +17,28 @@ from impact_env.kernels.exact import rigid_contact, springs
 from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, FIRST_EVENTS
 from impact_env.kernels.exact.rigid_contact import Walls
 from impact_env.kernels.motion.level import LEVEL, Level, clear_level, close_level
+from impact_env.kernels.motion.loads import ALPHA, BEGINS, NUMBERS, OMEGA, PHASE, POLYNOMIAL, Base, Load
 from impact_env.kernels.motion.observers import CLOCK, COUNTS, Counters, Observe
 from impact_env.kernels.motion.segments import last_sample
+from impact_env.kernels.motion.vector import TERMS
 
 Array = NDArray[np.float64]
 
 # an order: duration (s), circular frequency at start and end (rad/s), force (N), its phase at the start (rad; becomes that at the end),
-# half-clearance (m; becomes the one in use), friction limit (N), whether to start afresh, whether the run ends here
-ORDER = record(duration=NUMBER, omega_start=NUMBER, omega_stop=NUMBER, force=NUMBER, phase=NUMBER, gap=NUMBER, limit=NUMBER, fresh=FLAG, final=FLAG)
+# half-clearance (m; becomes the one in use), friction limit (N), place in the record that acts beside (steps; becomes that at the end), whether to
+# start afresh, whether the run ends here
+ORDER = record(
+    duration=NUMBER,
+    omega_start=NUMBER,
+    omega_stop=NUMBER,
+    force=NUMBER,
+    phase=NUMBER,
+    gap=NUMBER,
+    limit=NUMBER,
+    place=NUMBER,
+    fresh=FLAG,
+    final=FLAG,
+)
 # a report: tip's amplitude in phase with the force and a quarter behind it (m), absorber less tip at the end (m, m/s), impacts, absorber's share of
 # the energy at the end, level so far (m), mean of q_tip^2 (m^2), sum of |q_tip/unit|^exponent over the samples, tip displacement at the end (m)
 REPORT = record(
@@ -41,6 +55,7 @@ REPORT = record(
 )
 # half-clearance (m), friction limit (N) and force (N) in use, and the level that a search begins with
 KEPT = record(gap=NUMBER, limit=NUMBER, force=NUMBER, search_level=NUMBER)
+SAME_PLACE = 1e-9  # of a record's step: breakpoints closer than this are one
 MARGIN = 1e-9  # by which a wall that is moved keeps off the absorber, relative to their distance from the middle
 
 
@@ -65,10 +80,22 @@ def new_lanes(lanes: int, slots: int, state: int, half_window: int) -> Lanes:
     return Lanes(np.zeros((lanes, 2, slots)), *contacts, np.zeros(lanes, KEPT), np.zeros((lanes, state)), ring, np.zeros(lanes, LEVEL))
 
 
+class Beside(NamedTuple):
+    """What acts beside the lanes' own force: a ``record`` (K,) in N or m/s^2, straight between its ``step`` (s), that repeats.
+
+    ``moves_base`` (2,): whether the force of the orders, and the record, are the base's acceleration (m/s^2); ``base`` None if neither is.
+    """
+
+    record: Array
+    step: float
+    moves_base: NDArray[np.bool_]
+    base: Base | None
+
+
 class Watch(NamedTuple):
     """What all lanes share: sampling interval (s), samples of a whole interval, exponent of the damage (0: none), its unit of length (m),
     circular frequencies of the modes (N_m,), tip shape (N_m,), absorber mass (kg, 0 without one), mode shape (N_m,) where level and amplitudes are
-    read, and again in ``place`` if that is not the tip, else None.
+    read, and again in ``place`` if that is not the tip, else None; what acts beside one force, None where that is all.
     """  # noqa: D205
 
     sample_dt: float
@@ -80,6 +107,7 @@ class Watch(NamedTuple):
     mass: float
     level_shape: Array
     place: Array | None
+    beside: Beside | None
 
 
 class Batch(NamedTuple):
@@ -93,10 +121,11 @@ class Batch(NamedTuple):
 
 
 class Desk(NamedTuple):
-    """Scratch of one thread: the stretch's breakpoints (2,) each, samples of the interval, a CLOCK and a COUNTS record, (1,) each.
+    """Scratch of one thread: the interval's breakpoints in time (K,), frequencies and phases at its ends (2,), samples of the interval, a CLOCK and a
+    COUNTS record, (1,) each.
 
     ``budget`` (1,): counters at zero, with what an interval may use.
-    """
+    """  # noqa: D205
 
     times: Array
     omegas: Array
@@ -112,7 +141,67 @@ def new_desk(watch):
     """Return scratch for one thread."""
     budget = np.zeros(1, COUNTS)
     budget[0].most_events, budget[0].most_evaluations = FIRST_EVENTS, FIRST_EVENTS * EVALUATIONS_PER_EVENT
-    return Desk(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(watch.samples), np.zeros(1, CLOCK), np.zeros(1, COUNTS), budget)
+    return Desk(
+        np.zeros(1 + most_stretches(watch)), np.zeros(2), np.zeros(2), np.zeros(watch.samples), np.zeros(1, CLOCK), np.zeros(1, COUNTS), budget
+    )
+
+
+@jit
+def most_stretches(watch):
+    """Return how many stretches an interval has at most."""
+    beside = watch.beside
+    if beside is None:
+        return 1
+    return int(watch.samples * watch.sample_dt / beside.step) + 3
+
+
+@jit_room
+def new_load(watch):
+    """Return room of one thread for what acts in an interval, None where that is one force."""
+    beside = watch.beside
+    if beside is None:
+        return None
+    most = most_stretches(watch)
+    pieces, which, base = np.zeros((1 + most, NUMBERS)), np.zeros((most, 2), np.int64), new_base(beside.base)
+    return Load(pieces, which, beside.moves_base, np.zeros((2, TERMS)), base, np.zeros(1, np.bool_))
+
+
+@jit_room
+def new_base(base):
+    """Return a base with terms of its own, None where none moves."""
+    if base is None:
+        return None
+    return Base(np.zeros((2, TERMS)), base.participation, base.at_absorber, base.carried)
+
+
+@jit
+def lay_load(beside, order, times, load):
+    """Lay out what acts in an interval, to whose ends ``times`` are set, and turn the record; return how many stretches it has."""
+    if beside is None:
+        return 1
+    return _lay_record(beside, order, times, load)
+
+
+@jit
+def _lay_record(beside, order, times, load):
+    record, step, pieces, duration = beside.record, beside.step, load.pieces, order.duration
+    size, place = record.shape[0], order.place
+    if abs(place - np.floor(place + 0.5)) < SAME_PLACE:
+        place = np.floor(place + 0.5)
+    first, n = int(np.floor(place)), 0
+    pieces[0, OMEGA], pieces[0, ALPHA] = order.omega_start, (order.omega_stop - order.omega_start) / duration
+    pieces[0, PHASE], pieces[0, POLYNOMIAL] = order.phase, order.force
+    end = 0.0
+    while end < duration - SAME_PLACE * step:
+        times[n], now = end, record[(first + n) % size]
+        load.which[n, 0], load.which[n, 1] = 0, 1 + n
+        pieces[1 + n, BEGINS], pieces[1 + n, POLYNOMIAL] = (first + n - place) * step, now
+        pieces[1 + n, POLYNOMIAL + 2] = (record[(first + n + 1) % size] - now) / step
+        n += 1
+        end = (first + n - place) * step
+    times[n] = duration
+    order.place = (place + duration / step) % size
+    return n
 
 
 @jit_view

@@ -12,7 +12,9 @@ from impact_env.kernels.compiling.jit import jit, jit_room, jit_view
 from impact_env.kernels.control.change import take_change
 from impact_env.kernels.control.interval import (
     close_interval,
+    lay_load,
     new_desk,
+    new_load,
     observe_lane,
     open_interval,
     possible_gap,
@@ -25,7 +27,7 @@ from impact_env.kernels.exact import rigid as exact
 from impact_env.kernels.exact.free_and_joined import Rigid, new_room
 from impact_env.kernels.exact.rigid_contact import FREE, Contact, new_now, tip_motion
 from impact_env.kernels.motion.level import push_block
-from impact_env.kernels.motion.observers import Observe, Series
+from impact_env.kernels.motion.observers import DONE, Observe, Series
 from impact_env.kernels.motion.segments import Schedule, samples_before, to_slots, to_state
 from impact_env.kernels.motion.slots import copy
 from impact_env.kernels.stepping.grid import Force
@@ -89,13 +91,14 @@ def rigid_lanes(scene, reach, batch, start, stop):
 
     Walls' gap and friction limit are those of a lane's order.
     """
-    desk, room, fresh = new_desk(batch.watch), new_room(scene.free, scene.joined, None, batch.lanes.state[start]), new_now(1)
+    desk, load, fresh = new_desk(batch.watch), new_load(batch.watch), new_now(1)
+    room = new_room(scene.free, scene.joined, load, batch.lanes.state[start])
     fresh[0] = room.now[0]
-    _each_rigid(scene, reach, batch, start, stop, desk, room, fresh)
+    _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh)
 
 
 @jit
-def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):
+def _each_rigid(scene, reach, batch, start, stop, desk, load, room, fresh):
     watch, lanes, orders, reports, status = batch
     free, joined, contact, losses = scene
     for i in range(start, stop):
@@ -104,11 +107,15 @@ def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):
         begins = take_up(contact.walls, lanes, i, order, report.distance, fresh, room)
         walls, limit = with_gap(contact.walls, order.gap), with_limit(contact.limit, order.limit)
         now_there = Rigid(free, joined, Contact(contact.mass, contact.compliance, contact.tip_shape, walls, limit, None), losses)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, None), observe_lane(desk, watch, lanes, i)
+        stretches = lay_load(watch.beside, order, desk.times, load)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, load), observe_lane(desk, watch, lanes, i)
         if not begins:
             kept = lanes.kept[i]
             take_change(now_there, limit, kept.limit, order.force != kept.force, schedule, room, state)
-        status[i] = exact.exact_stretch(now_there, schedule, 0, not begins, room, state, observe)
+        for k in range(stretches):
+            status[i] = exact.exact_stretch(now_there, schedule, k, k > 0 or not begins, room, state, observe)
+            if status[i] != DONE:
+                break
         report_rigid(watch, scene, room, state, report)
         close_interval(desk, watch, observe.level, state, order, report)
         lanes.rigid[i] = room.now[0]
@@ -119,12 +126,12 @@ def _each_rigid(scene, reach, batch, start, stop, desk, room, fresh):
 @jit_room
 def linear_lanes(scene, reach, batch, start, stop):
     """Advance lanes [start, stop) of a scene with one linear regime; ``reach`` (s): longest window."""
-    desk, room = new_desk(batch.watch), linear.new_room(scene.regime, None, batch.lanes.state[start])
-    _each_linear(scene, reach, batch, start, stop, desk, room)
+    desk, load = new_desk(batch.watch), new_load(batch.watch)
+    _each_linear(scene, reach, batch, start, stop, desk, load, linear.new_room(scene.regime, load, batch.lanes.state[start]))
 
 
 @jit
-def _each_linear(scene, reach, batch, start, stop, desk, room):
+def _each_linear(scene, reach, batch, start, stop, desk, load, room):
     watch, lanes, orders, reports, status = batch
     regime, work = scene.regime, room.work
     for i in range(start, stop):
@@ -134,8 +141,12 @@ def _each_linear(scene, reach, batch, start, stop, desk, room):
             to_slots(regime.into, state, work.z)
         else:
             copy(lanes.z[i], work.z)
-        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, None), observe_lane(desk, watch, lanes, i)
-        status[i] = linear.linear_stretch(scene, schedule, 0, room, observe)
+        stretches = lay_load(watch.beside, order, desk.times, load)
+        schedule, observe = Schedule(desk.times, desk.omegas, desk.phases, order.force, reach, load), observe_lane(desk, watch, lanes, i)
+        for k in range(stretches):
+            status[i] = linear.linear_stretch(scene, schedule, k, room, observe)
+            if status[i] != DONE:
+                break
         to_state(regime.out, work.z, state)
         report_relative(watch, state, report)
         close_interval(desk, watch, observe.level, state, order, report)
