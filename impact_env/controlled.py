@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import available_cores
 from impact_env.families import family
-from impact_env.families.common import base_of
+from impact_env.families.family import base_of
 from impact_env.first_use import CompilingFor
 from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.kernels.control.interval import ORDER, REPORT, Batch, Beside, Watch, new_lanes

@@ -127,7 +127,9 @@ def _whole_scene(text: str) -> tuple[Scene, Beam | None]:
 def _record(text: str) -> Samples:
     load = to_loads({"load": json.loads(text)}, 1.0).parts[0]
     require(isinstance(load, Random | Samples), "load", json.loads(text), "one load of the kind random or samples")
-    return load.record() if isinstance(load, Random) else load
+    record = load.record() if isinstance(load, Random) else load
+    assert isinstance(record, Samples)
+    return record
 
 
 def with_defaults(defaults: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
