@@ -1,4 +1,4 @@
-"""Beam to modal model: frequencies, damping ratios, and mode shapes at the force and at the absorber."""
+"""Beam to modal model by finite elements: frequencies, damping ratios, and mode shapes at the force and at the absorber."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from impact_env.parameters import MOST_DAMPING, SMALL, Beam, finite, instance, listed, positive, require, row, suspended
 
 # Mass, damping and stiffness of modes that carry masses, or that a spring and a damper link to one more coordinate.
+#
+# In the free beam's modal coordinates, where its own matrices are 1, 2 D omega and omega^2 on the diagonal.
 
 
 Real = NDArray[np.float64]

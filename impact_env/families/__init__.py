@@ -1,4 +1,4 @@
-"""From scene and method to kernels: one module for each family, and the table that finds it. No other module looks at kinds of scenes."""
+"""From scene and method to kernels: the families, and the table that finds the one. No other module looks at kinds of scenes."""
 
 from impact_env.families.family import Family, Observers
 from impact_env.families.table import family, kernel_key

@@ -1,4 +1,4 @@
-"""One absorber with rigid walls, rigid friction or both: free or sliding, and joined."""
+"""The families of the exact method: one rigid absorber (free or sliding, and joined), one on springs, scenes of one regime, several absorbers."""
 
 from __future__ import annotations
 
@@ -196,6 +196,8 @@ LINEAR = Family("linear", _laws_linear, _run_linear, _control_linear, _slots_lin
 
 
 # Several absorbers with rigid contact at places of their own: one regime for each set of joined ones.
+#
+# The lane does a single absorber as well, which serves as a check: that has a family of its own, with other kernels.
 
 
 @lru_cache(maxsize=64)

@@ -36,6 +36,9 @@ from optimisation.search.told import Evaluated, Progress
 from optimisation.sources import fingerprint
 
 # SciPy's search for problems that are smooth: without walls there is no chaos, a level has hardly any noise, and few minima.
+#
+# Nelder-Mead over the shares of the free variables' ranges, from several starts, since the optimum is often a kink (two equal peaks). A few
+# members of the ensemble are enough here.
 
 
 Array = NDArray[np.float64]

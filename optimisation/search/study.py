@@ -37,6 +37,10 @@ from optimisation.search.told import Evaluated, Progress
 from optimisation.sources import SEARCHING, difference, fingerprint
 
 # Optuna's samplers without memory: what is proposed for a trial follows from the seed, its number, and the finished trials alone.
+#
+# A sampler that keeps a random generator from trial to trial cannot be resumed. Here each trial has a generator of its own, seeded by
+# (seed, number of the trial), and each sampler object serves one trial: all that CMA-ES and NSGA-II carry along is in the study's file
+# (Optuna stores it with the trials). So a study that was killed goes on as if it had not been.
 
 
 with optional():

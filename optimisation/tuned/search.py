@@ -16,6 +16,11 @@ from optimisation.tuned.closed_forms import den_hartog, undamped_h2, undamped_mi
 from optimisation.tuned.scoring import HIGH, LOW, peak, require_wide_range, splits_inside
 
 # H2: the response to white noise, from a Lyapunov equation, over all frequencies or over a range.
+#
+#     ||H||_2^2 = 1/(2 pi) integral of |H(i omega)|^2 over omega = c W c',    A W + W A' + b b' = 0.
+#
+# Over |omega| <= w the Gramian is S W + W S' with S = 1/(2 pi) times the integral of (i nu - A)^-1 from -w to w, which is
+# i/(2 pi) log((A + i w)(A - i w)^-1); a range is the difference of two such. The range keeps a higher resonance from being drowned by the first.
 
 
 Real = NDArray[np.float64]

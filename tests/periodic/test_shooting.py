@@ -26,6 +26,8 @@ from impact_env.periodic.validation import BAR, CHATTER_BAR, map_over, propagate
 from impact_env.sweep import simulate
 
 # One mode with a friction damper, piece by piece in closed form: stuck together it is an oscillator of larger mass, else one under a constant force.
+#
+# Nothing of the package is used. The absorber slides (relative velocity of one sign), or sticks until the force that carries it reaches the limit.
 
 
 Array = np.ndarray
