@@ -1,7 +1,5 @@
 """Compile a kernel in another process while this one compiles others."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress

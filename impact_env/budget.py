@@ -1,7 +1,5 @@
 """The budget of a run in events, its progress, and how another thread stops it while its kernel runs."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Validation of single values: a check returns an allowed value and raises `ParameterError`, with name and value, for any other."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Set
 from numbers import Integral, Real

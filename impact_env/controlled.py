@@ -3,8 +3,6 @@
 What a lane does is the run that `simulate` makes with the same schedule; see `impact_env.kernels.control.interval` for what is ordered and reported.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The harmonic force and its frequency over time: constant, linear sweep, or any piecewise-linear schedule."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The eigenvalue of a mode that hardly feels the masses lies beside the mode's pol
 the two apart. For the others together a dense eigensolver gives start values.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Optional packages: the error of a failed import names the extra that installs them."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager

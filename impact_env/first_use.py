@@ -1,7 +1,5 @@
 """Notice of compilation: one line, and registered callbacks, when the first use of a kind of scene compiles its kernels for up to a minute."""
 
-from __future__ import annotations
-
 import logging
 import sys
 import threading

@@ -3,8 +3,6 @@
 A sort is a pair of functions, ``read(path, plain)`` and ``write(value)``; ``path`` is the key path that an error names.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Callable, Mapping

@@ -9,8 +9,6 @@ With b any force and a the tip the two terms join to H_tb = G_tb / (1 - G_tt T),
 with numerator and denominator multiplied by the smallest modal denominator, so that it is exact at an undamped free resonance too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray

@@ -5,8 +5,6 @@ names, in SI units), what kind of scene it makes, what it stores, what its compi
 the table is an error. CONTRIBUTING.md says how to add one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from enum import Enum

@@ -1,7 +1,5 @@
 """The paper's resonant response level: windowed RMS of the tip displacement around its maximum (paper, Eqs. tmax and barqtip)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

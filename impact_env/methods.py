@@ -1,7 +1,5 @@
 """The integration methods and what each of them can do."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

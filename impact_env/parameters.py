@@ -1,7 +1,5 @@
 """Validated, frozen parameters in SI units. The defaults are the paper's Table 1, and this is the only place that states them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

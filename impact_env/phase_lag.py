@@ -1,7 +1,5 @@
 """Instantaneous phase lag between tip and absorber by the Hilbert transform (paper, section 3.2)."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.signal
 from numpy.typing import NDArray

@@ -4,8 +4,6 @@
 that names the key's path, the value and what is allowed. The tables below are the form: key -> argument of the class, and its sort.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping

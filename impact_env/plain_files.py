@@ -1,7 +1,5 @@
 """Plain data from files: TOML or JSON, by the name's ending."""
 
-from __future__ import annotations
-
 import json
 import os
 import tomllib

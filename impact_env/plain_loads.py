@@ -3,8 +3,6 @@
 Names of other files are relative to the folder of the file. Everything that does not fit is a ParameterError with key, value and what is allowed.
 """
 
-from __future__ import annotations
-
 import csv
 import inspect
 import math

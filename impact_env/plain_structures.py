@@ -3,8 +3,6 @@
 Each kind of structure is a table of a file. Keys with a unit end in it. Names of other files are relative to the folder of the file.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Compile missing kernels in another process, so that the caller can wait for them, show progress, or do something else."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys

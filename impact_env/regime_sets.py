@@ -3,8 +3,6 @@
 The set's masses at their places make a change of low rank of the mass matrix; eigenvalues and eigenvectors are those of secular.py.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

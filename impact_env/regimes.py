@@ -3,8 +3,6 @@
 The coupled regimes (absorber stuck, held, or on a spring) have the eigenvalues and eigenvectors of secular.py; the free regime has the beam's own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """What is present: a modal model and, if there is one, an absorber. Absent parts are None."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

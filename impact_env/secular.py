@@ -22,8 +22,6 @@ makes b what it is, or, where b < 0, from three such beside it. The slots then h
 what is of second order in b is right: the error is of sixth order in SPLIT, 1e-13, and rounding grows by 1/SPLIT only.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Impact absorbers that share one mass."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

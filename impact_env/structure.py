@@ -1,7 +1,5 @@
 """A structure from a file, for everything that simulates or designs. docs/your_structure.md shows it, docs/scenes.md has the form."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Scene, drive and method to a response: the one place where a run is made. Only what is asked for is computed and stored."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import nullcontext

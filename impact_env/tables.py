@@ -1,7 +1,5 @@
 """Tables of exp(s t) that the exact kernels propagate and search with, so that these call no transcendental function."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -6,8 +6,6 @@ kernels brings. Any other is compiled, and cached, when it is first used. Each c
 there are cores.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterator

@@ -6,8 +6,6 @@ splits the resonance into two peaks that lie outside the paper's sweep, so both 
 they are tuned: only there is the comparison a fair one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Solve a convex programme, and accept no status but `optimal`."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

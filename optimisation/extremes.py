@@ -1,7 +1,5 @@
 """Bounds on forces, masses and rates: valid numbers that no study can use are refused with a reason, before anything runs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from impact_env.drive import MOST_PERIODS

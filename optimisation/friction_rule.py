@@ -11,8 +11,6 @@ In an impact absorber friction counts by its ratio to m_a g0 omega^2 (scaling la
 the beam's mass and 1 mm is 0.139 of m_a g0 omega_1^2, and the same share on another structure is the same absorber.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

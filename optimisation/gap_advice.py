@@ -1,7 +1,5 @@
 """What `design_gap` answers: the gap with the lowest level, the one that is best over a tolerance of the force, and the runs that both rest on."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace

@@ -1,7 +1,5 @@
 """The recommended device beside what else could be done, and what it bears: what the card of `design_gap` tells. SI units."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

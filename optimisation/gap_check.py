@@ -1,7 +1,5 @@
 """The design rule put to the test: response levels at the rule's gap and at its neighbours, by simulation of an ensemble."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -9,8 +9,6 @@ level(f, g/k), with a friction limit in proportion to the gap. So what a toleran
 length scales with another ``power`` of k: a decay time with 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -4,8 +4,6 @@ Source: K. L. Johnson, Contact Mechanics, Cambridge 1985, section 11.4: a sphere
 are too short and forces too large where restitution is well below 1, and flat faces or yielding change both. SI units.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A design besides its score: its level over the force, detuned and in its neighbourhood, and the sensitivity to each of its numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -5,8 +5,6 @@ mean over the members; the tuned one by a simplex search, the others on a grid a
 ratios are paired.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ rule's gap where the loads are one swept force, else, where there is no rule, at
 `load_measures.free_size`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@
   exp(-2 D omega t).
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 

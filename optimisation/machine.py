@@ -1,7 +1,5 @@
 """What a study says about itself: when, on which machine and from which sources its numbers are."""
 
-from __future__ import annotations
-
 import datetime
 import platform
 import sys

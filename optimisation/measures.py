@@ -4,8 +4,6 @@ A chunk is a handful of lanes with what to measure in them: plain data, so that 
 the same numbers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

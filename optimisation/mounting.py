@@ -4,8 +4,6 @@ A design study asks how quiet a place of the structure is. On a beam that names 
 sits elsewhere, or the absorber's own place if the beam has no free end. A modal model has its places.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

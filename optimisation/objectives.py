@@ -9,8 +9,6 @@ the ``mean``. The value of the design is the ``quantile`` of its members: the va
 0.5 is the median and 0.9 the careful choice, whether the objective is minimised or maximised.
 """
 
-from __future__ import annotations
-
 import importlib
 import math
 import sys

@@ -3,8 +3,6 @@
 A marker is a line ``<!-- NAME -->``, its end ``<!-- /NAME -->``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 

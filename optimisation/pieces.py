@@ -1,7 +1,5 @@
 """Results of finished pieces of long work in one file, keyed by what they depend on, from which a stopped or killed run goes on."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A design problem: a space, conditions, objectives and constraints; how a design becomes runs, and runs become a score."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

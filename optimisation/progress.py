@@ -1,7 +1,5 @@
 """Progress of the commands: bars on a terminal, and lines where there is none."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterator

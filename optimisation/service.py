@@ -4,8 +4,6 @@ Everything is run on fresh members. Tolerances are tried one by one at both ends
 their tolerances, and a member of its own, so that its quantiles cover both chaos and tolerances.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

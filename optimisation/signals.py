@@ -19,8 +19,6 @@ time, see `load_measures`.
 Of impacts on rigid walls: their number a second, also of those above a velocity, and the energy that they lose a second (the power that wears).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any

@@ -4,8 +4,6 @@ Two processes with the same fingerprint run the same instructions on one kind of
 does not go on with a study of the first, and does no work for it as a cluster's worker.
 """
 
-from __future__ import annotations
-
 import ast
 import hashlib
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Runs part after some impacts, so the same members (phases, roundings) of two des
 measured as -0.17. Pairing them buys nothing, and the interval resamples each design's members on its own.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a sweep shows of the stationary response; `impact_env.drive.default_rate` says how fast it may be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

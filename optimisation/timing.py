@@ -1,7 +1,5 @@
 """Time of an integration alone: compiled, in one thread, and with nothing observed unless it is asked for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from impact_env.drive import Drive, constant_frequency

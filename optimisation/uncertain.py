@@ -5,8 +5,6 @@ standard deviation, cut at three of them; ``{"gap": (0.9e-3, 1.1e-3)}`` is unifo
 the number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

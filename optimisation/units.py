@@ -5,8 +5,6 @@ its friction limit over m_a g0 omega^2; a stiffness over m_a omega^2 and a dampi
 amplitude. omega is that of the lowest resonance that counts, and of several resonances the widest gap counts (`optimisation.bounds.common_gap`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property

@@ -4,8 +4,6 @@ numba's cache must not be filled by several processes at once, so each worker ha
 same worker as far as that keeps all of them busy.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Which tests run, in which order, and what each takes: the options --quick and --cpu, and the files that start first."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -3,8 +3,6 @@
 Importing this package does not import gymnasium; `register_environments` does, if it is installed.
 """
 
-from __future__ import annotations
-
 from impact_env.envs.registration import ENVIRONMENTS, first_step, register_environments
 
 __all__ = ["ENVIRONMENTS", "first_step", "register_environments"]

@@ -1,7 +1,5 @@
 """ImpactAbsorber/ActiveFriction-v0 and ActiveGap-v0: an absorber that is set every quarter of a period."""
 
-from __future__ import annotations
-
 from inspect import cleandoc
 from typing import Any, TypeVar
 

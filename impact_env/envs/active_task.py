@@ -1,7 +1,5 @@
 """Control within a period: an absorber whose friction or whose walls are set every quarter of a period, at one frequency, from rest."""
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from collections.abc import Sequence

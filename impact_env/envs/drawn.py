@@ -1,7 +1,5 @@
 """ImpactAbsorber/Passage-v0 and Structures-v0: tasks whose scene is drawn at random for each episode."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """ImpactAbsorber/FrictionChoice-v1: the friction limit of the absorber during a passage through resonance under a force that is not announced."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from impact_env.envs.friction_task import FrictionTask, Grip

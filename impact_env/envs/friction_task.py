@@ -1,7 +1,5 @@
 """Passage through a resonance at one rate with a semi-active absorber: its friction limit is chosen interval by interval."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """ImpactAbsorber/GapChoice-v1: the clearance of the cavity, chosen interval by interval."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from impact_env.envs.gap_task import GapControl, GapTask

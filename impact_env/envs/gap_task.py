@@ -1,7 +1,5 @@
 """A machine at one frequency whose force changes by itself: the half-clearance of the cavity is chosen interval by interval."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """The task and the groups of arguments behind an environment's name, in one place for the single environment and the vector."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What an agent sees: named, scaled features, with noise and delay where a sensor would have them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Passage through a resonance with a randomly drawn scene, rate and force; moving the walls is slow and costs reward, friction is chosen freely."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace

@@ -1,7 +1,5 @@
 """ImpactAbsorber/Passive-v0: a passage through resonance at one rate."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a beam without absorber does, for one newton: the yardstick of all scores. Linear, so levels are proportional to the force."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Names of the environments, and their entry in gymnasium's registry."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Arguments of the environments that choose scene, force, method and observation: plain values, so that a spec can be written as JSON."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields

@@ -1,7 +1,5 @@
 """What gymnasium asks for around a task, and what single and vector environments share: the single one is a vector of one lane without autoreset."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

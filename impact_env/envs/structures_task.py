@@ -1,7 +1,5 @@
 """Randomly drawn structures (beams, plates, random modes), in units of their first resonance."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace

@@ -1,7 +1,5 @@
 """ImpactAbsorber/SweepAndGap-v1: rate and clearance during a passage through resonance under a force that is not announced."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Passage through a resonance with an adaptive absorber: the rate and the half-clearance of the cavity are chosen interval by interval."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any

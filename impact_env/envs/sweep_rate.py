@@ -1,7 +1,5 @@
 """ImpactAbsorber/SweepRate-v0: the rate of a passage through resonance, chosen interval by interval."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from impact_env.envs.kind import Kind

@@ -1,7 +1,5 @@
 """ImpactAbsorber/SweepRate-v1: a passage through resonance in which feedback pays, and can be learned."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from impact_env.envs.kind import Kind

@@ -1,7 +1,5 @@
 """Passage through a resonance: the frequency runs from one side to the other at a rate that is chosen interval by interval, or fixed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

@@ -4,8 +4,6 @@ Only arithmetic that gives the same digits for one number and for an array is do
 terms, draws) is done lane by lane or in a kernel.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any

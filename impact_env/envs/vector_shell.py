@@ -1,7 +1,5 @@
 """The native vector: all lanes of a task in one call of the simulator, with each of gymnasium's three kinds of autoreset."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

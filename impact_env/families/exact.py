@@ -1,7 +1,5 @@
 """The families of the exact method: one rigid absorber (free or sliding, and joined), one on springs, scenes of one regime, several absorbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial

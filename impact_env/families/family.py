@@ -1,7 +1,5 @@
 """What a family of kernels offers, and what a run hands to it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module

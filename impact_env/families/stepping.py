@@ -1,7 +1,5 @@
 """The time-stepping methods: Moreau's scheme for rigid contact, Runge-Kutta's for linear scenes and compliant contact."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The table: which family of kernels simulates a kind of scene with a method."""
 
-from __future__ import annotations
-
 from impact_env.families.exact import COMPLIANT, LINEAR, RIGID, SEVERAL
 from impact_env.families.family import Family
 from impact_env.families.stepping import MOREAU, RUNGE_KUTTA

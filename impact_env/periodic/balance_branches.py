@@ -3,8 +3,6 @@
 The main branches are begun at the ends of the range, isolas at exact orbits.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, fields

@@ -6,8 +6,6 @@ the products of two multipliers, less I (Kuznetsov, Elements of Applied Bifurcat
 value with the sign of its determinant: smooth where it vanishes, and finite where an impact gets as slow as a graze and M grows without bounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial

@@ -6,8 +6,6 @@ friction (paper, Eq. elCoulomb) is a spring in series with a slider, from turnin
 exact roots, the coefficients are in closed form.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 

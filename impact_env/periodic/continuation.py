@@ -5,8 +5,6 @@ Continuation Methods, 1990; Seydel, Practical Bifurcation and Stability Analysis
 parameter changes sign), branch points (the bordered determinant does), and the zeros of the caller's monitors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ A fold is where the Jacobian F_z of the conditions has a null vector v (Moore an
 fold moves by df/domega = -(w F_omega)/(w F_f), so a valley or ridge of the fold force over the frequency is a zero of w F_omega.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

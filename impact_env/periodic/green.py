@@ -1,7 +1,5 @@
 """Free and sliding orbits by the periodic Green's function: the state is linear in the impulses, and only the events' phases need Newton's method."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

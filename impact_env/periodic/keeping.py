@@ -1,7 +1,5 @@
 """The interface by which finished pieces of long work are kept and read again, for example in a file of an earlier run (`optimisation.pieces`)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol, TypeVar
 

@@ -4,8 +4,6 @@ A tangent vector is carried along by the derivative of a few periods at a time a
 impacts Mueller, Chaos, Solitons & Fractals 5, 1995). Positive: chaotic; negative: periodic; zero: between, as on a torus.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

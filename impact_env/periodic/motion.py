@@ -4,8 +4,6 @@ Floquet multipliers are the eigenvalues of the return map's derivative: what bec
 mirror image.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ parameter: that would take a pair of half-period multipliers at +i and -i, and t
 Phys. Rev. Lett. 52, 1984). What no such way leads to, as a period of three, comes from runs of the exact method.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 

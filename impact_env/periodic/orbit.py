@@ -1,7 +1,5 @@
 """A validated orbit and how it is computed: solve, check the motion between events, re-order events, propagate exactly, judge stability."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 The events' conditions are the residual, in another order of events where the motion shows one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field

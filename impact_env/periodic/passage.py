@@ -4,8 +4,6 @@ The times of impacts and joined phases are the exact method's. The pieces betwee
 not list, are located in them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 

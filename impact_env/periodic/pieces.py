@@ -1,7 +1,5 @@
 """Pieces of motion between two events in closed form, the free or sliding regime and the joined one; and where friction turns within a flight."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache

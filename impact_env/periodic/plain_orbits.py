@@ -1,7 +1,5 @@
 """Orbits as plain values that describe themselves, for files, and back."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ It goes where Green's function does not: through phases in which friction or a w
 there are, and in which order, comes out anew in each of Newton's steps.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

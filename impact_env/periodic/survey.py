@@ -1,7 +1,5 @@
 """Orbits of a case at a frequency or over a range: from the closed form, along its branches, and from runs that come to one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 

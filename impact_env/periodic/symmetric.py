@@ -3,8 +3,6 @@
 Where that force is level isolas are born or merge; its level set at a force are the folds.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ A polynomial with harmonics 0 to H is a row (2H + 1,): the mean, then H cosines,
 bracket the roots, and a bound on the second derivative says where there is none.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

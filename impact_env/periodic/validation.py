@@ -1,7 +1,5 @@
 """Validation of an orbit: the exact method propagates its state over a period, with its own search for events, and must return to it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Warnings about suspicious modal models: not errors, since a model may be meant so."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import pairwise
 

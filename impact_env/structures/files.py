@@ -1,7 +1,5 @@
 """Matrices from files: NumPy's and SciPy's .npz, and Matrix Market; and columns of numbers from .csv."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Mass, stiffness and damping matrices to a modal model: the lowest modes by the inverse problem, dense or sparse."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

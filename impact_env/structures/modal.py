@@ -1,7 +1,5 @@
 """Modes as plain numbers: the table ``model`` of a file, whose rows may be the columns of a CSV file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Cross sections of beams: area and second moment of area from a few lengths."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

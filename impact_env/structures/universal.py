@@ -1,7 +1,5 @@
 """Modes from a Universal File, its datasets 55 with normal modes or complex ones that are nearly real, and a record, its dataset 58."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

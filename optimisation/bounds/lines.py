@@ -9,8 +9,6 @@ H being the dynamic stiffness of the beam with all masses stuck to it, p the for
 For one mass, at its own place, A = G_f/(1 - kappa) and B = kappa/(1 - kappa) with the free beam's receptances G_f, G_t and kappa = G_t m_a Omega^2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

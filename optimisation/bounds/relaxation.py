@@ -15,8 +15,6 @@ bound (weak duality), and it has a closed form. So the number given back is a li
 Everything is dimensionless: the level's line over |f A|, r over R, turned so that f A is 1; the power's constraint is divided by |f A_a|.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """The design rule: the limit leaves zero at the force f*, and the gap that puts f* at a wanted force follows without simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -20,8 +20,6 @@ Im(r conj(q)) = s (1 - s) |f A|^2 Im(B)/|B|^2, and Im(B) = Im(kappa)/|1 - kappa|
 place the best stroke may feed power into the beam; `optimisation.bounds.relaxation` solves the problem with both constraints.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Harmonic balance beside the exact orbit: error over harmonics and weight, and what a branch takes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

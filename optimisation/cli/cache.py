@@ -1,7 +1,5 @@
 """Tell where compiled kernels are kept and how large they are, or remove them."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterable

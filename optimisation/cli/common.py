@@ -1,7 +1,5 @@
 """What the command lines share: errors in one line, exit codes, and files that can be written."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """The main job: impact absorber, friction damper and tuned absorbers compared over the force, near two resonances."""
 
-from __future__ import annotations
-
 import platform
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Choose the gap of an impact absorber for a force by simulation: the one with the lowest level, and the one that bears a change of the force."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Options that the commands of design studies share, and the problem that they describe."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Describe this installation: versions, extras, processor, threads, and where compiled kernels are kept."""
 
-from __future__ import annotations
-
 import importlib.util
 import platform
 import sys

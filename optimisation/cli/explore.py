@@ -2,8 +2,6 @@
 
 # needs: explore
 
-from __future__ import annotations
-
 import webbrowser
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Frequency response of periodic motions: exact branches with their stability, harmonic balance, linear curves, and sweeps over them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -3,8 +3,6 @@
 A command is the function ``main`` of the module of its name; a module is imported when its command is called, since some take long or need an extra.
 """
 
-from __future__ import annotations
-
 import ast
 import difflib
 import importlib

@@ -1,7 +1,5 @@
 """Isolas of periodic responses: the forces at which they are born and merge, over frequency, restitution, friction and number of modes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

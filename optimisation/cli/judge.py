@@ -2,8 +2,6 @@
 
 # needs: env
 
-from __future__ import annotations
-
 import csv
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The option --load: loads from a file in the place of one harmonic force, in every command that takes them."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tell the best gap over the design rule's for several masses of the absorber, by simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -5,8 +5,6 @@ The designs are searched by Optuna (CMA-ES, NSGA-II, a Gaussian process) or SciP
 
 # needs: optimise
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

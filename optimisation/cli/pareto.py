@@ -5,8 +5,6 @@ The front is searched by NSGA-II, run again on fresh members, and drawn with the
 
 # needs: optimise
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

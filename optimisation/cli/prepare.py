@@ -1,7 +1,5 @@
 """Compile the usual kernels now, so that no later call waits for them."""
 
-from __future__ import annotations
-
 import os
 import sys
 

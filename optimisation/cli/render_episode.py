@@ -2,8 +2,6 @@
 
 # needs: env
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Where commands begin: Ctrl-C while packages are still being imported ends with one line, as it does later."""
 
-from __future__ import annotations
-
 import sys
 
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C

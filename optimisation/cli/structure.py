@@ -1,7 +1,5 @@
 """Show what a file says of a structure: its modes, their shapes at the places in use, masses, and the node nearest to a point."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """The option --structure: what an absorber is put on, from a file, in every command that simulates or designs."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """One sweep through a resonance to look at: response level and impacts, on request energy balance and the time it took."""
 
-from __future__ import annotations
-
 import json
 import statistics
 import threading

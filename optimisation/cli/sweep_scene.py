@@ -1,7 +1,5 @@
 """From the options of a command to scene, method and schedule."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tune the linear absorber: closed forms, numerical optima and the paper's values, with a proof of each peak."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """Branches of periodic motions, found while a page waits and stopped when it moves on."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """What acts on the explorer's structure: a force, an unbalance or a base that is swept, or a random force. One table for page, runs and files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

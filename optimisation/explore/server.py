@@ -1,7 +1,5 @@
 """The explorer's server: one page and a socket for each tab of it, on this machine only. A tab's newest setting is what its thread works on."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging

@@ -1,7 +1,5 @@
 """What can be set on the explorer's page: one table of controls, and from their values to a scene. What a page sends is checked, never evaluated."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 

@@ -1,7 +1,5 @@
 """Kernels that a page waits for: which are ready, and those that other processes compile meanwhile."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 

@@ -3,8 +3,6 @@
 Each piece is a message, plain data that the page draws. `Work.pieces` runs in a thread of its own and is ended by a `Stop`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The figure of harmonic balance beside the exact orbit: errors and folds over the number of harmonics for each weight, and what a branch takes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

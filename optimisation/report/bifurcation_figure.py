@@ -1,7 +1,5 @@
 """The figure of bifurcations over two parameters: where orbits fold, lose their symmetry, double their period, or become tori."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 The HTML asks for nothing beside itself: its policy forbids every request, its curves are drawn by its own few lines of script, and it prints.
 """
 
-from __future__ import annotations
-
 import html
 import json
 import math

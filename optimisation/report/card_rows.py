@@ -1,7 +1,5 @@
 """Groups of rows that the cards of several commands share: the device, what it bears, its rivals, and what is assumed. Given in SI units."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The cards of the comparison, the tunings, a search and a front: what `optimisation.report.card` writes of them."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

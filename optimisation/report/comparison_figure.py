@@ -1,7 +1,5 @@
 """The figure of the comparison: response level over the force near both resonances, as in the paper's last figure."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

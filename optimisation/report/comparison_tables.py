@@ -1,7 +1,5 @@
 """The comparison of absorber concepts as numbers: rows for CSV files, a summary for JSON, a table to read. SI units, unless named."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import asdict

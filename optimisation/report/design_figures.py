@@ -1,7 +1,5 @@
 """Figures of a design study: curves over the force, levels over gap and force, sensitivity, robustness, Pareto fronts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A design study as numbers: rows for CSV files, a summary for JSON, and a text to read. SI units, unless named."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

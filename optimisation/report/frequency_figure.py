@@ -1,7 +1,5 @@
 """The figure of a frequency response: exact branches by their stability, harmonic balance, linear curves, sweeps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A Pareto study as numbers: rows for a CSV file, a summary for JSON, and a text to read. SI units, unless named."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The answers of `design_gap` and what they rest on as rows, JSON and a figure. SI units, unless named."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

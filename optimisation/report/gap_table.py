@@ -1,7 +1,5 @@
 """The answers of `design_gap` as text, and the levels over the gap as a table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The figure of an isola map: fold force over frequency with births and mergers, and both over the restitution for each number of modes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

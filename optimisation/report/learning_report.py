@@ -1,7 +1,5 @@
 """Results of training: a curve of the evaluation score over the steps of each algorithm, and a table."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

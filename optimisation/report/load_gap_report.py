@@ -1,7 +1,5 @@
 """The answers of `design_gap --load` in words, as JSON, rows and a figure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A comparison under loads as a table, rows of a CSV file, and a figure."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Tables that read well in a terminal and can be pasted into a Markdown file as they are."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 

@@ -1,7 +1,5 @@
 """Periodic orbits, folds and thresholds of isolas: tables to print, and the plain values of the JSON file."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """A winner in service as JSON values and as a text to read."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """The picture of a structure: the shapes of its lowest modes, with the places of force, absorber and response."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

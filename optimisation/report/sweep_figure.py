@@ -1,7 +1,5 @@
 """The figure of one run: displacements, cavity, energies."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

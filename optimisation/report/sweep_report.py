@@ -1,7 +1,5 @@
 """The JSON file and the printed summary of the command `sweep`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

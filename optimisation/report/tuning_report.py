@@ -1,7 +1,5 @@
 """The tunings of the linear absorber as rows, JSON and a figure. SI units, unless named."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 

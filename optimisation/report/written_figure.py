@@ -1,7 +1,5 @@
 """Figures written to files: the format by the ending, PNG with a palette."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from pathlib import Path
 

@@ -4,8 +4,6 @@ The scene and its mirror image are one, so an action is even in displacements an
 square of the tip. Friction and gap that suit a response go in proportion to its size (scaling law), so each family has its logarithm.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -4,8 +4,6 @@ Room = (robust oracle - best rule of at most eight numbers) / (robust oracle - b
 above 0.1. Clairvoyance alone would admit luck.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """A trained agent as one small file: the layers of its actor and what it was trained for. It needs neither torch nor stable-baselines3 to act."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

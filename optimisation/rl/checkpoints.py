@@ -1,7 +1,5 @@
 """Checkpoints of a training run: folders that are whole or absent, of which the last two are kept."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Initialisation from demonstrations: an actor learns to do in each situation what was done there (behaviour cloning), before it is trained."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ A data set is a folder with Minari's HDF5 file: for each episode ``observations`
 (T,) float64, ``terminations`` and ``truncations`` (T,) bool, and the seed; scores are the sums of the rewards.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

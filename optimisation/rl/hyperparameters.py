@@ -1,7 +1,5 @@
 """Hyperparameters of the agents: read from YAML by environment and algorithm, and checked before anything is trained."""
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence

@@ -5,8 +5,6 @@ over a horizon (rollout: D. Bertsekas, Dynamic Programming and Optimal Control).
 that nobody could. With copies whose force and phase are off it is robust: what it finds must hold for all of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

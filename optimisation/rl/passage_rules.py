@@ -16,8 +16,6 @@ the phase for which f is real (its phase is the reference) and the absorber work
 This is exact for a stationary response with that stroke, so a transient misleads it; the estimate is smoothed over the intervals.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

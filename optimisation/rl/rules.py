@@ -1,7 +1,5 @@
 """One table of what needs no learning, for all tasks: families of rules and schedules, and the numbers that `admit_tasks` chose for them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path

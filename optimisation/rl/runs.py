@@ -1,7 +1,5 @@
 """Training runs on disk: where their files are, and what their evaluations say. No torch is needed to read them."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

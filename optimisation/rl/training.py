@@ -5,8 +5,6 @@ run's seed and the leg's number. So a run that was resumed equals one that never
 versions and compiled kernels).
 """
 
-from __future__ import annotations
-
 import json
 import platform
 from collections.abc import Callable, Iterator, Mapping

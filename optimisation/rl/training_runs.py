@@ -1,7 +1,5 @@
 """What `train` does with its runs: one after the other with a live bar, or in several processes whose files are watched."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 CMA-ES: N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772; the implementation is the package cmaes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

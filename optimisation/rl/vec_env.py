@@ -1,7 +1,5 @@
 """stable-baselines3 over a native vector environment: no processes, no loop over environments, one kernel call a step."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

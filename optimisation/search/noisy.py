@@ -11,8 +11,6 @@ their ranges.
 for new designs by Thompson sampling, and runs designs that look best for another member (replication: B. Ankenman, B. Nelson and J. Staum 2010).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """What a Pareto study does: search, run the front again on fresh members, and compare with random search of the same budget."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

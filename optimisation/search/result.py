@@ -1,7 +1,5 @@
 """The result of a search for one concept."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

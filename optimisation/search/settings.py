@@ -7,8 +7,6 @@ the time and ranks designs much like the usual rate does, though not in the same
 the shortcut cost.
 """
 
-from __future__ import annotations
-
 import importlib.util
 from dataclasses import asdict, dataclass
 

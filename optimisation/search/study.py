@@ -6,8 +6,6 @@ of their numbers. Nothing is told before the whole batch has been run, so that a
 study therefore equals one that was never interrupted.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Designs with their scores, and the progress of a study."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

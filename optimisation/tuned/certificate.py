@@ -18,8 +18,6 @@ All is dimensionless: time over 1/omega_r, the amplitude over the grid's largest
 equal input and output. In SI units the same programme ends far off.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

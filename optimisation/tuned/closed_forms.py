@@ -5,8 +5,6 @@ the absorber: four times the plain ratio to the beam's mass for the free end of 
 rule, but its values follow from a modal mass of one (`paper_rule`) and twice the rule's damping: `PAPER` is mistuned.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from impact_env.modes import ModalModel

@@ -3,8 +3,6 @@
 A narrower range, the paper's sweep limits for one, lets an optimiser push a peak out of sight, so it is refused.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Numerical tuning on the damped multi-mode model: the smallest peak (H-infinity) and the smallest variance (H2), from several starts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """All tunings of one absorber mass and one resonance, side by side and scored over one range."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of tasks: what each looks like from its own features, and whether it has room above rules of few numbers."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Mapping, Sequence

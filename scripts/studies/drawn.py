@@ -5,8 +5,6 @@ storeys; modal models as a test gives them. Sizes, places, damping of 0.12 to 3 
 the free amplitude is 1.5 to 15 times the rule's gap. SI units.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -5,8 +5,6 @@ polynomials times what the held edges ask for; portal frames are plane Euler-Ber
 are in proportion to it. SI units.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

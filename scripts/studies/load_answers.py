@@ -1,7 +1,5 @@
 """Answers about loads on two structures: both resonances at once, gravity along the absorber's motion, and what a start does."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial

@@ -1,7 +1,5 @@
 """The figures of the answers about loads."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Studies of one table: it is printed, its numbers go to a JSON file, and the table itself into a page, each on request."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """The exact method's parts, each in a compiled loop of its own, so that one call of it can be timed."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 Arguments: absorber, method, record, "inspect" or "time", pseudo periods, repeats. The kernel cache is that of IMPACT_ENV_CACHE.
 """
 
-from __future__ import annotations
-
 import json
 import operator
 import statistics

@@ -4,8 +4,6 @@ By the scaling law the force does not matter: gap and friction are in proportion
 price, the level at the rule's gap over the smallest. `optimisation.bounds.reach` is what the cases are to be told apart by.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

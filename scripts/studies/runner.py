@@ -3,8 +3,6 @@
 That is the bar, Ctrl-C, going on from an earlier run, drawing anew from the files, the description of machine and sources, and the exit code.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Sequence

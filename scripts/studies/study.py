@@ -4,8 +4,6 @@ A new one is its cases with a function that measures their rows, the text of its
 `cli.reference_levels` has one table and all in one file; `accuracy` has parts with rows by case, files and figures of their own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path

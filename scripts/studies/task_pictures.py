@@ -1,7 +1,5 @@
 """A picture of an episode of a task: what is observed, what is done, and what comes of it, by the chosen rule and by a constant action."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scenes with their observers, as studies of what is compiled run them, and more general scenes with a part switched off by its value."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

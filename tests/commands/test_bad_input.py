@@ -1,7 +1,5 @@
 """What commands refuse: a line, and what its one message holds. Exit code 2, nothing computed, nothing written."""
 
-from __future__ import annotations
-
 import gzip
 import os
 import re

@@ -1,7 +1,5 @@
 """The suite on other machines: what counts as passed, and which rows of the page stay."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

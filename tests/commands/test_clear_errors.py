@@ -1,7 +1,5 @@
 """Commands at their limits: one message and the right exit code, from fresh processes where that is what counts."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

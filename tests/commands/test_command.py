@@ -1,7 +1,5 @@
 """The console command: from a wheel without a checkout, from the checkout, and with no more installed than what is declared."""
 
-from __future__ import annotations
-
 import ast
 import io
 import json

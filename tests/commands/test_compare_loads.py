@@ -1,7 +1,5 @@
 """compare_absorbers under loads: measures in closed form, and the command from files to files."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

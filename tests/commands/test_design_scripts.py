@@ -1,7 +1,5 @@
 """scripts/tune_ltva and scripts/design_gap: files and tables."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The explorer's server, without a browser: what it computes, what it refuses, who it answers to."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

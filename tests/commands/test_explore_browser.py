@@ -1,7 +1,5 @@
 """The explorer's page in a real browser, with the network off: what is drawn, what a slider does, what is refused, what is saved."""
 
-from __future__ import annotations
-
 import csv
 import http.server
 import json

@@ -1,7 +1,5 @@
 """The commands of the frequency domain: contents of their files, and published numbers."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

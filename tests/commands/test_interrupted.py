@@ -1,7 +1,5 @@
 """Ctrl-C at a command: exit code 130 and one line, what is finished is kept, and the same command goes on from there or starts anew."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import os

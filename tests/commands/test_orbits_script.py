@@ -1,7 +1,5 @@
 """scripts/orbits.py: its JSON contract, and what it prints."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

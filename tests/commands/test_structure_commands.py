@@ -1,7 +1,5 @@
 """Commands and environments on a structure from a file, with sweeps so fast that the numbers do not matter."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path

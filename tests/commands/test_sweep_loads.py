@@ -1,7 +1,5 @@
 """Golden cases and every kind of load through the command sweep, from files; and what a file of loads is refused for."""
 
-from __future__ import annotations
-
 import json
 import warnings
 import wave

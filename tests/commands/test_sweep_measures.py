@@ -1,7 +1,5 @@
 """What `sweep --measures` tells, against closed forms: sines, Gaussian noise, transfer functions, and what an impact loses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

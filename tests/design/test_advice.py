@@ -1,7 +1,5 @@
 """What is said of noisy values: ratios with intervals, two branches, a design in service."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

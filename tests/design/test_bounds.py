@@ -1,7 +1,5 @@
 """The limit of all devices in a cavity: published numbers and properties."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

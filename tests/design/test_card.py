@@ -1,7 +1,5 @@
 """Cards: the same numbers as text, JSON and HTML, and a page that opens in a browser, draws its curves and asks for nothing."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Searches under loads: problems whose measures are written out, members with records of their own, and both commands on a structure of one mode."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

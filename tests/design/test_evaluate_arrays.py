@@ -1,7 +1,5 @@
 """Designs in arrays for other people's optimisers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The search for a gap: on landscapes that are known, by the scaling law, and in how many sweeps; and the study that puts it to the test."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The estimate of an impact after Hertz, beside the motion of the two bodies integrated in time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

@@ -1,7 +1,5 @@
 """No device is ever below the limit: random impact absorbers and friction dampers by simulation, random tuned absorbers in closed form."""
 
-from __future__ import annotations
-
 import core
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Gaps and tunings under loads: against scans, the scaling law and a transfer function written out; and the commands."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

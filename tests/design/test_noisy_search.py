@@ -1,7 +1,5 @@
 """Searches that model the noise, and the study that compares them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

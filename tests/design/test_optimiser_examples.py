@@ -1,7 +1,5 @@
 """The worked examples with other people's optimisers run, where those are installed, and find better designs than they begin with."""
 
-from __future__ import annotations
-
 import importlib.util
 from types import ModuleType
 

@@ -1,7 +1,5 @@
 """The limit of passive devices by semidefinite programming: against the closed form, brute force and its own multipliers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

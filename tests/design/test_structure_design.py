@@ -1,7 +1,5 @@
 """Design on structures that are not the paper's beam: against closed forms and dense solutions that share no code with the package."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from dataclasses import replace

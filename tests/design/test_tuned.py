@@ -1,7 +1,5 @@
 """Tuning of the linear absorber against closed forms and known optima."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

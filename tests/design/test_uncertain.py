@@ -1,7 +1,5 @@
 """What is uncertain: distributions, lanes with everything drawn, a search's members, and the words of the command line."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

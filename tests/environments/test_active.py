@@ -1,7 +1,5 @@
 """Tasks within a period: what they score, what their actuators can do, what a step costs, and what a reset may choose."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

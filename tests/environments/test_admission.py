@@ -1,7 +1,5 @@
 """Admission: rules of eight numbers begin at those of four, copies of lanes do what the lanes do, and a planner is above its rule."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

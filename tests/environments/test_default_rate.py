@@ -1,7 +1,5 @@
 """The rates that nobody gives go with the structure's damping, as everywhere else."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

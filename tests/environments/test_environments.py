@@ -1,7 +1,5 @@
 """What every environment is to Gymnasium: checks, pickles, seeds, registration, docstrings, frames."""
 
-from __future__ import annotations
-
 import pickle
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Public judging: the same seeds for all, disjoint splits, scores that a loop of single environments gets too, and lanes that rest."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from itertools import combinations

@@ -1,7 +1,5 @@
 """The choice of the friction limit: its unit, what it is on other scenes, and that a choice which stays is the scene's own friction."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

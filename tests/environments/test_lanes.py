@@ -1,7 +1,5 @@
 """Native vectors: a lane is the single environment, bit for bit, on any number of threads."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The force that is drawn is not in the observation: not through the score's reference, and no more than amplitudes tell."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What an action does to a passage, and how a passage ends."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Calls in a wrong order, and impossible actions, arguments and resets."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

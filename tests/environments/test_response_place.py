@@ -1,7 +1,5 @@
 """Environments on a structure whose level is read elsewhere than at the absorber: a steel beam that is not the paper's, read at 0.9 of its length."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Rewards add up to what the paper measures: against `simulate` and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

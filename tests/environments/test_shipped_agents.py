@@ -1,7 +1,5 @@
 """Agents that ship: they act without torch as stable-baselines3 makes them act, do better than constants, go on learning, and are small."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What needs no learning, demonstrations of it, agents with memory, clones and short trainings that beat haste."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

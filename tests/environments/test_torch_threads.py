@@ -1,7 +1,5 @@
 """A training takes one of torch's threads, and gives the others back, also where it fails."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

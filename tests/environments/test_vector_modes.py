@@ -1,7 +1,5 @@
 """The native vector against a reference that shares no code with it: single environments in a loop, restarted as each mode of autoreset has it."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pages: links lead somewhere, indexes are complete, and blocks that commands fill have their markers."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What an import says where an optional package is missing, in fresh processes that cannot import it."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Notebooks are committed as executed, small, and run to their end with what they showed."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

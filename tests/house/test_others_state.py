@@ -1,7 +1,5 @@
 """What belongs to the whole process, and so to others, is as it was after an import, a compilation, runs and a study. In a fresh process."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

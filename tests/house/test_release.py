@@ -1,7 +1,5 @@
 """What strangers meet: the page on a package index, the citation, and the files of a host, whose steps are calls of scripts."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """What checks a built site sees: links that lead nowhere, and what would be fetched from elsewhere; and what the site is told to hold."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

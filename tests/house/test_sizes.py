@@ -1,7 +1,5 @@
 """Files stay short enough to be read, and functions take few enough arguments to be called without counting places."""
 
-from __future__ import annotations
-
 import ast
 import os
 import subprocess

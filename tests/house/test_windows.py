@@ -1,7 +1,5 @@
 """What differs on Windows, with its system calls faked: nobody has run this project there."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Bifurcations over two parameters: by multipliers of the dense reference, which shares no code, by the closed form, and by births and mergers."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

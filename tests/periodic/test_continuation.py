@@ -1,7 +1,5 @@
 """Continuation on curves whose folds, branch points and lengths are known in closed form."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

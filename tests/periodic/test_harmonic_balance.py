@@ -1,7 +1,5 @@
 """Harmonic balance against time integration, closed forms, linear limits and exact orbits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise

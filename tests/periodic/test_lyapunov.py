@@ -1,7 +1,5 @@
 """The largest Lyapunov exponent: of a stable orbit its multiplier's, of chaos how two runs part, by the exact method alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

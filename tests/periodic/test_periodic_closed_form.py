@@ -1,7 +1,5 @@
 """The symmetric orbit in closed form and by Green's function, against dense matrices that share nothing with them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from periodic_truth import Truth, matched

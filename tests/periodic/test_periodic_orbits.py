@@ -1,7 +1,5 @@
 """Orbits with friction's reversals: the exact method's own runs as the judge, schedules read off runs, and what is refused."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from functools import cache
 

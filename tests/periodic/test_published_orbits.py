@@ -1,7 +1,5 @@
 """Orbits, folds, births and mergers with friction's reversals: the published cases, and what surveys and maps find of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from orbit_cases import Array, high_orbit, isola, many_reversals, one_sided, paper_case

@@ -1,7 +1,5 @@
 """Kinds of response, stays in the regime of impacts, and the jump: constructed motions, known samples, runs, and a strip besides the beam."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.stats

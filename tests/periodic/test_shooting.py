@@ -1,7 +1,5 @@
 """Shooting: against Green's function, an independent stick-slip solution, disturbed runs of the exact method, and on cases of all kinds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -1,7 +1,5 @@
 """What leaves a branch where a multiplier is -1: the pair without symmetry, doubled periods; and surveys of all of them."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import islice, pairwise
 

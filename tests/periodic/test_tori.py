@@ -1,7 +1,5 @@
 """Where orbits lose stability in a pair, orbits over several periods, and the place of the response: by the dense reference, which shares no code."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Trigonometric polynomials: roots against companion matrices, windows and hysteresis against dense quadrature."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -5,8 +5,6 @@ relative displacement y and velocity gamma, or, where both are joined, what keep
 positive. A guard is a constant plus weights times y, gamma and lambda.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 

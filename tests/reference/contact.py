@@ -3,8 +3,6 @@
 Nothing here knows how a motion between two events is computed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Protocol

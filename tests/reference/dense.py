@@ -5,8 +5,6 @@ matrix (`mechanics`); a step is its exponential plus Gauss-Legendre quadrature o
 at most once, which the grid's fineness makes likely and nothing proves. Where the reference cannot go on safely it ends early.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ time counted in steps. The force A cos(theta), theta' = Omega + alpha t, has the
 inputs count as the exact doubles that they are. Regimes, guards and jumps are those of `contact`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction

@@ -4,8 +4,6 @@ Modes: u' = -omega^2 q - 2 D omega u + force_shape f - Gamma a_b - sum_a shape_a
 Eq. eqmmod; a base with acceleration a_b, to which all is relative, and gravity g along the absorbers' motion).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Motion of a beam with masses on it by matrix exponentials with 40 digits, from nothing but its matrices: no events, and stiffness without limit."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Whole numbers in units of 2^-200 as numbers of some 60 digits: NumPy arrays of Python's integers, and what a Taylor series of them asks for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """What the walk of test_handed_in cannot know: the ranges of numbers, what does not go together, and the messages of plain data, by their paths."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

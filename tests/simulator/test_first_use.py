@@ -1,7 +1,5 @@
 """What a first use from Python tells: one line after a second of compiling, wherever stderr goes, and nothing in a warm run."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

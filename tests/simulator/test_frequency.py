@@ -1,7 +1,5 @@
 """Linear receptances against dense solutions, poles and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

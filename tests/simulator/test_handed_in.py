@@ -1,7 +1,5 @@
 """Whatever is handed in to what is public: refused by name, or right."""
 
-from __future__ import annotations
-
 import inspect
 import warnings
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The table of laws: one vocabulary for files, commands, environments and designs; restitution that falls with velocity, and a nonlinear sink."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Structures whose file lists several places for absorbers, and what fatigues in them: as matrices they do what the same beam does."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

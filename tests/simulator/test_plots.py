@@ -1,7 +1,5 @@
 """What figures and words of responses and curves show, by their data."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import matplotlib as mpl

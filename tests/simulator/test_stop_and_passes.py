@@ -1,7 +1,5 @@
 """Runs that are stopped, curves that come in passes, kernels that are prepared, and what a record keeps of its samples."""
 
-from __future__ import annotations
-
 import copy
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Structures: beams against closed forms, matrices against dense solutions, and Universal Files."""
 
-from __future__ import annotations
-
 import json
 import re
 import warnings

@@ -1,7 +1,5 @@
 """Benchmarks: what they print, write and put on their pages; times are looked at by a person."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import subprocess

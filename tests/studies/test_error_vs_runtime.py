@@ -1,7 +1,5 @@
 """The script that measures error against run time: a tiny run of each part."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path

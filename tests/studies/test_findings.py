@@ -1,7 +1,5 @@
 """scripts/findings: every part from studies to figures and page, redrawing, interruption, bad input."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The table on friction and branches: it goes on where it was stopped, stands on its page, and less damping gets fewer members."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

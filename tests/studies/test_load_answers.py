@@ -1,7 +1,5 @@
 """The study of loads: two tones without contact superpose, what is written is what is printed, and pages are told again from the files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

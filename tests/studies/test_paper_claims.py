@@ -1,7 +1,5 @@
 """Claims of the paper that are cheap to compute, against closed forms of beam, impact and absorber that share no code with the package."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from copy import deepcopy
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures of the paper's study: ranges, accounts and claims, on made curves whose answer is known and on small runs beside other means."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cheap claims about the paper's frequency responses, its jump, its strongly modulated response and its compliant contact; and what measures them."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable, Generator, Hashable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The paper's study: figures that are kept or made again, one alone, the claims, and bad input. And cheap claims of its figures."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """scripts/regimes.py: files, page, and a cluster."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The study of where the design rule holds: a case on another beam, going on, the page, and the fitted factor."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

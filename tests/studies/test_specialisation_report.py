@@ -1,7 +1,5 @@
 """What each scene leaves out: absent parts are pruned from the compiled code, and the page says which claims the numbers bear out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """The pattern of all studies: files, page, exit codes, and what is left of a run that is stopped, breaks down or is gone on with."""
 
-from __future__ import annotations
-
 import csv
 import gzip
 import json

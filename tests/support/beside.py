@@ -1,7 +1,5 @@
 """What becomes of a kernel that another process compiles: argument 1 is "well", "badly" (it fails there) or "alone" (one core)."""
 
-from __future__ import annotations
-
 import multiprocessing
 import sys
 from functools import partial

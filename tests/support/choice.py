@@ -1,8 +1,6 @@
 """Which files of tests run at every save, which together, and which start first: by the processor's time with compiled kernels
 (``scripts/test -n 0 --cpu FILE``)."""
 
-from __future__ import annotations
-
 # some of every kind that say much in little time; what takes long in them is marked slow
 QUICK = (
     "kernels/test_agreement.py",

@@ -1,7 +1,5 @@
 """Run as a process of its own: runs on a cluster, one worker of which is killed, beside runs here. Prints a line for each comparison."""
 
-from __future__ import annotations
-
 import os
 import signal
 from dataclasses import fields

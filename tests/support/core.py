@@ -1,7 +1,5 @@
 """Runs and truths shared by the tests of the simulator's core. One set of observers for all runs, so that each kernel is compiled once."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

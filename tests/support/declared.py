@@ -1,7 +1,5 @@
 """Processes that can import what a set of extras brings, and nothing else that happens to be installed here."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable
 from functools import cache

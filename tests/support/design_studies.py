@@ -1,7 +1,5 @@
 """Studies for tests: a problem without simulation, whose measures follow from the design in microseconds, and executors that count or break off."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Short episodes of every environment, and how tests make them; needs Gymnasium."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -3,8 +3,6 @@
 Compiled or, under NUMBA_DISABLE_JIT=1, in plain Python: the same kernels, so the same bits.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Iterable

@@ -4,8 +4,6 @@ What an argument takes is read from its type hint, so a new constructor needs no
 names the argument; or the value is of the kind that the hint says, is kept as given, and what comes out can be used.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import types

@@ -3,8 +3,6 @@
 Prints a line for each word: what the kernel returns, and its instructions without their operands.
 """
 
-from __future__ import annotations
-
 import sys
 from typing import Any, NamedTuple
 

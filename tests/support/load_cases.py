@@ -1,7 +1,5 @@
 """A structure without finite elements, golden cases of loads, and loads as functions of time that share nothing with the pieces of the kernels."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@
 worker.
 """
 
-from __future__ import annotations
-
 import hashlib
 import multiprocessing
 import sys

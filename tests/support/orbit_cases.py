@@ -1,7 +1,5 @@
 """Orbits that several tests look at: found once in a process."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -5,8 +5,6 @@ impact on the lower wall, y0, half a period to just before the one on the upper 
 phase.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where tests find what they read and run: the checkout and its folders."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 SUPPORT = Path(__file__).resolve().parent

@@ -1,7 +1,5 @@
 """Options of the suite: processor time of each test, the memory of each process, and other last bits in every modal model."""
 
-from __future__ import annotations
-
 import json
 import os
 import resource

@@ -1,7 +1,5 @@
 """Several absorbers by small Moreau steps, the contacts of a step by Gauss-Seidel: contact laws without regimes, guards and events."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

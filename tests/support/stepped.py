@@ -1,7 +1,5 @@
 """Runs of the time-stepping methods with every observer, for the tests of both."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What a band stands for: levels of members that differ in the force's phase, by a millionth in its amplitude, or both; what phases explain."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial

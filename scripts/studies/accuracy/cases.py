@@ -3,8 +3,6 @@
 So errors and times are those of impacts.
 """
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping

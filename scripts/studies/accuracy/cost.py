@@ -1,7 +1,5 @@
 """What a pseudo period costs: against the number of modes, of lanes, of threads, and the length of the sweep."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from functools import partial

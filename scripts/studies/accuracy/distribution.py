@@ -1,7 +1,5 @@
 """Error of the response level's distribution over an ensemble, against the exact method, and at matched cost."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ A peer integrates one regime until a guard turns negative; what is between regim
 in which a guard is found violated is refused: a missed event otherwise gives a wrong trajectory without a word.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

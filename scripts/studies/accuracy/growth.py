@@ -4,8 +4,6 @@ Two runs of the exact method differ by a small amount. After each stretch their 
 A. Giorgilli, J.-M. Strelcyn, Meccanica 15, 1980). The mean logarithm of the growth is the exponent.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

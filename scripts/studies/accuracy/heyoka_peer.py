@@ -4,8 +4,6 @@ A guard that is zero at the start of a step hides its next zero from heyoka, wit
 a guard is entered by a very short step without events, after which all guards must be positive.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

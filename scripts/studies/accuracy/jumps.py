@@ -1,7 +1,5 @@
 """The jump of the paper's two-mode absorber: share of downward sweeps that reach the high branch, against the sweep's slowness and the method."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal

@@ -1,7 +1,5 @@
 """The study of error against run time: its parts, its files and its page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

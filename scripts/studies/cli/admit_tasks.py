@@ -2,8 +2,6 @@
 
 # needs: env, optimise
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

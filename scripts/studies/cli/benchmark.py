@@ -1,7 +1,5 @@
 """Speed of the exact method against the Moreau scheme at the paper's step: one core, one process, compilation apart."""
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass

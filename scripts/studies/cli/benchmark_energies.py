@@ -1,7 +1,5 @@
 """Price of an energy account: runs with it beside runs without, one core, one process, compilation apart."""
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

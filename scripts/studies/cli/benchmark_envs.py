@@ -2,8 +2,6 @@
 
 # needs: env, rl
 
-from __future__ import annotations
-
 import multiprocessing
 import statistics
 import subprocess

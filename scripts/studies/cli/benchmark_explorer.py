@@ -2,8 +2,6 @@
 
 # needs: explore, browser
 
-from __future__ import annotations
-
 import io
 import itertools
 import os

@@ -1,7 +1,5 @@
 """Speed and accuracy of periodic orbits: closed form, maps, Newton's method, branches, folds and multipliers; one core, compilation apart."""
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Callable, Sequence

@@ -3,8 +3,6 @@
 Step by step as a newcomer meets them. The clone holds what is committed. Packages are downloaded again: the set-up is also a measure of the network.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Put the answers of design_gap to the test on twenty structures and ten drawn ones, beside fine scans over the gap."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial

@@ -1,7 +1,5 @@
 """What the exact method's time is spent on: the cost of its parts, how often each is needed, and what is left over."""
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Find out where the design rule holds: the best simulated gap over the rule's, over damping, mass ratio and place."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial

@@ -1,8 +1,6 @@
 """Error against run time: all methods and two peers over all scenes, with the growth of errors, the jump study and the costs."""
 # needs: peers
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

@@ -2,8 +2,6 @@
 
 # needs: optimise, cluster
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 

@@ -4,8 +4,6 @@ On the paper's beam at 3.5 N near the first resonance, the paper's absorber othe
 rule's is too narrow (docs/which_gap.md). Levels are those of fresh members, relative to no absorber.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial

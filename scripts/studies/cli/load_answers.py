@@ -1,7 +1,5 @@
 """What loads other than one force do to impact absorbers: both resonances at once, gravity, and the start of a run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

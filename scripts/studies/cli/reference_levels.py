@@ -1,7 +1,5 @@
 """Response levels beside numbers computed earlier with the Moreau scheme, near the first and the second resonance."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Regimes of a response: how long impacts last at each frequency, P(jump) of a sweep from that, and where it is periodic, where chaotic."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The paper made again: each of its figures with bands, and a table of what it says beside what was computed; docs/paper.md."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -7,8 +7,6 @@ counts is the judged level of the winner, and the seeds tell how far that is luc
 
 # needs: optimise
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """What each scene leaves out: compiled code, compile time, speed and memory, beside a part that is only switched off."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

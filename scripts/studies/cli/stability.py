@@ -1,7 +1,5 @@
 """Stiff and extreme cases with every method, step limits, eigenproblem, very long runs: what holds, what is refused, what fails."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

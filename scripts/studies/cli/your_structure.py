@@ -3,8 +3,6 @@
 
 # needs: optimise
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """The figures of docs/findings.md, drawn from the numbers that the studies wrote."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What docs/findings.md says about the searches themselves: scaling to two workers, a study of full size, fronts against random search."""
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Iterator

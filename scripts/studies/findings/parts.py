@@ -1,7 +1,5 @@
 """The studies behind docs/findings.md: each returns all numbers of its figure and its table as JSON values. SI units."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Where the energy goes around a sweep's maximum, mode by mode: what is dissipated, what impacts pass on, and what is left of it at the next one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

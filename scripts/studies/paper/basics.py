@@ -1,7 +1,5 @@
 """What the paper states of beam, tuned absorber, sweeps, window, step and scaling: most of it follows from the linear structure alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What the paper states of beam, tuned absorber, sweeps, window, step and scaling, beside the numbers of `basics`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from impact_env.curve import BAND

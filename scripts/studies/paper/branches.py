@@ -1,7 +1,5 @@
 """Periodic responses over the frequency as plain values: exact orbits, harmonic balance as the paper did it, and the two linear curves."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

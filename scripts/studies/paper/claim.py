@@ -1,7 +1,5 @@
 """A statement of the paper beside what was computed of it: what its words allow, by one rule, and how members' values are judged and told."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any

@@ -1,7 +1,5 @@
 """Compliant contact against rigid (paper, appendix A, its figure conv): walls over their stiffness, and friction over that of its spring."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The figure `dissinf`: friction and restitution, as performance curves and as sweeps down at 5 N, with ten modes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 A module measures in groups of plain values, says them in words, draws them, and reads the paper's claims from them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path

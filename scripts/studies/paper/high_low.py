@@ -1,7 +1,5 @@
 """Frequency responses at a medium and a high force (paper, section 3.1, its figure high_low): exact orbits, and harmonic balance beside them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """What the frequency responses say of the paper's section 3.1, and of what its section 2.5 assumes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

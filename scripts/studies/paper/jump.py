@@ -1,7 +1,5 @@
 """Sweeps through resonance, and the jump to the high branch as a probability (paper, section 3.1, its figure jump)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

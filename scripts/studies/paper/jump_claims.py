@@ -1,7 +1,5 @@
 """What the sweeps say of the paper's section 3.1, and of what it says of them in sections 3.3 and 4.1."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from studies.paper.claim import MUCH, SAME, Claim, Verdict, chance, judged, middle, spread, within

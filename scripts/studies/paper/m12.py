@@ -1,7 +1,5 @@
 """The figure `m12`: absorber concepts near two resonances, from the main study's comparison, with a well-tuned LTVA and the limit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """How many modes the second resonance needs: beyond the paper, which keeps ten of them by what they do at the first."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 

@@ -10,8 +10,6 @@ So n modes without losses should be modulated as one mode with e_1 is: that is t
 again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -3,8 +3,6 @@
 The paper leaves its parameters open beside one mode; with a conservative contact one mode has no primary range, so impacts lose energy here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple

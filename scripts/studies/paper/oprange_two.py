@@ -4,8 +4,6 @@ The paper does not say which force f* is. Here it is the one at which the contra
 mode has lost its effect, and the two others are still far below, in 95 % of their members.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple

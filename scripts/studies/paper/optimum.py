@@ -1,7 +1,5 @@
 """Where the best operating point goes with mass ratio and restitution, against the design rule: beyond the paper, which keeps the mass."""
 
-from __future__ import annotations
-
 from functools import partial
 from itertools import pairwise
 from typing import NamedTuple

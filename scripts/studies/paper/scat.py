@@ -1,7 +1,5 @@
 """The figure `scat`: what many modes do, at 5 N for the level of the sweeps and at 1.5 N near the resonance itself."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple

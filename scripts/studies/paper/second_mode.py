@@ -3,8 +3,6 @@
 Level, dissipated energy, and what impacts pass to the second mode.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

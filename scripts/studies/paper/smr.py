@@ -1,7 +1,5 @@
 """The strongly modulated response of one mode without losses at its contact (paper, section 3.2, its figure SMR)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

@@ -3,8 +3,6 @@
 The paper begins each sweep at one frequency with the absorber in the middle, and calls that conservative.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 The claims are read from the figures' files: a summary of some lines, what does not hold with the reasons, and the rest.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sys

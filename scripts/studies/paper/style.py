@@ -1,7 +1,5 @@
 """One look for all figures of the paper's study, readable in print and in grey: no two lines differ by their colour alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 Stays and sweeps belong to the part jump, responses to the part kinds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial

@@ -1,7 +1,5 @@
 """The study of regimes: its parts, their text and figures from rows alone, its files and its page."""
 
-from __future__ import annotations
-
 from functools import partial
 from itertools import groupby
 from pathlib import Path

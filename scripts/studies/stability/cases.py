@@ -1,7 +1,5 @@
 """The stiff and extreme cases of the stability report. Each is small: the reference must reach as far as the first impacts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial

@@ -1,7 +1,5 @@
 """One cell of the stability matrix: a case run with one method, measured and judged."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache

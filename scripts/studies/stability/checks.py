@@ -1,7 +1,5 @@
 """Does the exact method's search for events miss any: searches checked by dense sampling, over a mix of scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

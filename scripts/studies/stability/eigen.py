@@ -1,7 +1,5 @@
 """How exact the modes are: the finite-element eigenproblem in many digits, and the continuous cantilever, beside what the package computes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from itertools import pairwise

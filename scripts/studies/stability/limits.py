@@ -1,7 +1,5 @@
 """Largest stable steps of the two stepping methods: found by bisection on runs, beside theory."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

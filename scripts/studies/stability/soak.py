@@ -1,7 +1,5 @@
 """Very long runs: does memory grow, and does the energy balance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

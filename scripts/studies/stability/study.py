@@ -1,7 +1,5 @@
 """The study of stiff and extreme cases: its tasks in processes, its page and figure, its files and its exit code."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The stability report's work as tasks for processes, and its results as plain values."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
