@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +94,12 @@ class Samples:
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
         return [_lines(self.times, self.values, self.quantity == BASE)]
+
+    def share_above(self, frequency: float) -> float:
+        """Return which share of the mean square lies above a frequency in Hz, 0 for a record of zeros."""
+        sizes = np.abs(np.fft.rfft(self.values)) ** 2
+        above = np.fft.rfftfreq(len(self.values), self.times[1]) > frequency
+        return float(np.sum(sizes[above]) / max(np.sum(sizes), 1e-300))
 
     def member(self, other: Member) -> Samples:
         """Return the load of a member of an ensemble: the record is the same."""
@@ -273,7 +280,7 @@ class Loads:
         """Return whether the base moves."""
         return any(piece.moves_base for piece in self._pieces)
 
-    @property
+    @cached_property
     def _pieces(self) -> list[Pieces]:
         return [piece for part in self.parts for piece in part.pieces()]
 
@@ -324,6 +331,10 @@ class Loads:
     def on_one_clock(self) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.bool_]]:
         """Return breakpoints (K,) in s, all pieces (P, 10), a time and a row of `Pieces`, which act (K - 1, n), and which loads move the base."""
         sources = self._pieces
+        if len(sources) == 1:
+            (one,) = sources
+            pieces = np.column_stack([one.times[:-1], one.rows])
+            return np.array(one.times), pieces, np.arange(len(pieces))[:, None], np.array([one.moves_base])
         times = np.unique(np.concatenate([source.times for source in sources]))
         near = np.append(np.diff(times) > SAME_TIME * times[-1], True)
         times = times[near]
@@ -347,6 +358,8 @@ def largest(drive: AnyDrive) -> float:
     highest = 0.0
     for piece in drive._pieces:
         steps, rows = np.diff(piece.times), piece.rows
+        if not rows[:, :2].any():  # a record
+            continue
         acts = np.any(rows[:, 3:] != 0, axis=1)
         ends = np.maximum(rows[:, 0], rows[:, 0] + rows[:, 1] * steps)
         highest = max(highest, float(np.max(ends[acts], initial=0.0)))

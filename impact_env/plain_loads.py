@@ -19,6 +19,7 @@ from impact_env.forms import NUMBER, ROW, ROWS, WHOLE, Keys, Sort, form, require
 from impact_env.loads import (
     BASE,
     FORCE,
+    MOST_SAMPLES,
     QUANTITIES,
     STARTS,
     Force,
@@ -41,6 +42,7 @@ from impact_env.structures.modal import TEXT
 from impact_env.structures.universal import read_record
 
 Array = NDArray[np.float64]
+MOST_BYTES = 32 * MOST_SAMPLES  # of a record's file
 CLIPPED = 8  # samples in a row at a record's largest or smallest value: what a converter gives beyond its range
 UNEVEN = 1e-3  # of the sampling interval: what written times are rounded to
 
@@ -128,6 +130,8 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
     allowed = f"given for {file.name}, in N or m/s^2 for full scale: a sound has no unit"
     require("scale" in plain or file.suffix.lower() != ".wav", f"{path}.scale", None, allowed)
     try:
+        size = file.stat().st_size
+        require(size <= MOST_BYTES, f"{file.name}: bytes", size, f"at most {MOST_BYTES / 2**20:.0f} MiB: cut the record, or take every second sample")
         times, values = reader(file, rate)
         times, values = _evened(file, times, values, plain.get("resample", False))
         _refuse_clipped(file, values)

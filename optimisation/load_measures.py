@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
-from impact_env.loads import Loads, Shock, schedule_in
+from impact_env.loads import AnyDrive, Loads, Shock, schedule_in
 from impact_env.modes import ModalModel
+from impact_env.parameters import require
 from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -27,6 +28,7 @@ TOLD = {LEVEL: "response level", RMS: "RMS", DECAY: "decay time of the energy"}
 SHOWN = {"m": (1e3, "mm"), "s": (1.0, "s")}  # factor and unit for people
 SETTLING = 5.0
 SAMPLES = 64  # a pseudo period
+STRANGE = 1e6  # a gap over the free motion, or this over it
 START = 1.5  # of the size of the free motion at the absorber: a gap where there is no rule
 
 
@@ -116,3 +118,13 @@ def free_size(lane: Lane) -> float:
 def design_gap_for(model: ModalModel, loads: Loads) -> float:
     """Return the gap in m from which a search begins where there is no rule: `START` times `free_size` (0 where nothing moves)."""
     return START * free_size(Lane(Scene(model), loads))
+
+
+def check_size(scene: Scene, drive: AnyDrive) -> None:
+    """Raise ParameterError where loads move a place by so little, or so much, beside its absorber's gap that a unit must be wrong."""
+    walls = scene.cavity(0)
+    if not isinstance(drive, Loads) or walls is None or walls.gap == 0:
+        return
+    size = free_size(Lane(Scene(scene.model), drive))
+    allowed = f"from {1 / STRANGE:g} to {STRANGE:g} times the free motion at the absorber, {size:.3g} m: look at the load's units and scale"
+    require(size / STRANGE <= walls.gap <= size * STRANGE, "gap", walls.gap, allowed)

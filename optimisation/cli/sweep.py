@@ -37,7 +37,7 @@ from optimisation.cli.sweep_scene import (
 )
 from optimisation.executors import cluster_option, workers
 from optimisation.files import replacing
-from optimisation.load_measures import SAMPLES
+from optimisation.load_measures import SAMPLES, check_size
 from optimisation.measures import stress_shape
 from optimisation.progress import Bar
 from optimisation.report.sweep_report import Result, contract, describe_run, summary
@@ -191,7 +191,9 @@ def make_drive(given: Options, scene: Scene) -> AnyDrive:
     """Return the force, or the loads of a file."""
     if given["load"] is None:
         return Drive(given["force"], make_schedule(given, scene), given["phase"])
-    return loads_of(given["load"], scene.model, given["resonance"])
+    loads = loads_of(given["load"], scene.model, given["resonance"])
+    check_size(scene, loads)
+    return loads
 
 
 def default(text: str, value: object) -> str:

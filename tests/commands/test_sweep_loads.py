@@ -13,7 +13,7 @@ from load_cases import FORCE_SHAPE, GRAVITY, MASS, OMEGA, PARTICIPATION, TIP_SHA
 
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import Drive, constant_frequency
-from impact_env.loads import Loads, Samples
+from impact_env.loads import Load, Loads, Member, Random, Samples, ShakenBase, Shock
 from impact_env.methods import Moreau
 from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber
 from impact_env.periodic.case import case_of
@@ -21,6 +21,8 @@ from impact_env.plain_loads import read_loads, to_loads
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.cli.group import imported
+from optimisation.cli.load_option import loads_of
+from optimisation.load_measures import check_size
 
 MODEL = f"""
 [model]
@@ -111,6 +113,11 @@ def sound(folder: Path) -> None:
         file.writeframes(np.array([0, 16384, -16384, 0], "<i2").tobytes())
 
 
+def large(folder: Path) -> None:
+    with (folder / "a.csv").open("wb") as file:
+        file.truncate(2**27 + 1)
+
+
 def table(text: str) -> Callable[[Path], None]:
     return lambda folder: (folder / "a.csv").write_text(text) and None
 
@@ -129,6 +136,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str, str]] = {
     "uneven": (table("t,f\n0,1\n1,2\n2,3\n3.4,1\n4.4,2\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"time in row 5 = 3\.4 .*resample = true"),
     "backwards": (table("t,f\n0,1\n1,2\n0.5,3\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: time in row 4 = 0\.5"),
     "sound without a scale": (sound, "[load]\nkind = 'samples'\nfile = 'a.wav'", r"load\.scale = None .*a sound has no unit"),
+    "a file too large": (large, "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: bytes = 1\d+ .*at most 128 MiB"),
     "no file": (sine, "[load]\nkind = 'samples'\nfile = 'b.csv'", r"load\.file = 'b\.csv' .*can be read"),
     "no reader": (sine, "[load]\nkind = 'samples'\nfile = 'b.txt'", r"load\.file = 'b\.txt' .*ends in \.csv"),
     "displacement samples": (sine, "[load]\nkind = 'samples'\nquantity = 'base_displacement'\nfile = 'even.npy'", "quantity = 'base_displacement'"),
@@ -223,3 +231,33 @@ def test_a_state_to_start_from() -> None:
     assert isinstance(found, Loads)
     assert not isinstance(found.start, str)
     assert found.start.modal_velocity.tolist() == [0.1, 0.0, 0.0]
+
+
+def test_common_loads_in_short(tmp_path: Path) -> None:
+    def parts(text: str) -> Load:
+        (part,) = loads_of(Path(text), cantilever()).parts
+        return part
+
+    base, shock, random = parts("base:4"), parts("shock:40:0.0125:2"), parts("random:20:60:0.05:20")
+    assert isinstance(base, ShakenBase)
+    assert base.acceleration == 4.0
+    assert base.schedule.omegas == pytest.approx([0.9 * OMEGA[0], 1.06 * OMEGA[0]])
+    assert isinstance(shock, Shock)
+    assert (shock.pulse, shock.peak, shock.width, shock.length) == ("half-sine", 40.0, 0.0125, 2.0)
+    assert isinstance(random, Random)
+    assert random.spectrum.tolist() == [[20.0, 0.05], [60.0, 0.05]]
+    (tmp_path / "scene.toml").write_text(MODEL)
+    result = sweep("--scene", tmp_path / "scene.toml", "--load", "shock:40:2", "--json", tmp_path / "out.json")
+    assert "--load shock:40:2: SHOCK:PEAK_N:PULSE_S:DURATION_S, numbers" in result.output
+
+
+def test_what_lies_above_the_modes_of_a_record_and_units_that_must_be_wrong() -> None:
+    times = np.arange(2000) / 2000.0
+    two = Samples(times, 3 * np.sin(2 * np.pi * 50 * times) + 4 * np.sin(2 * np.pi * 300 * times))
+    assert two.share_above(100.0) == pytest.approx(16 / 25, rel=1e-3)
+    assert two.share_above(400.0) < 1e-6
+    scene, loads = Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.7))), Loads((two,), OMEGA[0])
+    check_size(scene, loads)
+    for factor in (1e-9, 1e12):
+        with pytest.raises(ParameterError, match=r"gap = 0\.001 .*look at the load's units"):
+            check_size(scene, loads.member(Member(factor=factor)))
