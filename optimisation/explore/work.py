@@ -132,7 +132,8 @@ class Work:
 
     def pieces(self, known: dict[tuple[Any, ...], list[Message]]) -> Iterator[Message]:
         """Yield all messages. ``known``: finished curves by their keys, and what they are compared with; it is added to."""
-        again = known.get(self.curve_key)
+        again, responses = known.get(self.curve_key), self.responses()
+        yield next(responses)  # the linear ones, which need no kernels
         yield from self.ready(self.scene, Record(), "curve", self.stop)
         case, finished = self.case(), list[Message]()
         with closing(self.passes(case, [ROUGH, Pass(), Pass(members=self.values.members)], self.first)) as passes:
@@ -141,8 +142,6 @@ class Work:
             self.rough_done = True
             self._go_on()
             yield from self.sweep()
-            responses = self.responses()
-            yield next(responses)  # the linear ones, which take no time
             for message in again or chain(self._one_pass(passes), self._quick_lines(case)):
                 yield self._kept(message, finished)
             yield from self.card(case)
@@ -349,11 +348,11 @@ class Work:
             "branches": found,
             "complete": False,
         }
+        yield dict(message)
         if self.density is not None:
             hertz, density = self.density
             part = slice(*np.searchsorted(2 * np.pi * hertz, [low * reference, high * reference]))
             message["run"] = [rounded(2 * np.pi * hertz[part] / reference), rounded(np.sqrt(density[part]))]
-        yield dict(message)
         if self.values.load != "force":
             yield dict(message, complete=True)
             return

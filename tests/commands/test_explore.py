@@ -106,7 +106,7 @@ def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
     assert (sweep["level"], sweep["at"], sweep["impacts"]) == (run.level.value, run.level.time, run.impact_count)
     assert max(x for x in sweep["high"] if x is not None) == pytest.approx(run.history.tip_displacement.max(), rel=1e-5)
     assert {message["which"] for message in messages if message["type"] == "line"} == {"none", "limit", "friction", "tuned"}
-    assert kinds.index("curve") < kinds.index("sweep") < kinds.index("response") < kinds.index("card") < kinds.index("done")
+    assert kinds.index("response") < kinds.index("curve") < kinds.index("sweep") < kinds.index("card") < kinds.index("done")
 
 
 def test_the_command_makes_the_same(client: TestClient, tmp_path: Path) -> None:
@@ -238,7 +238,7 @@ def test_a_loads_linear_response_is_what_a_run_settles_to(kind: str) -> None:
 
 def test_a_random_forces_spectrum_has_its_mean_square() -> None:
     work = Work(asked({"modes": 3, "members": 1, "concept": "none", "load": "random"}, BEAM), BEAM, Kernels())
-    found = {message["type"]: message for message in work.pieces({})}
+    found = {message["type"]: message for message in work.pieces({})}  # the last of each
     hertz, density = np.array(found["response"]["run"][0]) * work.model.resonance_omega(1) / (2 * np.pi), np.array(found["response"]["run"][1])
     assert np.trapezoid(density**2, hertz) == pytest.approx(found["sweep"]["level"] ** 2, rel=0.02)
     ratio, without = (np.array(found["response"][name]) for name in ("ratio", "without"))

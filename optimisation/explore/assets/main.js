@@ -116,6 +116,7 @@ const take = {
   compiling(m) {
     const panel = m.what in panels ? m.what : "curve", seconds = m.seconds === null ? "" : `compiling, ${m.seconds.toFixed(0)} s`;
     note(panel, seconds);
+    panels[panel].querySelector(".plot").dataset.waits = seconds && `${seconds}: the kernels of this kind of absorber, once`;
     say(m.seconds === null ? "computing" : `compiling for the ${WORDS[m.what] ?? m.what}: once for each kind of absorber, up to a minute`);
   },
   advice(m) {
@@ -145,7 +146,7 @@ const take = {
   line(m) { known.lines[m.which] = m; drawCurve(); },
   sweep(m) { known.sweep = m; drawSweep(); drawResponse(); },
   motion(m) { motion.show(m); note("motion", values.instant === null ? "around the maximum" : "around the chosen instant"); },
-  response(m) { known.response = m; note("response", m.run ? "spectrum" : values.load !== "force" ? "" : m.note ? "no branches here" : m.complete ? `${m.branches.length} branch${m.branches.length === 1 ? "" : "es"}` : "following branches …"); drawResponse(); },
+  response(m) { known.response = m; note("response", values.load === "random" ? "spectrum" : values.load !== "force" ? "" : m.note ? "no branches here" : m.complete ? `${m.branches.length} branch${m.branches.length === 1 ? "" : "es"}` : "following branches …"); drawResponse(); },
   card(m) { known.card = m; drawCard(); drawCurve(); },
   done(m) { performance.measure("all", { start: sent }); say(`all of it took ${((performance.now() - sent) / 1000).toFixed(1)} s`); document.documentElement.dataset.done = m.number; },
 };
@@ -232,7 +233,7 @@ function drawResponse() {
   if (r.with) lines.push({ name: table.concepts[values.concept], x: r.ratio, y: mm(r.with), colour: "tip", width: 2 });
   const s = known.sweep;
   if (r.run) lines.push({ name: "the run", x: r.run[0], y: mm(r.run[1]), colour: "absorber", width: 1.2 });
-  else if (s && s.force === r.force) {
+  else if (s?.swept && s.force === r.force) {
     const up = s.ratio[0] < s.ratio.at(-1), turn = (a) => (up ? a : [...a].reverse());
     lines.push({ name: `sweep ${up ? "up" : "down"}`, x: turn(s.ratio), y: turn(s.high.map((v, k) => (v === null ? null : 1e3 * Math.max(v, -s.low[k])))), colour: "absorber", width: 1 });
   }
@@ -245,7 +246,7 @@ function drawResponse() {
     }
   }
   if (branches.length) for (const [name, colour, dash] of [["stable orbits", "level"], ["unstable orbits", "limit", [4, 4]]]) if (branches.some((b) => b.name === name)) lines.push({ name, x: [r.ratio[0]], y: [null], colour, dash, width: 2 });
-  plots.response.draw({ title: `${r.run ? "Spectrum" : "Frequency response"} at ${inWords(r.force)}`, x: { label: "frequency over the resonance's", short: "at" }, y: { label: r.run ? "density in mm/√Hz" : "amplitude in mm", from: 0 }, lines, branches, broken: true });
+  plots.response.draw({ title: `${values.load === "random" ? "Spectrum" : "Frequency response"} at ${inWords(r.force)}`, x: { label: "frequency over the resonance's", short: "at" }, y: { label: values.load === "random" ? "density in mm/√Hz" : "amplitude in mm", from: 0 }, lines, branches, broken: true });
 }
 
 const mm = (x, n = 4) => (x === null ? "–" : `${digits(1e3 * x, n)} mm`);

@@ -110,11 +110,10 @@ addEventListener("pointermove", (e) => { dot.style.left = `${e.clientX}px`; dot.
 
 def film(target: Path) -> None:
     """Write a film of the page, as long as it takes: the gap's slider is dragged, a click sets the force, and advice is asked for."""
-    frames, seconds, last = list[Image.Image](), list[float](), 0.0
+    frames, seconds = list[Image.Image](), list[float]()
 
     def shoot(least: float, until: str = "html") -> None:
         """Take pictures for ``least`` seconds, and until there is what a selector says."""
-        nonlocal last
         end = time.monotonic() + least
         while time.monotonic() < end or not page.locator(until).count():
             frames.append(Image.open(io.BytesIO(page.screenshot())).convert("RGB").resize(FILM, Image.Resampling.LANCZOS))
