@@ -39,7 +39,7 @@ MARKS = {"first points": "first_ms", "all forces": "all_forces_ms", "all": "ever
 CASES = tuple((modes, friction) for modes in (3, 10) for friction in (0.0, 0.1))
 WAIT = 600_000.0  # ms, with what is compiled
 SIZE: Any = {"width": 1280, "height": 800}
-FILM, FILM_COLOURS = (960, 600), 64
+FILM, FILM_COLOURS = (960, 600), 128
 GAP = "Gap to either wall, mm"
 
 
@@ -140,14 +140,14 @@ def film(target: Path) -> None:
         go(*middle(slider, 0.55), 14)
         page.mouse.up()
         shoot(1.5)
-        go(*middle("#curve .u-over", 0.5), 5)
+        go(*middle("#curve .plot", 0.5), 5)
         page.mouse.click(*at)
         shoot(2.0)
         go(*middle("#recommend", 0.5), 5)
         page.mouse.click(*at)
         shoot(1.0, "#why:not(:empty)")
         shoot(2.5)
-    palette = frames[-1].quantize(FILM_COLOURS)  # one for all, so that what stands still costs nothing
+    palette = frames[0].quantize(FILM_COLOURS, Image.Quantize.MAXCOVERAGE)  # one for all: what stands still costs nothing
     frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     lengths = [round(1e3 * (b - a)) for a, b in itertools.pairwise(seconds)] + [2000]
     frames[0].save(target, save_all=True, append_images=frames[1:], duration=lengths, loop=0, optimize=True)
