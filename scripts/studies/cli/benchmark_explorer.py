@@ -192,7 +192,8 @@ def said(found: Measured) -> str:
         rows.append((f"{row['modes']}, {row['friction_limit']:g}", *shown))
     first, last = found.values["load"]
     return (
-        f"{markdown(header, rows)}\n\nMedian of {found.values['repeats']} moves of the gap's slider one after the other, in brackets the longest. "
+        f"{markdown(header, rows)}\n\nMedian of {found.values['repeats']} moves of the gap's slider, each when the forces of the one before are "
+        f"there, of everything of the last {WHOLE_REPEATS}; in brackets the longest. "
         f"The machine's load was {first:.1f} when it began and {last:.1f} when it ended, of which the benchmark is one or two."
     )
 
