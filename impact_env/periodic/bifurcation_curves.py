@@ -7,7 +7,7 @@ value with the sign of its determinant: smooth where it vanishes, and finite whe
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import FOLD, KINK, STOPPED, Branch, Monitor, NoConvergenceError, Residual
+from impact_env.periodic.branch import FOLD, KINK, MINIMUM_STEP, STOPPED, Branch, Monitor, NoConvergenceError, Residual
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, continuation
 from impact_env.periodic.green import PARAMETERS, Conditions, NoOrbit, Solution, linear_states, solution_of, unknowns_of
 from impact_env.periodic.motion import derivative_of, motion_of
+from impact_env.periodic.offspring import unlike
 from impact_env.periodic.orbit import Orbit, confirmed, consistent, shown_order, without_held
 from impact_env.periodic.orbit_branches import (
     GRAZING,
@@ -46,6 +47,7 @@ SECOND = tuple(name for name in PARAMETERS if name != "omega")
 RESONANCE, RANGE = "strong resonance", "end of the frequencies"
 STEPS = Steps(first=0.02, least=1e-7, most=0.2, points=600)
 SAME = 0.9  # of a curve's points: with so many on another one it is that, begun from another order of reversals
+ALIKE = 0.02  # in rad, and of the largest impulse: halves of an orbit that differ less get equal where a step cannot be made any more
 DIFFERENCE = 1e-6  # of the unknowns' scales, for the derivatives of A
 
 
@@ -240,8 +242,9 @@ def bifurcation_curve(
 ) -> BifurcationCurve:
     """Return the curve of bifurcations through one of ``kind`` next to a solution, over the frequency (limits in rad/s) and ``parameter``.
 
-    It is followed to both sides, and ends at its limits, where a wall would have to pull, where a torus's multipliers meet, or where it is back at
-    its start; Ctrl-C ends it with what is known so far. Raises NoConvergenceError if there is no such bifurcation here, ParameterError for bad input.
+    It is followed to both sides, and ends at its limits, where a wall would have to pull, where a torus's multipliers meet, on the curve of broken
+    symmetry or doubled periods that it begins on, or where it is back at its start; Ctrl-C ends it with what is known so far. Raises
+    NoConvergenceError if there is no such bifurcation here, ParameterError for bad input.
     """
     require(kind in KINDS, "kind", kind, f"one of {', '.join(KINDS)}")
     require(parameter in SECOND, "parameter", parameter, f"one of {', '.join(SECOND)}")
@@ -254,12 +257,22 @@ def bifurcation_curve(
         walk = CurveWalk(solution.case, parameter, solution.schedule, kind=kind, size=size, limits=limits, frequencies=frequencies)
         problem = Problem(walk.residual(), parameter, walk.scale, size, limits, walk.monitors(), walk.recentre)
         way = continuation(problem, np.append(unknowns_of(solution), solution.case.omega), value, direction, steps, progress)
-        ways.append((way, walk.schedules(solution.schedule, len(way))))
+        schedules = walk.schedules(solution.schedule, len(way))
+        ways.append((_explained(way, walk.solution(way.points[-1], float(way.parameters[-1]))), schedules))
         if way.closed or way.ended == STOPPED:
             return BifurcationCurve(kind, solution.case, way, tuple(ways[-1][1]), located_schedules(way.located, ways[-1][1]))
     (forward, schedules), (backward, others) = ways
     located = (*reversed(located_schedules(backward.located, others)), *located_schedules(forward.located, schedules))
     return BifurcationCurve(kind, solution.case, forward.joined(backward), (*others[:0:-1], *schedules), located)
+
+
+def _explained(way: Branch, last: Solution) -> Branch:
+    """Return a way that broke down with what it met: where both halves of its orbits get alike a curve ends on that of the bifurcation there."""
+    sides = () if last.schedule.symmetric else (-1.0, 1.0) if last.schedule.period_multiple % 2 == 0 else (-1.0,)
+    for side, kind in zip(sides, (SYMMETRY_BREAKING, PERIOD_DOUBLING), strict=False):
+        if way.ended == MINIMUM_STEP and unlike(last, side) < ALIKE:
+            return replace(way, ended=kind, message=f"{kind} at {way.parameter} = {way.parameters[-1]:.10g}, on whose curve it begins")
+    return way
 
 
 def bifurcation_curves(

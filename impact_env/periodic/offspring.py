@@ -33,6 +33,7 @@ from impact_env.periodic.schedule import EventSchedule
 from impact_env.periodic.survey import MOST_MULTIPLE, Found, attractors, closed_form_over, different, joined_by
 
 LEAST = 1e-4  # of what tells the two halves apart: below it is the orbit that was left
+BACK = "it is back on the branch that it left"
 SIZES = (0.02, 0.05, 0.01, 0.1)  # of arclength: how far from the branch point the other branch is sought, in turn
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]  # what is done, how many frequencies or branches of how many (0: not known)
@@ -79,7 +80,7 @@ def _beside(solution: Solution, side: float, parameter: str) -> Solution | None:
         except NoConvergenceError:
             continue
         found = solve(solution.case.changed(**{parameter: there}), solution.schedule, _in_units(point, solution, parameter, there))
-        if not isinstance(found, NoOrbit) and _unlike(found, side) > LEAST:
+        if not isinstance(found, NoOrbit) and unlike(found, side) > LEAST:
             return found
     return None
 
@@ -92,9 +93,11 @@ def _in_units(point: NDArray[np.float64], solution: Solution, parameter: str, va
     return np.asarray(units * point)
 
 
-def _unlike(solution: Solution, side: float) -> float:
+def unlike(solution: Solution, side: float) -> float:
     """Return by how much the second half is not the first one times ``side``: phases in rad, and shares of the largest impulse."""
     half = len(solution.phases) // 2
+    if len(solution.phases) % 2:
+        return np.inf
     late = solution.phases[half:] - solution.phases[:half] - solution.schedule.turn / 2
     stronger = (solution.impulses[half:] - side * solution.impulses[:half]) / np.max(np.abs(solution.impulses))
     return float(max(np.max(np.abs(late)), np.max(np.abs(stronger))))
@@ -137,7 +140,7 @@ def descendants(
                     reason = f"there are more branches that leave others than the {MOST_BRANCHES} that are followed in a range"
                     yield NoOrbit(solution.case, solution.schedule, reason, solution.phases)
                     return
-                found = followed(solution, limits)
+                found = followed(solution, limits, -1.0 if kind == SYMMETRY_BREAKING else 1.0)
                 if isinstance(found, NoOrbit):
                     yield found
                     continue
@@ -148,17 +151,34 @@ def descendants(
                     return
 
 
-def followed(solution: Solution, limits: tuple[float, float]) -> OrbitBranch | NoOrbit:
-    """Return the branch in frequency through a solution, or why it is not followed."""
+def followed(solution: Solution, limits: tuple[float, float], side: float | None = None) -> OrbitBranch | NoOrbit:
+    """Return the branch in frequency through a solution, or why it is not followed.
+
+    ``side``: it leaves a branch whose orbits' second half is the first one times that, and ends where it comes back to it.
+    """
     events = len(solution.schedule.events)
     if events > MOST_EVENTS:
         return NoOrbit(solution.case, solution.schedule, f"a branch of more than {MOST_EVENTS} events is not followed", solution.phases)
     if not limits[0] <= solution.case.omega <= limits[1]:
         return NoOrbit(solution.case, solution.schedule, "a branch that begins beyond the range is not followed", solution.phases)
     try:
-        return orbit_branch(solution, "omega", limits, STEPS)
+        found = orbit_branch(solution, "omega", limits, STEPS)
     except NoConvergenceError as error:
         return NoOrbit(solution.case, solution.schedule, str(error), solution.phases)
+    return found if side is None else _until_back(found, side)
+
+
+def _until_back(orbits: OrbitBranch, side: float) -> OrbitBranch:
+    """Return a branch without its ends on the one that it left, whose orbits stand there twice: where both meet, a step may turn onto that."""
+    apart = np.flatnonzero([unlike(orbits.solution(k), side) > LEAST for k in range(len(orbits.schedules))])
+    if len(apart) == 0 or apart[-1] - apart[0] == len(orbits.schedules) - 1:
+        return orbits
+    branch, (first, last) = orbits.branch, apart[[0, -1]]
+    kept = slice(first, last + 1)
+    pairs = [pair for pair in zip(branch.located, orbits.located_schedules, strict=True) if first <= pair[0].after + 1 <= last + 1]
+    located = tuple(replace(event, after=max(0, event.after - first)) for event, _ in pairs)
+    whole = replace(branch, points=branch.points[kept], parameters=branch.parameters[kept], located=located, ended=BACK, message=BACK)
+    return OrbitBranch(orbits.case, whole, orbits.schedules[kept], tuple(schedule for _, schedule in pairs))
 
 
 def all_orbits_over(

@@ -110,10 +110,9 @@ def text(result: Overview) -> str:
             more = "" if total == most else f", and {len(curve.refused) - 1} more reasons"
             notes.append(f"Curve {number}: {total} points are no orbit: {reason}{more}.")
         rows[-1] += [str(curve.period), "symmetric" if curve.symmetric else "a pair"]
-        rows[-1].append(
-            ", ".join(f"{mark.kind} {mark.omega_ratio:.6g}" for mark in curve.located if mark.kind in (TORUS, PERIOD_DOUBLING, SYMMETRY_BREAKING))
-        )
-    header = ("curve", "method", "", "points", "peak, mm", "at", "folds", "stable, %", "period", "", "loses stability at")
+        marks = sorted((mark.omega_ratio, mark.kind) for mark in curve.located if mark.kind in (TORUS, PERIOD_DOUBLING, SYMMETRY_BREAKING))
+        rows[-1].append(", ".join(f"{kind} {ratio:.6g}" for ratio, kind in marks))
+    header = ("curve", "method", "", "points", "peak, mm", "at", "folds", "stable, %", "period", "", "bifurcates at")
     blocks = [str(result.scene) + f", {result.force:g} N", "", markdown(header, rows), "", *[note for note in notes if note]]
     return "\n".join([*blocks, *(["", runs_table(result)] if result.stationary else [])])
 

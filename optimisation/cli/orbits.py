@@ -23,7 +23,7 @@ from impact_env.periodic.plain_orbits import plain_orbit
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.periodic.survey import Found, attractors, closed_form_orbits, different, orbits_over
 from impact_env.periodic.validation import validation_alongside
-from optimisation.bounds import design_force
+from optimisation.bounds import design_force, design_gap
 from optimisation.cli.common import FIGURES, BadInput, check_target, command, end_early, json_option, name_files, plain_errors
 from optimisation.cli.structure_option import model_of, read_device, refuse_beside, scene_option, structure_option
 from optimisation.files import replacing, write_csv, write_json
@@ -45,6 +45,7 @@ from optimisation.report.orbit_tables import (
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure or --scene by the design rule]"
+GAP_HELP = f"Clearance to either wall in m.  [default: {RigidWalls.gap}, with --structure and --force by the design rule]"
 FROM, TO = 0.9, 1.06  # of the first resonance, the paper's range
 POINTS, AROUND, RANGE = 81, 21, 0.02  # frequencies listed, and those from which branches lead to a single one, with its neighbourhood
 ALONG = ("force", "gap", "restitution", "friction-limit")
@@ -200,7 +201,7 @@ def check(given: dict[str, Any]) -> None:
 
 
 def case_of(given: dict[str, Any]) -> Case:
-    """Return structure and absorber at the first resonance; on a structure from a file the force follows from the gap by the design rule."""
+    """Return structure and absorber at the first resonance; on a structure from a file force or gap, the one not given, is by the design rule."""
     refuse_beside(given["structure"], "modes", "damping")
     if given["scene"] is None:
         model = model_of(given["structure"], modes=given["modes"], damping_ratio=given["damping"])
@@ -209,9 +210,11 @@ def case_of(given: dict[str, Any]) -> Case:
         model, walls = mounted(structure), rigid_walls(device)
         given |= {"mass_ratio": device.mass_ratio, "gap": walls.gap, "restitution": walls.restitution}
         given["friction_limit"] = 0.0 if device.friction is None else device.friction.limit
-    force, gap, ratio = given["force"], positive("gap", given["gap"]), positive("mass_ratio", given["mass_ratio"])
+    force, gap, ratio = given["force"], given["gap"], positive("mass_ratio", given["mass_ratio"])
+    if gap is None:
+        gap = RigidWalls.gap if given["structure"] is None or force is None else design_gap(model, ratio * model.beam_mass, force)
     if force is None:
-        force = FORCE if given["structure"] is None and given["scene"] is None else design_force(model, ratio * model.beam_mass, gap, 1)
+        force = FORCE if given["structure"] is None and given["scene"] is None else design_force(model, ratio * model.beam_mass, positive("gap", gap))
     return Case(model, float(model.omega[0]), force, gap, given["restitution"], given["friction_limit"], ratio)
 
 
@@ -259,7 +262,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str, An
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
-@click.option("--gap", type=float, default=RigidWalls.gap, show_default=True, help="Clearance to either wall in m.")
+@click.option("--gap", type=float, help=GAP_HELP)
 @click.option("--restitution", type=float, default=RigidWalls.restitution, show_default=True, help="Coefficient of restitution, 0 to 1.")
 @click.option("--friction-limit", type=float, default=0.0, show_default=True, help="Friction limit in N; 0: no friction.")
 @click.option("--force", type=float, help=FORCE_HELP)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from places import EXAMPLES
 
 from impact_env import Drive, InitialState, constant_frequency, simulate
 from impact_env.periodic import Orbit, orbit_of, unpacked
@@ -61,6 +62,19 @@ def test_an_orbit_of_a_file_can_be_read_back_and_run_again(tmp_path: Path) -> No
         first = InitialState(start["modal_displacement"], start["modal_velocity"], start["absorber_displacement_m"], start["absorber_velocity_m_s"])
         end = simulate(scene, run, initial=first).end_state
         assert end == pytest.approx(first.vector(scene), abs=1e-9)
+
+
+def test_on_a_structure_gap_and_force_follow_from_each_other_by_the_design_rule(tmp_path: Path) -> None:
+    """Both are proportional, and so are orbits: those at the rule's gap for the rule's force for 1 mm are those of 1 mm."""
+    where = ["--structure", str(EXAMPLES / "steel_beam.toml"), "--at", "0.97", "--symmetric"]
+    _, usual = listed(tmp_path, *where)
+    assert usual
+    force = usual[0]["force_N"]
+    _, again = listed(tmp_path, *where, "--force", repr(force / 2))
+    for plain, half in zip(usual, again, strict=True):
+        assert to_scene(plain["scene"]).absorber.walls.gap == pytest.approx(1e-3)
+        assert to_scene(half["scene"]).absorber.walls.gap == pytest.approx(5e-4, rel=1e-9)
+        assert half["tip_max_m"] == pytest.approx(plain["tip_max_m"] / 2, rel=1e-6)
 
 
 def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:

@@ -104,6 +104,17 @@ def test_behind_grazing_a_curve_is_no_orbits() -> None:
     assert all("passes a wall" in orbit.reason for orbit in refused)
 
 
+def test_the_fold_of_a_pair_begins_on_the_curve_of_broken_symmetry() -> None:
+    (curve,), (broken,) = one_mode()[FOLD][1:], one_mode()[SYMMETRY_BREAKING]
+    assert curve.branch.ended.startswith(SYMMETRY_BREAKING)
+    assert f"{SYMMETRY_BREAKING} at force = " in curve.branch.message
+    places = np.column_stack([broken.omega / FIRST, broken.branch.parameters])
+    begin = np.array([curve.omega[0] / FIRST, curve.branch.parameters[0]])
+    k = int(np.argmin(np.linalg.norm(places - begin, axis=1)))
+    near = places[max(k - 1, 0) : k + 2]
+    assert np.interp(begin[0], *near[np.argsort(near[:, 0])].T) == pytest.approx(begin[1], abs=2e-4)
+
+
 def test_a_curve_describes_itself_and_its_orbits_are_read_back() -> None:
     for kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING):
         curve = one_mode()[kind][0]

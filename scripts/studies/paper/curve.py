@@ -28,7 +28,7 @@ from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.report.design_figures import force_axis
 from studies.paper.frame import Settings
-from studies.paper.style import MM, Look, line
+from studies.paper.style import MM, REFERENCE, Look, line
 from studies.study import Json
 
 Array = NDArray[np.float64]
@@ -305,8 +305,23 @@ def draw_curve(axes: Axes, own: Curve, look: Look, label: str, marked: bool = Tr
     line(axes, own.forces, MM * own.median, look, label, band=(MM * low, MM * high), nominal=MM * own.level[:, 0], marked=marked)
 
 
-def level_axes(axes: Axes, none: Curve, ylabel: str = "resonant response level in mm (RMS)") -> None:
-    """Make the axes those of levels over the forces of a curve, both logarithmic."""
-    axes.set(xscale="log", yscale="log", xlim=(none.forces[0], none.forces[-1]), xlabel="amplitude of the force in N", ylabel=ylabel)
-    force_axis(axes.xaxis)
-    force_axis(axes.yaxis)
+def level_axes(axes: Axes, none: Curve, most: float) -> None:
+    """Make the axes those of levels over forces up to ``most`` in N, both linear as the paper's; ``none``: the curve without absorber."""
+    axes.set(xlim=(0, most), ylim=(0, 1.05 * MM * float(np.interp(most, none.forces, none.median))))
+    axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
+
+
+def inset_of(axes: Axes, bounds: tuple[float, float, float, float], none: Curve, drawn: Mapping[Look, Curve]) -> Axes:
+    """Add an inset at ``bounds`` of the axes: levels over no absorber at all forces, on a logarithmic axis, each curve in its look."""
+    small = axes.inset_axes(bounds)
+    for look, own in drawn.items():
+        low, middle, high = np.quantile(own.relative(none), (0.05, 0.5, 0.95), axis=1)
+        small.fill_between(own.forces, low, high, color=look.colour, alpha=0.18, lw=0)
+        small.plot(own.forces, middle, color=look.colour, ls=look.dashes, lw=1.0)
+    small.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9)
+    small.set(xscale="log", xlim=(none.forces[0], none.forces[-1]), ylim=(0, 1.15))
+    small.set_title("level over no absorber", fontsize=6.5, pad=2)
+    small.set_xlabel("force in N", fontsize=6, labelpad=1)
+    force_axis(small.xaxis)
+    small.tick_params(labelsize=6)
+    return small

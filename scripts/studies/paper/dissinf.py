@@ -17,7 +17,7 @@ from impact_env.parameters import Absorber, Beam, RigidWalls, friction_damper, i
 from impact_env.scene import Scene, beam_scene
 from optimisation.report.markdown import markdown
 from studies.paper.claim import INFINITY, LITTLE, MUCH, SAME, Claim, claim, judged, spread, within
-from studies.paper.curve import Curve, Envelope, best_forces, curve_of, curves, draw_curve, force_grid, level_axes
+from studies.paper.curve import Curve, Envelope, best_forces, curve_of, curves, draw_curve, force_grid, inset_of, level_axes
 from studies.paper.frame import PaperFigure, Settings, has, in_turn
 from studies.paper.style import LOOKS, MM, REFERENCE, Look, line, panels
 from studies.study import Json, Steps
@@ -246,26 +246,32 @@ def _draw(values: Json) -> Figure:
     return figure
 
 
+DAMPER = (0, (4, 2))  # dashes of its curves
+
+
 def _curves(axes: Axes, values: Json) -> None:
     none = curve_of(values[NONE])
     line(axes, none.forces, MM * none.median, REFERENCE, NONE, marked=False)
-    names = {CONSERVATIVE: LOOKS[5], **{impacting(limit): look for limit, look in zip(LIMITS, LOOKS, strict=False)}, DISSIPATIVE: LOOKS[4]}
+    looks = (LOOKS[5], *(Look(look.colour, "-", look.marker) for look in (*LOOKS[: len(LIMITS)], LOOKS[4])))
+    names = dict(zip((CONSERVATIVE, *map(impacting, LIMITS), DISSIPATIVE), looks, strict=True))
     for name, look in names.items():
-        own = curve_of(values[name])
-        draw_curve(axes, own, look if name == CONSERVATIVE else Look(look.colour, "-", look.marker), name, marked=name != CONSERVATIVE)
+        draw_curve(axes, curve_of(values[name]), look, name, marked=name != CONSERVATIVE)
     for limit, look in zip(LIMITS, LOOKS, strict=False):
         own = curve_of(values[sliding(limit)])
-        axes.plot(own.forces, MM * own.median, color=look.colour, ls=(0, (4, 2)), lw=1.0, label=sliding(limit))
-    axes.set(ylim=(0.08, 20))
-    level_axes(axes, none)
-    axes.legend(fontsize=7, frameon=False, ncols=2, loc="upper left")
+        axes.plot(own.forces, MM * own.median, color=look.colour, ls=DAMPER, lw=1.0, label=sliding(limit))
+    drawn = {look: curve_of(values[name]) for name, look in names.items()}
+    drawn |= {Look(look.colour, DAMPER): curve_of(values[sliding(limit)]) for limit, look in zip(LIMITS, LOOKS, strict=False)}
+    inset_of(axes, (0.05, 0.57, 0.4, 0.36), none, drawn)
+    level_axes(axes, none, SECONDARY[1])
+    axes.legend(fontsize=7, frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12))
 
 
 def _sweeps(axes: Axes, values: Json) -> None:
     for look, name in zip(LOOKS, swept_scenes(), strict=False):
         if f"sweep, {name}" in values:
             own = values[f"sweep, {name}"]
-            ratio, low, middle, high, nominal = (np.array(own[key]) for key in ("ratio", "low", "median", "high", "nominal"))
+            whole = slice(None, -1)  # but the last stretch, which is short
+            ratio, low, middle, high, nominal = (np.array(own[key])[whole] for key in ("ratio", "low", "median", "high", "nominal"))
             look = Look(look.colour, look.dashes)
             line(axes, ratio, MM * middle, look, name, band=(MM * low, MM * high), nominal=MM * nominal)
     axes.set(xlim=(0.9, 1.06), ylim=(0, None), xlabel="frequency over $\\omega_1$", ylabel=f"|tip displacement| in mm, down at {SWEPT:g} N")

@@ -196,17 +196,23 @@ def _words(values: Json) -> str:
 
 
 RANGE = (0.9, 1.06)
+NAMED = {  # the paper's names of the curves, and where they stand: frequency ratio and displacement in mm
+    "medium": {"a": (0.9925, 1.78), "b": (0.9705, 1.91), "c": (0.9405, 0.6), "d": (0.915, 0.29), "e": (0.936, 1.41), "f": (1.007, 0.55)},
+    "high": {"a": (0.9925, 3.55), "b": (0.972, 3.75), "c": (0.937, 0.13), "d": (0.93, 0.65), "e": (0.942, 2.75), "f": (1.0, 0.36)},
+}
 
 
 def _draw(values: Json) -> Figure:
     """Draw the largest tip displacement over the frequency for both forces."""
-    figure, axes = panels(1, 2, 3.6)
+    figure, axes = panels(1, 2, 3.6, "")
     for own, name in zip(axes.flat, ("medium", "high"), strict=True):
         part = values[name]
         draw(own, part)
         own.set(xlim=RANGE, ylim=(0, 1.25 * MM * max(curve["peak"][1] for curve in part["balance"])), xlabel=r"frequency $\Omega/\omega_1$")
         own.set_title(f"{part['force_n']:g} N")
         own.axhline(1.0, color=FAINT, lw=0.5)
+        for letter, (ratio, height) in NAMED[name].items():
+            own.text(ratio, height, f"({letter})", ha="center", va="center", fontsize=7.5)
     axes[0, 0].set_ylabel("largest tip displacement in mm")
     inset = axes[0, 1].inset_axes((0.75, 0.52, 0.24, 0.44))
     draw(inset, values["high"])

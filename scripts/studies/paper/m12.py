@@ -18,10 +18,9 @@ from optimisation.bounds import resonance_limit
 from optimisation.comparison import FRICTION, IMPACT, LTVA_PAPER, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, NONE, RESONANCES, compare, concepts
 from optimisation.progress import sweeps_bar
 from optimisation.report.comparison_figure import ORDINALS
-from optimisation.report.design_figures import force_axis
 from optimisation.report.markdown import markdown
 from studies.paper.claim import INFINITY, LITTLE, MUCH, WIDE, Claim, about, claim, spread
-from studies.paper.curve import Curve, best_forces, curve_of, curves, draw_curve, force_grid, level_axes, plain_curve
+from studies.paper.curve import Curve, best_forces, curve_of, curves, draw_curve, force_grid, inset_of, level_axes, plain_curve
 from studies.paper.frame import PaperFigure, Settings, has, in_turn, shortened
 from studies.paper.style import LOOKS, MM, REFERENCE, Look, line, panels
 from studies.study import Json, Steps, Table
@@ -273,25 +272,29 @@ DRAWN = {
 }
 
 
+SHOWN = {1: 8.0, 2: 80.0}  # N: the largest force drawn at each resonance
+
+
 def _draw(values: Json) -> Figure:
     """Draw the curves of both resonances, with the damper's own range at the second as an inset."""
     figure, grid = panels(1, 2, 4.6)
     for axes, resonance in zip(grid[0], RESONANCES, strict=True):
         part = values[f"resonance {resonance}"]
-        _curves(axes, read(part))
+        _curves(axes, read(part), SHOWN[resonance])
         _limit(axes, part)
         for key in (IMPACT, FRICTION):
             own = curve_of(part["step"][key])
             axes.plot(own.forces, MM * own.level[:, 0], "x", color=DRAWN[key][0].colour, ms=3.5, mew=0.7, zorder=4)
         axes.set_title(f"{ORDINALS[resonance]} resonance", fontsize=8.5)
     if "low" in values:
-        _inset(grid[0, 1], read(values["low"]))
+        low = read(values["low"])
+        inset_of(grid[0, 1], (0.09, 0.62, 0.38, 0.3), low[NONE], {DRAWN[key][0]: low[key] for key in (FRICTION, LTVA_PAPER, IMPACT)})
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=7, frameon=False)
     return figure
 
 
-def _curves(axes: Axes, found: dict[str, Curve]) -> None:
+def _curves(axes: Axes, found: dict[str, Curve], most: float) -> None:
     none = found[NONE]
     line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
     for key, (look, label) in DRAWN.items():
@@ -299,27 +302,13 @@ def _curves(axes: Axes, found: dict[str, Curve]) -> None:
             draw_curve(axes, found[key], look, label)
     best = int(np.argmin(np.median(found[IMPACT].relative(none), axis=1)))
     axes.axvline(none.forces[best], color="0.55", lw=0.8, ls=":")
-    level_axes(axes, none)
-    axes.set_ylim(0.5 * MM * min(float(np.min(own.median)) for own in found.values()), 1.3 * MM * float(np.max(none.median)))
+    level_axes(axes, none, most)
 
 
 def _limit(axes: Axes, part: Json) -> None:
     force, level = np.array(part["limit"]["force"]), MM * np.array(part["limit"]["level"])
     style: Any = {"facecolor": "0.93", "edgecolor": "0.7", "hatch": "////", "lw": 0.5, "zorder": 0.4}
     axes.fill_between(force, 1e-9, np.maximum(level, 1e-9), label="out of reach of any mass in this cavity, stationary", **style)
-
-
-def _inset(axes: Axes, found: dict[str, Curve]) -> None:
-    small = axes.inset_axes((0.09, 0.62, 0.40, 0.34))
-    for key in (FRICTION, LTVA_PAPER, IMPACT):
-        own, look = found[key], DRAWN[key][0]
-        low, middle, high = np.quantile(own.relative(found[NONE]), (0.05, 0.5, 0.95), axis=1)
-        small.fill_between(own.forces, low, high, color=look.colour, alpha=0.18, lw=0)
-        small.plot(own.forces, middle, color=look.colour, ls=look.dashes, lw=1.0)
-    small.set(xscale="log", xlim=(found[NONE].forces[0], found[NONE].forces[-1]), ylim=(0, 1.15))
-    small.set_title("low forces, over no absorber", fontsize=6.5, pad=2)
-    force_axis(small.xaxis)
-    small.tick_params(labelsize=6)
 
 
 FIGURE = PaperFigure(

@@ -33,7 +33,7 @@ from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim, Verdict
 from studies.paper.curve import Chaos
 from studies.paper.frame import PaperFigure, Settings, has, in_turn
-from studies.paper.style import FAINT, LOOKS, legends, line, panels
+from studies.paper.style import LOOKS, legends, line, panels
 from studies.study import Json, Steps
 
 LABEL = "modulation"
@@ -224,7 +224,7 @@ def _claims(values: Json) -> list[Claim]:
     return [Claim("modulation_fades", "the modulation becomes less obvious as modes are added", "4.2", said, verdict, LABEL, why)]
 
 
-NAMED = (1, 2, 3, 4, 5, 7, 10, 12, 30)  # numbers of modes that stand beside their points
+NAMED = (1, 2, 3, 4, 5, 7, 10, 12)  # numbers of modes that stand beside their points
 
 
 def _draw(values: Json) -> Figure:
@@ -248,11 +248,12 @@ def _draw(values: Json) -> Figure:
     over.lines[-1].set(ls="", marker=LOOKS[0].marker, label="$N_m$ modes at their $e_1$")
     for e in dict.fromkeys(row["restitution"] for row in many):
         own = [row for row in many if row["restitution"] == e]  # several that are set to 0
-        words, height = ", ".join(str(row["modes"]) for row in own if row["modes"] in NAMED), max(row["depth"][0] for row in own)
-        over.annotate(words, (e, height), xytext=(2, 4), textcoords="offset points", fontsize=6.5, color=FAINT)
+        last, height = own[-1]["modes"], max(row["depth"][0] for row in own)
+        words, beside = (f"{own[0]['modes']} to {last}", (-6, 13)) if len(own) > 1 else (f"{last}" if last in NAMED else "", (3, -9))
+        over.annotate(words, (e, height), xytext=beside, textcoords="offset points", fontsize=6.5, color="0.35")
     depth.set(ylabel="depth of the modulation", ylim=(0, 0.95))
     energy.set(ylabel="share in %", ylim=(0, 125), yticks=range(0, 101, 20))
-    over.set(xlabel="restitution of one mode, $e_1$", ylabel="depth of the modulation", ylim=(0, None))
+    over.set(xlabel="restitution of one mode, $e_1$", ylabel="depth of the modulation", xlim=(None, 1.09), ylim=(0, None))
     depth.legend(loc="upper right")
     over.legend(loc="lower right", fontsize=6.5)
     legends(axes)

@@ -14,10 +14,9 @@ from matplotlib.figure import Figure
 from impact_env.methods import Moreau
 from impact_env.parameters import Beam, StuckAbsorber, impact_absorber
 from impact_env.scene import beam_scene
-from optimisation.report.design_figures import force_axis
 from optimisation.report.markdown import markdown
 from studies.paper.claim import INFINITY, LITTLE, SAME, Claim, Verdict, claim, spread, within
-from studies.paper.curve import Curve, Ranges, curve_of, curves, force_grid, ranges_of, slopes, watched_curve
+from studies.paper.curve import Curve, Ranges, curve_of, curves, force_grid, inset_of, level_axes, ranges_of, slopes, watched_curve
 from studies.paper.frame import PaperFigure, Settings, has, in_turn
 from studies.paper.style import LOOKS, MM, REFERENCE, STUCK, legends, line, panels
 from studies.study import Json, Steps
@@ -164,10 +163,10 @@ def _draw(values: Json) -> Figure:
     if "step" in values:
         step = curve_of(values["step"])
         axes.plot(step.forces[shown], MM * step.level[shown, 0], "x", color=LOOKS[1].colour, ms=4, label="one run at the paper's step")
-    axes.set(xlim=(0.0, 12.0), ylim=(0.0, 1.05 * MM * float(np.max(none.median[shown]))))
-    axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
+    level_axes(axes, none, 12.0)
     axes.legend(loc="upper left")
-    _inset(axes, own, none, stuck)
+    small = inset_of(axes, (0.62, 0.12, 0.36, 0.27), none, {LOOKS[0]: own, STUCK: stuck})
+    small.legend(small.lines[1:2], ["absorber stuck"], fontsize=6.5, loc="lower right", frameon=False)
     legends(grid)
     return figure
 
@@ -182,20 +181,6 @@ def draw_ranges(axes: Axes, found: Ranges, low: float, high: float) -> None:
         axes.axvspan(begin, end, color=shade, lw=0, zorder=0)
         own, place = axes.get_xaxis_transform(), min((begin + end) / 2, begin + 4.5)
         axes.text(place, 0.16, name, transform=own, ha="center", va="bottom", fontsize=8, color="0.3", rotation=90)
-
-
-def _inset(axes: Axes, own: Curve, none: Curve, stuck: Curve) -> None:
-    small = axes.inset_axes((0.62, 0.1, 0.36, 0.28))
-    relative = np.quantile(own.relative(none), (0.05, 0.5, 0.95), axis=1)
-    small.fill_between(own.forces, relative[0], relative[2], color=LOOKS[0].colour, alpha=0.18, lw=0)
-    small.plot(own.forces, relative[1], color=LOOKS[0].colour)
-    small.plot(own.forces, np.median(stuck.relative(none), axis=1), color=STUCK.colour, ls=STUCK.dashes, lw=0.9, label="absorber stuck")
-    small.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9)
-    small.set(xscale="log", xlim=(own.forces[0], own.forces[-1]), ylim=(0, 1.15))
-    small.set_title("level over no absorber", fontsize=7, color="0.2", pad=2)
-    small.tick_params(labelsize=6.5)
-    small.legend(fontsize=6.5, loc="lower right", frameon=False)
-    force_axis(small.xaxis)
 
 
 FIGURE = PaperFigure(

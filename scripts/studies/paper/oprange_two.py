@@ -221,9 +221,9 @@ def _curves(axes: Axes, values: Json) -> None:
         if border is not None:
             axes.plot(border.force, np.interp(border.force, own.forces, MM * own.median), look.marker, color=look.colour, ms=5, zorder=4)
     if "force_n" in values:
-        axes.axvline(values["force_n"], color=FAINT, lw=0.9, ls=":")
-        axes.text(values["force_n"], 0.03, " f*", transform=axes.get_xaxis_transform(), fontsize=8)
-    level_axes(axes, none, "response level in mm (RMS)")
+        axes.axvline(values["force_n"], ymax=0.6, color=FAINT, lw=0.9, ls=":")
+        axes.text(values["force_n"], 0.5, " f*", transform=axes.get_xaxis_transform(), fontsize=8)
+    level_axes(axes, none, 5.0)
 
 
 def _draw_sweeps(axes: Axes, values: Json, name: str) -> None:

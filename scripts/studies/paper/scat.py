@@ -232,7 +232,7 @@ def _unevenness(rows: Array) -> Array:
 def _draw(values: Json) -> Figure:
     """Draw levels over the number of modes, losses by mode, and below them the motion of the tip near the resonance."""
     shown = known_modes(values, "signal")
-    figure, grid = panels(3, 2, 7.0)
+    figure, grid = panels(3, 2, 7.0, "abc")
     _draw_levels(grid[0, 0], values)
     _losses(grid[0, 1], values)
     for axes, modes in zip(grid[1:].flat, shown, strict=False):
@@ -260,17 +260,18 @@ def _draw_levels(axes: Axes, values: Json) -> None:
 
 
 def _losses(axes: Axes, values: Json) -> None:
+    small = axes.inset_axes((0.34, 0.5, 0.62, 0.38))
     for look, modes in zip(LOOKS, known_modes(values, "account"), strict=False):
         own = values[f"account, {modes}"]
         number = np.arange(1, modes + 1)
-        for key, marker, name in (("shares", look.marker, "dissipated"), ("left", "", "left before the next contact")):
-            low, middle, high = 100 * np.quantile(np.array(own[key]), (0.05, 0.5, 0.95), axis=0)
-            kept = slice(0, None) if key == "shares" else slice(1, None)
-            dashes = look.dashes if key == "shares" else ":"
-            axes.fill_between(number[kept], low[kept], high[kept], color=look.colour, alpha=0.18, lw=0)
-            axes.plot(number[kept], middle[kept], color=look.colour, ls=dashes, marker=marker, lw=1.1, label=f"{modes} modes: {name}")
-    axes.legend(loc="lower left", fontsize=6.5)
-    axes.set(yscale="log", ylim=(0.01, 150), xlabel="mode", ylabel="% (of all modes; of the mode)")
+        for place, key, first in ((axes, "shares", 0), (small, "left", 1)):
+            low, middle, high = 100 * np.quantile(np.array(own[key]), (0.05, 0.5, 0.95), axis=0)[:, first:]
+            line(place, number[first:], middle, look, f"{modes} modes", band=(low, high), marked=place is axes)
+    axes.legend(loc="center right", bbox_to_anchor=(1, 0.31), ncols=2)
+    axes.set(ylim=(0, None), xlabel="mode", ylabel="dissipated, % of all modes")
+    small.set(yscale="log", ylim=(0.03, 150))
+    small.set_title("left before the next contact, %", fontsize=6.5, pad=2)
+    small.tick_params(labelsize=6)
 
 
 FIGURE = PaperFigure(

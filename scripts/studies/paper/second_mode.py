@@ -134,7 +134,7 @@ class Changed:
 
     def draw(self, values: Json) -> Figure:
         """Draw level, shares and energy passed over what was changed, and below the energies over two pseudo periods at some of its values."""
-        figure, grid = panels(2, 3, 5.2)
+        figure, grid = panels(2, 3, 5.2, "abdc e")
         (level, share, passed), left, numbers = grid[0], grid[1, 2], points(values)
         at = [self.scale * x for x in numbers]
 

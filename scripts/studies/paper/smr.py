@@ -197,7 +197,7 @@ def _words(values: Json) -> str:
 
 def _draw(values: Json) -> Figure:
     """Draw the paper's own run to the left, and distributions over all members to the right."""
-    figure, axes = panels(4, 2, 8.0, width_ratios=(2.4, 1))
+    figure, axes = panels(4, 2, 8.0, "aebfcgdh", width_ratios=(2.4, 1))
     exact, step = values["exact"], values["paper's step"]
     _draw_record(axes[:, 0], exact["record"], values["linear"]["gap_m"])
     _bars(axes[0, 1], 1e3 * COUNTS["tip"], {"exact": exact["counts"]["tip"], "paper's step": step["counts"]["tip"]})

@@ -65,13 +65,16 @@ def saved(draw: Callable[[], Figure]) -> Saver:
     return save
 
 
-def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, NDArray[Any]]:
-    """Return a figure of the page's width and ``height`` in inches, and its panels (rows, columns), named (a), (b) ... where there are several."""
+def panels(rows: int, columns: int, height: float, letters: str = "abcdefgh", **options: Any) -> tuple[Figure, NDArray[Any]]:
+    """Return a figure of the page's width and ``height`` in inches, and its panels (rows, columns), named (a), (b) ... where there are several.
+
+    ``letters``: of the panels row by row, a blank for one that goes with the panel before it.
+    """
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     axes = np.asarray(figure.subplots(rows, columns, squeeze=False, **options))
     if axes.size > 1:
-        for letter, own in zip("abcdefghijklmnopqrstuvwxyz", axes.flat, strict=False):
-            own.set_title(f"({letter})", loc="left")
+        for letter, own in zip(letters, axes.flat, strict=False):
+            own.set_title(f"({letter})".replace("( )", ""), loc="left")
     return figure, axes
 
 

@@ -225,22 +225,23 @@ def save_jump(path: Path, rows: list[Row]) -> None:
     figure = Figure(figsize=(11, 4.2 * len(shown)), layout="constrained")
     for case, (rates, jumps) in zip(shown, np.atleast_2d(figure.subplots(len(shown), 2)), strict=True):
         _rates(rates, [row for row in of_case(rows, STAY, case) if row["rate"] is not None])
-        rates.set(xlabel="frequency / resonance", ylabel="rate of leaving per pseudo period", title=f"{case}: constant frequencies")
+        rates.set(xlabel="frequency over the resonance's", ylabel=r"rate of leaving, $10^{-4}$ per pseudo period")
+        rates.set_title(f"{case}: constant frequencies")
         _jumps(jumps, slownesses(rows, case), of_case(rows, STAY, case))
         jumps.set(xlabel="pseudo periods per 1 %", ylabel="share that jumps", title=f"{case}: sweeps", ylim=(-0.02, 1.02))
     write_figure(figure, path, DPI)
 
 
-def _bars(panel: Axes, x: list[float], rows: list[Row], value: str, label: str) -> None:
-    y = np.array([row[value] for row in rows])
-    spread = np.abs(np.array([[row["low"], row["high"]] for row in rows]).T - y)
-    panel.errorbar(x, y, spread, fmt="o", ms=4, color="#0072B2", lw=1, capsize=2, label=label)
+def _bars(panel: Axes, x: list[float], rows: list[Row], value: str, label: str, scale: float = 1.0) -> None:
+    y, low, high = (scale * np.array([row[name] for row in rows]) for name in (value, "low", "high"))
+    panel.errorbar(x, y, [y - low, high - y], fmt="o", ms=4, color="#0072B2", lw=1, capsize=2, label=label)
 
 
 def _rates(panel: Axes, rows: list[Row]) -> None:
     if rows:
-        _bars(panel, [row["at"] for row in rows], rows, "rate", "exits over time at risk, 95 %")
-        panel.legend(frameon=False)
+        _bars(panel, [row["at"] for row in rows], rows, "rate", "exits over time at risk, 95 %", 1e4)
+        panel.margins(y=0.14)
+        panel.legend(frameon=False, loc="upper left")
     panel.grid(True, color="0.9", lw=0.6)
 
 
@@ -269,13 +270,14 @@ def save_kinds(path: Path, rows: list[Row]) -> None:
         shares = [[row[kind.value] / row["runs"] for row in own] for kind in Kind]
         top.stackplot(x, shares, labels=[NAMES[kind] for kind in Kind], colors=[COLOURS[kind] for kind in Kind], step="mid")
         top.set(ylabel="share of members", title=case, ylim=(0, 1))
-        top.legend(loc="upper right", fontsize="small")
         low, middle, high = (1e3 * np.array([row[name] for row in own]) for name in ("peak_5", "peak_50", "peak_95"))
         bottom.fill_between(x, low, high, color="0.85", lw=0, label="5 to 95 %")
         bottom.plot(x, middle, color="#0072B2", lw=1.2, label="median")
-        bottom.set(xlabel="frequency / resonance", ylabel="largest |q_tip| of a period, mm")
+        bottom.set(xlabel="frequency over the resonance's", ylabel=r"largest $|q_\mathrm{tip}|$ of a period in mm")
+        bottom.set_xlim(x[0], x[-1])
         bottom.legend(frameon=False)
         bottom.grid(True, color="0.9", lw=0.6)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(Kind), frameon=False)
     write_figure(figure, path, DPI)
 
 
