@@ -272,7 +272,7 @@ DRAWN = {
 }
 
 
-SHOWN = {1: 8.0, 2: 80.0}  # N: the largest force drawn at each resonance
+DRAWN_TO = {1: 8.0, 2: 80.0}  # N: the largest force drawn at each resonance
 
 
 def _draw(values: Json) -> Figure:
@@ -280,7 +280,7 @@ def _draw(values: Json) -> Figure:
     figure, grid = panels(1, 2, 4.6)
     for axes, resonance in zip(grid[0], RESONANCES, strict=True):
         part = values[f"resonance {resonance}"]
-        _curves(axes, read(part), SHOWN[resonance])
+        _curves(axes, read(part), DRAWN_TO[resonance])
         _limit(axes, part)
         for key in (IMPACT, FRICTION):
             own = curve_of(part["step"][key])
