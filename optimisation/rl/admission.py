@@ -125,7 +125,7 @@ def room(oracle: Array, rule: Array, constant: Array) -> float:
     return float((oracle.mean() - rule.mean()) / (oracle.mean() - constant.mean()))
 
 
-def admit(task: str, arguments: Mapping[str, Any], effort: Effort, agents: Sequence[Any] = (), advance: Progress | None = None) -> dict[str, Any]:
+def admit(task: str, arguments: Mapping[str, Any], effort: Effort, advance: Progress | None = None) -> dict[str, Any]:
     """Return what an admission finds: rules with their numbers, scores (E,) of all, and room with its interval."""
     chosen, name = rules(task, arguments, effort, advance), env_of(task)
     seeds = range(FIRST_JUDGED, FIRST_JUDGED + effort.judged)
@@ -137,10 +137,6 @@ def admit(task: str, arguments: Mapping[str, Any], effort: Effort, agents: Seque
         best = (chosen[EIGHT].family, np.array(chosen[EIGHT].numbers))
         scores[ROBUST] = plan(name, seeds, arguments, best, planner, advance)[None]
         scores[CLAIRVOYANT] = plan(name, seeds, arguments, best, replace(planner, copies=1, exact=True), advance)[None]
-    by_algorithm: dict[str, list[Array]] = {}
-    for agent in agents:
-        by_algorithm.setdefault(agent.algorithm.upper(), []).append(play(agent, name, seeds, arguments).scores)
-    scores |= {algorithm: np.stack(runs) for algorithm, runs in by_algorithm.items()}
     return {
         "arguments": dict(arguments),
         "effort": asdict(effort),
@@ -148,6 +144,15 @@ def admit(task: str, arguments: Mapping[str, Any], effort: Effort, agents: Seque
         "scores": {label: np.round(values, 6).tolist() for label, values in scores.items()},
         **(verdict(scores) if ROBUST in scores else {}),
     }
+
+
+def add_agents(task: str, found: dict[str, Any], agents: Sequence[Any]) -> None:
+    """Put the scores of agents, by algorithm, beside what an admission has found, in place of those of the same algorithms; its verdict stays."""
+    seeds, runs = range(FIRST_JUDGED, FIRST_JUDGED + found["effort"]["judged"]), dict[str, list[Any]]()
+    for agent in agents:
+        played = play(agent, env_of(task), seeds, found["arguments"])
+        runs.setdefault(agent.algorithm.upper(), []).append(np.round(played.scores, 6).tolist())
+    found["scores"] |= runs
 
 
 def verdict(scores: Mapping[str, Array]) -> dict[str, Any]:

@@ -15,7 +15,8 @@ from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, LIMITED, RUBBING, STR
 from impact_env.envs.evaluation import play
 from optimisation.files import read_json
 from optimisation.rl.active_rules import Switch
-from optimisation.rl.admission import QUICK, Held, admit, room
+from optimisation.rl.admission import FIRST_JUDGED, QUICK, Held, admit, room
+from optimisation.rl.agents import FINAL, load_agent, save_agent
 from optimisation.rl.families import FamilyPolicy
 from optimisation.rl.oracle import Planner, copy_lanes, disturb, plan
 from optimisation.rl.rules import TASKS, chosen
@@ -110,12 +111,22 @@ def test_the_command_fills_the_page_and_keeps_what_is_known(tmp_path: Path, monk
         assert result.exit_code == 0, result.output
     assert list(read_json(target)["tasks"]) == ["ActiveFriction-v0", "ActiveGap-v0"]
     text = page.read_text()
-    assert result.output.splitlines()[-1] in text
+    assert result.stdout.splitlines()[-1] in text  # a bar is not shown there
     assert all(words in text for words in ("`ActiveGap-v0`", "## Structures-v0", "| 14 ", "frequency ratio to the resonance"))
     before, rules = target.read_bytes(), tmp_path / "rules.json"
     assert call(admit_tasks.main, "--redraw", "--json", target, "--rules", rules).exit_code == 0
     assert target.read_bytes() == before
     assert set(chosen(rules)["ActiveGap-v0"]) == KINDS
+    agent, known = load_agent("ActiveGap-v0"), read_json(target)["tasks"]["ActiveGap-v0"]
+    for seed in (0, 1):
+        (tmp_path / "agents" / str(seed)).mkdir(parents=True)
+        save_agent(tmp_path / "agents" / str(seed) / FINAL, replace(agent, seed=seed))
+    result = call(admit_tasks.main, "--redraw", "--json", target, "--agents", tmp_path / "agents")
+    assert "(2 runs)" in result.output
+    judged = read_json(target)["tasks"]["ActiveGap-v0"]
+    runs = judged["scores"].pop("PPO")
+    np.testing.assert_allclose(runs, [play(agent, ACTIVE_GAP, range(FIRST_JUDGED, FIRST_JUDGED + 4)).scores] * 2, atol=1e-6)
+    assert judged == known
 
 
 def test_a_task_for_comparison_gets_rules_and_no_planner() -> None:

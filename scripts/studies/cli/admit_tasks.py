@@ -12,7 +12,7 @@ from optimisation.cli.common import BadInput, check_target, command
 from optimisation.files import read_json, write_json
 from optimisation.page import DOCS, fill, require_markers
 from optimisation.progress import Bar
-from optimisation.rl.admission import EFFORTS, QUICK, admit, tried
+from optimisation.rl.admission import EFFORTS, QUICK, add_agents, admit, tried
 from optimisation.rl.agents import FINAL, find_agents
 from optimisation.rl.rules import CHOSEN, TASKS, env_of
 from studies.admission import NAMES, PICTURES, described, rooms, searches
@@ -46,7 +46,7 @@ def known(file: Path) -> dict[str, Json]:
     help=f"Write tables, sections and pictures of all tasks, as in docs/{PAGE.name}.",
 )
 @click.option("--rules", type=click.Path(path_type=Path), help=f"Write the numbers of all rules, too, as in optimisation/rl/{CHOSEN.name}.")
-@click.option("--redraw", is_flag=True, help="The page again from the numbers in --json; nothing is computed.")
+@click.option("--redraw", is_flag=True, help="The page again from the numbers in --json; only agents of --agents are judged, beside these.")
 def main(
     tasks: tuple[str, ...],
     quick: bool,
@@ -65,12 +65,15 @@ def main(
         if page is not None:
             require_markers(page, PAGE, MARKERS)
         found = known(target or NUMBERS) if target is not None or redraw else {}
-        for task in () if redraw else tasks or [name for name, own in TASKS.items() if own.planned]:
+        for task in tasks or [name for name, own in TASKS.items() if own.planned]:
             effort = QUICK if quick else EFFORTS[task]
             effort = replace(effort, judged=judged or effort.judged)
             trained = [] if agents is None else find_agents(agents, FINAL, env_of(task))
-            with Bar(total=tried(task, effort), desc=task, unit="candidate", leave=False) as bar:
-                found[task] = admit(task, {}, effort, trained, bar.update)
+            if not redraw:
+                with Bar(total=tried(task, effort), desc=task, unit="candidate", leave=False) as bar:
+                    found[task] = admit(task, {}, effort, bar.update)
+            if task in found:
+                add_agents(task, found[task], trained)
             found = {name: found[name] for name in TASKS if name in found}
             if target is not None:
                 write_json(target, {"tasks": found})
