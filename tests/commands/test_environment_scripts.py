@@ -62,7 +62,7 @@ def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.Monkey
             benchmark_envs.single,
             lambda seconds, advance: benchmark_envs.vector("native vector", "vector_entry_point", 64, seconds, advance),
             lambda seconds, advance: benchmark_envs.vector("Gymnasium's SyncVectorEnv", "sync", 2, seconds, advance),
-            lambda seconds, advance: benchmark_envs.task("ImpactAbsorber/ActiveGap-v0", seconds, advance),
+            lambda seconds, advance: benchmark_envs.task("ImpactAbsorber/ActiveGap-v0", 64, seconds, advance),
         ],
     )
     target, page = tmp_path / "speed.json", tmp_path / "page.md"
@@ -79,4 +79,5 @@ def test_benchmark_prints_and_writes_what_it_measured(monkeypatch: pytest.Monkey
     assert f" {native / own:.1f} |" in shown
     assert native > own
     assert f" {speeds['ActiveGap-v0']['steps_per_s'] / 4:,.0f} |" in shown  # four steps are a pseudo period
+    assert f" {1e6 * speeds['ActiveGap-v0']['above']:,.0f} |" in shown
     assert 0 < values["make_and_first_step_s"] < 60
