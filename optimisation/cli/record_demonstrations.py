@@ -17,7 +17,7 @@ from optimisation.rl.families import Random
 from optimisation.rl.rules import EIGHT, TASKS, env_of, policies
 
 EPISODES = 256
-SHOWN = ("rule", "ppo", "random")
+SHOWN = ("rule", "ppo", "sac", "random")
 
 
 def shown_by(word: str, task: str) -> Any:

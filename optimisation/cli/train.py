@@ -16,7 +16,7 @@ from optimisation.files import replacing, require_writable, write_csv, write_jso
 from optimisation.progress import Bar
 from optimisation.report.markdown import markdown
 from optimisation.rl.families import Random
-from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for
+from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for, write_zoo
 from optimisation.rl.rules import TASKS, env_of, policies
 from optimisation.rl.runs import Evaluation, Run, find_runs, run_folder, ship
 
@@ -123,6 +123,7 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
 @click.option("--demonstrations", type=click.Path(path_type=Path), metavar="FOLDER", help="Data set of record_demonstrations to begin by imitating.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes to train in, each on one core.  [default: all cores]")
 @click.option("--out", type=click.Path(path_type=Path), help=f"Folder.  [default: {OUT}, with --quick {OUT}_quick]")
+@click.option("--zoo", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER", help="Only write all recipes there, as rl-zoo3 has them.")
 @click.option("--ship", type=click.Path(path_type=Path), metavar="FOLDER", help="Write typical agents there, each as the one file that ships.")
 def main(**given: Any) -> None:
     """Train agents, seed by seed, and draw their learning curves.
@@ -131,6 +132,9 @@ def main(**given: Any) -> None:
     TensorBoard's files. Ctrl-C, or kill -9, ends training early, and the same command goes on from the last
     checkpoint; agents that are finished are not trained again.
     """
+    if given["zoo"] is not None:
+        click.echo("written: " + ", ".join(map(str, write_zoo(given["zoo"]))))
+        return
     quick = given["quick"]
     given["seeds"] = given["seeds"] or (1 if quick else SEEDS)
     given["workers"] = given["workers"] or available_cores()

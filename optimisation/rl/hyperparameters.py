@@ -214,3 +214,35 @@ def settings_for(environment: str, algorithm: str, file: Path | None = None, **g
     require(algorithm in known, f"algorithm for {environment}", algorithm, f"one of {', '.join(known)}")
     own = read(file).get(environment, {}).get(algorithm, {}) if file is not None else {}
     return ALGORITHMS[algorithm](**{**packaged[environment][algorithm], **own, **given})
+
+
+ZOO = {"ppo": ("ppo", "MlpPolicy"), "sac": ("sac", "MlpPolicy"), "rppo": ("ppo_lstm", "MlpLstmPolicy")}  # files and policies in rl-zoo3
+ELSEWHERE = {f.name for f in fields(Hyperparameters)} - {"gamma", "batch_size"} | {"log_std_init", "lstm", "initial_value"}
+
+
+def zoo_recipe(environment: str, algorithm: str) -> dict[str, Any]:
+    """Return the package's recipe as rl-zoo3 has it, where rewards are scaled by how they vary, the learning rate falls to 0, actions begin at 0."""
+    own = settings_for(environment, algorithm).describe()
+    net = {"net_arch": own["hidden"], "log_std_init": own["log_std_init"]} | ({"lstm_hidden_size": own["lstm"]} if "lstm" in own else {})
+    return {
+        "n_envs": own["lanes"],
+        "n_timesteps": float(own["steps"]),
+        "policy": ZOO[algorithm][1],
+        "normalize": "dict(norm_obs=False, norm_reward=True)",
+        "learning_rate": f"lin_{own['learning_rate']}",
+        "policy_kwargs": f"dict({', '.join(f'{name}={value}' for name, value in net.items())})",
+        **{name: value for name, value in own.items() if name not in ELSEWHERE},
+    }
+
+
+def write_zoo(folder: Path) -> list[Path]:
+    """Write all recipes of the package in the form of rl-zoo3, a file for each algorithm, and return the files."""
+    import yaml
+
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for algorithm, (name, _) in ZOO.items():
+        known = {environment: zoo_recipe(environment, algorithm) for environment, own in read().items() if algorithm in own}
+        files.append(folder / f"{name}.yml")
+        files[-1].write_text(yaml.safe_dump(known, sort_keys=False), encoding="utf-8")
+    return files

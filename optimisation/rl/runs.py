@@ -2,7 +2,6 @@
 
 import csv
 import json
-import shutil
 import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
@@ -111,9 +110,9 @@ def ship(source: Path, target: Path) -> list[Path]:
         folder, file = typical(runs).folder, target / f"{task}_{algorithm}.zip"
         model = max((folder / "checkpoints").glob("*/model.zip"))
         target.mkdir(parents=True, exist_ok=True)
-        with replacing(file) as temporary:
-            shutil.copyfile(model, temporary)
-            with zipfile.ZipFile(temporary, "a") as archive:
-                archive.write(folder / FINAL, FINAL)
+        with replacing(file) as temporary, zipfile.ZipFile(model) as whole, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name in whole.namelist():
+                archive.writestr(name, whole.read(name))
+            archive.write(folder / FINAL, FINAL)
         files.append(file)
     return files

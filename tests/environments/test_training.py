@@ -1,3 +1,4 @@
+import inspect
 import json
 import os
 import signal
@@ -20,6 +21,8 @@ from places import ROOT
 pytest.importorskip("stable_baselines3")
 
 import torch
+import yaml
+from stable_baselines3 import PPO, SAC
 
 from impact_env.envs.evaluation import play
 from impact_env.parameters import ParameterError
@@ -235,6 +238,20 @@ def test_short_trainings_beat_chance_on_fresh_seeds(tmp_path: Path) -> None:
         train(replace(job, seed=seed), tmp_path / str(seed))
         gains.append(play(load_agent(tmp_path / str(seed) / "final.npz"), GAP, seeds, job.arguments).scores.mean() - chance)
     assert np.mean(gains) > 0
+
+
+def test_recipes_are_written_in_the_form_of_rl_zoo3(tmp_path: Path) -> None:
+    """A file for each algorithm, and but for what that library takes itself, only what stable-baselines3 knows."""
+    assert call("--zoo", tmp_path / "zoo").exit_code == 0
+    kinds, its_own = {"ppo": PPO, "sac": SAC, "ppo_lstm": PPO}, {"n_envs", "n_timesteps", "normalize", "policy"}
+    assert {file.stem for file in (tmp_path / "zoo").iterdir()} == set(kinds)
+    found = {name: yaml.safe_load((tmp_path / "zoo" / f"{name}.yml").read_text()) for name in kinds}
+    for name, kind in kinds.items():
+        for recipe in found[name].values():
+            assert set(recipe) - its_own <= set(inspect.signature(kind).parameters)
+            assert eval(recipe["policy_kwargs"])["net_arch"] in ([64, 64], [128, 128])
+    own, chosen = found["sac"]["ImpactAbsorber/ActiveGap-v0"], settings_for("ImpactAbsorber/ActiveGap-v0", "sac")
+    assert (own["n_envs"], own["n_timesteps"], own["learning_rate"]) == (chosen.lanes, chosen.steps, "lin_0.001")
 
 
 def test_hyperparameters_of_the_package_are_whole_and_a_file_replaces_what_it_names(tmp_path: Path) -> None:
