@@ -58,6 +58,7 @@ class CurveCase:
         require(forces.size > 0 and bool(np.all(forces >= 0)), "forces", self.forces, "a row of finite forces in N, 0 or above")
         object.__setattr__(self, "forces", forces)
         object.__setattr__(self, "limits", two("limits", self.limits))
+        require(callable(self.load), "load", self.load, "a function of a force in N and a schedule")
         if self.percent_per_100_periods is None:
             object.__setattr__(self, "percent_per_100_periods", default_rate(self.scene.model, (self.resonance,)))
         self.schedules()

@@ -113,7 +113,7 @@ def compute(
             if not others.complete:
                 raise KeyboardInterrupt
         if timed:
-            bar.set_description("timing")
+            bar.set_description_str("timing")
             wall_time = heard(lambda: integration_time(scene, drives[0], method, most_events), bar)
     return Result(response, others, wall_time)
 

@@ -308,7 +308,7 @@ def test_disk_that_is_full_leaves_a_whole_journal_that_goes_on(tmp_path: Path, k
     assert result.stdout.split() == ["OSError", "27"] * 2, result.stdout + result.stderr
     for limit in limits:
         content = file.with_suffix(f".{limit}").read_bytes()
-        assert limit // 2 < len(content) <= limit
+        assert 0 < len(content) <= limit  # how much less depends on the line that had no room
         assert all(isinstance(json.loads(line), dict) for line in content.splitlines())
         assert content.endswith(b"\n")
     assert full_study(kind, file) == expected

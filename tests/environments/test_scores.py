@@ -35,7 +35,7 @@ def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
     reference, _ = passage(scene, 1, 0.965, 0.985, 32, 0.0, 1e-3)
     score = -response.level.value / (0.9 * reference) - 0.03 * times[-1] / 100
     assert sum(rewards) == pytest.approx(score, rel=1e-9)
-    assert info["score"] == sum(rewards)
+    assert info["score"] == pytest.approx(sum(rewards), rel=1e-14)  # from 3.12 on Python sums with less rounding
     assert -info["score"] == pytest.approx(info["relative_level"] + 0.03 * times[-1] / 100, rel=1e-12)
     assert len(rewards) > 5
 

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from core import run, scene_of, still
+from core import ALL, run, scene_of, still
 from places import ROOT
 
 from impact_env import (
@@ -66,9 +66,8 @@ def test_a_run_that_is_given_up_says_when_and_keeps_what_it_has(name: str) -> No
     """What it has is what a run gives that ends there."""
     scene, most = scene_of(ABSORBERS[name], modes=2), 30  # few enough to be followed
     drive = drive_for(scene)
-    record = Record(level=False, events=True, series=True, energy=True)
     with pytest.raises(IntegrationError, match=rf"more events than its budget.*31 events of {most} allowed.*raise most_events") as caught:
-        simulate(scene, drive, record=record, most_events=most)
+        simulate(scene, drive, record=ALL, most_events=most)
     at, part = caught.value.time, caught.value.response
     assert at is not None
     assert 0 < at < 0.9 * drive.schedule.times[-1]
@@ -107,7 +106,7 @@ def test_impacts_so_far_are_all_there_whatever_room_they_need(monkeypatch: pytes
     monkeypatch.setattr("impact_env.sweep.FIRST_CAPACITY", 4)
     scene = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1), modes=2)
     with pytest.raises(IntegrationError) as caught:
-        simulate(scene, drive_for(scene), record=Record(level=False, events=True, series=True, energy=True), most_events=60)
+        simulate(scene, drive_for(scene), record=ALL, most_events=60)
     part = caught.value.response
     assert len(part.impacts.time) == part.impact_count > 4
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from load_cases import cantilever, chirp
+from load_cases import EVERYTHING, cantilever, chirp, record_of
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
@@ -35,7 +35,6 @@ SWEEP = FrequencySchedule(np.array([0.0, 0.25]), np.array([0.9, 1.1]) * W1, W1)
 RUN_UP = FrequencySchedule(np.array([0.0, 0.25]), np.array([0.0, 1.2]) * W1, W1)
 NOISE = np.random.default_rng(5).standard_normal(251)
 CLOCK = np.linspace(0.0, 0.25, 251)
-EVERYTHING = Record(events=True, series=True, energy=True, check=True)
 BOTH = SlidingAbsorber(0.02, RigidWalls(5e-4, 0.6), CoulombFriction(0.02), gravity=1.5)
 SMOOTH = SlidingAbsorber(0.02, RigidWalls(5e-4, 0.7))
 
@@ -95,8 +94,9 @@ CASES: dict[str, tuple[tuple[Load, ...], Inputs]] = {
 }
 
 
-def run(absorber: object, loads: tuple[Load, ...], record: Record = EVERYTHING) -> Response:
-    return simulate(Scene(cantilever(), absorber), Loads(loads, W1), record=record)
+def run(absorber: object, loads: tuple[Load, ...], record: Record | None = None) -> Response:
+    scene = Scene(cantilever(), absorber)
+    return simulate(scene, Loads(loads, W1), record=record or record_of(scene))
 
 
 def states(response: Response) -> Array:
@@ -136,7 +136,7 @@ def test_linear_scenes_are_those_of_held_samples_and_exponentials(absorber: str)
 
     Also where nothing is observed on the way, and the kernel leaps from sample to sample.
     """
-    found, unseen = (run(LINEAR[absorber], (RECORD,), record) for record in (Record(series=True, energy=True), Record(level=False)))
+    found, unseen = (run(LINEAR[absorber], (RECORD,), record) for record in (None, Record(level=False)))
     assert found.history is not None
     a, b, weight = first_order(absorber)
     size, step = len(a), float(CLOCK[1])
@@ -182,7 +182,7 @@ STEADY = {"no absorber": 1.229953900e-3, "stuck": 3.135898412e-4, "tuned": 1.047
 @pytest.mark.parametrize("absorber", STEADY)
 def test_a_base_gives_the_transfer_function(absorber: str) -> None:
     long = FrequencySchedule(np.array([0.0, 12.0]), np.full(2, W1), W1)
-    found = run(LINEAR[absorber], (ShakenBase(long, acceleration=1.0),), Record(series=True))
+    found = run(LINEAR[absorber], (ShakenBase(long, acceleration=1.0),))
     tip = found.history.tip_displacement[-320:]
     assert np.sqrt(2 * np.mean(tip**2)) == pytest.approx(STEADY[absorber], rel=1e-8)
 
@@ -194,7 +194,7 @@ def test_a_random_load_has_the_mean_square_of_its_lines() -> None:
         load, model = Random(spectrum, 4.0, seed=2, quantity=quantity), cantilever()
         record = load.record()
         twice = np.concatenate([record.values[:-1], record.values])
-        found = run(None, (Samples(record.times[1] * np.arange(len(twice)), twice, quantity),), Record(series=True, samples_per_period=64))
+        found = run(None, (Samples(record.times[1] * np.arange(len(twice)), twice, quantity),), replace(record_of(Scene(model)), samples_per_period=64))
         assert model.base_participation is not None
         driven = model.force_shape if quantity == "force" else -model.base_participation
         omega = 2 * np.pi * load.lines / 4.0
@@ -219,14 +219,14 @@ def test_a_sampled_chirp_tends_to_the_chirp_with_the_square_of_its_step() -> Non
     for count in (500, 1000, 2000):
         times = np.linspace(0, 0.25, count + 1)
         record = Samples(times, 5 * np.cos(SWEEP.phase_at(times) + 0.4))
-        errors.append(np.max(np.abs((run(None, (record,), Record()).end_state - exact)[:3])))
+        errors.append(np.max(np.abs((run(None, (record,)).end_state - exact)[:3])))
     np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 4.0, rtol=0.02)
 
 
 def test_a_force_among_loads_is_the_drive_alone() -> None:
     drive = Drive(5.0, SWEEP, 0.4)
     scene = Scene(cantilever(None), SMOOTH)
-    one, other = simulate(scene, drive, record=Record(events=True)), simulate(scene, Loads((Force(drive),)), record=Record(events=True))
+    one, other = simulate(scene, drive, record=Record(events=True)), simulate(scene, Loads((Force(drive),)), record=EVERYTHING)
     assert len(one.impacts.time) > 10
     np.testing.assert_allclose(other.impacts.time[:8], one.impacts.time[:8], rtol=0, atol=1e-11)
 
@@ -234,7 +234,7 @@ def test_a_force_among_loads_is_the_drive_alone() -> None:
 def test_two_tones_far_below_contact_superpose() -> None:
     tones = Tone(2.0, frequency=40.0), Tone(3.0, frequency=250.0, phase=0.7)
     absorber = SlidingAbsorber(0.02, RigidWalls(1.0, 0.7))
-    both, *each = (run(absorber, (Tones(group, 0.2),), Record(events=True)) for group in (tones, tones[:1], tones[1:]))
+    both, *each = (run(absorber, (Tones(group, 0.2),)) for group in (tones, tones[:1], tones[1:]))
     assert both.impact_count == 0
     np.testing.assert_allclose(both.end_state, each[0].end_state + each[1].end_state, atol=1e-13 * np.max(np.abs(both.end_state)))
 
@@ -255,7 +255,7 @@ def test_with_the_base_s_mean_at_rest_the_absorber_stays_where_it_is_in_space() 
     """A free absorber then follows minus the base's displacement, and does not drift; the structure's momentum is that of the base."""
     steady = FrequencySchedule(np.array([0.0, 0.5]), np.full(2, W1), W1)
     base, scene = ShakenBase(steady, displacement=1e-4, phase=1.0), Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1.0, 0.7)))
-    found = simulate(scene, Loads((base,), start="base-mean-rest"), record=Record(series=True, events=True))
+    found = simulate(scene, Loads((base,), start="base-mean-rest"), record=EVERYTHING)
     moved = -1e-4 * (np.cos(W1 * found.history.time + 1.0) - np.cos(1.0))
     np.testing.assert_allclose(found.history.absorber_displacement, moved, atol=1e-15)
 
@@ -289,7 +289,7 @@ STEPPED = {"moreau": (SMOOTH, Moreau), "runge-kutta": (SOFT, RungeKutta)}
 def test_stepping_methods_tend_to_the_exact_one_under_loads(name: str) -> None:
     """Up to the third impact, from where errors of a step grow."""
     absorber, method = STEPPED[name]
-    exact = simulate(structure(absorber), Loads(FORCES), record=Record(series=True, events=True))
+    exact = simulate(structure(absorber), Loads(FORCES), record=EVERYTHING)
     before = exact.history.time < 0.03
     errors = []
     for steps in (40, 400):

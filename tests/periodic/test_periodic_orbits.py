@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from core import ALL
 from orbit_cases import attractor, high_orbit, many_reversals, one_sided, other_case, paper_case
 from periodic_truth import matched
 
@@ -38,7 +39,7 @@ def judged() -> list[Orbit]:
 @pytest.mark.parametrize("k", range(5))
 def test_the_motion_between_events_is_the_exact_methods(k: int) -> None:
     orbit = judged()[k]
-    response, start = propagated(orbit.motion, Record(level=False, events=True, series=True))
+    response, start = propagated(orbit.motion, ALL)
     history = response.history
     truth = np.column_stack([history.modal_displacement, history.absorber_displacement, history.modal_velocity, history.absorber_velocity])
     states = orbit.motion.states(start + orbit.case.omega * history.time)

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy.optimize
+from core import ALL
 from orbit_cases import many_reversals
 from periodic_truth import matched
 
@@ -214,7 +215,7 @@ def test_the_motion_is_the_exact_methods(name: str) -> None:
     orbit = settled(name)
     assert not orbit.schedule.flies
     assert orbit.residual < (BAR if name == "friction damper" else CHATTER_BAR)
-    response, start = propagated(orbit.motion, Record(level=False, events=True, series=True))
+    response, start = propagated(orbit.motion, ALL)
     history = response.history
     states = orbit.motion.states(start + orbit.case.omega * history.time)
     n = orbit.case.model.modes

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from core import ALL
 
-from impact_env import InitialState, Record, beam_scene, constant_frequency, impact_absorber, simulate
+from impact_env import InitialState, beam_scene, constant_frequency, impact_absorber, simulate
 from impact_env.drive import Drive
 from impact_env.energy import mechanical_energy, stored_energy
 from impact_env.frequency import coupled_receptance, joint_matrices, natural_frequencies, poles, receptance, tip_response
@@ -109,7 +110,6 @@ def test_natural_frequencies_interlace_and_poles_carry_the_damping(model: ModalM
 
 
 OMEGA_PHASE = 252.0
-ALL = Record(level=False, events=True, series=True, energy=True)
 
 
 def sines(lag: float, periods: int = 20, beat: float = 0.0, offset: float = 0.0) -> History:

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from core import ALL
 from scipy.integrate import solve_ivp
 
 from impact_env import (
@@ -13,7 +14,6 @@ from impact_env import (
     Moreau,
     NonlinearSink,
     ParameterError,
-    Record,
     Response,
     RigidWalls,
     RungeKutta,
@@ -123,7 +123,7 @@ def test_every_law_of_a_group_is_known_by_a_name_of_its_own() -> None:
 def yielding(velocity: float, method: Any = None, restitution: float = 0.9) -> Response:
     scene = beam_scene(Beam(modes=2), SlidingAbsorber(0.02, YieldingWalls(velocity, 1e-3, restitution)))
     drive = Drive(2.0, linear_sweep(scene.model.resonance_omega(1), 0.95, 1.0, 10.0))
-    return simulate(scene, drive, method, record=Record(energy=True, events=True))
+    return simulate(scene, drive, method, record=ALL)
 
 
 def test_restitution_falls_with_the_velocity_of_each_impact() -> None:
@@ -140,7 +140,7 @@ def test_restitution_falls_with_the_velocity_of_each_impact() -> None:
 
 def test_far_below_the_yield_velocity_it_is_the_constant_law_to_the_last_bit() -> None:
     found = yielding(1e30)
-    constant = simulate(beam_scene(Beam(modes=2), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.9))), found.drive, record=Record(energy=True, events=True))
+    constant = simulate(beam_scene(Beam(modes=2), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.9))), found.drive, record=ALL)
     np.testing.assert_array_equal(found.impacts.time, constant.impacts.time)
     np.testing.assert_array_equal(found.end_state, constant.end_state)
 
@@ -187,7 +187,7 @@ def test_a_nonlinear_sink_is_integrated_as_an_independent_solver_does() -> None:
     reference = solve_ivp(rates, (0.0, end), np.zeros(6), method="DOP853", rtol=1e-12, atol=1e-15).y[:, -1]
     errors = []
     for steps in (50, 100, 200):
-        found = simulate(scene, drive, RungeKutta(steps), record=Record(energy=True))
+        found = simulate(scene, drive, RungeKutta(steps), record=ALL)
         errors.append(np.max(np.abs(found.end_state - reference)) / np.max(np.abs(reference)))
     assert errors[2] < 1e-6
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.5)  # fourth order

@@ -164,7 +164,7 @@ def test_an_envelope_and_a_window_are_those_of_the_samples() -> None:
 
 
 def test_an_envelope_is_that_of_the_levels_place() -> None:
-    scene = beam_scene(Beam(modes=3, absorber_position=0.6, response_position=1.0), SCENE.absorber)
+    scene = beam_scene(Beam(modes=3, absorber_position=0.6, response_position=1.0), impact_absorber())
     response = simulate(scene, drive_of(3.0, 0.98, 1.02, periods=30), record=Record(events=True, envelope=5, series=True))
     end = response.history.modal_displacement @ modal_model(Beam(modes=3)).tip_shape
     assert (response.envelope.low.min(), response.envelope.high.max()) == pytest.approx((end.min(), end.max()), rel=1e-12)

@@ -13,6 +13,7 @@ import scipy.linalg
 import scipy.optimize
 import scipy.sparse
 from core import drive_of, run
+from load_cases import record_of
 from places import EXAMPLES
 from structure_files import BEAM, MATRICES, chain, written
 
@@ -88,7 +89,7 @@ def test_sections_of_one_kind_are_no_sections() -> None:
 
 def test_level_is_read_where_the_beam_says() -> None:
     beam = Beam(modes=4, absorber_position=0.7, response_position=0.9)
-    scene, drive = beam_scene(beam, impact_absorber(restitution=0.7)), drive_of(3.5, 0.95, 1.0, periods=60)
+    scene, drive = beam_scene(beam, impact_absorber(restitution=0.7, friction_limit=0.1)), drive_of(3.5, 0.95, 1.0, periods=60)
     response = simulate(scene, drive, record=Record(series=True))
     row = modal_model(Beam(modes=4, force_position=0.9)).force_shape
     values = response.history.modal_displacement @ row
@@ -506,7 +507,7 @@ def pushed(model: ModalModel, gap: float | None = None) -> tuple[float, float]:
     """Return where structure and absorber are, at the absorber's place, after seconds of a constant acceleration of the base."""
     load = Loads((Samples(np.array([0.0, SECONDS]), np.full(2, ACCELERATION), BASE),), float(model.omega[0]))
     scene = Scene(model, None if gap is None else impact_absorber(gap, 0.7, 0.0, 0.02))
-    history = simulate(scene, load, record=Record(level=False, series=True)).history
+    history = simulate(scene, load, record=record_of(scene)).history
     late = history.time[-1] if gap is not None else 0.0
     return float(history.tip_displacement[-1]), float(history.absorber_displacement[-1] / late**2) if gap is not None else 0.0
 

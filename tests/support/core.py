@@ -1,5 +1,7 @@
 """Runs and truths shared by the tests of the simulator's core. One set of observers for all runs, so that each kernel is compiled once."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,10 +24,11 @@ OMEGA = float(beam_scene(Beam(modes=1)).model.omega[0])
 PERIOD = 2 * np.pi / OMEGA
 
 
+ALL = Record(level=False, events=True, series=True, energy=True)
+
+
 def run(scene: Scene, drive: Drive, method: Method | None = None, initial: InitialState | None = None, samples: int = 32) -> Response:
-    return simulate(
-        scene, drive, method, initial=initial, record=Record(level=False, events=True, series=True, energy=True, samples_per_period=samples)
-    )
+    return simulate(scene, drive, method, initial=initial, record=replace(ALL, samples_per_period=samples))
 
 
 def drive_of(force: float, *ratios: float, periods: float = 5.0, reference: float = OMEGA, phase: float = 0.0) -> Drive:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from core import OMEGA, drive_of, scene_of
+from core import ALL, OMEGA, drive_of, scene_of
 from numpy.typing import ArrayLike
 from orbit_cases import paper_case
 
@@ -69,9 +69,6 @@ SEVERAL: dict[str, tuple[Scene, float, float, float]] = {
     "torn loose": (beam_scene(Beam(modes=1, damping_ratio=0.0), TORN), 10.0, 1.0, 1.5),
     "chatter of two": (beam_scene(HELD, impact_absorbers((1e-5, 1e-5), (1.0, 0.8), restitution=0.0, mass_ratio=0.2)), 5.0, 0.3, 2.9),
 }
-
-
-ALL = Record(level=False, events=True, series=True, energy=True)  # as core.run records: no kernels for these tests alone
 LEVEL = Record(events=True)
 DRIVE = drive_of(6.0, 0.98, 1.02, periods=3.5, phase=0.4)
 Bits = dict[str, str]

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from core import ALL
 
 from impact_env import (
     Beam,
@@ -77,8 +78,14 @@ MORE = (
 VALUES = (*NUMBERS, *OTHER_NUMBERS, *LISTS, *ARRAYS, *WORDS, *TABLES, *CLASSES, *OBJECTS, *MORE)
 
 
+def opened(hint: Any) -> Any:
+    """Return what a name for a type hint stands for: NumPy's own are such from 2.5 on."""
+    return getattr(typing.get_origin(hint) or hint, "__value__", hint)
+
+
 def fits(value: Any, hint: Any) -> bool:
     """Return whether a value is of the kind that a type hint says; a number is also an array of one."""
+    hint = opened(hint)
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
     value = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
     if origin is np.ndarray or "_SupportsArray" in str(hint):
@@ -113,7 +120,7 @@ def _is_array(value: Any) -> bool:
 def hints_of(make: Callable[..., Any]) -> dict[str, Any]:
     """Return the type hint of each argument."""
     hints = typing.get_type_hints(make if not isinstance(make, type) or dataclasses.is_dataclass(make) else make.__init__)
-    return {name: hints[name] for name in inspect.signature(make).parameters}
+    return {name: opened(hints[name]) for name in inspect.signature(make).parameters}
 
 
 # what an argument without default is given while another one is wrong: by name, or else by type
@@ -173,13 +180,13 @@ def used(result: Any) -> None:
         for scene in (SCENE, beam_scene(BEAM)):
             fastest = max(scene.model.omega[-1], result.schedule.omegas.max(), result.schedule.reference)
             if result.schedule.times[-1] * fastest < LONG:
-                used(simulate(scene, result, most_events=FEW))
+                used(simulate(scene, result, record=ALL, most_events=FEW))
     elif isinstance(result, FrequencySchedule):
         used(Drive(1.0, result))
     elif isinstance(result, Scene):
         first = result.model.resonance_omega(1)
         periods = min(2.0, LONG * first / float(result.model.omega.max()))
-        used(simulate(result, Drive(3.5, constant_frequency(first, 0.98, periods)), most_events=FEW))
+        used(simulate(result, Drive(3.5, constant_frequency(first, 0.98, periods)), record=ALL, most_events=FEW))
     elif isinstance(result, Beam | ModalModel):
         used(beam_scene(result))
     elif isinstance(result, RigidWalls | CompliantWalls):
@@ -189,13 +196,13 @@ def used(result: Any) -> None:
     elif isinstance(result, StuckAbsorber | TunedAbsorber | SlidingAbsorber | SeveralAbsorbers):
         used(beam_scene(BEAM, result))
     elif isinstance(result, InitialState):
-        used(simulate(SCENE, DRIVE, initial=result, most_events=FEW))
+        used(simulate(SCENE, DRIVE, initial=result, record=ALL, most_events=FEW))
     elif isinstance(result, Record):
         used(
             simulate(beam_scene(BEAM), DRIVE, record=dataclasses.replace(result, energy=False, check=False))
         )  # each set of observers is one more kernel
     elif isinstance(result, Exact | Moreau | RungeKutta):
-        used(simulate(beam_scene(BEAM, friction_damper()) if isinstance(result, Moreau) else beam_scene(BEAM), DRIVE, result))
+        used(simulate(beam_scene(BEAM, friction_damper()) if isinstance(result, Moreau) else beam_scene(BEAM), DRIVE, result, record=ALL))
     elif isinstance(result, float | np.ndarray):
         assert np.all(np.isfinite(result)), f"{result} is not finite"
     elif isinstance(result, tuple | list):

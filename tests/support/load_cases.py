@@ -4,7 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import FrequencySchedule
+from impact_env.laws import SceneKind
 from impact_env.modes import ModalModel
+from impact_env.response import Record
+from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
 # a uniform clamped-free beam in closed form: three modes, with the force at 0.4 of the length; tips alternate in sign
@@ -41,6 +44,13 @@ GRAVITY = (
     (0.0773283485349521, -0.251791359),
     (0.08774835287587945, 0.227846135),
 )
+
+EVERYTHING = Record(events=True, series=True, energy=True, check=True)
+
+
+def record_of(scene: Scene) -> Record:
+    """What runs under loads record: one set where there is contact, and one where there is none, as each set is one more kernel."""
+    return Record(series=True, energy=True) if scene.kind is SceneKind.LINEAR else EVERYTHING
 
 
 def cantilever(participation: tuple[float, ...] | None = PARTICIPATION) -> ModalModel:
