@@ -93,7 +93,7 @@ class SetUp:
         return stamp.exists() and stamp.read_bytes() == stamp_text(self.root, layer)
 
     def pip(self, *arguments: str) -> None:
-        command = [str(self.python), "-m", "pip", "install", "-qq", "--no-input", "--disable-pip-version-check", *arguments]
+        command = [str(self.python), "-m", "pip", "install", "-qq", "--no-input", "--no-compile", "--disable-pip-version-check", *arguments]
         subprocess.run(command, check=True, cwd=self.root, stdin=subprocess.DEVNULL)
 
     def make(self, layers: list[str]) -> None:
@@ -115,6 +115,8 @@ class SetUp:
             self.pip("-c", str(requirements / "main.txt"), "-r", str(requirements / f"{layer}.txt"))
             if layer == "main":
                 self.pip("--no-deps", "--no-build-isolation", "--editable", str(self.root))
+        # as pip would, on all cores; a file that is no Python of today is left
+        subprocess.run([str(self.python), "-m", "compileall", "-qq", "-j", "0", str(self.folder)], stdin=subprocess.DEVNULL)
         self.stamps.mkdir(exist_ok=True)
         for layer in due:
             (self.stamps / layer).write_bytes(stamp_text(self.root, layer))

@@ -194,7 +194,9 @@ def test_a_random_load_has_the_mean_square_of_its_lines() -> None:
         load, model = Random(spectrum, 4.0, seed=2, quantity=quantity), cantilever()
         record = load.record()
         twice = np.concatenate([record.values[:-1], record.values])
-        found = run(None, (Samples(record.times[1] * np.arange(len(twice)), twice, quantity),), replace(record_of(Scene(model)), samples_per_period=64))
+        found = run(
+            None, (Samples(record.times[1] * np.arange(len(twice)), twice, quantity),), replace(record_of(Scene(model)), samples_per_period=64)
+        )
         assert model.base_participation is not None
         driven = model.force_shape if quantity == "force" else -model.base_participation
         omega = 2 * np.pi * load.lines / 4.0
