@@ -87,17 +87,14 @@ def test_an_import_names_the_extra() -> None:
 @pytest.mark.parametrize(
     ("module", "package", "extra"),
     [
-        pytest.param(
-            "optimisation.rl.models",
-            "torch",
-            "rl",
-            marks=pytest.mark.skipif(importlib.util.find_spec("stable_baselines3") is None, reason="of several, only torch is to be missing"),
-        ),
+        ("optimisation.rl.models", "torch", "rl"),
         ("optimisation.rl.vec_env", "stable_baselines3", "rl"),
     ],
 )
 def test_one_of_several_packages_is_missing(module: str, package: str, extra: str) -> None:
     pytest.importorskip("gymnasium")
+    if package == "torch" and importlib.util.find_spec("stable_baselines3") is None:
+        pytest.skip("of several, only torch is to be missing")
     assert fresh(TRY.format(packages=[package], modules=[module])) == [expected(module, package, extra)]
 
 
