@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from commands import call
 
 from optimisation.report.markdown import markdown
+from studies import load_speed
 from studies.cli import benchmark, benchmark_energies, benchmark_periodic, benchmark_start, cost_of_exact, reference_levels
 
 
@@ -194,3 +195,15 @@ def test_every_step_is_timed_and_the_table_goes_to_the_page(tmp_path: Path) -> N
     assert all(step["what"] in text for step in steps)
     assert text.startswith("before\n")
     assert text.endswith("after\n")
+
+
+def test_a_record_beside_lsim(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Where all is linear both give one motion; the table says so."""
+    monkeypatch.setattr(load_speed, "CASES", {"no absorber": None})
+    page = tmp_path / "page.md"
+    page.write_text("<!-- benchmark_loads -->\n<!-- /benchmark_loads -->\n")
+    result = call(benchmark.main, "--record", "--quick", "--json", tmp_path / "numbers.json", "--page", page)
+    assert result.exit_code == 0, result.output
+    (case,) = json.loads((tmp_path / "numbers.json").read_text())["cases"]
+    assert case["difference"] < 1e-9
+    assert f"{case['lsim_us']:.3g}" in page.read_text()

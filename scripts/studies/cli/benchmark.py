@@ -15,6 +15,7 @@ from impact_env.scene import Scene, beam_scene
 from optimisation.cli.common import command
 from optimisation.progress import Bar
 from optimisation.timing import Timed
+from studies import load_speed
 from studies.one_table import lines, table_options, table_place, table_study
 from studies.runner import run
 from studies.study import Json, Measured
@@ -133,11 +134,15 @@ STUDY = table_study(NAME, "speed of the exact method", _measure, _said)
 @command()
 @click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} repeat of {QUICK:g} pseudo periods: a look, not a measurement.")
 @click.option("--repeats", type=click.IntRange(min=1), help=f"Runs of each method, of which the median counts.  [default: {REPEATS}]")
+@click.option("--record", is_flag=True, help="Time a sample of a record instead, beside lsim as well; its page is docs/loads.md.")
 @table_options(NAME, "README.md")
-def main(quick: bool, repeats: int | None, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, repeats: int | None, record: bool, target: Path | None, page: Path | None) -> None:
     """Time the exact method and the Moreau scheme at the paper's step on the same sweeps, and print a table.
 
     Run it on an otherwise idle machine. The first call compiles the kernels, which is not part of the times.
     """
-    settings = Settings(QUICK if quick else WHOLE, repeats or (QUICK_REPEATS if quick else REPEATS))
-    run(STUDY, settings, table_place(target, page))
+    times = repeats or (QUICK_REPEATS if quick else REPEATS)
+    if record:
+        run(load_speed.STUDY, (load_speed.QUICK if quick else load_speed.WHOLE, times), table_place(target, page))
+    else:
+        run(STUDY, Settings(QUICK if quick else WHOLE, times), table_place(target, page))
