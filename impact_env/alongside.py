@@ -36,7 +36,7 @@ def alongside(kernel: Any, job: Job) -> Iterator[None]:
 
 
 def is_kept(job: Job) -> bool:
-    """Run a job if all its kernels are kept, and tell whether they are; or it fails, as its like will where that is told."""
+    """Run a job if all its kernels are in the cache, and return whether they are; ParameterError and IntegrationError of the job are ignored."""
     try:
         with only_kept(), suppress(ParameterError, IntegrationError):
             job()

@@ -329,7 +329,7 @@ def _one_pass(
     pool: ThreadPoolExecutor,
     found: dict[_Run, tuple[float, ...]],
 ) -> Iterator[PerformanceCurve]:
-    """Make the runs of a pass that ``found`` lacks, coarse grids of forces first, and yield the curve now and then, and at the end."""
+    """Make the runs of a pass that ``found`` has no level of, coarse grids of forces first, and yield the curve now and then, and at the end."""
     total, linear = len(case.forces), case.scene.kind is SceneKind.LINEAR
     here = np.unique(np.linspace(0, total - 1, min(one.forces or total, total)).round().astype(int))
     schedules = replace(case, percent_per_100_periods=one.faster * case.percent_per_100_periods).schedules()

@@ -268,7 +268,7 @@ class Loads:
 
     @property
     def schedule(self) -> FrequencySchedule:
-        """Return the frequency over time that responses are told by: the first schedule, else the reference for as long as the loads last."""
+        """Return the frequency over time to which responses refer: the first schedule, else the reference for as long as the loads last."""
         assert self.reference is not None
         for found in map(schedule_in, self.parts):
             if found is not None:

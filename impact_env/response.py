@@ -1,4 +1,4 @@
-"""What a run may record (`Record`) and what it returns (`Response`)."""
+"""Options of a run's record (`Record`) and its result (`Response`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is present: a modal model and, if there is one, an absorber. Absent parts are None."""
+"""The scene of a run: a modal model and, if there is one, an absorber. Absent parts are None."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -61,7 +61,7 @@ class Coupling:
     sprung: bool
 
     def __post_init__(self) -> None:
-        """Part equal frequencies by their last digit: a motion of both without the masses would lie at two poles at once, and not be found."""
+        """Separate equal frequencies by their last digit: a motion of both without the masses would be a root at two poles at once."""
         omega, order = np.array(self.omega), np.argsort(self.omega, kind="stable")
         for a, b in pairwise(order):
             omega[b] = max(omega[b], np.nextafter(omega[a], np.inf))

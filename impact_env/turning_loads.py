@@ -31,7 +31,7 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Member:
-    """What a member of an ensemble has of its own.
+    """The random part of a member of an ensemble.
 
     ``number``, 0 for the load itself, draws records and tones' phases; ``phase`` in rad is added to that of a load with a schedule; ``factor``
     multiplies the amplitude.

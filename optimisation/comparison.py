@@ -150,7 +150,7 @@ class ResonanceComparison:
 
     @property
     def told(self) -> int | None:
-        """Index of the force at which the concepts are told beside each other; None if nothing is finished."""
+        """Index of the force at which the concepts are compared; None if nothing is finished."""
         return self.best if self.best is None or self.own_force is None else int(np.flatnonzero(self.forces == self.own_force)[0])
 
 

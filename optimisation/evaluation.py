@@ -93,7 +93,7 @@ def evaluate(
 
 
 class Evaluation(NamedTuple):
-    """What an optimiser is told of N designs, row by row in their order; NaN in the rows of designs that failed.
+    """Values, constraints and spread of N designs, row by row in their order; NaN in the rows of designs that failed.
 
     ``F`` (N, objectives): values, all to be minimised (the width of a range and the like have their sign turned). ``G`` (N, constraints): share by
     which a limit is exceeded, 0 or below if it is kept. ``spread`` (N, objectives): the bootstrap's standard error of F over the members,

@@ -47,7 +47,7 @@ OWN = "a function of one's own as MODULE:FUNCTION, which can be imported from he
 
 
 def function_of(name: str) -> Own:
-    """Return a function by ``module:function``; modules of the current folder are found too. Raises ParameterError if there is none."""
+    """Return a function by ``module:function``; the module may lie in the current folder. Raises ParameterError if there is none."""
     module, _, function = name.partition(":")
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)
@@ -175,7 +175,7 @@ class Objective:
 
     @property
     def own(self) -> bool:
-        """Whether it is a function of one's own."""
+        """Whether it is a user's function."""
         return _is_own(self.kind)
 
     @property

@@ -1,4 +1,4 @@
-"""What is told of a run's motion and impacts after a start that is left out: one definition each.
+"""Measures of a run's motion and impacts after a start that is left out: one definition each.
 
 Signals are displacement, acceleration and, where the structure has one, stress where the response level is read, relative to the base or absolute.
 The acceleration is the change of velocity from sample to sample over the time between: a mean over that time, impacts included. After rigid impacts
@@ -58,7 +58,7 @@ class Told:
     stress_shape: Array | None
 
     def __call__(self, lane: Lane) -> dict[str, Any]:
-        """Run a lane and return what is told of it."""
+        """Run a lane and return its measures."""
         response = simulate(lane.scene, lane.drive, record=Record(events=True, series=True, samples_per_period=self.samples))
         return told_of(response, self)
 

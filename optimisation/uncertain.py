@@ -105,7 +105,7 @@ def shares(every: Sequence[Spread], members: Members) -> list[dict[str, float]]:
 
 
 def drawn(lane: Lane, every: Sequence[Spread], share: Mapping[str, float], resonance: int, force: float) -> Lane:
-    """Return a lane with all that is uncertain at its shares; the sweep follows the structure's own frequency. ``force``: that of the drive in N.
+    """Return a lane with each uncertain number at its share; the sweep follows the structure's own frequency. ``force``: that of the drive in N.
 
     Raises ParameterError where the damping is uncertain and the resonance has none.
     """

@@ -1,4 +1,4 @@
-"""What a family of kernels offers, and what a run hands to it."""
+"""The interface of a family of kernels, and what all families of the exact method share."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

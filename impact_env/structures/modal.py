@@ -29,7 +29,7 @@ TEXT = Sort(text, str)
 
 
 def ratios_of(given: Any, found: Any, modes: int) -> Any:
-    """Return the damping ratio of each mode: what is given, one number or one a mode, else what was found."""
+    """Return the damping ratio of each mode: as given, one number or one a mode, else as measured."""
     ratios = [non_negative("damping_ratio", given)] * modes if np.ndim(given) == 0 and given is not None else given
     if given is None:
         require(found is not None, "damping_ratio", given, "given, as one number or a list with one for each mode: the file has no damping")

@@ -1,4 +1,4 @@
-"""What the command lines share: errors in one line, exit codes, and files that can be written."""
+"""Shared parts of the commands: errors in one line, exit codes, and checks of files to be written."""
 
 import os
 import sys

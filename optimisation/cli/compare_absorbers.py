@@ -54,7 +54,7 @@ def conditions(started: float, threads: int | None, cluster: str | None) -> dict
 
 
 def borne(comparison: Comparison, threads: int | None) -> Impacts | None:
-    """Return what a device bears near the first resonance, where all are told beside each other."""
+    """Return the impacts of the impact absorber near the first resonance, at the force of the comparison; None if there is none."""
     part = comparison.resonances[0]
     if part.told is None or not comparison.complete:
         return None

@@ -107,7 +107,7 @@ def _one_a_resonance(problem: Problem) -> list[Any]:
 
 
 def write(out: Path, findings: Findings, given: dict[str, Any]) -> list[Path]:
-    """Write tables and figures of what was found, and return the files."""
+    """Write tables and figures of the findings, and return the files."""
     from optimisation.report.design_figures import save_curves, save_map, save_robustness, save_sensitivity  # matplotlib is slow to import
 
     files = [out / "designs.csv", out / "summary.json"]

@@ -87,7 +87,7 @@ def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:
 
 
 def nearest(path: Path, point: tuple[float, float, float]) -> str:
-    """Return the nodes of a file, or the rows of its matrices, nearest to a point in m; rows of the nearest node are told together."""
+    """Return the nodes of a file, or the rows of its matrices, nearest to a point in m; rows of one node are listed together."""
     what, numbers, places = coordinates(path)
     distances = np.linalg.norm(places - np.array(point), axis=1)
     lines = []

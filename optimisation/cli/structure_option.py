@@ -31,7 +31,7 @@ def structure_option(command: Command) -> Command:
 
 
 def read_structure(path: Path) -> Structure:
-    """Return the structure of a file; what looks wrong in it is told in a line each."""
+    """Return the structure of a file; its warnings are printed, a line each."""
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always", StructureWarning)
         structure = load_structure(path)

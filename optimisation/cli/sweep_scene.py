@@ -40,7 +40,7 @@ BESIDE_LOAD = ("force", "phase", "start", "stop", "rate", "periods", "down")  # 
 
 
 def absorber_options(defaults: Mapping[str, str]) -> Callable[[Command], Command]:
-    """Add an option for each plain name of the table of laws; ``defaults``: what is told in the place of the library's default."""
+    """Add an option for each plain name of the table of laws; ``defaults``: the help's words in place of the library's default."""
     keys = {name: key for concept in CONCEPTS.values() for name, key in concept.items()}
     usual = {"mass_ratio": str(DEFAULT_MASS_RATIO), "restitution": str(RigidWalls.restitution)} | dict(defaults)
 

@@ -66,7 +66,7 @@ MARKER = "tunings"
 
 
 def certificates(table: TuningTable) -> dict[str, float]:
-    """Return the proved largest amplitude (m/N) of each tuning by its key; one that cannot be proved is told and left out."""
+    """Return the proved largest amplitude (m/N) of each tuning by its key; one that cannot be proved is left out, with a line on standard error."""
     from optimisation.convex import NotOptimalError  # needs cvxpy, which is slow to import
     from optimisation.tuned.certificate import certify
 

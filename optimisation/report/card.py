@@ -60,7 +60,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Card:
-    """What is told: groups of rows under headings, charts, warnings."""
+    """The content of a card: groups of rows under headings, charts, warnings."""
 
     title: str
     groups: tuple[tuple[str, tuple[Row, ...]], ...]

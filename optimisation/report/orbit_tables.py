@@ -16,7 +16,7 @@ CURVE_COLUMNS = ("curve", "kind", "period", "symmetric", "omega_ratio", "value",
 
 
 def plain_fold(fold: LocatedFold) -> dict[str, Any]:
-    """Return a fold whose orbit was found as the JSON file holds it."""
+    """Return a fold with a confirmed orbit in the JSON file's form."""
     assert isinstance(fold.orbit, Orbit)
     return {"omega_ratio": fold.omega_ratio, "force_N": fold.force, "tip_max_m": fold.orbit.motion.tip_max}
 

@@ -71,7 +71,7 @@ def save_figure(path: Path, title: str, response: Response, resonance: int) -> N
 
 
 def _bins(history: History, response: Response) -> list[Array]:
-    """Return the samples of each column of the figure: whole pseudo periods, and few enough to be told apart."""
+    """Return the samples of each column of the figure: whole pseudo periods, and no more columns than can be distinguished."""
     samples = len(history.time)
     per_period = max(1, round(response.drive.schedule.pseudo_period / (history.time[1] - history.time[0]))) if samples > 1 else 1
     width = per_period * max(1, -(-samples // (per_period * BINS)))

@@ -140,7 +140,7 @@ def more_modes(problem: Problem, winner: Judged, share: float, executor: Executo
 
 @dataclass(frozen=True)
 class Audit:
-    """Designs that were left behind, run in full: how many, how many of them beat the best found, and the rank correlation of both values."""
+    """Designs that were left behind, run in full: their number, how many of them beat the best design, and the rank correlation of both values."""
 
     designs: int
     missed: int

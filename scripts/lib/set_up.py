@@ -123,7 +123,7 @@ class SetUp:
         self.incomplete.unlink()
 
     def warm_kernels(self) -> None:
-        """Compile the kernels into their cache. A failure is told, not raised: they would be compiled on first use."""
+        """Compile the kernels into their cache. A failure is printed, not raised: kernels are then compiled on first use."""
         if not (self.root / "impact_env" / "warm_up.py").exists():
             return
         stamp = Path(os.environ.get("IMPACT_ENV_CACHE") or self.folder / "kernel-cache") / "warm"

@@ -42,7 +42,7 @@ def told(scores: Any) -> str:
 
 
 def searches(found: Mapping[str, Json]) -> str:
-    """Return how each rule was found, and which family it is of."""
+    """Return each rule's family and how it was tuned."""
     rows = []
     for name, one in found.items():
         effort, best = one["effort"], one["rules"][EIGHT]

@@ -1,4 +1,4 @@
-"""How good the answers of `design_gap` are: twenty structures, and fine scans of their gaps judged by the same criterion on the same members.
+"""The quality of the answers of `design_gap`: twenty structures, and fine scans of their gaps judged by the same criterion on the same members.
 
 The structures are beams, plates, frames and modal models, none of them the paper's beam. Plates are Kirchhoff's by Ritz's method, with Legendre
 polynomials times what the held edges ask for; portal frames are plane Euler-Bernoulli finite elements. The force does not matter, as gap and friction

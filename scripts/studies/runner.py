@@ -36,7 +36,7 @@ def run(
     resume: bool = False,
     keep: Callable[[Json], Json] | None = None,
 ) -> None:
-    """Measure the parts (all, if ``only`` names none), or with ``redraw`` read them from their files, and write, draw and print what was found.
+    """Measure the parts (all, if ``only`` names none), or with ``redraw`` read them from their files, and write, draw and print the results.
 
     ``resume``: go on from files of runs that were stopped. ``keep`` returns what to keep of the values in a file; the rest is measured anew.
 
@@ -141,7 +141,7 @@ def measure(
 
 
 def publish(part: Part[S], measured: Measured, place: Place, written: Sequence[Path] = ()) -> None:
-    """Write a part's CSV files, figures and sections of the page, and print what was found and all that was ``written``."""
+    """Write a part's CSV files, figures and sections of the page, and print the results and the names of all files ``written``."""
     files = list(written)
     if place.folder is not None:
         for table in part.tables(measured):

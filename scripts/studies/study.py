@@ -1,4 +1,4 @@
-"""What a study is: cases measured as plain values, kept as JSON, and told on a page with figures. `runner.run` carries it out.
+"""A study: cases measured as plain values, kept as JSON, and shown on a page with figures. `runner.run` carries it out.
 
 A new one is its cases with a function that measures their rows, the text of its tables and figures, and a command with its options in ``cli``.
 `cli.reference_levels` has one table and all in one file; `accuracy` has parts with rows by case, files and figures of their own.

@@ -23,7 +23,7 @@ MARKERS = ("admission", "rules", "tasks")
 
 
 def known(file: Path) -> dict[str, Json]:
-    """Return what earlier runs found, by task; raises ParameterError for a file that is another."""
+    """Return the results of earlier runs by task; raises ParameterError for a file that is another."""
     if not file.exists():
         return {}
     try:

@@ -35,7 +35,7 @@ FLAT_KB = 64.0  # memory that a longer run may need more, when nothing is stored
 
 @dataclass
 class Results:
-    """What was found, as plain values: own[name] of each variant, pairs in their order."""
+    """The measurements as plain values: own[name] of each variant, pairs in their order."""
 
     own: dict[str, dict[str, Any]] = field(default_factory=dict)
     pairs: list[dict[str, Any]] = field(default_factory=list)

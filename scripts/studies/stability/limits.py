@@ -76,7 +76,7 @@ QUICK = tuple(case for case in CASES if case.damping_ratio in (0.0, 0.01, 1.0, 2
 
 @dataclass(frozen=True)
 class Limit:
-    """Largest stable step in s by theory and as found, and the method's own step at the paper's setting."""
+    """Largest stable step in s by theory and by bisection, and the method's own step at the paper's setting."""
 
     method: str
     what: str
@@ -88,7 +88,7 @@ class Limit:
 
     @property
     def agrees(self) -> bool:
-        """Whether what was found is what theory says."""
+        """Whether both agree."""
         return abs(self.found_s / self.theory_s - 1) <= AGREE
 
 
