@@ -221,7 +221,7 @@ def each_lane(
     needs one that can be pickled.
     """
     method = Exact() if method is None else method
-    pool = Threads(threads)
+    workers = available_cores() if threads is None else count("threads", threads, 1)
     keys = [kernel_key(lane.scene, method) for lane in lanes]
     found: list[R | None] = [None] * len(lanes)
     if executor is not None:
@@ -232,15 +232,7 @@ def each_lane(
         with suppress(Stopped):
             found[k] = _measured(k, lanes[k], measure)
 
-    first, done = first_of_each(keys), 0  # one after the other: threads that need the same kernel would only wait for its compilation
-    rest = [k for k in range(len(lanes)) if k not in set(first)]
-    with suppress(KeyboardInterrupt):  # what is finished is in its slots; a second interrupt reaches the caller from the pool's shutdown
-        for part, where in ((first, Threads(1)), (rest, pool)):
-            with closing(where.each(run, part, ())) as finished:
-                for _ in finished:
-                    done += 1
-                    if progress is not None:
-                        progress(done, len(lanes))
+    _run_all(run, first_of_each(keys), len(lanes), workers, progress)
     return found
 
 
@@ -297,3 +289,26 @@ def first_of_each(keys: Iterable[Hashable]) -> list[int]:
     for k, key in enumerate(keys):
         first.setdefault(key, k)
     return list(first.values())
+
+
+def _run_all(run: Callable[[int], None], first: list[int], total: int, workers: int, progress: Progress | None) -> None:
+    """Call ``run`` for 0..total - 1, ``first`` one after the other: threads that need the same kernel would only wait for its compilation."""
+    done = 0
+
+    def finished(future: Future[None]) -> None:
+        nonlocal done
+        future.result()
+        done += 1
+        if progress is not None:
+            progress(done, total)
+
+    pool = ThreadPoolExecutor(workers)
+    try:
+        for k in first:
+            finished(pool.submit(run, k))
+        for future in as_completed([pool.submit(run, k) for k in range(total) if k not in set(first)]):
+            finished(future)
+    except KeyboardInterrupt:
+        pass  # what is finished is in its slots; a second interrupt reaches the caller from the wait below
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
