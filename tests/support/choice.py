@@ -1,6 +1,8 @@
 """Which files of tests run at every save, which together, and which start first: by the processor's time with compiled kernels
 (``scripts/test -n 0 --cpu FILE``)."""
 
+import sys
+
 # some of every kind that say much in little time; what takes long in them is marked slow
 QUICK = (
     "kernels/test_agreement.py",
@@ -83,5 +85,15 @@ LONGEST_FIRST = (
     "kernels/test_verification.py",
 )
 
+# lean on the arithmetic of BLAS or torch: .ci/run runs them as on two older processors, too
+_LEANING = {
+    "environments": "suite training sb3_bridge",
+    "kernels": "regimes linear exact_rigid",
+    "periodic": "periodic_orbits shooting switching",
+    "simulator": "model frequency structure",
+    "design": "tuned",
+}
+LEANING = tuple(f"{folder}/test_{name}.py" for folder, names in _LEANING.items() for name in names.split())
+
 if __name__ == "__main__":
-    print("\n".join(PARTS))
+    print("\n".join(LEANING if sys.argv[1:] == ["leaning"] else PARTS))
