@@ -22,8 +22,6 @@ from impact_env.parameters import Absorber, Beam
 Array = NDArray[np.float64]
 OMEGA = float(beam_scene(Beam(modes=1)).model.omega[0])
 PERIOD = 2 * np.pi / OMEGA
-
-
 ALL = Record(level=False, events=True, series=True, energy=True)
 
 
