@@ -31,7 +31,7 @@ from impact_env.sweep import REASONS, IntegrationError
 
 Array = NDArray[np.float64]
 FEWEST = 64  # lanes a thread must have to be worth its start
-NEVER = 1e300  # s: the step of a record that is not there
+NOTHING = 10.0  # intervals: the step of a record that is not there
 MANY = 512  # lanes from which a thread gets several parts: handing one to compiled code takes some 20 us
 
 
@@ -44,13 +44,13 @@ def friction_limit(scene: Scene) -> float:
     return friction.limit if isinstance(friction, CoulombFriction) else math.inf
 
 
-def _beside(scene: Scene, method: Method, record: Samples | None, moves_base: bool) -> Beside | None:
-    """Return what acts beside one force at the force's place, None where that is all. Raises ParameterError where it cannot."""
+def _beside(scene: Scene, method: Method, record: Samples | None, moves_base: bool, interval: float) -> Beside | None:
+    """Return what acts beside one force at the force's place in intervals (s), None where that is all. Raises ParameterError where it cannot."""
     base = check_general(scene, method, record, moves_base=moves_base)
     if record is None and not moves_base:
         return None
     values = np.zeros(1) if record is None else np.array(record.values[:-1])
-    step = NEVER if record is None else record.duration / len(values)
+    step = NOTHING * interval if record is None else record.duration / len(values)
     moves = np.array([moves_base, record is not None and record.quantity == BASE])
     return Beside(values, step, moves, base_of(scene) if base else None)
 
@@ -86,7 +86,7 @@ class ControlledRuns:
     ) -> None:
         method = Exact() if method is None else method
         kernels = family(scene, method)
-        beside = _beside(scene, method, record, moves_base)
+        beside = _beside(scene, method, record, moves_base, interval * 2 * np.pi / positive("reference", reference))
         weightless(scene.absorber, "a run that is controlled in intervals")
         require(kernels.control is not None, "absorber", scene.absorber, "one absorber in a run that is controlled in intervals")
         self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
