@@ -56,11 +56,11 @@ def test_a_passage_goes_on_to_its_far_end_and_back_to_its_start(lanes: Any) -> N
 
 def test_orders_are_in_si_units(lanes: Any) -> None:
     orders = np.zeros(LANES, ORDER)
-    orders["phase"], orders["gap"], orders["limit"], orders["fresh"] = 1.5, 2e-3, 0.3, True
+    orders["phase"], orders["gap"], orders["limit"], orders["place"], orders["fresh"] = 1.5, 2e-3, 0.3, 7.0, True
     order_intervals(orders, 61.0, 0.103, lanes.duration, lanes.ratio, lanes.far, lanes.force, lanes.late)
     for i, order in enumerate(orders):
         duration, ratio, far = float(lanes.duration[i]), float(lanes.ratio[i]), float(lanes.far[i])
-        assert order.tolist() == (duration * 0.103, ratio * 61.0, far * 61.0, float(lanes.force[i]), 1.5, 2e-3, 0.3, True, bool(lanes.late[i]))
+        assert order.tolist() == (duration * 0.103, ratio * 61.0, far * 61.0, float(lanes.force[i]), 1.5, 2e-3, 0.3, 7.0, True, bool(lanes.late[i]))
 
 
 @pytest.mark.parametrize("fatigue", [False, True])
