@@ -132,7 +132,7 @@ def check_load(scene: Scene, drive: AnyDrive, method: Method) -> None:
 
 def check_general(scene: Scene, method: Method, record: Samples | None, *, moves_base: bool) -> bool:
     """Return whether the base moves in runs in intervals; raise ParameterError if a scene or a method cannot do it, or a record beside the force."""
-    shaken = moves_base or (record is not None and record.quantity == BASE)
+    shaken = bool(moves_base) or (record is not None and record.quantity == BASE)
     if shaken or record is not None:
         _check_general(scene, method, ["a record"] * (record is not None) + ["a base that moves"] * shaken, shaken)
     return shaken

@@ -24,6 +24,7 @@ from impact_env.parameters import (
     count,
     finite,
     flag,
+    instance,
     non_negative,
     one_of,
     positive,
@@ -249,7 +250,7 @@ class Settings:
     @property
     def record(self) -> Samples | None:
         """The disturbance beside the force, None without; the same object for the same values."""
-        return None if self.load is None else _record(as_json("load", self.load))
+        return None if instance("load", self.load, Mapping | None) is None else _record(as_json("load", self.load))
 
     @property
     def forces(self) -> Range:
