@@ -18,7 +18,6 @@ from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
     MOST_ELEMENTS,
     Beam,
-    ParameterError,
     RigidWalls,
     SlidingAbsorber,
     count,
@@ -90,7 +89,8 @@ def as_json(name: str, value: Any) -> str:
     try:
         return json.dumps(value, sort_keys=True, default=_plain)
     except (TypeError, ValueError) as error:
-        raise ParameterError(f"{name} = {value!r} is not allowed: plain values that can be written as JSON ({error})") from error
+        require(False, name, value, f"plain values that can be written as JSON ({error})")
+        raise  # not reached
 
 
 def _plain(value: Any) -> Any:
@@ -208,7 +208,7 @@ class Settings:
         count("observation_delay", self.observation_delay, 0)
         positive("impacts_limit", self.impacts_limit)
         for name in ("raw_state", "moves_base"):
-            flag(name, getattr(self, name))
+            object.__setattr__(self, name, flag(name, getattr(self, name)))
         check_general(self.scene, self.integrator, self.record, moves_base=self.moves_base)
 
     def _check_whole_scene(self) -> None:
