@@ -5,7 +5,8 @@ from typing import Any
 
 from impact_env.periodic.case import case_of
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.orbit import Orbit, shot_orbit
+from impact_env.periodic.orbit import Orbit, orbit_at, shot_orbit
+from impact_env.periodic.schedule import flying_schedule
 from impact_env.periodic.validation import held
 from impact_env.plain import from_scene, to_scene
 
@@ -43,10 +44,19 @@ def plain_orbit(orbit: Orbit) -> dict[str, Any]:
 
 
 def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
-    """Return the orbit of a JSON file's entry, confirmed anew by shooting from its ``start``; KeyError or ParameterError if it is something else."""
-    scene, start = to_scene(plain["scene"]), plain["start"]
+    """Return the orbit of a JSON file's entry, confirmed anew; KeyError or ParameterError if it is something else.
+
+    It is found from its ``events``, or where the absorber is held by shooting from its ``start``, which over many periods would lose an unstable one.
+    """
+    case, start = case_of(to_scene(plain["scene"]), plain["force_N"], plain["omega_rad_s"]), plain["start"]
+    events, kind = plain["events"], (plain["symmetric"], plain["period_multiple"])
+    if not plain["held_rad"] and plain["impacts"] and events[0]["wall"]:
+        schedule = flying_schedule([event["wall"] for event in events], case.friction_limit > 0, *kind)
+        found = orbit_at(case, schedule, [event["phase_rad"] for event in events], reorder=False)
+        if isinstance(found, Orbit):
+            return found
     state = [*start["modal_displacement"], start["absorber_displacement_m"], *start["modal_velocity"], start["absorber_velocity_m_s"]]
-    return shot_orbit(case_of(scene, plain["force_N"], plain["omega_rad_s"]), start["phase_rad"], state, plain["symmetric"], plain["period_multiple"])
+    return shot_orbit(case, start["phase_rad"], state, *kind)
 
 
 def packed(orbits: Sequence[Orbit | NoOrbit]) -> dict[str, Any]:

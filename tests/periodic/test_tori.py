@@ -16,6 +16,7 @@ from impact_env.periodic.motion import motion_of, stability_of
 from impact_env.periodic.orbit import Orbit, confirmed
 from impact_env.periodic.orbit_branches import TORUS, OrbitBranch, orbit_branch
 from impact_env.periodic.overview import linear_curves, sweep_envelope
+from impact_env.periodic.plain_orbits import orbit_of, plain_orbit
 from impact_env.periodic.schedule import EventSchedule
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
@@ -69,6 +70,8 @@ def test_an_unstable_orbit_is_one_over_any_number_of_periods() -> None:
         assert isinstance(found, Orbit), found.reason
         assert found.residual < 1e-10
         assert len(found.impacts) == times * whole.schedule.impacts
+        assert isinstance(again := orbit_of(plain_orbit(found)), Orbit)  # as files have it; by shooting over eight periods it would be lost
+        assert again.motion.tip_max == pytest.approx(found.motion.tip_max, rel=1e-9)
     shifted = listed(whole, 4)
     moved = shifted.phases.copy()
     moved[-1] += 1e-4
