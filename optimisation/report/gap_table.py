@@ -88,7 +88,7 @@ def warnings(found: Advice) -> list[str]:
     lines.append(f"Sweeps at {check.rate:.3g} % per 100 pseudo periods show {ratio:.3f} of the stationary level without absorber.")
     if ratio < LEAST_RATIO:
         lines.append(f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly.")
-    lines.append(f"{found.sweeps} sweeps; {len(found.looks)} gaps with one run only are left out of the table.")
+    lines.append(f"{found.sweeps} sweeps{f'; {len(found.looks)} gaps with one run are left out of the table' if found.looks else ''}.")
     return lines
 
 

@@ -16,7 +16,7 @@ WORDS = {
     IMPACT_RATE: ("impacts", "1/s", 1.0),
     IMPACT_POWER: ("power lost in impacts (wear)", "mW", 1e3),
     FRICTION_HEAT: ("friction heat", "mW", 1e3),
-    STROKE: ("stroke", "mm", 1e3),
+    STROKE: ("stroke from the middle", "mm", 1e3),
 }
 
 

@@ -68,7 +68,7 @@ def _table(found: list[Row]) -> str:
     columns = {
         "structure": "{name}",
         "resonance": "{resonance}",
-        "damping, %": "{percent[0]:g}",
+        "damping, %": "{percent[0]:.3g}",
         "mass, %": "{percent[1]:g}",
         "reach": "{reach:.3g}",
         "best gap over rule's": "{best:.2f}",
