@@ -1,33 +1,34 @@
-"""Answers about loads on two structures: both resonances at once, gravity along the absorber's motion, and what a start does."""
+"""Answers about loads on two structures: each kind, both resonances at once, random loads, gravity, shocks, and what a start does."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, linear_sweep
 from impact_env.ensemble import Lane, draw_members, drives_of, each_lane, run_lanes
 from impact_env.loads import Force, Loads, Tone, Tones
-from impact_env.modes import ModalModel, modal_model, mode_shapes
-from impact_env.parameters import Absorber, Beam, RigidWalls, SlidingAbsorber, friction_law, impact_absorber
+from impact_env.modes import modal_model
+from impact_env.parameters import Absorber, RigidWalls, SlidingAbsorber, friction_law, impact_absorber
 from impact_env.response import Record
 from impact_env.scene import InitialState, Scene
 from impact_env.shared_mass import impact_absorbers
 from impact_env.sweep import simulate
-from optimisation.bounds import design_force, design_gap
+from optimisation.bounds import design_gap
 from optimisation.friction_rule import scaled_friction
 from optimisation.machine import sources
 from optimisation.report.markdown import markdown
 from optimisation.signals import bands_of
+from studies.load_cases import CASES, GAP, MASS_RATIO, MODES, RESTITUTION, Case, Settings, band_text
+from studies.load_kinds import KINDS, kind_rows, kinds_text
+from studies.load_spectra import VARIANTS, WIDTHS, random_rows, random_text, shock_rows, shock_text
 from studies.study import Json, Measured, Part, Saver, Steps, Study, rows_by_case
 
 Array = NDArray[np.float64]
-MODES, MASS_RATIO, GAP, RESTITUTION = 5, 0.02, 1e-3, 0.7
 LIMITS = (0.92, 1.04)  # of the sweeps, times a resonance
 SHARES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.35, 0.5, 0.75, 1.0)
 GAP_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6)
@@ -36,56 +37,7 @@ RESTITUTIONS = (0.2, 0.45, 0.9, 1.0)
 WEIGHTS = (0.0, 0.05, 0.15, 0.5)  # g over gap times the first frequency squared
 FACTORS = tuple(np.geomspace(0.1, 3.2, 11).tolist())  # of the design force
 SAMPLES = 64
-BAND = (0.05, 0.5, 0.95)
-
-
-class Settings(NamedTuple):
-    """Runs for each point, and whether it is only a look."""
-
-    members: int
-    quick: bool
-
-
-@dataclass(frozen=True)
-class Case:
-    """A beam, the places of its absorber and of its response, and the forces for which the design rule gives `GAP` there."""
-
-    name: str
-    beam: Beam
-
-    @cached_property
-    def model(self) -> ModalModel:
-        """The modal model."""
-        return modal_model(self.beam)
-
-    @property
-    def mass(self) -> float:
-        """Mass of the absorber in kg."""
-        return MASS_RATIO * self.model.beam_mass
-
-    @cached_property
-    def forces(self) -> tuple[float, float]:
-        """Forces in N near the first and the second resonance."""
-        return design_force(self.model, self.mass, GAP, 1), design_force(self.model, self.mass, GAP, 2)
-
-    @cached_property
-    def node(self) -> float:
-        """Where the second mode stands still, a share of the length."""
-        return float(scipy.optimize.brentq(lambda x: mode_shapes(self.beam, [x])[0, 1], 0.3, 0.95))
-
-    def at(self, *positions: float) -> ModalModel:
-        """Return the model with absorbers elsewhere, the response read at the same place."""
-        beam = replace(self.beam, response_position=self.beam.absorber_position)
-        return modal_model(replace(beam, absorber_position=positions[0]), positions if len(positions) > 1 else None)
-
-
-CASES = {
-    case.name: case
-    for case in (
-        Case("cantilever", Beam(modes=MODES)),
-        Case("supported beam", Beam(modes=MODES, ends="pinned-pinned", absorber_position=0.35, force_position=0.2)),
-    )
-}
+DIRECTIONS = {"up": (0.9, 1.06), "down": (1.06, 0.9)}
 
 
 def levels_in_bands(lane: Lane) -> tuple[float, ...]:
@@ -205,15 +157,17 @@ def _heavy(case: Case, weight: float, friction: float) -> SlidingAbsorber:
     return SlidingAbsorber(MASS_RATIO, RigidWalls(GAP, RESTITUTION), friction_law(limit), gravity)
 
 
-def _levels(case: Case, absorber: Absorber | None, force: float, start: str | InitialState, members: int) -> list[float]:
-    """Return the members' levels over that without absorber, of sweeps up under a force in N."""
-    schedule = linear_sweep(float(case.model.omega[0]), 0.9, 1.06)
-    loads = Loads((Force(Drive(force, schedule)),))
-    drives = drives_of(draw_members(members, 0), replace(loads, start=start))
-    found = run_lanes([Lane(Scene(case.model), loads), *(Lane(Scene(case.model, absorber), drive) for drive in drives)])
-    if not found.complete:
-        raise KeyboardInterrupt
-    return np.asarray(found.level[1:] / found.level[0]).tolist()
+def _ratios(case: Case, absorber: Absorber | None, force: float, start: str | InitialState, members: int) -> Json:
+    """Return the members' levels over that without absorber, of sweeps up (``ratio``) and down under a force in N."""
+    ratios = {}
+    for name, limits in DIRECTIONS.items():
+        loads = Loads((Force(Drive(force, linear_sweep(float(case.model.omega[0]), *limits))),))
+        drives = drives_of(draw_members(members, 0), replace(loads, start=start))
+        found = run_lanes([Lane(Scene(case.model), loads), *(Lane(Scene(case.model, absorber), drive) for drive in drives)])
+        if not found.complete:
+            raise KeyboardInterrupt
+        ratios["ratio" if name == "up" else name] = (found.level[1:] / found.level[0]).tolist()
+    return ratios
 
 
 def gravity_rows(case: Case, weight: float, settings: Settings) -> list[Json]:
@@ -223,18 +177,16 @@ def gravity_rows(case: Case, weight: float, settings: Settings) -> list[Json]:
         for factor in FACTORS[:: 4 if settings.quick else 1]:
             absorber = _heavy(case, weight, friction)
             start = "lower-wall" if weight > 0 else "middle"
-            values = _levels(case, absorber, factor * case.forces[0], start, settings.members)
-            rows.append(
-                {
-                    "structure": case.name,
-                    "weight": weight,
-                    "gravity_m_s2": absorber.gravity,
-                    "friction": friction,
-                    "factor": factor,
-                    "force_n": factor * case.forces[0],
-                    "ratio": values,
-                }
-            )
+            force = factor * case.forces[0]
+            row = {
+                "structure": case.name,
+                "weight": weight,
+                "gravity_m_s2": absorber.gravity,
+                "friction": friction,
+                "factor": factor,
+                "force_n": force,
+            }
+            rows.append(row | _ratios(case, absorber, force, start, settings.members))
     return rows
 
 
@@ -254,16 +206,9 @@ def start_rows(case: Case, start: str, settings: Settings) -> list[Json]:
         limit = friction * scaled_friction(case.model, case.mass, GAP)
         for factor in FACTORS[:: 4 if settings.quick else 1]:
             absorber = impact_absorber(GAP, restitution, limit, MASS_RATIO)
-            values = _levels(case, absorber, factor * case.forces[0], _state(case, start), settings.members)
-            rows.append({"structure": case.name, "start": start, "restitution": restitution, "friction": friction, "factor": factor, "ratio": values})
+            row = {"structure": case.name, "start": start, "restitution": restitution, "friction": friction, "factor": factor}
+            rows.append(row | _ratios(case, absorber, factor * case.forces[0], _state(case, start), settings.members))
     return rows
-
-
-def _band(values: Sequence[float] | None) -> str:
-    if values is None:
-        return ""
-    low, middle, high = np.quantile(values, BAND)
-    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
 
 
 def _of(rows: Sequence[Json], **given: object) -> list[Json]:
@@ -280,7 +225,7 @@ def _cost(row: Json) -> tuple[float, float]:
 def both_text(rows: Sequence[Json]) -> str:
     """Return a table over the share of the higher force, and the best of what was tried at its whole: with the least of the larger number."""
     shares = [
-        (row["structure"], row["variant"], f"{row['free_over_gap'][1]:.2f}", _band(row["lower"]), _band(row["higher"]))
+        (row["structure"], row["variant"], f"{row['free_over_gap'][1]:.2f}", band_text(row["lower"]), band_text(row["higher"]))
         for row in _of(rows, group="share")
     ]
     tried = []
@@ -289,22 +234,24 @@ def both_text(rows: Sequence[Json]) -> str:
             own = _of(rows, structure=structure, group=group, share=1.0)
             best = min(own, key=_cost)
             words = "as it is, gap 1 mm, restitution 0.7" if group == "share" else f"{best['variant']}, best of {len(own)}"
-            tried.append((structure, words, _band(best["lower"]), _band(best["higher"])))
+            tried.append((structure, words, band_text(best["lower"]), band_text(best["higher"])))
     first = markdown(("structure", "share of the higher force", "free level there / gap", "lower band", "higher band"), shares)
     return first + "\n\n" + markdown(("structure", "at the whole higher force", "lower band", "higher band"), tried)
 
 
 def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
-    """Return a line for each series: the members' median at each factor of the design force."""
+    """Return a line for each series: the members' median at each factor of the design force, and where a sweep down differs most."""
     factors = sorted({row["factor"] for row in rows})
-    series: dict[tuple[Any, ...], dict[float, float]] = {}
+    series: dict[tuple[Any, ...], dict[float, tuple[float, float]]] = {}
     for row in rows:
-        series.setdefault(tuple(row[name] for name in ("structure", *names)), {})[row["factor"]] = float(np.median(row["ratio"]))
-    lines = [
-        [", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in key), *(f"{found[f]:.2f}" for f in factors)]
-        for key, found in series.items()
-    ]
-    return markdown((", ".join(("structure", *names)), *(f"{factor:.2g}" for factor in factors)), lines)
+        medians = float(np.median(row["ratio"])), float(np.median(row["down"]))
+        series.setdefault(tuple(row[name] for name in ("structure", *names)), {})[row["factor"]] = medians
+    lines = []
+    for key, found in series.items():
+        most = max(factors, key=lambda factor: abs(found[factor][1] - found[factor][0]))
+        name = ", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in key)
+        lines.append([name, *(f"{found[f][0]:.2f}" for f in factors), f"{found[most][1]:.2f} at {most:.2g}"])
+    return markdown((", ".join(("structure", *names)), *(f"{factor:.2g}" for factor in factors), "down"), lines)
 
 
 GRAVITY, START = ("weight", "friction"), ("start", "restitution", "friction")
@@ -337,7 +284,15 @@ def _part(name: str, title: str, *, measure: Callable[[Settings, Json], Steps], 
 
 STUDY = Study(
     (
+        _part("loads_kinds", "a load of each kind", measure=_each(kind_rows, "kind", list(KINDS)), steps=len(KINDS), text=kinds_text),
         _part("loads_both", "both resonances at once", measure=_each(both_rows, "group", list(GROUPS)), steps=len(GROUPS), text=both_text),
+        _part(
+            "loads_random",
+            "random loads",
+            measure=_each(random_rows, "number", list(range(len(VARIANTS)))),
+            steps=len(VARIANTS),
+            text=random_text,
+        ),
         _part(
             "loads_gravity",
             "gravity along the absorber's motion",
@@ -345,6 +300,7 @@ STUDY = Study(
             steps=len(WEIGHTS),
             text=partial(_over_force, names=GRAVITY),
         ),
+        _part("loads_shock", "shocks", measure=_each(shock_rows, "width", WIDTHS), steps=len(WIDTHS), text=shock_text),
         _part(
             "loads_start",
             "what a start does",

@@ -11,8 +11,8 @@ from matplotlib.ticker import NullLocator
 from optimisation.report.written_figure import write_figure
 from studies.study import Json
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-MARKS = "os^vDPX"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
+MARKS = "os^vDPX*"
 TICKS = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 
@@ -37,7 +37,7 @@ def save_both(path: Path, rows: Sequence[Json]) -> None:
         for name, colour, part in (("lower", COLOURS[0], shares), ("higher", COLOURS[1], driven)):
             _line(left, [row["free_over_gap"][1] for row in part], [row[name] for row in part], colour, "-o", f"{name} resonance")
         left.set_title(structure, fontsize=10)
-        left.set_xlabel("level of the higher resonance without absorber, over the gap")
+        left.set_xlabel("free level of the higher resonance over the gap")
         left.set_ylabel("level over that without absorber")
         left.set_ylim(0, None)
         left.legend(frameon=False)
@@ -90,4 +90,80 @@ def save_start(path: Path, rows: Sequence[Json]) -> None:
     _over_force(path, kept, "start", "friction", ("no friction, e = 1", "with friction, e = 0.7"))
 
 
-FIGURES: dict[str, Callable[[Path, Sequence[Json]], None]] = {"loads_both": save_both, "loads_gravity": save_gravity, "loads_start": save_start}
+def save_kinds(path: Path, rows: Sequence[Json]) -> None:
+    """Draw the motion under each kind of load on the first structure, without absorber and with an impact absorber."""
+    own = [row for row in rows if row["structure"] == _structures(rows)[0]]
+    figure = Figure(figsize=(10.0, 4.8), layout="constrained")
+    panels = figure.subplots(2, 4).ravel()
+    for panel, row in zip(panels, own, strict=False):
+        for (low, high), colour, label in zip(row["envelopes_mm"], ("#bbbbbb", COLOURS[0]), ("no absorber", "impact absorber"), strict=True):
+            time = (np.arange(len(low)) + 0.5) * row["duration_s"] / len(low)
+            panel.fill_between(time, low, high, color=colour, linewidth=0, label=label)
+        panel.set_title(f"{row['kind']}: {row['measure']} {np.median(row['ratio']):.2f}", fontsize=10)
+        panel.set_xlabel("time in s")
+    for panel in panels[len(own) :]:
+        panel.axis("off")
+        panel.legend(*panels[0].get_legend_handles_labels(), frameon=False, loc="center")
+    for panel in panels[::4]:
+        panel.set_ylabel("displacement in mm")
+    write_figure(figure, path, 110)
+
+
+def save_random(path: Path, rows: Sequence[Json]) -> None:
+    """Draw what is left over the gap under three spectra, and on structures whose frequencies are shifted; tuned absorbers broken."""
+    figure = Figure(figsize=(9.0, 6.6), layout="constrained")
+    panels = figure.subplots(len(_structures(rows)), 2, squeeze=False)
+    for (left, right), structure in zip(panels, _structures(rows), strict=True):
+        own = [row for row in rows if row["structure"] == structure]
+        usual = [row for row in own if row["variant"] in ("as it is", "narrow", "two modes")]
+        for k, row in enumerate(usual):
+            _line(left, row["gaps_over_rms"], row["impact"], COLOURS[k], "-o", row["spectrum"])
+            left.axhline(float(np.median(row["tuned"])), color=COLOURS[k], linestyle="--", linewidth=1)
+        left.set_title(f"{structure} (broken: tuned for the spectrum)", fontsize=10)
+        left.set_xlabel("gap over the free RMS at the absorber")
+        left.set_ylabel("RMS over that without absorber")
+        shifted = own[0]["shifted"]
+        shifts = [100 * float(shift) for shift in shifted]
+        for name, colour, style in (("impact", COLOURS[0], "-o"), ("tuned", COLOURS[2], "--s")):
+            _line(right, shifts, [found[name] for found in shifted.values()], colour, style, f"{name} absorber")
+        right.set_title(f"{structure}, wide band", fontsize=10)
+        right.set_xlabel("all frequencies shifted by, %")
+        for panel in (left, right):
+            panel.set_ylim(0, None)
+            panel.legend(frameon=False, fontsize=8)
+    write_figure(figure, path, 110)
+
+
+def save_shock(path: Path, rows: Sequence[Json]) -> None:
+    """Draw the decay time over that without absorber, tuned absorbers broken, and the share of energy in higher modes, over the peak."""
+    figure = Figure(figsize=(9.0, 6.6), layout="constrained")
+    panels = figure.subplots(len(_structures(rows)), 2, squeeze=False)
+    for (left, right), structure in zip(panels, _structures(rows), strict=True):
+        for k, width in enumerate(dict.fromkeys(row["width"] for row in rows)):
+            own = [row for row in rows if (row["structure"], row["width"]) == (structure, width)]
+            x, label = [row["peak_over_gap"] for row in own], f"pulse of {width:g} periods"
+            _line(left, x, [row["decay"] for row in own], COLOURS[k], "-o", label)
+            left.plot(x, [row["tuned"] for row in own], "--", color=COLOURS[k])
+            shares = {row["peak_over_gap"]: [share for share in row["high_share"] if share is not None] for row in own}
+            many = {peak: found for peak, found in shares.items() if 2 * len(found) > len(own[0]["high_share"])}
+            if many:
+                _line(right, list(many), [np.quantile(found, np.linspace(0, 1, 101)).tolist() for found in many.values()], COLOURS[k], "-o", label)
+        left.set_title(f"{structure} (broken: tuned for the fastest decay)", fontsize=10)
+        left.set_ylabel("decay time over that without absorber")
+        right.set_title(f"{structure}: after ten impacts", fontsize=10)
+        right.set_ylabel("share of energy in modes above the first")
+        for panel in (left, right):
+            panel.set_xlabel("largest free displacement over the gap")
+            panel.set_ylim(0, None)
+            panel.legend(frameon=False, fontsize=8)
+    write_figure(figure, path, 110)
+
+
+FIGURES: dict[str, Callable[[Path, Sequence[Json]], None]] = {
+    "loads_kinds": save_kinds,
+    "loads_both": save_both,
+    "loads_random": save_random,
+    "loads_gravity": save_gravity,
+    "loads_shock": save_shock,
+    "loads_start": save_start,
+}

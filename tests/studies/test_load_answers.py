@@ -10,10 +10,13 @@ from impact_env.ensemble import Lane
 from impact_env.parameters import impact_absorber
 from impact_env.scene import Scene
 from optimisation.files import read_json
-from studies import load_answers
+from studies import load_answers, load_spectra
 from studies.cli.load_answers import main
-from studies.load_answers import CASES, Settings, both_rows, both_text, levels_in_bands, orders
+from studies.load_answers import both_rows, both_text, levels_in_bands, orders
+from studies.load_cases import CASES, Settings
 from studies.load_figures import FIGURES
+from studies.load_kinds import kind_rows, kinds_text
+from studies.load_spectra import random_rows, random_text, shock_rows, shock_text
 
 
 def test_bands_of_two_orders_superpose() -> None:
@@ -47,6 +50,43 @@ def test_rows_of_both_resonances_are_told_and_drawn(tmp_path: Path, monkeypatch:
     assert (tmp_path / "both.png").stat().st_size > 1000
 
 
+def test_random_loads_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tuned absorber leaves what the sum over lines says; far walls leave all, and near ones less."""
+    monkeypatch.setattr(load_spectra, "PERIODS", 400.0)
+    monkeypatch.setattr(load_spectra, "GAPS", np.array([1.5, 100.0]))
+    monkeypatch.setattr(load_spectra, "SHIFTS", (0.0,))
+    case = CASES["cantilever"]
+    (row,) = random_rows(case, 0, Settings(3, False))
+    loads = load_spectra._random(case.model, "wide")
+    shape, tuned = case.model.level_shape, load_spectra._tuned_to(case.model, "wide", 0.02)
+    expected = load_spectra._rms(case.model, loads, shape, tuned) / load_spectra._rms(case.model, loads, shape)
+    assert np.median(row["tuned"]) == pytest.approx(expected, rel=0.15)  # of three records
+    assert row["impact"][1] == pytest.approx([1.0, 1.0, 1.0], abs=1e-6)
+    assert np.median(row["impact"][0]) < 0.8
+    assert f"{np.median(row['shifted']['0']['impact']):.2f}" in random_text([row])
+    FIGURES["loads_random"](tmp_path / "random.png", [row])
+
+
+def test_shocks_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(load_spectra, "PEAKS", (0.5, 2.0))
+    rows = shock_rows(CASES["cantilever"], 0.5, Settings(3, False))
+    assert rows[1]["peak_n"] == pytest.approx(4 * rows[0]["peak_n"])
+    assert rows[0]["tuned"] == pytest.approx(rows[1]["tuned"], rel=1e-6)  # linear
+    assert np.median(rows[1]["decay"]) < 0.9
+    assert all(share is None or 0 <= share <= 1 for row in rows for share in row["high_share"])
+    assert "0.5 periods" in shock_text(rows)
+    FIGURES["loads_shock"](tmp_path / "shock.png", rows)
+
+
+def test_a_load_of_each_kind_is_told_and_drawn(tmp_path: Path) -> None:
+    case = CASES["supported beam"]
+    rows = [row for kind in ("random", "shock") for row in kind_rows(case, kind, Settings(1, False))]
+    assert rows[0]["ratio"][0] < 1
+    assert max(rows[1]["envelopes_mm"][0][1]) == pytest.approx(-min(rows[1]["envelopes_mm"][0][0]), rel=0.1)
+    assert "supported beam | random | rms" in " ".join(kinds_text(rows).split())
+    FIGURES["loads_kinds"](tmp_path / "kinds.png", rows)
+
+
 def test_the_command_from_runs_to_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load_answers, "FACTORS", (0.8,))
     page = tmp_path / "loads.md"
@@ -57,6 +97,7 @@ def test_the_command_from_runs_to_pages(tmp_path: Path, monkeypatch: pytest.Monk
     assert result.exit_code == 0, result.output
     rows = read_json(tmp_path / "loads_start.json.gz")["rows"]
     assert {row["start"] for row in rows} == {"middle", "lower-wall", "bouncing"}
+    assert rows[0]["down"] != rows[0]["ratio"]
     assert f"{np.median(rows[0]['ratio']):.2f}" in page.read_text()
     before = page.read_text()
     page.write_text(before.replace(f"{np.median(rows[0]['ratio']):.2f}", ""))

@@ -1,4 +1,4 @@
-"""What loads other than one force do to impact absorbers: both resonances at once, gravity, and the start of a run."""
+"""What loads other than one force do to impact absorbers: each kind, both resonances at once, random, gravity, shocks, starts."""
 
 from pathlib import Path
 
@@ -6,7 +6,8 @@ import click
 
 from optimisation.cli.common import command
 from optimisation.page import DOCS, published
-from studies.load_answers import STUDY, Settings
+from studies.load_answers import STUDY
+from studies.load_cases import Settings
 from studies.runner import run
 from studies.study import Place
 
@@ -22,7 +23,7 @@ MEMBERS, QUICK_MEMBERS = 5, 2
 @click.option("--resume", is_flag=True, help="Go on from files of runs that were stopped.")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help=f"Folder.  [default: docs, without a checkout {QUICK_OUT}]")
 def main(only: tuple[str, ...], members: int | None, quick: bool, redraw: bool, resume: bool, out: Path | None) -> None:
-    """Measure what is left of the response level with impact absorbers on two beams, and write tables and figures into docs/loads.md."""
+    """Measure what is left of level, RMS or decay time with impact absorbers on two beams, and write tables and figures into docs/loads.md."""
     folder = out or (QUICK_OUT if quick else published(DOCS, QUICK_OUT))
     settings = Settings(members or (QUICK_MEMBERS if quick else MEMBERS), quick)
     run(STUDY, settings, Place(folder, folder / "loads.md", DOCS / "loads.md"), only=only, redraw=redraw, resume=resume)

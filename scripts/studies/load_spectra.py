@@ -1,0 +1,216 @@
+"""Random loads and shocks on two structures: what an impact absorber leaves, beside the tuned absorber that is best for the same load."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from impact_env.energy import mechanical_energy
+from impact_env.ensemble import Lane, draw_members, drives_of, each_lane
+from impact_env.frequency import coupled_receptance, receptance
+from impact_env.loads import Loads, Random, Shock
+from impact_env.modes import ModalModel
+from impact_env.parameters import TunedAbsorber, impact_absorber
+from impact_env.response import Record
+from impact_env.scene import InitialState, Scene
+from impact_env.sweep import simulate
+from optimisation.friction_rule import scaled_friction
+from optimisation.load_comparison import tuned_for
+from optimisation.load_measures import SAMPLES, measured
+from optimisation.report.markdown import markdown
+from optimisation.tuned import minimax
+from studies.load_cases import GAP, MASS_RATIO, RESTITUTION, Case, Settings, band_text
+from studies.study import Json
+
+Array = NDArray[np.float64]
+PERIODS = 800.0  # of a record
+SPECTRA = {"narrow": (0.9, 1.1), "wide": (0.5, 1.5), "two modes": (0.5, 7.5)}  # flat, over the first frequency
+GAPS = np.geomspace(0.6, 3.6, 9)  # over the free motion's RMS at the absorber
+SHIFTS = (-0.2, -0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1, 0.2)  # of all frequencies
+WIDTHS = (0.5, 0.16)  # of a half-sine pulse, in periods of the first mode
+PEAKS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6)  # largest free displacement at the absorber over the gap
+SHOCK_PERIODS = 100.0
+TENTH = 10  # impacts after which energies are read
+
+
+class Variant(NamedTuple):
+    """What differs from a damping of 1 %, the usual mass and restitution, and no friction, under the wide spectrum."""
+
+    spectrum: str = "wide"
+    damping: float = 0.01
+    mass_ratio: float = MASS_RATIO
+    restitution: float = RESTITUTION
+    friction: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """What a table calls it."""
+        usual = Variant()._asdict()
+        words = {"spectrum": "{}", "damping": "D = {:g}", "mass_ratio": "mass {:g}", "restitution": "e = {:g}", "friction": "friction {:g}"}
+        own = [words[name].format(value) for name, value in self._asdict().items() if value != usual[name]]
+        return ", ".join(own) or "as it is"
+
+
+VARIANTS = (
+    Variant(),
+    *(Variant(spectrum=name) for name in ("narrow", "two modes")),
+    *(Variant(damping=value) for value in (0.005, 0.02, 0.05)),
+    *(Variant(mass_ratio=value) for value in (0.01, 0.04)),
+    *(Variant(restitution=value) for value in (0.4, 0.9)),
+    Variant(friction=1.0),
+)
+
+
+def _random(model: ModalModel, spectrum: str) -> Loads:
+    low, high = np.array(SPECTRA[spectrum]) * model.omega[0] / (2 * np.pi)
+    flat = Random(np.array([[low, 1.0], [high, 1.0]]), PERIODS * 2 * np.pi / float(model.omega[0]))
+    return Loads((flat,), float(model.omega[0]))
+
+
+def _rms(model: ModalModel, loads: Loads, shape: Array, tuned: TunedAbsorber | None = None) -> float:
+    """Return the expected RMS (m) at a place: the sum over a flat spectrum's lines, without absorber or with a tuned one."""
+    (load,) = loads.parts
+    assert isinstance(load, Random)
+    omega = 2 * np.pi * load.lines / load.length
+    pair = shape, model.force_shape
+    found = receptance(model, omega, *pair) if tuned is None else coupled_receptance(model, tuned, omega, *pair)
+    return float(np.sqrt(np.sum(np.abs(found) ** 2) / load.length))
+
+
+@cache
+def _tuned_to(model: ModalModel, spectrum: str, mass_ratio: float) -> TunedAbsorber:
+    """Return the tuned absorber with the least expected mean square."""
+    first, loads = minimax(model, mass_ratio), _random(model, spectrum)
+
+    def of(shifts: Array) -> TunedAbsorber:
+        stiffness, damping = np.exp(shifts) * [first.stiffness, first.damping]
+        return TunedAbsorber(mass_ratio, float(stiffness), float(damping))
+
+    found = scipy.optimize.minimize(lambda shifts: _rms(model, loads, model.level_shape, of(shifts)), np.zeros(2), method="Nelder-Mead")
+    return of(found.x)
+
+
+def _ratios(model: ModalModel, absorbers: Sequence[object], loads: Sequence[Loads]) -> Array:
+    """Return what absorbers leave of the measure under each load, (absorbers, loads)."""
+    lanes = [Lane(Scene(model, one), load) for one in (None, *absorbers) for load in loads]  # type: ignore[arg-type]
+    found = each_lane(lanes, measured)
+    if None in found:
+        raise KeyboardInterrupt
+    values = np.array(found, dtype=np.float64).reshape(1 + len(absorbers), len(loads))
+    return np.asarray(values[1:] / values[0])
+
+
+def random_rows(case: Case, number: int, settings: Settings) -> list[Json]:
+    """Return what is left under a random load over the gap, for one variant; for the first of them also on structures with shifted frequencies."""
+    variant = VARIANTS[number]
+    damped = replace(case.model, damping_ratio=np.full(case.model.modes, variant.damping))
+    mass, loads = variant.mass_ratio * damped.beam_mass, _random(damped, variant.spectrum)
+    size = _rms(damped, loads, damped.tip_shape)
+    tuned = _tuned_to(damped, variant.spectrum, variant.mass_ratio)
+    drives = [drive for drive in drives_of(draw_members(settings.members, 0), loads) if isinstance(drive, Loads)]
+
+    def impact(gap: float) -> object:
+        return impact_absorber(gap, variant.restitution, variant.friction * scaled_friction(damped, mass, gap), variant.mass_ratio)
+
+    gaps = GAPS[:: 4 if settings.quick else 1]
+    found = _ratios(damped, [*(impact(float(gap * size)) for gap in gaps), tuned], drives)
+    best = int(np.argmin(np.median(found[:-1], axis=1)))
+    shifted = {}
+    for shift in SHIFTS if number == 0 else ():
+        impacts, tunings = _ratios(damped.detuned(shift), [impact(float(gaps[best] * size)), tuned], drives)
+        shifted[f"{shift:g}"] = {"impact": impacts.tolist(), "tuned": tunings.tolist()}
+    left = float(np.median(found[best]))
+    return [
+        {
+            "structure": case.name, "variant": variant.name, "number": number, **variant._asdict(), "gaps_over_rms": gaps.tolist(),
+            "impact": found[:-1].tolist(), "tuned": found[-1].tolist(), "best": best, "shifted": shifted,
+            "added_damping_over_mass": variant.damping * (left**-2 - 1) / (mass * float(damped.tip_shape[0]) ** 2),
+        }
+    ]  # fmt: skip
+
+
+def _shock(model: ModalModel, width: float) -> Loads:
+    period = model.pseudo_period(1)
+    return Loads((Shock("half-sine", 1.0, width * period, SHOCK_PERIODS * period),), float(model.omega[0]))
+
+
+def _high_share(lane: Lane) -> float:
+    """Return the share of the modes above the first in the structure's energy after the tenth impact; not a number where there are fewer."""
+    impacts = simulate(lane.scene, lane.drive, record=Record(events=True)).impacts
+    history = simulate(lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=SAMPLES)).history
+    assert history is not None
+    assert impacts is not None
+    if len(impacts.time) < TENTH:
+        return float("nan")
+    modal = mechanical_energy(lane.scene, history).modal[np.searchsorted(history.time, impacts.time[TENTH - 1])]
+    return float(1 - modal[0] / np.sum(modal))
+
+
+def shock_rows(case: Case, width: float, settings: Settings) -> list[Json]:
+    """Return decay times over that without absorber, and the share of the higher modes, over the peak; members begin elsewhere in the cavity."""
+    model, unit = case.model, _shock(case.model, width)
+    history = simulate(Scene(model), unit, record=Record(level=False, series=True, samples_per_period=SAMPLES)).history
+    assert history is not None
+    per_newton = float(np.max(np.abs(history.tip_displacement)))
+    tuned = tuned_for(model, MASS_RATIO, [unit])
+    places = np.random.default_rng(0).uniform(-0.95, 0.95, settings.members) * GAP
+    rows = []
+    for peak in PEAKS[:: 3 if settings.quick else 1]:
+        (pulse,) = unit.parts
+        assert isinstance(pulse, Shock)
+        force = peak * GAP / per_newton
+        loads = [Loads((replace(pulse, peak=force),), unit.reference, InitialState(absorber_displacement=float(place))) for place in places]
+        absorber = impact_absorber(GAP, RESTITUTION, None, MASS_RATIO)
+        decay = _ratios(model, [absorber], loads)[0]
+        shares = [_high_share(Lane(Scene(model, absorber), load)) for load in loads]
+        best = _ratios(model, [tuned], [replace(loads[0], start="middle")])[0, 0]
+        rows.append(
+            {
+                "structure": case.name, "width": width, "peak_over_gap": peak, "peak_n": force, "decay": decay.tolist(),
+                "tuned": float(best), "high_share": [None if np.isnan(share) else share for share in shares],
+            }
+        )  # fmt: skip
+    return rows
+
+
+def random_text(rows: Sequence[Json]) -> str:
+    """Return a table of the best gaps, and one over the shift of all frequencies."""
+    lines = []
+    for row in rows:
+        best = row["best"]
+        gap, left = row["gaps_over_rms"][best], row["impact"][best]
+        ends = best in (0, len(row["impact"]) - 1)
+        edge = f"{gap:.2f}{' (edge)' if ends else ''}"
+        added = f"{row['added_damping_over_mass']:.2f}" if row["spectrum"] != "two modes" else ""
+        lines.append((row["structure"], row["variant"], edge, f"{gap / np.median(left):.2f}", band_text(left), added, band_text(row["tuned"])))
+    head = ("structure", "variant", "best gap / free RMS", "gap / RMS left", "impact absorber", "added damping / (m_a phi^2)", "tuned for it")
+    first = [row for row in rows if row["shifted"]]
+    shifts = list(first[0]["shifted"])
+    moved = [
+        (f"{row['structure']}, {name}", *(f"{np.median(row['shifted'][shift][name]):.2f}" for shift in shifts))
+        for row in first
+        for name in ("impact", "tuned")
+    ]
+    return markdown(head, lines) + "\n\n" + markdown(("all frequencies shifted by", *shifts), moved)
+
+
+def _share_text(shares: Sequence[float | None]) -> str:
+    found = [share for share in shares if share is not None]
+    return band_text(found) if 2 * len(found) > len(shares) else "fewer impacts"
+
+
+def shock_text(rows: Sequence[Json]) -> str:
+    """Return a table over the peak."""
+    lines = [
+        (
+            f"{row['structure']}, {row['width']:g} periods", f"{row['peak_over_gap']:g}", band_text(row["decay"]), f"{row['tuned']:.2f}",
+            _share_text(row["high_share"]),
+        )
+        for row in rows
+    ]  # fmt: skip
+    head = ("structure, pulse", "free peak / gap", "impact absorber", "tuned", f"share of higher modes after {TENTH} impacts")
+    return markdown(head, lines)
