@@ -69,11 +69,13 @@ class Lanes:
 
 
 def disturb(task: Task, copies: int, generator: np.random.Generator) -> None:
-    """Put force and phase of all lanes off, each group of so many copies alike, by as much to either side."""
+    """Put force and phase of all lanes off, each group of so many copies alike, by as much to either side; what disturbs them is drawn anew."""
     groups, sides = task.lanes // copies, np.where(np.arange(copies) % 2 == 0, 1.0, -1.0)
     off = sides * generator.uniform(*FORCE_OFF, copies), sides * generator.permutation(sides) * generator.uniform(*PHASE_OFF, copies)
     task.force = task.force * (1 + np.tile(off[0], groups))
     task.runs.orders["phase"] += np.tile(off[1], groups)
+    if task.settings.record is not None:
+        task.runs.orders["place"] = np.tile(generator.integers(len(task.settings.record.values) - 1, size=copies), groups)
 
 
 def plan(

@@ -65,10 +65,11 @@ def test_copies_do_what_the_lane_does(name: str) -> None:
 
 
 def test_copies_are_off_by_little_and_to_both_sides() -> None:
-    env = gymnasium.make_vec(ACTIVE_FRICTION, num_envs=8)
+    load = {"kind": "random", "spectrum": [[20.0, 0.5], [60.0, 0.5]], "duration_s": 2.0, "seed": 4}
+    env = gymnasium.make_vec(ACTIVE_FRICTION, num_envs=8, load=load)
     env.reset(seed=0)
     task = env.unwrapped.task
-    force, phase = task.force.copy(), task.runs.orders["phase"].copy()
+    force, phase, place = task.force.copy(), task.runs.orders["phase"].copy(), task.runs.orders["place"].copy()
     disturb(task, 4, np.random.default_rng(0))
     off, turned = (task.force / force - 1).reshape(2, 4), (task.runs.orders["phase"] - phase).reshape(2, 4)
     np.testing.assert_allclose(off[0], off[1], atol=1e-12)
@@ -76,6 +77,10 @@ def test_copies_are_off_by_little_and_to_both_sides() -> None:
     assert np.all((np.abs(turned) >= 0.02 - 1e-12) & (np.abs(turned) <= 0.1 + 1e-12))
     for values in (off, turned):
         assert np.sum(values[0] > 0) == 2
+    anew = task.runs.orders["place"]
+    np.testing.assert_array_equal(anew[:4], anew[4:])
+    assert len(set(anew[:4])) == 4
+    assert not set(anew) & set(place)
 
 
 def test_planners_are_above_their_rule_on_64_seeds() -> None:
