@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
-from optimisation.rl.hyperparameters import PPOSettings, RecurrentPPOSettings, SACSettings
+from optimisation.rl.hyperparameters import PPOSettings, RecurrentPPOSettings, SACSettings, settings_for
 from optimisation.rl.vec_env import NativeVecEnv, make_native
 
 with optional():
@@ -66,9 +66,15 @@ class ScaledRewards(VecEnvWrapper):
         return self.venv, self.venv.venv.venv
 
 
-def make_lanes(env_id: str, chosen: PPOSettings | SACSettings, arguments: Mapping[str, Any], threads: int | None) -> ScaledRewards:
-    """Return the environment to train on; `VecMonitor` lies inside, so episode statistics are in units of the score."""
-    native = make_native(env_id, chosen.lanes, **{"threads": threads, **arguments})
+def make_lanes(
+    env_id: str, chosen: PPOSettings | SACSettings | str, arguments: Mapping[str, Any] | None = None, threads: int | None = None
+) -> ScaledRewards:
+    """Return the environment to train on, by hyperparameters or, for an algorithm's name, those of the package.
+
+    `VecMonitor` lies inside, so episode statistics are in units of the score, while a critic's values are in that of the scaled rewards.
+    """
+    chosen = settings_for(env_id, chosen) if isinstance(chosen, str) else chosen
+    native = make_native(env_id, chosen.lanes, **{"threads": threads, **(arguments or {})})
     return ScaledRewards(VecMonitor(native), chosen.reward_scale)
 
 
