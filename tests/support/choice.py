@@ -54,7 +54,8 @@ PARTS = (
     "tests/kernels/test_[m-z]*.py",
     "tests/simulator tests/periodic",
     "tests/design tests/house",
-    "tests/environments tests/studies tests/commands",
+    "tests/environments",
+    "tests/studies tests/commands",
 )
 
 # by their time and, from nothing, by what they compile: two neighbours take other kinds of scenes, since both processes would compile the same one
