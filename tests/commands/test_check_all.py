@@ -35,16 +35,3 @@ def test_only_tests_that_ran_and_passed_make_a_machine_fine(checks: Any, tmp_pat
     (tmp_path / "test_one.py").write_text(text)
     row, ok = checks.run("old-processor", checks.MACHINES["old-processor"], ["-n", "0", str(tmp_path / "test_one.py")])
     assert (row[4], row[5], ok) == (passed, failed, fine)
-
-
-def test_after_ctrl_c_finished_rows_are_kept(checks: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    def run(name: str, *_: object) -> tuple[list[str], bool]:
-        if name == "oldest-versions":
-            raise KeyboardInterrupt
-        return [name, *["1"] * 8], True
-
-    monkeypatch.setattr(checks, "run", run)
-    monkeypatch.setattr(sys, "argv", ["check_all"])
-    assert checks.main() == 130
-    assert checks.kept()["old-processor"][1] == "1"
-    assert checks.kept()["oldest-versions"][4] == "not run"

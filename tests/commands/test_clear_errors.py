@@ -53,17 +53,6 @@ def test_no_winner_is_exit_code_1_and_the_files_say_so(monkeypatch: pytest.Monke
     assert "no feasible design" in result.stdout
 
 
-def test_quick_and_full_studies_lie_side_by_side(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    script, small = (
-        load("optimise_design", monkeypatch),
-        ["--modes", 2, "--members", 2, "--batch", 4, "--concept", "friction", "--designs", 5, "--no-figures", "--out", tmp_path],
-    )
-    for look in (["--quick", "--rate", 4], ["--rate", 40], ["--quick", "--rate", 4], ["--rate", 40]):
-        result = call(script, *small, *look)
-        assert result.exit_code == 0, result.output
-    assert {file.name for file in (tmp_path / "friction").glob("*.journal")} == {"study.journal", "quick.journal"}
-
-
 def test_full_disk_is_one_message_and_exit_code_1() -> None:
     @click.command()
     def command() -> None:
@@ -158,16 +147,6 @@ def test_all_concepts_write_all_files(optimise: ModuleType, tmp_path: Path) -> N
     assert condition["winner"]["share_of_possible_reduction"] is None  # the test's sweeps are too fast to tell
     assert len(read(tmp_path / "impact" / "map.csv")) == 9
     assert "winner over paper" in result.stdout
-
-
-def test_range_objective_spreads_the_forces(optimise: ModuleType, tmp_path: Path) -> None:
-    arguments = ["--objective", "range", "--limit", 0.4, "--over", "mean", "--quantile", 0.9, "--at", "1:3.5", "--no-figures"]
-    result = call(optimise, *FAST, *arguments, "--designs", 5, "--out", tmp_path)
-    assert result.exit_code == 0, result.output
-    content = json.loads((tmp_path / "impact" / "summary.json").read_text())
-    assert len(content["problem"]["conditions"]) == 8
-    assert 0 <= content["winner"]["score"][0] <= 2 * 0.4772
-    assert "larger is better" in result.stdout
 
 
 @pytest.mark.parametrize("against", ["resonances", "severity"])

@@ -1,6 +1,5 @@
 """The console command: from a wheel without a checkout, from the checkout, and with no more installed than what is declared."""
 
-import ast
 import io
 import json
 import os
@@ -8,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,7 +26,6 @@ from optimisation.cli import group as command
 from optimisation.cli.group import imported
 from optimisation.progress import Bar, counting_bar, stages_bar
 
-POSIX_ONLY = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "termios", "tty"}
 BALANCE = "--modes 2 --method balance --harmonics 3 --no-sweeps"
 STEEP = "--quick --modes 2 --rate 20 --members 2"
 QUICK = {  # the shortest form of each command
@@ -97,11 +94,6 @@ def test_a_wheel_lists_its_commands_under_headings(installed: Path, tmp_path: Pa
     assert {file.name for file in installed.iterdir() if file.suffix != ".dist-info"} - {"bin"} == {"impact_env", "optimisation"}
     for file in ("impact_env/py.typed", "optimisation/py.typed", "optimisation/rl/hyperparameters.yaml"):
         assert (installed / file).is_file()
-
-
-def test_the_version_is_told(installed: Path, tmp_path: Path) -> None:
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
-    assert run(installed, tmp_path, "--version").stdout == f"impact-absorber, version {version}\n"
 
 
 def test_a_wheel_runs_a_study_without_a_checkout(installed: Path, tmp_path: Path) -> None:
@@ -208,20 +200,6 @@ def test_what_scripts_need_are_extras() -> None:
             assert set(declared(file)) <= {*command.EXTRAS.values(), "browser"}, name  # the browser of tests is no extra
 
 
-def test_nothing_imports_what_one_system_has_alone() -> None:
-    """But for scripts/lib, which the shell starts, and imports beside ``sys.platform``."""
-    found = []
-    for folder in ("impact_env", "optimisation", "scripts"):
-        for file in (ROOT / folder).rglob("*.py"):
-            if file.parent.name == "lib":
-                continue
-            for node in ast.parse(file.read_text()).body:  # what is imported whatever the system is
-                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-                names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-                found += [(file.name, name) for name in names if name in POSIX_ONLY]
-    assert found == []
-
-
 # What `doctor` and `cache` say of an installation, and what `cache clear` removes and leaves.
 
 
@@ -296,22 +274,6 @@ def test_kernels_are_compiled_again_after_that(cache: Path, tmp_path: Path) -> N
         assert call(imported("cache"), "clear").exit_code == 0
 
 
-def test_nothing_is_kept_where_nothing_is_compiled(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("numba.config.DISABLE_JIT", 1)
-    folders.cache_clear()
-    assert "No kernels are kept" in call(imported("cache"), "clear").stdout
-    assert "NUMBA_DISABLE_JIT is set" in call(imported("doctor")).stdout
-    assert len(names(cache / OTHER / "kernels_0")) == 1
-
-
-def test_an_extra_that_is_absent_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    doctor = imported("doctor")
-    monkeypatch.setattr(doctor, "EXTRAS", {"no_such_package": "files", "numpy": "env"})
-    lines = call(doctor).stdout.splitlines()
-    assert next(line for line in lines if line.startswith("extras")).split() == ["extras", "env"]
-    assert "lacks no_such_package; it comes with: " in next(line for line in lines if line.startswith("no files"))
-
-
 # How far a command is: a bar on a terminal, and where there is none a line now and then, of whole lines only.
 
 
@@ -345,11 +307,6 @@ def test_without_a_terminal_lines_tell_how_far_it_is_and_what_is_left(monkeypatc
     assert any(re.fullmatch(r"one: +50% 2/4 run \[\d\d:\d\d, \d\d:\d\d left\]", line) for line in lines)
     assert any(line.startswith("three: deep, 2 of 7 [") for line in lines)
     assert all(re.match(r"one: |two: |three", line) for line in lines)
-
-
-def test_lines_come_now_and_then_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert shown(monkeypatch, io.StringIO(), 1e9) == ""
-    assert progress.EVERY == 1e9
 
 
 def test_a_terminal_has_bars(monkeypatch: pytest.MonkeyPatch) -> None:

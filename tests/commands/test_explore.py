@@ -24,7 +24,6 @@ from impact_env.curve import CurveCase
 from impact_env.drive import constant_frequency
 from impact_env.plain import to_scene
 from impact_env.plain_loads import to_loads
-from optimisation.comparison import force_grid
 from optimisation.explore.server import MOST_BYTES, MOST_TABS, hosts_of, make_app
 from optimisation.explore.settings import Refused, absorber_of, asked, controls, scene_of
 from optimisation.explore.waiting import Kernels
@@ -269,12 +268,6 @@ def test_a_structure_from_a_file_has_its_own_controls() -> None:
         asked({"modes": 3}, frame)
 
 
-def test_the_middle_of_the_curve_is_the_rules_force() -> None:
-    work = Work(asked(VALUES, BEAM), BEAM, Kernels())
-    np.testing.assert_allclose(work.case().forces, force_grid(work.middle(), 24))
-    assert 3.0 < work.middle() < 4.0
-
-
 def test_ctrl_c_ends_the_command_and_leaves_nothing(tmp_path: Path) -> None:
     code = "from optimisation.cli.start import main; main()"
     words = [sys.executable, "-c", code, "explore", "--port", "0", "--no-browser"]
@@ -284,15 +277,3 @@ def test_ctrl_c_ends_the_command_and_leaves_nothing(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0
     assert not list(tmp_path.iterdir())
-
-
-def test_a_taken_port_is_one_error(tmp_path: Path) -> None:
-    from optimisation.explore.server import bound
-
-    with bound("127.0.0.1", 0) as taken:
-        words = ["explore", "--port", str(taken.getsockname()[1]), "--no-browser"]
-        code = "from optimisation.cli.start import main; main()"
-        environment = os.environ | {"PYTHONPATH": str(ROOT)}
-        done = subprocess.run([sys.executable, "-c", code, *words], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2
-    assert "one that is free at 127.0.0.1" in done.stderr

@@ -13,9 +13,6 @@ from impact_env.frequency import tip_response
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, StuckAbsorber
 from impact_env.periodic import Orbit, orbit_of, unpacked
-from impact_env.periodic import overview as overview_module
-from impact_env.periodic.harmonic_balance import harmonic_balance
-from impact_env.scene import beam_scene
 
 PAPER = ("--modes", 3, "--friction-limit", 0.01)
 
@@ -98,16 +95,6 @@ def test_both_commands_list_the_same_folds(response: ModuleType, monkeypatch: py
     assert drawn == pytest.approx([0.9032099017, 0.9032184151], abs=1e-10)
 
 
-def test_pieces_of_another_force_are_not_taken(response: ModuleType, tmp_path: Path) -> None:
-    kept, target = tmp_path / "kept.json", tmp_path / "response.json"
-    run = (*PAPER, "--method", "exact", "--no-sweeps", "--from", 0.93, "--to", 0.95, "--json", target)
-    assert call(response, *run, "--resume", kept).exit_code == 0
-    assert call(response, *run, "--force", 1.6, "--resume", kept).exit_code == 0
-    other = target.read_text()
-    assert call(response, *run, "--force", 1.6).exit_code == 0
-    assert target.read_text() == other
-
-
 def test_the_envelope_has_quantiles_of_runs_that_settled(response: ModuleType, tmp_path: Path) -> None:
     """The paper's two-mode case at 0.9 is linear but for sliding friction: all members alike, between the linear curves, without an impact."""
     files = [tmp_path / name for name in ("response.json", "response.png")]
@@ -126,20 +113,6 @@ def test_the_envelope_has_quantiles_of_runs_that_settled(response: ModuleType, t
     assert first["tip_max_m"][0] == pytest.approx(first["tip_max_m"][2], rel=1e-2)
     assert last["tip_max_m"][1] > 1.02 * first["tip_max_m"][1]
     assert files[1].stat().st_size > 10_000
-
-
-def test_ctrl_c_within_a_branch_keeps_its_points() -> None:
-    scene = beam_scene(Beam(modes=3), overview_module.SlidingAbsorber(0.02, overview_module.RigidWalls()))
-    first = float(scene.model.omega[0])
-
-    def interrupt(_label: str, points: int, _omega: float) -> None:
-        if points == 9:
-            raise KeyboardInterrupt
-
-    balance = harmonic_balance(scene, 0.9 * first, 1.0, 7)
-    found = overview_module.overview(scene, 1.0, first, 0.9, 1.0, overview_module.Asked(balance=balance), interrupt)
-    assert not found.complete
-    assert [len(curve.tip_max) for curve in found.curves] == [9]
 
 
 def test_births_and_mergers_and_their_map(isola: ModuleType, tmp_path: Path) -> None:

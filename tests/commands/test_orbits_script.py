@@ -1,7 +1,6 @@
 """scripts/orbits.py: its JSON contract, and what it prints."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -127,20 +126,6 @@ def test_a_range_has_pairs_and_doubled_periods_unless_symmetric_ones_alone_are_w
     assert [orbit["tip_max_m"] for orbit in symmetric] == pytest.approx([orbit["tip_max_m"] for orbit in found if orbit["symmetric"]])
 
 
-def test_complete_chatter_and_held_phases_are_listed_too(tmp_path: Path) -> None:
-    arguments = ["--modes", "1", "--restitution", "0.3", "--friction-limit", "0.05", "--force", "20", "--from", "0.89", "--to", "0.91", "--at", "0.9"]
-    output, (orbit,) = listed(tmp_path, *arguments)
-    assert "symmetric, held" in output
-    assert set(orbit) == KEYS | {"half_multipliers"}
-    assert orbit["stable"] is True
-    assert orbit["residual"] < 3e-10
-    upper = [impact for impact in orbit["impacts"] if impact["wall"] == 1]
-    assert len(upper) == len(orbit["impacts"]) / 2 == 13
-    sizes = [abs(impact["impulse_Ns"]) for impact in upper]
-    assert sizes == sorted(sizes, reverse=True)
-    assert sizes[-1] < 1e-6 * sizes[0]
-
-
 def test_folds_and_thresholds(tmp_path: Path) -> None:
     _, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--folds")
     assert all(set(fold) == {"omega_ratio", "force_N", "tip_max_m"} for fold in found)
@@ -166,19 +151,6 @@ def test_curves_over_two_parameters_are_in_all_files(tmp_path: Path) -> None:
     assert len(rows) == 1 + len(curve["value"]) + len(curve["located"])
     assert figure.stat().st_size > 5000
     assert "Curve 1: " in output
-
-
-def test_curves_that_are_finished_are_kept_after_ctrl_c(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = orbits.bifurcation_curves
-
-    def stopped(*given: Any) -> Iterator[Any]:
-        yield next(whole(*given))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(orbits, "bifurcation_curves", stopped)
-    target, options = tmp_path / "curves.json", ["--curve", "fold", "--with", "force", "--over", "1.4", "1.6", "--from", "0.93", "--to", "0.95"]
-    assert call(*ONE_MODE, *options, "--symmetric", "--json", str(target)).exit_code == 130
-    assert [curve["kind"] for curve in json.loads(target.read_text(encoding="utf-8"))] == ["fold"]
 
 
 @pytest.mark.parametrize(

@@ -20,13 +20,11 @@ from impact_env.scene import Scene
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.group import file_of
 from optimisation.comparison import compare
-from optimisation.files import read_json
 from optimisation.friction_rule import best_friction
 from optimisation.mounting import mounted
 from optimisation.report.comparison_figure import save_figure
 from optimisation.tuned import den_hartog, undamped_h2
 from studies.cli.your_structure import BLOCK, PAGES
-from studies.regimes.measured import Settings as RegimeSettings
 
 STEEL, FRAME, MEASURED = (str(EXAMPLES / f"{name}.toml") for name in ("steel_beam_tip", "frame", "measured"))
 
@@ -60,12 +58,6 @@ def test_every_example_runs_from_rule_to_comparison(structure: str, monkeypatch:
     concepts = summary["resonances"]["1"]["concepts"]
     assert concepts["friction"]["absorber"]["friction"]["limit"] == pytest.approx(best_friction(model, 0.01 * model.beam_mass, 2.0)[0])
     assert concepts["ltva_tuned"]["absorber"]["stiffness"] == pytest.approx(den_hartog(model, 0.01).stiffness)
-
-
-def test_tunings_are_of_the_structure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    result = call("tune_ltva", monkeypatch, f"--structure {STEEL} --mass-ratio 0.01 --quick --out {tmp_path}")
-    assert result.exit_code == 0, result.output
-    assert f"{den_hartog(modal_model(load_structure(STEEL)), 0.01).stiffness:.6g}" in result.output
 
 
 def test_a_sweep_has_the_rule_gap_and_writes_its_scene(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -106,23 +98,6 @@ def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(monk
             assert min(abs(orbit["tip_max_m"] / tip - 1) for tip in known) < 1e-6
 
 
-def test_regimes_are_of_the_structure_and_at_the_force_of_the_rule(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    settings: list[RegimeSettings] = []
-    script = load("regimes", monkeypatch)
-    run = script.run
-    monkeypatch.setattr(script, "run", lambda study, given, *rest, **named: settings.append(given) or run(study, given, *rest, **named))
-    line = f"--structure {FRAME} --mass-ratio 0.01 --only kinds --members 2 --points 2 --from 1 --to 0.98 --quick --threads 1 --out {tmp_path}"
-    result = CliRunner().invoke(script.main, shlex.split(line))
-    assert result.exit_code == 0, result.output
-    model = modal_model(load_structure(FRAME))
-    (case,) = settings[0].cases
-    assert np.array_equal(case.scene.model.omega, model.omega)
-    assert case.force == pytest.approx(design_force(model, 0.01 * model.beam_mass, 1e-3, 1))
-    rows = read_json(tmp_path / "kinds.json.gz")["rows"]
-    assert [row["at"] for row in rows] == [0.98, 1.0]
-    assert all(row["runs"] == 2 and 1e-4 < row["peak_50"] < 1e-2 for row in rows)
-
-
 def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     short = "--rate 40 --members 1 --designs 4 --no-screening --no-figures --audit 0 --threads 1"
@@ -138,12 +113,6 @@ def test_a_search_takes_the_structure_and_its_forces(monkeypatch: pytest.MonkeyP
     result = call("pareto", monkeypatch, f"--structure {FRAME} --rate 40 --members 1 --designs 4 --batch 2 --threads 1 --out {tmp_path / 'front'}")
     assert result.exit_code == 0, result.output
     assert "warning: at resonance 2 the free amplitude is" in result.output
-
-
-def test_warnings_of_a_file_are_lines(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / "percent.toml").write_text((EXAMPLES / "steel_beam_tip.toml").read_text().replace("0.005", "0.5"))
-    result = call("tune_ltva", monkeypatch, f"--structure {tmp_path / 'percent.toml'} --quick --out {tmp_path / 'out'}")
-    assert "percent.toml: a damping ratio of 0.5 is 50 %: was it given in percent?" in result.output
 
 
 def test_an_environment_takes_a_structure() -> None:

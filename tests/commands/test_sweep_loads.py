@@ -17,7 +17,7 @@ from impact_env.loads import Load, Loads, Member, Random, Samples, ShakenBase, S
 from impact_env.methods import Moreau
 from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber
 from impact_env.periodic.case import case_of
-from impact_env.plain_loads import read_loads, to_loads
+from impact_env.plain_loads import read_loads
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.cli.group import imported
@@ -193,12 +193,6 @@ def test_records_of_each_format(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.times, times, atol=1e-9)
 
 
-def test_an_uneven_record_is_resampled_when_asked(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("t,f\n0,0\n1,1\n2,2\n3.5,3.5\n4,4\n")
-    found = record(tmp_path, "a.csv", "resample = true")
-    np.testing.assert_allclose(found.values, found.times, atol=1e-12)
-
-
 def test_base_motion_needs_a_participation_and_walls_a_place_to_rest(tmp_path: Path) -> None:
     base = '[load]\nkind = "base"\nacceleration_m_s2 = 1.0\n' + SCHEDULE.format(0.01)
     result = sweep(*written(tmp_path, "restitution = 0.7", base))
@@ -223,14 +217,6 @@ def test_what_knows_no_weight_refuses_it() -> None:
     for word, run in runs.items():
         with pytest.raises(ParameterError, match=rf"gravity = 9\.81 is not allowed: 0 .*{word}"):
             run()
-
-
-def test_a_state_to_start_from() -> None:
-    load = {"kind": "shock", "pulse": "triangle", "peak_n": 1.0, "pulse_s": 0.1, "duration_s": 0.2}
-    found = to_loads({"load": load, "start": {"modal_velocity": [0.1, 0.0, 0.0]}}, 250.0)
-    assert isinstance(found, Loads)
-    assert not isinstance(found.start, str)
-    assert found.start.modal_velocity.tolist() == [0.1, 0.0, 0.0]
 
 
 def test_common_loads_in_short(tmp_path: Path) -> None:

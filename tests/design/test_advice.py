@@ -10,7 +10,7 @@ from impact_env.drive import constant_frequency
 from impact_env.ensemble import Lane, Threads
 from optimisation.designs import design_space
 from optimisation.evaluation import measured_chunks
-from optimisation.insight import SHOWN, levels, member_levels
+from optimisation.insight import SHOWN
 from optimisation.measures import RMS, Chunk, stress_shape
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
@@ -18,7 +18,6 @@ from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
 from optimisation.statistics import branches, ratio_of_quantiles, standard_error
 from reference import dense
-from studies.cli.friction_branches import LIMITS, rows
 from studies.rule import STRUCTURES
 
 STEEL = replace(STRUCTURES["steel"], modes=2)
@@ -85,17 +84,6 @@ def test_two_branches_are_told_and_one_is_not() -> None:
     assert "14 % (50 % of the members)" in branches([0.14, 0.19] * 8).text(100, " %")
 
 
-def test_all_that_is_shown_is_run_on_fresh_members() -> None:
-    problem = steel(members=4)
-    (worse, without) = member_levels(problem, [problem.space.default], problem.conditions, 4, Threads(1))
-    fresh = problem.fresh_ensemble(4, SHOWN)
-    reference = problem.reference(fresh, problem.rate)[..., 0].max(axis=2)
-    np.testing.assert_array_equal(without, reference)
-    assert not set(fresh.phases) & set(problem.ensemble.phases)
-    shown = levels(problem, [problem.space.default], problem.conditions, 4, Threads(1))
-    assert shown.median[0, 0] == np.median(worse[0, :, 0])
-
-
 def test_lasting_vibration_of_a_linear_absorber_is_its_receptance() -> None:
     """A tuned absorber's largest stationary level over the frequencies that are tried, from the modal sum with the attachment's force."""
     problem = steel("tuned", conditions=(Condition(1, 0.5, (0.5, 1.6)),))
@@ -157,10 +145,3 @@ def test_constant_force_settles_before_it_is_watched() -> None:
     chunk = Chunk((Lane(scene, drive),), (RMS,), stress_shape(STEEL), 5.0)
     (found,) = measured_chunks([chunk], Threads(1))
     assert found[0, 0] == pytest.approx(np.sqrt(np.mean(motion[len(motion) // 2 :] ** 2)), rel=1e-3)
-
-
-def test_friction_table_on_another_beam() -> None:
-    found = list(rows(0.005, 1.4, 2, Threads(), 40.0, beam=replace(STEEL, damping_ratio=0.005)))
-    assert [row.limit for row in found] == list(LIMITS)
-    assert all(0 < row.low <= row.median <= row.high < 1.1 for row in found)
-    assert all(row.branches is None for row in found)  # two members tell none

@@ -14,10 +14,7 @@ from impact_env.scene import Scene
 from optimisation.gap_advice import advise
 from optimisation.gap_card import bearing
 from optimisation.report.card import Card, Chart, Curve, Row, content, numbers, page, text, write_card
-from optimisation.report.cards import tuning_card
 from optimisation.report.gap_table import card as gap_card
-from optimisation.tuned import den_hartog, highest_amplitude
-from optimisation.tuned.table import Tuning, TuningTable
 
 CARD = Card(
     "A <title> & more",
@@ -86,13 +83,3 @@ def test_card_of_a_gap_is_of_the_recommended_device() -> None:
     low, high = seen.helps
     assert low <= 3.5 <= high
     assert found.at_force(best, 1.0) == pytest.approx(best.level)
-
-
-def test_card_of_tunings_draws_their_peaks() -> None:
-    model = modal_model(Beam(modes=2))
-    absorber = den_hartog(model, 0.02)
-    none, own = (highest_amplitude(model, one, 1, 0.5, 1.6) for one in (None, absorber))
-    tunings = (Tuning("none", "no absorber", None, *none, 1.0), Tuning("den_hartog", "Den Hartog", absorber, *own, 0.3))
-    (chart,) = tuning_card(TuningTable(model, 0.02, 1, 0.5, 1.6, tunings), {}).charts
-    assert max(y for y in chart.curves[0].y if y is not None) == pytest.approx(100.0)
-    assert max(y for y in chart.curves[1].y if y is not None) == pytest.approx(100 * own[0] / none[0])

@@ -14,14 +14,11 @@ pytest.importorskip("optuna")
 
 from design_studies import Model, problem
 
-from impact_env import ParameterError
-from optimisation.designs import design_space
 from optimisation.files import read_json
 from optimisation.objectives import Condition
 from optimisation.search.find import Plan, find
 from optimisation.search.noisy import NOISY, best_width, fitted, kernel_quantile, noisy_search
 from optimisation.search.settings import Rung, Settings, default_settings
-from studies.cli.search_methods import Trial, standings, winner
 
 
 class Noisy(Model):
@@ -107,31 +104,6 @@ def test_process_knows_noise_and_slope() -> None:
     errors = (mean - np.sin(3 * points[:, 0])) / np.sqrt(np.diag(spread))
     assert np.sqrt(np.mean((mean - np.sin(3 * points[:, 0])) ** 2)) < 0.1
     assert np.mean(np.abs(errors) < 2) > 0.85
-
-
-def test_bad_input() -> None:
-    one = problem(conditions=(Condition(1, 3.5),))
-    for call, name in (
-        (lambda: noisy_search(one, "annealing", 10, Model()), "sampler = 'annealing'"),
-        (lambda: noisy_search(problem(2), "map", 10, Model()), "one objective"),
-        (lambda: noisy_search(problem(space=design_space("friction")), "map", 10, Model()), "impact absorber"),
-        (lambda: noisy_search(one, "map", 1, Model()), "runs = 1"),
-    ):
-        with pytest.raises(ParameterError, match=name):
-            call()
-
-
-def trial_of(question: str, method: str, seed: int, level: float) -> Trial:
-    return Trial(question, method, seed, 100, level, level, (level,), {"gap": 1e-3})
-
-
-def test_methods_are_ranked_by_the_median_over_seeds() -> None:
-    levels = {"cma": (0.16, 0.17, 0.16), "random": (0.18, 0.15, 0.19), "replicated": (0.15, 0.152, 0.16), "map": (0.2, 0.2, 0.2)}
-    trials = [trial_of(q, m, seed, x) for q in ("a", "b") for m, row in levels.items() for seed, x in enumerate(row)]
-    rows = standings(trials)
-    assert [row.method for row in rows[:4]] == ["replicated", "cma", "random", "map"]
-    assert winner(trials) == "replicated"
-    assert winner([]) is None
 
 
 def test_comparison_runs_goes_on_and_writes_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

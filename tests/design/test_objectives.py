@@ -15,7 +15,7 @@ from optimisation.designs import Design, design_space
 from optimisation.evaluation import evaluate, measured_chunks
 from optimisation.measures import MEASURES, Chunk, _value, fatigue_damage, rainflow_amplitudes, stress_shape, turning_points
 from optimisation.mounting import mounted
-from optimisation.objectives import KINDS, Condition, Constraint, Objective, Score, range_width
+from optimisation.objectives import KINDS, Condition, Constraint, Objective, range_width
 from optimisation.problem import FAILED, PENALTY, Problem
 from optimisation.tuned import HIGH, LOW
 
@@ -117,17 +117,6 @@ def test_measures_agree_with_the_energy_account_and_the_events() -> None:
     assert found["damage"] > 0
 
 
-def test_only_what_is_needed_is_recorded() -> None:
-    def record(*measures: str) -> Record:
-        return Chunk((), measures, stress_shape(Beam(modes=2)), 5.0).record
-
-    assert record("level") == Record()
-    assert record("level", "impact_power") == Record(events=True)
-    assert record("level", "damage") == Record(series=True)
-    with pytest.raises(ParameterError, match="measure = 'colour'"):
-        record("colour")
-
-
 @pytest.mark.parametrize(
     ("levels", "limit", "decades"),
     [
@@ -172,15 +161,6 @@ def test_score_is_relative_to_the_same_members_without_absorber() -> None:
     assert score.values[0] == pytest.approx(expected)
     assert 0 < score.values[0] < 1
     assert score.feasible
-
-
-def test_results_do_not_depend_on_threads_or_company() -> None:
-    problem = small()
-    designs = [problem.space.at([x, 0.5, 0.5]) for x in (0.3, 0.5, 0.7)]
-    alone = [dict(evaluate(problem, [design], problem.ensemble, problem.rate, Threads(1)))[0] for design in designs]
-    together = dict(evaluate(problem, designs, problem.ensemble, problem.rate, Threads(3)))
-    for k, expected in enumerate(alone):
-        np.testing.assert_array_equal(together[k], expected)
 
 
 def test_scaling_law_makes_scaled_designs_alike() -> None:
@@ -237,14 +217,6 @@ def test_detuning_shifts_the_beam_and_not_the_absorber() -> None:
     assert chunks[0].lanes[0].drive.schedule.reference == pytest.approx(omegas[0])
 
 
-def test_fresh_members_are_others() -> None:
-    problem = small(members=5)
-    sets = [set(drawn.phases) for drawn in (problem.ensemble, problem.fresh_ensemble(5, 0), problem.fresh_ensemble(5, 1))]
-    assert all(len(phases) == 5 for phases in sets)
-    assert len(set.union(*sets)) == 15
-    assert set(replace(problem, seed=1).ensemble.phases) & sets[0] == {0.0}
-
-
 def test_constraints_are_the_worst_of_all_runs() -> None:
     problem = small(constraints=(Constraint("mass_ratio", 0.01), Constraint("stroke", 1e-3)))
     assert problem.measures == ("level", "stroke")
@@ -295,9 +267,3 @@ def test_tuned_absorber_is_not_scored_on_one_peak() -> None:
     with pytest.raises(ParameterError, match="holds both peaks"):
         small(space=space, conditions=(FIRST,))
     assert small(space=space, conditions=(Condition(1, 3.5, (LOW, HIGH)),)).members == 3
-
-
-def test_score_adds_up_what_is_broken() -> None:
-    assert Score((1.0,), (-0.5, 0.0)).feasible
-    assert Score((1.0,), (0.5, -2.0, 0.25)).violation == 0.75
-    assert Score((1.0,), failed=True).violation == np.inf

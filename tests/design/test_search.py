@@ -1,6 +1,5 @@
 import importlib.util
 import json
-import tracemalloc
 from collections import Counter
 from dataclasses import replace
 
@@ -12,12 +11,10 @@ from impact_env import ParameterError
 from impact_env.ensemble import Threads
 from impact_env.parameters import Beam
 from optimisation.designs import design_space
-from optimisation.evaluation import evaluate
 from optimisation.insight import SHOWN
 from optimisation.objectives import Condition, Constraint
 from optimisation.problem import Problem
-from optimisation.report.design_tables import summary, text
-from optimisation.search.find import Bars, Plan, find, smooth_search
+from optimisation.search.find import Plan, find, smooth_search
 from optimisation.search.judge import AUDIT, CHOICE, VERDICT, audit, more_modes, verdict
 from optimisation.search.result import Findings
 from optimisation.search.settings import Rung, Settings, default_settings
@@ -70,19 +67,6 @@ def test_gaussian_process_needs_few_designs() -> None:
         off[sampler] = np.hypot(np.log(best["gap"] / 6e-4), best["restitution"] - 0.5)
     assert off["gp"] < 0.15
     assert off["gp"] < off["random"]
-
-
-def test_large_batches_take_little_memory() -> None:
-    """50 designs of 16 members in one call: 3,200 runs, of which no more than their plain numbers are held."""
-    many = problem(members=16)
-    generator = np.random.default_rng(0)
-    designs = [many.space.at(shares) for shares in generator.random((50, 2))]
-    tracemalloc.start()
-    results = dict(evaluate(many, designs, many.ensemble, many.rate, Model()))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert len(results) == 50
-    assert peak < 50e6
 
 
 def test_broken_constraints_cannot_win() -> None:
@@ -268,38 +252,3 @@ def test_winner_runs_with_more_modes(findings: Findings) -> None:
     assert not np.array_equal(wider.judged.members, found.winner.members)
     all_modes = replace(findings.problem, beam=Beam(modes=8, elements=4))
     assert more_modes(all_modes, found.winner, 0.5, Threads()) is None
-
-
-def test_text_and_summary_say_it(findings: Findings) -> None:
-    told, content = text(findings), summary(findings)
-    for part in ("over the rule's design", "95 % bootstrap intervals", "winner with 4 modes", "(paper 0.001, rule", "too fast to tell the share"):
-        assert part in told, told
-    (condition,) = content["conditions"]
-    assert condition["winner"]["share_of_possible_reduction"] is None
-    assert condition["sweep_over_stationary_level"] < 0.95
-    assert set(content["winner_over_rule"]) == {"ratio", "95_percent"}
-    edge = findings.problem.space.at([0.0, 0.5, 0.5])
-    at_edge = replace(findings, verdict=replace(findings.verdict, winner=replace(findings.verdict.winner, design=edge)))
-    assert "the winner lies at a bound: gap at its lower bound of 0.1 of the rule's gap" in text(at_edge)
-
-
-def test_branches_of_a_winner_are_told(findings: Findings) -> None:
-    without = float(np.median(findings.verdict.winner.without))
-    levels = without * np.repeat([0.14, 0.19], 4)[:, None]
-    winner, paper = replace(findings.verdict.winner, levels=levels), replace(findings.verdict.paper, levels=0 * levels + without)
-    told = text(replace(findings, verdict=replace(findings.verdict, winner=winner, paper=paper)))
-    assert "winner has two branches: 14.0 % (50 % of the members) and 19.0 % (50 % of the members)" in told
-
-
-def test_search_is_quiet_by_default_and_tells_its_bars_if_asked() -> None:
-    problem = Problem(design_space("friction"), (Condition(1, 0.5),), beam=STEEL, members=2, rate=40.0)
-    labels: list[str] = []
-    found = find(problem, Plan(6))
-    assert found.verdict.gain.high < 1  # 0.1 N of friction is not this structure's
-
-    def noted(label: str):
-        labels.append(label)
-        return Bars().runs(label)
-
-    find(problem, Plan(4, modes=False), None, Threads(1), Bars(runs=noted))
-    assert labels == ["friction: search", "friction: judging on fresh members"]

@@ -1,5 +1,3 @@
-import importlib.util
-import json
 import os
 import subprocess
 import sys
@@ -54,17 +52,6 @@ def test_study_in_a_file_equals_one_in_memory_and_follows_from_its_seed(tmp_path
         assert [r[1] for r in results(study)[1:]] != [r[1] for r in found[1:]]
 
 
-def test_first_design_is_the_papers_scaled_to_the_structure(tmp_path: Path) -> None:
-    with opened(problem(), settings(), tmp_path / "a.journal") as study:
-        study.run(2, Model())
-        assert study.told[0].design.values["gap"] == pytest.approx(study.problem.units.gap(0.02), rel=1e-12)
-        assert study.told[0].design.values["restitution"] == 0.7
-        assert len(study.told) == BATCH + 1  # whole batches
-    with opened(problem(), replace(settings(), from_scratch=True)) as study:
-        study.run(2, Model())
-        assert study.told[0].design.values["gap"] != study.problem.space.default.values["gap"]
-
-
 @pytest.mark.parametrize("sampler", ["cma", "nsga2", "random"])
 def test_study_goes_on_from_any_line_of_its_journal(tmp_path: Path, sampler: str) -> None:
     """A process can be killed between any two lines, and in the middle of one: the resumed study is the same each time."""
@@ -78,22 +65,6 @@ def test_study_goes_on_from_any_line_of_its_journal(tmp_path: Path, sampler: str
         with opened(problem(objectives), settings(sampler), file) as study:
             assert study.run(DESIGNS, Model())
             assert results(study) == expected, f"cut at line {cut}: {lines[cut][:80]!r}"
-
-
-@pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="the Gaussian process needs torch")
-def test_gaussian_process_goes_on_where_it_was_broken_off(tmp_path: Path) -> None:
-    chosen = Settings("gp", 2, (Rung(4),))
-    with opened(problem(), chosen) as study:
-        study.run(5, Model())
-        expected = results(study)
-    chunks = len(problem().conditions)
-    for stop in (4 * chunks,):
-        file = tmp_path / f"{stop}.journal"
-        with opened(problem(), chosen, file) as study:
-            assert not study.run(5, Model(stop=stop))
-        with opened(problem(), chosen, file) as study:
-            assert study.run(5, Model())
-            assert results(study) == expected
 
 
 @pytest.mark.parametrize("stop", [0, 11, 30])
@@ -268,59 +239,6 @@ def test_key_is_the_same_in_another_process_and_differs_with_all_that_a_run_is_m
     for other in (problem(seed=1), problem(conditions=detuned), problem(members=3), problem(beam=replace(given.beam, modes=3))):
         assert not set(keys(other)) & set(here)
     assert not set(keys(given, 2 * given.rate)) & set(here)
-
-
-FULL = """
-import json, resource, sys
-from pathlib import Path
-sys.path[:0] = {path!r}
-from test_study import case, find, full_study
-kind, file = sys.argv[1], Path(sys.argv[2])
-for limit in map(int, sys.argv[3:]):
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
-    try:
-        full_study(kind, file)
-    except OSError as error:
-        print(type(error).__name__, error.errno)
-    file.with_suffix(f".{{limit}}").write_bytes(file.read_bytes())
-"""
-
-
-def full_study(kind: str, file: Path) -> list[tuple[object, ...]]:
-    if kind == "cma":
-        with opened(problem(), settings(), file) as study:
-            assert study.run(13, Model())
-            return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told]
-    given, plan, executor = case(kind)
-    return told(find(given, plan, file, executor()))
-
-
-@pytest.mark.same_bits
-@pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes are POSIX")
-@pytest.mark.parametrize("kind", ["cma", "friction"])
-def test_disk_that_is_full_leaves_a_whole_journal_that_goes_on(tmp_path: Path, kind: str) -> None:
-    """The system writes a part of a line, then refuses: what stays is whole lines, and the study ends as if nothing had been."""
-    file, expected = tmp_path / "a.journal", full_study(kind, tmp_path / "whole.journal")
-    size = (tmp_path / "whole.journal").stat().st_size
-    script = FULL.format(path=[str(Path(__file__).parent), str(SUPPORT), str(ROOT)])
-    limits = (size // 3, 2 * size // 3)
-    result = subprocess.run([sys.executable, "-c", script, kind, str(file), *map(str, limits)], capture_output=True, text=True, check=False)
-    assert result.stdout.split() == ["OSError", "27"] * 2, result.stdout + result.stderr
-    for limit in limits:
-        content = file.with_suffix(f".{limit}").read_bytes()
-        assert 0 < len(content) <= limit  # how much less depends on the line that had no room
-        assert all(isinstance(json.loads(line), dict) for line in content.splitlines())
-        assert content.endswith(b"\n")
-    assert full_study(kind, file) == expected
-    assert not list(tmp_path.glob("*.damaged"))
-
-
-@pytest.mark.parametrize("kind", ["cma", "friction"])
-@pytest.mark.parametrize("place", ["nowhere/a.journal", "folder", "/dev/full"])
-def test_file_that_cannot_be_is_named(tmp_path: Path, kind: str, place: str) -> None:
-    (tmp_path / "folder").mkdir()
-    with pytest.raises(StudyError, match=r"study file = .* is not allowed: a file that can be written to, in a folder that exists"):
-        full_study(kind, tmp_path / place)
 
 
 def test_runs_that_were_given_up_are_kept_as_such(tmp_path: Path) -> None:

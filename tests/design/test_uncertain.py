@@ -145,9 +145,3 @@ def test_design_gap_refuses_what_does_not_fit(options: str, message: str) -> Non
     found = CliRunner().invoke(design_gap, ["--force", "3.5", "--rate", "40", *options.split()])
     assert found.exit_code == 2
     assert message in found.output
-
-
-def test_a_share_of_no_damping_is_refused() -> None:
-    lane = Lane(beam_scene(Beam(modes=1, damping_ratio=0.0), impact_absorber()), Drive(1.0, linear_sweep(250.0, 0.9, 1.06)))
-    with pytest.raises(ParameterError, match="uncertain damping = 'damping 5%' is not allowed: left out: the number itself is 0"):
-        drawn(lane, spreads({"damping": "5%"}), {"damping": 0.5}, 1, 1.0)

@@ -7,13 +7,11 @@ from places import EXAMPLES
 
 gymnasium = pytest.importorskip("gymnasium")
 
-from impact_env import Beam, Drive, beam_scene, impact_absorber, linear_sweep, load_structure, simulate
+from impact_env import Drive, linear_sweep, load_structure, simulate
 from impact_env.envs.reference import passage
 from impact_env.modes import modal_model
-from impact_env.periodic.overview import sweep_envelope
 from impact_env.scene import Scene
 
-HALF = Beam(modes=3, damping_ratio=0.005)
 QUARTER = 0.25  # of the paper's rate: half of its damping, squared
 
 
@@ -39,11 +37,3 @@ def test_a_passive_passage_takes_it(arguments: dict[str, Any], rate: float) -> N
         assert not stopped
         steps += 1
     assert steps == pytest.approx(0.02 * 1e4 / rate / 20, abs=1)
-
-
-def test_an_envelope_takes_it() -> None:
-    scene = beam_scene(HALF, impact_absorber(restitution=0.7))
-    omega = scene.model.resonance_omega(1)
-    unsaid, said = (sweep_envelope(scene, 1.0, omega, 0.99, 1.0, *rate) for rate in ((), (QUARTER,)))
-    assert len(unsaid.omega_ratio) == len(said.omega_ratio)
-    assert (unsaid.tip_max == said.tip_max).all()

@@ -63,21 +63,3 @@ def test_mass_gap_and_time_are_the_units_of_friction() -> None:
     np.testing.assert_allclose(others, rewards, rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose([i["friction_limit"] for i in told], [2 * i["friction_limit"] for i in infos], rtol=1e-12)
     assert sum(i["impacts"] for i in infos) > 3
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {"absorber": "friction", "absorber_options": {"friction_limit": 0.3}},
-        {"method": "moreau", "steps_per_period": 200},
-        {"direction": "up", "objective": "fatigue"},
-    ],
-)
-def test_other_absorbers_methods_and_measures(arguments: dict[str, Any]) -> None:
-    actions = np.random.default_rng(3).uniform(-1, 1, 20)
-    rows, rewards, _ = episode(made(arguments), actions)
-    assert np.isfinite(rows).all()
-    assert np.isfinite(rewards).all()
-    np.testing.assert_array_equal(rows[1:, 10], actions[: len(rewards)].astype(np.float32))
-    calm = episode(made(arguments), np.full(20, 1.0))[1].sum()
-    assert rewards.sum() != calm

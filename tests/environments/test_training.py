@@ -24,12 +24,10 @@ import torch
 import yaml
 from stable_baselines3 import PPO, SAC
 
-from impact_env.envs.evaluation import play
 from impact_env.parameters import ParameterError
 from optimisation.cli import train as command
 from optimisation.rl.agents import Agent, actor_of, find_agents, load_agent, save_agent
 from optimisation.rl.checkpoints import checkpoints
-from optimisation.rl.families import Random
 from optimisation.rl.hyperparameters import PACKAGED, PPOSettings, SACSettings, read, settings_for
 from optimisation.rl.models import begin_leg, make_lanes, make_model
 from optimisation.rl.runs import find_runs, read_evaluations
@@ -112,18 +110,6 @@ def test_damaged_checkpoint_costs_one_leg(tmp_path: Path) -> None:
     assert first.name == "leg-000"
     assert legs[0] == 1  # not 2, which the damaged one had reached
     assert len(evaluations) == 3
-
-
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
-def test_finished_run_is_not_trained_again(tmp_path: Path, algorithm: str) -> None:
-    job = small_job(algorithm)
-    whole = train(job, tmp_path)
-    before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*") if file.is_file()}
-    calls: list[int] = []
-    assert train(job, tmp_path, lambda steps, _evaluations: calls.append(steps)) == whole
-    assert play(load_agent(tmp_path / "final.npz"), GAP, job.evaluation_seeds, job.arguments).scores.mean() == whole[-1].score
-    assert len(calls) == 1
-    assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*") if file.is_file()} == before
 
 
 @pytest.mark.parametrize(
@@ -226,20 +212,6 @@ def test_end_by_the_clock_is_no_end_for_the_value() -> None:
     np.testing.assert_allclose(given[others], plain[others], rtol=1e-5)
 
 
-@pytest.mark.nightly
-def test_short_trainings_beat_chance_on_fresh_seeds(tmp_path: Path) -> None:
-    """Over three seeds: one gains 0.20 of what chance costs, give or take 0.05, so that a false alarm is seven standard deviations away."""
-    seeds = range(5_000_000, 5_000_064)
-    sizes = {"steps": 22_000, "legs": 1, "lanes": 32, "n_steps": 32, "batch_size": 256, "n_epochs": 6}
-    job = small_job("ppo", **sizes, final_learning_rate=2e-3, learning_rate=2e-3)
-    chance = play(Random(), GAP, seeds, job.arguments).scores.mean()
-    gains = []
-    for seed in range(3):
-        train(replace(job, seed=seed), tmp_path / str(seed))
-        gains.append(play(load_agent(tmp_path / str(seed) / "final.npz"), GAP, seeds, job.arguments).scores.mean() - chance)
-    assert np.mean(gains) > 0
-
-
 def test_recipes_are_written_in_the_form_of_rl_zoo3(tmp_path: Path) -> None:
     """A file for each algorithm, and but for what that library takes itself, only what stable-baselines3 knows."""
     assert call("--zoo", tmp_path / "zoo").exit_code == 0
@@ -291,15 +263,6 @@ def test_bad_hyperparameters_are_named(tmp_path: Path, text: str, words: str) ->
     assert result.exit_code == 2, result.output
     assert words in result.output
     assert not list((tmp_path / "out").rglob("*.*"))
-
-
-def test_unknown_algorithm_and_bad_temperature_are_refused() -> None:
-    with pytest.raises(ParameterError, match=r"algorithm = 'dqn' is not allowed: one of ppo, sac"):
-        settings_for(GAP, "dqn")
-    with pytest.raises(ParameterError, match="ent_coef = 'automatic'"):
-        settings_for(GAP, "sac", ent_coef="automatic")
-    with pytest.raises(ParameterError, match="environment = 'ImpactAbsorber/Passive-v0'"):
-        settings_for("ImpactAbsorber/Passive-v0", "ppo")
 
 
 @pytest.mark.same_bits

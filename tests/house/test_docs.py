@@ -84,9 +84,3 @@ def test_tables_are_written_by_the_commands_that_pages_name() -> None:
         for command, target in re.findall(r"scripts/run (\w+) --page ([\w./]+)", text):
             assert (ROOT / target).resolve() == page
             assert target in file_of(command).read_text(encoding="utf-8")
-
-
-def test_files_of_tests_that_pages_name_exist() -> None:
-    named = {name for page in PAGES for name in re.findall(r"`(tests/[\w/]+(?:\.py)?)`", page.read_text(encoding="utf-8"))}
-    assert len(named) > 10
-    assert not [name for name in named if not (ROOT / name).exists()]

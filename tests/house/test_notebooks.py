@@ -26,10 +26,6 @@ def words(notebook: Any) -> list[str]:
     return said
 
 
-def test_there_are_three() -> None:
-    assert len(NOTEBOOKS) == 3
-
-
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
 def test_a_notebook_is_executed_whole_and_small(file: Path) -> None:
     notebook = json.loads(file.read_text(encoding="utf-8"))

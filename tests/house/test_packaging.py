@@ -14,13 +14,6 @@ from places import ROOT, SCRIPTS
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
-def _installed_version() -> str | None:
-    try:
-        return importlib.metadata.version(PROJECT["name"])
-    except importlib.metadata.PackageNotFoundError:
-        return None
-
-
 def _pins(name: str) -> dict[str, str]:
     lines = (ROOT / "requirements" / f"{name}.txt").read_text().splitlines()
     return dict(line.split("==") for line in lines if line and not line.startswith("#"))
@@ -31,11 +24,6 @@ def _set_up_module() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-@pytest.mark.skipif(_installed_version() is None, reason="the project is not installed here")
-def test_installed_version_is_the_projects() -> None:
-    assert _installed_version() == PROJECT["version"]
 
 
 def test_simulator_imports_no_heavy_library() -> None:
@@ -114,27 +102,6 @@ def test_script_runs_without_set_up_when_nothing_changed(checkout: Path) -> None
     assert result.stderr == ""
 
 
-def test_quick_tests_need_neither_torch_nor_a_cluster(checkout: Path) -> None:
-    shutil.copy2(ROOT / "scripts" / "test", checkout / "scripts" / "test")
-    for layer in ("test", "files", "optimise", "env"):
-        (checkout / ".venv" / "stamps" / layer).write_bytes(_set_up_module().stamp_text(checkout, layer))
-    quick, whole = (subprocess.run([checkout / "scripts" / "test", *words], capture_output=True, text=True) for words in (["--quick", "-x"], ["-x"]))
-    assert quick.returncode == 7, quick.stderr
-    assert "-m pytest" in quick.stdout
-    assert quick.stdout.endswith(" --quick -x\n")
-    assert whole.returncode != 7  # it would have to install the others first
-
-
-def test_extra_layer_has_its_own_stamp(checkout: Path) -> None:
-    script = checkout / "scripts" / "studies" / "cli" / "show.py"
-    script.write_text(script.read_text() + "# needs: rl\n")
-    assert _run(checkout, "show").returncode == 7
-    script.write_text(script.read_text().replace("# needs: rl", "# needs: nothing_known"))
-    result = _run(checkout, "show")
-    assert result.returncode == 1
-    assert "requirements/nothing_known.txt" in result.stderr
-
-
 @pytest.mark.parametrize("change", ["requirements", "project", "interrupted", "moved", "no stamp"])
 def test_set_up_is_due_again(checkout: Path, change: str) -> None:
     if change == "requirements":
@@ -164,12 +131,3 @@ def test_missing_python_is_a_clear_error(checkout: Path, tmp_path: Path) -> None
     result = _run(checkout, "show", PATH=str(tools))
     assert result.returncode == 1
     assert "no Python 3.11" in result.stderr
-
-
-def test_set_up_rebuilds_what_was_left_half_made(checkout: Path) -> None:
-    set_up = _set_up_module().SetUp(checkout)
-    assert set_up.usable()
-    assert set_up.is_current("main")
-    assert not set_up.is_current("test")
-    (checkout / ".venv" / "incomplete").touch()
-    assert not set_up.usable()

@@ -53,10 +53,6 @@ def test_the_set_up_waits_for_another_one(set_up: ModuleType, tmp_path: Path, mo
     assert capsys.readouterr().err.count("waiting for it") == 1
 
 
-def test_the_environments_python_is_where_windows_puts_it(set_up: ModuleType, tmp_path: Path) -> None:
-    assert set_up.SetUp(tmp_path).python == tmp_path / ".venv" / "Scripts" / "python.exe"
-
-
 def test_the_shell_finds_that_python_and_the_same_stamp(set_up: ModuleType, tmp_path: Path) -> None:
     root = tmp_path.resolve()
     for folder in ("requirements", "scripts/lib"):
@@ -96,11 +92,3 @@ def test_without_users_by_number_the_temporary_folder_is_ours(tmp_path: Path, mo
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert cache._private_folder() == tmp_path / "impact_env-somebody"
     assert cache._private_folder() == tmp_path / "impact_env-somebody"
-
-
-def test_cores_are_counted_where_none_can_be_assigned(monkeypatch: pytest.MonkeyPatch) -> None:
-    from impact_env.ensemble import available_cores
-
-    monkeypatch.delattr(os, "sched_getaffinity")
-    monkeypatch.setattr(os, "cpu_count", lambda: 6)
-    assert available_cores() == 6

@@ -11,12 +11,11 @@ from click.testing import CliRunner, Result
 pytest.importorskip("mpmath")
 from impact_env import Exact, Moreau
 from optimisation.files import read_json
-from studies.accuracy import bands, cost, distribution, growth, jumps, study, trajectory
+from studies.accuracy import bands, cost, growth, jumps, study, trajectory
 from studies.accuracy.bands import between_groups
-from studies.accuracy.cases import Row, Settings, case, kind_named
+from studies.accuracy.cases import Row, Settings
 from studies.accuracy.distribution import bootstrap, distance_at_size, mean_difference, relative_distance
 from studies.cli import error_vs_runtime
-from studies.study import left, rows_by_case
 
 TINY = Settings(
     quick=True, modes=(1,), kinds=("impact, e = 1",), steps=(20, 200), scipy_tolerances=(1e-6,), heyoka_tolerances=(1e-9,), starts=2, repeats=1,
@@ -42,13 +41,6 @@ def test_trajectories_show_who_is_exact() -> None:
     assert {trajectory.key(row) for row in rows} == set(trajectory.cases(TINY))
 
 
-def test_error_of_a_state_is_relative_and_blind_to_an_absent_absorber() -> None:
-    it = case(kind_named("no absorber"), 1)
-    true = np.array([1e-3, 0.0, 0.2, 0.0])
-    assert trajectory.state_error(it, 1.01 * true, true) == pytest.approx(0.01)
-    assert trajectory.state_error(it, true + [0, 1.0, 0, 1.0], true) == 0
-
-
 def test_impacts_make_errors_grow_and_friction_does_not() -> None:
     exponent = {}
     for name in ("impact, e = 1", "friction damper"):
@@ -59,25 +51,6 @@ def test_impacts_make_errors_grow_and_friction_does_not() -> None:
         assert bool(twins) == (name == "impact, e = 1")
     assert 1.3 < exponent["impact, e = 1"]["factor_per_impact"] < 10
     assert exponent["friction damper"]["exponent_per_period"] < 0.2
-
-
-def level_row(method: str, setting: float | None, level: float, seconds: float) -> Row:
-    return {"scene": "s", "modes": 3, "method": method, "setting": setting, "level_m": level, "wall_s": seconds}
-
-
-def test_distribution_sees_a_bias_and_its_cost() -> None:
-    levels = np.random.default_rng(0).normal(1.0, 0.05, 60)
-    rows = [level_row(distribution.TRUTH, None, x, 1.0) for x in levels]
-    rows += [level_row("Exact", None, x, 0.1) for x in levels[:30]] + [level_row("Moreau", 20, 1.2 * x, 0.4) for x in levels[:30]]
-    exact, moreau = distribution.compared(rows)
-    assert (exact.method, moreau.setting) == ("Exact", 20)
-    low, high = moreau.mean_interval()
-    assert 0.1 < low < moreau.mean_difference < high < 0.3
-    assert exact.distance < 0.05 < moreau.distance
-    assert exact.at_cost(3.0) < exact.at_cost(0.1)
-    table = distribution.distribution_table(rows)
-    assert "Moreau, 20 steps" in table
-    assert distribution.TRUTH not in table
 
 
 def band_row(kind: str, member: int, level: float, group: int) -> Row:
@@ -100,19 +73,6 @@ def test_bands_compare_the_kinds_of_members() -> None:
     assert both.between[0] > 0.9
     assert phase.between is None
     assert bands.band_table(rows).count("(") > 6
-
-
-def test_members_of_a_band_are_of_their_kind() -> None:
-    found = [measure() for measure in bands.cases(TINY).values()]
-    assert [bands.key(step[0]) for step in found] == list(bands.cases(TINY))
-    assert len(found) == 8
-    assert {row["direction"] for step in found[:4] for row in step} == {"up"}
-    for kind, step in zip((*bands.KINDS, bands.CROSSED), found, strict=False):
-        assert {row["kind"] for row in step} == {kind}
-        phases, factors = {row["phase_rad"] for row in step}, {row["force_factor"] for row in step}
-        assert (len(phases), len(factors)) == {"phase": (4, 1), "force": (1, 4), "both": (4, 4), bands.CROSSED: (2, 4)}[kind]
-        assert len({row["level_m"] for row in step}) == 4
-    assert [row["group"] for row in found[3]] == [0, 0, 1, 1]
 
 
 def test_shares_count_the_high_branch() -> None:
@@ -161,17 +121,6 @@ def test_tiny_run_writes_files_figures_and_page(tmp_path: Path) -> None:
 
 
 # --- one scene anew ----------------------------------------------------------------------------------------------------------------------------
-
-
-def test_a_scene_that_is_measured_anew_replaces_its_rows_only() -> None:
-    def rows(modes: int, time: float, scene: str = "a") -> list[Row]:
-        return [{"scene": scene, "modes": modes, "method": method, "us_per_period": time} for method in ("x", "y")]
-
-    known = trajectory.without_scenes({"rows": rows(1, 1.0, "b") + rows(3, 1.0)}, ("a",))
-    cases = {("a", 3): lambda: rows(3, 2.0), ("a", 1): lambda: rows(1, 2.0)}
-    *_, merged = rows_by_case(cases, trajectory.key, known, [("a", 1), ("a", 3), ("b", 1)])
-    assert merged["rows"] == rows(1, 2.0) + rows(3, 2.0) + rows(1, 1.0, "b")
-    assert left([*cases, ("b", 1), ("b", 3)], trajectory.key, merged) == [("b", 3)]
 
 
 def test_one_scene_on_the_command_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

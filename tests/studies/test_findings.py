@@ -1,8 +1,5 @@
 """scripts/findings: every part from studies to figures and page, redrawing, interruption, bad input."""
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
@@ -70,42 +67,6 @@ def test_parts_write_numbers_figures_and_page(findings: ModuleType, tmp_path: Pa
     assert again.exit_code == 0, again.output
     assert (tmp_path / "findings" / "optima.png").exists()
     assert (tmp_path / "findings.md").read_text() == before
-
-
-def test_interrupt_keeps_finished_parts(findings: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("studies.findings.parts.place", stop)
-    run = call(findings, "--quick", "--out", tmp_path, "--part", "optima", "--part", "place")
-    assert run.exit_code == 130
-    assert "goes on from here" in run.stderr
-    assert (tmp_path / "findings" / "optima.json.gz").exists()
-    assert not (tmp_path / "findings" / "place.json.gz").exists()
-
-
-def test_scaling_compares_one_worker_with_two(findings: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from studies.findings import measured
-
-    class Slow(measured.Threads):
-        def each(self, function, chunks, kinds):
-            time.sleep(0.2 / self.threads)
-            return super().each(function, chunks, kinds)
-
-    @contextmanager
-    def cluster(workers: int) -> Iterator[object]:
-        yield Slow(workers)
-
-    monkeypatch.setattr(measured, "Threads", Slow)
-    monkeypatch.setattr(measured, "_cluster", cluster)
-    run = call(findings, "--quick", "--out", tmp_path, "--part", "scaling")
-    assert run.exit_code == 0, run.output
-    found = result(tmp_path, "scaling")
-    assert [(row["kind"], row["workers"], len(row["all_s"])) for row in found["rows"]] == [
-        ("threads", 1, 3), ("threads", 2, 3), ("cluster", 1, 3), ("cluster", 2, 3),
-    ]  # fmt: skip
-    assert found["speedup"]["threads"] > 1
-    assert f"{found['speedup']['cluster']:.2f} |" in run.stdout
 
 
 def test_energy_argument_scales_and_balances() -> None:

@@ -14,11 +14,6 @@ pytest.importorskip("optuna")
 from studies.cli.friction_branches import CASES, LIMITS, Row
 
 
-def test_less_damping_gets_fewer_members() -> None:
-    assert [friction_branches.members_of(damping, 32) for damping in (0.02, 0.01, 0.005, 0.002)] == [32, 32, 16, 8]
-    assert friction_branches.members_of(0.002, 1) == 1
-
-
 def test_it_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     numbers, page = tmp_path / "friction.json", tmp_path / "page.md"
     page.write_text("before\n<!-- friction_branches -->\nold\n<!-- /friction_branches -->\nafter\n")

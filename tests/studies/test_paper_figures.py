@@ -12,11 +12,11 @@ from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
 from impact_env.frequency import tip_response
 from impact_env.methods import Exact
-from impact_env.parameters import Beam, ParameterError, friction_damper, impact_absorber
+from impact_env.parameters import Beam, friction_damper, impact_absorber
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
-from studies.paper import dissinf, oprange, oprange_two, scat, second_mode
-from studies.paper.account import accounted, window_around
+from studies.paper import dissinf, oprange, scat, second_mode
+from studies.paper.account import window_around
 from studies.paper.claim import Verdict, verdict
 from studies.paper.curve import (
     WATCHED,
@@ -74,12 +74,6 @@ def test_ranges_of_shares_of_members() -> None:
     assert found.transition.force == pytest.approx(8**0.5)
 
 
-def test_a_range_that_comes_back_ends_with_its_last_force() -> None:
-    found = operating_ranges(FORCES, np.ones(5), [0, 1, 0, 1, 1])
-    assert found.first_impacts is None  # impacts already at the first force
-    assert found.transition.low == 2.0
-
-
 def test_sustained_means_no_pause_of_a_period_of_the_force() -> None:
     pauses = np.array([[0.5, 0.5], [1.04, 1.04], [1.04, 1.06], [1.06, 3.0], [20.0, 20.0]])  # pseudo periods, at 0.95 of the resonance
     assert made(power(1, 2), pause=pauses).sustained.tolist() == [1, 1, 0.5, 0, 0]
@@ -94,16 +88,6 @@ def test_slopes_are_the_power_of_a_made_curve(exponent: float) -> None:
 
 
 # curves
-
-
-def test_plain_form_of_a_curve_keeps_what_is_missing() -> None:
-    own = made(power(1))
-    holed = replace(own, before=np.where(FORCES[:, None] < 2, np.nan, own.before))
-    again = curve_of(holed.to_plain())
-    assert np.array_equal(again.before, holed.before, equal_nan=True)
-    assert np.array_equal(again.level, holed.level)
-    with pytest.raises(ParameterError, match="reference"):
-        own.relative(replace(own, forces=2 * FORCES))
 
 
 def test_watched_curve_is_the_performance_curve(tmp_path: Path) -> None:
@@ -159,12 +143,6 @@ def test_part_of_a_drive_has_its_frequency_and_phase() -> None:
 # accounts of the energy
 
 
-def test_shares_sum_to_one() -> None:
-    found = accounted(lane())
-    assert np.sum(found.shares) == pytest.approx(1)
-    assert (found.shares > 0).all()
-
-
 def test_the_window_is_that_of_the_level() -> None:
     """Where no impact makes the motion part from the sweep's: friction alone, which starts in the middle of its motion all the same."""
     scene = beam_scene(Beam(modes=3), friction_damper(0.1))
@@ -206,16 +184,6 @@ def test_verdicts_at_the_papers_step() -> None:
     assert verdict(2.0, 3.0, 0.0, 1.0, at_step=1.5) is Verdict.NOT
     assert verdict(0.5, 3.0, 0.0, 1.0, at_step=5.0) is Verdict.SPREAD
     assert verdict(float("nan"), 3.0, 0.0, 1.0) is Verdict.NOT
-
-
-def test_force_with_the_largest_contrast() -> None:
-    none = made(power(1))
-    low = made(np.where(FORCES[:, None] < 4, 0.4, 1.0) * power(1))
-    lower = made(np.where(FORCES[:, None] < 8, 0.3, 1.0) * np.where(FORCES[:, None] == 2, 0.5, 1.0) * power(1))
-    read = {oprange_two.NONE: none, oprange_two.ONE: none, oprange_two.THREE: low, oprange_two.LOSSY: lower}
-    assert oprange_two.chosen_force(read) == 0.5  # the first of equal contrasts
-    read[oprange_two.THREE] = made(np.array([0.9, 0.8, 0.5, 0.95, 1.0])[:, None] * power(1))
-    assert oprange_two.chosen_force(read) == 2.0
 
 
 def test_first_impacts_and_best_forces() -> None:

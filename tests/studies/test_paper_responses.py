@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from impact_env import Beam, Exact, Moreau, beam_scene
+from impact_env import Exact, Moreau
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.periodic.jump import jumps
@@ -39,13 +39,6 @@ def named(claims: list[Claim], name: str) -> Claim:
     return next(claim for claim in claims if claim.name == name)
 
 
-def test_births_and_mergers_of_the_isola_are_the_known_ones() -> None:
-    found = high_low._levels_of_isolas()
-    births, mergers = ([one["force_n"] for one in found if one["kind"] == kind] for kind in ("birth", "merger"))
-    assert min(births) == pytest.approx(1.221955, abs=1e-6)
-    assert max(mergers) == pytest.approx(2.370284, abs=1e-6)
-
-
 def test_the_sliding_absorber_drifts_at_the_papers_step_only() -> None:
     """By the exact method whole periods of friction leave the absorber's place; a scheme that is late at each reversal moves it to a wall."""
     scene, (start, stop, _) = jump.scene(), jump.DRIFT
@@ -71,16 +64,6 @@ def test_friction_springs_and_walls_approach_the_rigid_laws() -> None:
         ratio = np.median(found["level_m"], axis=1) / np.median(found["rigid_m"])
         assert abs(ratio[-1] - 1) < 0.05
         assert abs(ratio[0] - 1) > 0.1
-
-
-def test_a_sweep_is_followed_by_its_largest_displacements() -> None:
-    scene = beam_scene(Beam(modes=2), None)
-    drive = draw_members(1, 0).drives(0.5, linear_sweep(scene.model.resonance_omega(1), 1.06, 0.9, 10.0))[0]
-    binned, branch, resonance = jump.Followed(Exact())(Lane(scene, drive))
-    amplitude = 0.5 * 1.28115e-3  # resonant amplitude per newton without absorber
-    assert max(binned) == pytest.approx(amplitude, rel=0.2)
-    assert resonance <= amplitude
-    assert branch < 0.5 * amplitude
 
 
 def test_on_the_high_branch_the_absorber_visits_two_walls_a_period_and_is_struck_more_often() -> None:

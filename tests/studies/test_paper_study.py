@@ -1,7 +1,6 @@
 """The paper's study: figures that are kept or made again, one alone, the claims, and bad input. And cheap claims of its figures."""
 
 import importlib.util
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -17,7 +16,7 @@ from impact_env.parameters import ParameterError
 from optimisation.files import read_json
 from studies.cli import reproduce_paper
 from studies.paper import study
-from studies.paper.claim import Claim, Verdict, chance, from_plain, judged
+from studies.paper.claim import Claim, Verdict, from_plain, judged
 from studies.paper.frame import PaperFigure, Settings, in_turn, marker
 from studies.paper.study import CLAIMED, REFUTED, SUMMARY, claims_part, reasons, summary, table
 from studies.study import Json, Steps
@@ -108,17 +107,6 @@ def test_finished_figures_are_kept_until_their_parameters_change(figures: Figure
     assert len(figures.measured) == 10
 
 
-def test_one_figure_alone_and_the_claims_that_it_decides(figures: Figures, tmp_path: Path) -> None:
-    result = call(script(), "--figure", "two", "--out", tmp_path)
-    assert result.exit_code == 0, result.output
-    assert figures.measured == ["two first", "two second"]
-    (claim,) = claims_in(tmp_path)
-    assert set(claim) == {"name", "statement", "section", "computed", "verdict", "figure", "why", "definitional"}
-    assert (claim["verdict"], claim["figure"], claim["why"]) == ("holds", "two", "")
-    assert "**1 substantive statements** were tested: 1 holds." in (tmp_path / "paper.md").read_text()
-    assert not (tmp_path / "paper" / "one.json.gz").exists()
-
-
 def test_stopped_run_keeps_its_groups_and_goes_on(figures: Figures, tmp_path: Path) -> None:
     def stop() -> None:
         raise KeyboardInterrupt
@@ -139,12 +127,6 @@ def test_verdicts_of_intervals() -> None:
     assert judged(1.0, 2.0, 2.5, 3.0) is Verdict.NOT
     with pytest.raises(ParameterError, match="interval"):
         judged(2.0, 1.0, 0.0, 3.0)
-
-
-def test_verdicts_on_one_run_go_by_the_share_of_runs() -> None:
-    assert [chance(*interval) for interval in ((0.96, 1.0), (0.3, 0.4), (0.9, 0.99), (0.0, 0.04))] == [
-        Verdict.HOLDS, Verdict.SPREAD, Verdict.SPREAD, Verdict.NOT,
-    ]  # fmt: skip
 
 
 def test_summary_counts_substantive_and_definitional_claims_apart() -> None:
@@ -169,10 +151,3 @@ def test_a_claim_that_does_not_hold_says_why() -> None:
     assert [from_plain(claim.to_plain()) for claim in claims] == [replace(claims[0], why=""), claims[1]]
     assert "x \\| y" in table(claims)
     assert reasons(claims) == "\n\n**Z: holds only at the paper's step.** The step errs."
-
-
-def test_a_figures_numbers_come_from_what_its_module_takes_from_others() -> None:
-    names = {own.label: {name.rsplit(".", 1)[1] for name in study.sources(sys.modules[own.words.__module__])} for own in study.FIGURES}
-    assert {"second_mode", "account", "curve"} == names["vard"]
-    assert names["conv"] == {"conv"}
-    assert not any(name.endswith("claims") or name == "claim" for found in names.values() for name in found)

@@ -10,7 +10,7 @@ from commands import call
 
 from optimisation.files import write_json
 from optimisation.machine import conditions
-from studies import probe, variants
+from studies import probe
 from studies.cli import specialisation
 from studies.study import Measured
 
@@ -57,12 +57,6 @@ def test_claims_hold_or_are_broken_and_the_page_says_so(name: str, found: dict[s
     assert again.exit_code == 1
     assert [line.split("  ")[1].rpartition(":")[0] for line in again.output.splitlines() if line.startswith("BROKEN")] == [broken]
     assert "Left out without a saving of 2 % or more: friction (exact)." in (tmp_path / "specialisation.md").read_text()
-
-
-def test_pairs_share_the_kernels_of_the_scenes() -> None:
-    kinds = {variant.kind for variant in variants.own(quick=False)}
-    assert {one.kind for pair in variants.PAIRS for one in (pair.without, pair.switched_off)} <= kinds
-    assert 0 < len(variants.pairs(quick=True)) < len(variants.pairs(quick=False)) == len(variants.PAIRS)
 
 
 @numba.njit

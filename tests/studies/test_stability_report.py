@@ -1,19 +1,16 @@
 import math
 import shutil
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from impact_env import Beam, modal_model
-from impact_env.parameters import ParameterError
 from optimisation import machine, workers
 from optimisation.files import write_json
-from optimisation.page import DOCS, fill
+from optimisation.page import DOCS
 from studies import study as pattern
 from studies.cli import stability
 from studies.stability import cases, cells, checks, eigen, limits, study, tasks
@@ -103,10 +100,6 @@ def test_one_element_by_hand() -> None:
     assert float(eigen.exact_frequency(1, math.sqrt(square) * 1.001)) ** 2 == pytest.approx(square, rel=1e-12)
 
 
-def test_roots_of_the_cantilever() -> None:
-    np.testing.assert_allclose(eigen.continuous_roots(3), [1.8751040687119611, 4.694091132974175, 7.854757438237613], rtol=1e-14)
-
-
 @pytest.mark.parametrize("elements", [2, 30])
 def test_modes_have_all_digits(elements: int) -> None:
     found = eigen.accuracy(elements)
@@ -144,29 +137,7 @@ def test_searches_are_checked_until_there_are_enough() -> None:
     assert found.passed == (found.misses == 0) == (found.first == "")
 
 
-def test_a_missed_event_is_a_failure() -> None:
-    missed = tasks.asdict(checks.Checked("one", 100, 2, 1e-3, "passed by 1.0e-03")) | {"passed": False}
-    assert list(tasks.Results(checks=[missed]).failures()) == ["searches, one: 2 of 100 missed an event, passed by 1.0e-03"]
-    assert not checks.Checked("one").passed  # nothing was checked
-
-
 # --- processes ---------------------------------------------------------------------------------------------------------------------------------
-
-
-def double(x: int) -> int:
-    return 2 * x
-
-
-def stumble(x: int) -> int:
-    raise ValueError(f"no {x}")
-
-
-def test_tasks_in_processes() -> None:
-    order = [workers.Task(double, (3,), "a", 60.0), workers.Task(stumble, (4,), "a", 60.0), workers.Task(time.sleep, (60,), "a", 0.2)]
-    outcomes = {o.task.function: o for o in workers.Pool(1, 30.0).run(order)}
-    assert outcomes[double].value == 6
-    assert "no 4" in outcomes[stumble].error
-    assert "not finished" in outcomes[time.sleep].error
 
 
 # --- the report --------------------------------------------------------------------------------------------------------------------------------
@@ -201,15 +172,6 @@ def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
     assert "| moreau, one mode |" in text
     assert "| two modes |      100 |" in text
     assert (folder / "stability.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_page_in_docs_has_all_markers(tmp_path: Path) -> None:
-    target = tmp_path / "page.md"
-    for _ in range(2):  # the second time into the page itself
-        fill(target, DOCS / "methods.md", study.sections(results()))
-        assert target.read_text().count("1 failed") == 1
-    with pytest.raises(ParameterError, match="markers"):
-        fill(tmp_path / "page.md", DOCS / "methods.md", {"other": ""})
 
 
 def test_lost_tasks_are_failures() -> None:

@@ -4,7 +4,7 @@ import csv
 import gzip
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from optimisation.files import read_json
 from optimisation.machine import sources
 from optimisation.page import has_markers
 from studies import runner
-from studies.study import Measured, Part, Place, Study, Table, left, rows_by_case
+from studies.study import Part, Place, Study, Table, left, rows_by_case
 
 PAGE = "by hand\n<!-- omega -->\nold\n<!-- /omega -->\nalso by hand\n<!-- shape -->\nold\n<!-- /shape -->\n"
 Event = Callable[[], object]
@@ -122,13 +122,6 @@ def test_a_run_writes_numbers_tables_figures_and_page(place: Place) -> None:
     assert f"written: {place.folder / 'omega.json.gz'}" in result.output
 
 
-def test_one_part_alone_leaves_the_other(place: Place) -> None:
-    assert carry_out(Settings(), place, only=("shape",)).exit_code == 0
-    assert place.folder is not None
-    assert not (place.folder / "omega.json.gz").exists()
-    assert place.page.read_text().count("old") == 1
-
-
 def test_drawing_anew_measures_nothing(place: Place) -> None:
     assert carry_out(Settings(), place).exit_code == 0
     before = {file: file.read_bytes() for file in place.folder.iterdir()} | {place.page: place.page.read_bytes()}
@@ -206,13 +199,6 @@ def test_long_runs_are_written_on_the_way(place: Place, monkeypatch: pytest.Monk
     assert content(place, "omega")["complete"] is True
 
 
-def test_failures_make_the_exit_code(place: Place) -> None:
-    every = replace(STUDY.parts[1], failures=lambda _: ["wrong"])
-    result = carry_out(Settings(), place, replace(STUDY, parts=(every, STUDY.parts[0])))
-    assert result.exit_code == 1
-    assert content(place, "omega")["complete"] is True  # the parts after it are done as well
-
-
 def test_a_page_without_a_place_is_refused_before_anything_is_measured(place: Place) -> None:
     never = Settings(events=((2, forbidden),))
     for text in ("no marker", PAGE.replace("<!-- /shape -->", ""), PAGE + PAGE, PAGE.replace("<!-- shape", "<!-- /shape", 1)):
@@ -223,13 +209,6 @@ def test_a_page_without_a_place_is_refused_before_anything_is_measured(place: Pl
     assert not has_markers("<!-- /a --> <!-- a -->", "a")
 
 
-def test_a_folder_that_cannot_be_written_is_refused(place: Place, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    result = carry_out(Settings(events=((2, forbidden),)), replace(place, folder=tmp_path / "file" / "below"))
-    assert result.exit_code == 2
-    assert "--out" in result.output
-
-
 def test_numbers_and_table_alone(tmp_path: Path) -> None:
     """As commands of one table do: JSON to a file, the table into a page that is there."""
     (tmp_path / "page.md").write_text(PAGE)
@@ -238,19 +217,3 @@ def test_numbers_and_table_alone(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "numbers.json").read_text())["complete"] is True
     assert {file.name for file in tmp_path.iterdir()} == {"numbers.json", "page.md"}
     assert "6 rows." in (tmp_path / "page.md").read_text()
-
-
-def test_what_to_keep_can_be_chosen(place: Place) -> None:
-    assert carry_out(Settings(), place, only=("omega",)).exit_code == 0
-
-    def without_three(values: dict[str, Any]) -> dict[str, Any]:
-        return {"rows": [row for row in values["rows"] if row["elements"] != 3]}
-
-    again = carry_out(Settings(events=((2, forbidden), (5, forbidden))), place, only=("omega",), keep=without_three)
-    assert again.exit_code == 0, again.output
-    assert [row["elements"] for row in content(place, "omega")["rows"]] == [2, 2, 3, 3, 5, 5]
-
-
-def test_measured_values_survive_packing() -> None:
-    measured = Measured({"rows": [1], "more": {"a": 2}}, {"date": "today"}, complete=False)
-    assert STUDY.unpack("x", json.loads(json.dumps(STUDY.pack("x", measured)))) == measured
