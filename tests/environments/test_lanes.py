@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import SHORT, SWEEP, actions, make, vector
+from environment_cases import ADAPTIVE, GAP1, SHORT, SWEEP, V1, actions, make, vector
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
 from impact_env.envs import ENVIRONMENTS
@@ -14,70 +15,49 @@ from impact_env.envs import ENVIRONMENTS
 pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")  # gymnasium says so of everything with a later version
 
 
-@pytest.mark.parametrize("extra", [{}, {"observation_noise": 0.05, "observation_delay": 2, "raw_state": True}])
-@pytest.mark.parametrize("name", ENVIRONMENTS)
-def test_lane_is_the_single_environment_bit_for_bit(name: str, extra: dict[str, Any]) -> None:
-    """Through several episodes, with autoreset: observations, rewards, ends, final observations and all info."""
-    lanes, steps = 5, 40
-    many, singles = vector(name, lanes, **extra), [make(name, **extra) for _ in range(lanes)]
-    observations, infos = many.reset(seed=11)
-    for lane, env in enumerate(singles):
-        observation, info = env.reset(seed=11 + lane)
-        np.testing.assert_array_equal(observations[lane], observation)
-        assert_info(infos, lane, info)
-    ends = 0
-    for action in actions(name, steps, lanes):
-        observations, rewards, terminated, truncated, infos = many.step(action)
-        for lane, env in enumerate(singles):
-            observation, reward, end, cut, info = env.step(action[lane])
-            assert (rewards[lane], terminated[lane], truncated[lane]) == (reward, end, cut)
-            if end or cut:
-                ends += 1
-                assert infos["_final_obs"][lane]
-                assert infos["_final_info"][lane]
-                np.testing.assert_array_equal(infos["final_obs"][lane], observation)
-                assert_info(infos["final_info"], lane, info)
-                observation, info = env.reset()
-            elif "final_obs" in infos:
-                assert not infos["_final_obs"][lane]
-                assert infos["final_obs"][lane] is None
-                assert not infos["final_info"]["_score"][lane]
-            np.testing.assert_array_equal(observations[lane], observation)
-            assert_info(infos, lane, info)
-    assert ends > lanes
+NOISE = {"observation_noise": 0.05, "observation_delay": 2, "raw_state": True}
+CASES = [(name, AutoresetMode.SAME_STEP, NOISE) for name in ENVIRONMENTS]
+CASES += [(name, mode, limit) for name in (V1, ADAPTIVE, GAP1) for mode in AutoresetMode for limit in ({}, {"max_episode_steps": 7})]
 
 
-def assert_info(infos: dict[str, Any], lane: int, info: dict[str, Any]) -> None:
-    for name, value in info.items():
-        assert infos[f"_{name}"][lane]
-        np.testing.assert_array_equal(infos[name][lane], value)
-
-
-@pytest.mark.parametrize("name", ENVIRONMENTS)
-def test_native_vector_agrees_with_gymnasiums_own(name: str) -> None:
-    """The same keys, masks and numbers as SyncVectorEnv with the same autoreset."""
-    lanes = 3
-    own = gymnasium.make_vec(
-        name, num_envs=lanes, vectorization_mode="sync", vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}, **SHORT[name]
-    )
-    native = vector(name, lanes)
-    assert native.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+@pytest.mark.parametrize(("name", "mode", "extra"), CASES)
+def test_native_vector_agrees_with_gymnasiums_own(name: str, mode: AutoresetMode, extra: dict[str, Any]) -> None:
+    """SyncVectorEnv steps single environments one after the other, each under a TimeLimit: keys, masks and numbers are the same, bit for bit."""
+    lanes, ends = 4, 0
+    arguments = SHORT[name] | extra
+    own = gymnasium.make_vec(name, num_envs=lanes, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **arguments)
+    native = vector(name, lanes, autoreset_mode=mode, **extra)
+    assert native.metadata["autoreset_mode"] is mode
     assert native.single_observation_space == own.single_observation_space
     assert native.action_space == own.action_space
     np.testing.assert_array_equal(native.reset(seed=2)[0], own.reset(seed=2)[0])
-    for action in actions(name, 20, lanes):
-        a, b = native.step(action), own.step(action)
-        for mine, theirs in zip(a[:4], b[:4], strict=True):
-            np.testing.assert_array_equal(mine, theirs)
-        assert set(a[4]) == set(b[4])
-        for key, values in b[4].items():
-            if key == "final_info":
-                assert set(a[4][key]) == set(values)
-            elif key == "final_obs":
-                assert [row is None for row in a[4][key]] == [row is None for row in values]
-            else:
-                np.testing.assert_array_equal(a[4][key], values)
-                assert np.asarray(a[4][key]).dtype == np.asarray(values).dtype
+    for action in actions(name, 40, lanes):
+        mine, theirs = native.step(action), own.step(action)
+        for a, b in zip(mine[:4], theirs[:4], strict=True):
+            np.testing.assert_array_equal(a, b)
+        if mode is AutoresetMode.SAME_STEP:
+            assert_infos(mine[4], theirs[4])
+        over = mine[2] | mine[3]
+        ends += int(over.sum())
+        if mode is AutoresetMode.DISABLED and over.any():
+            with pytest.raises(ResetNeeded, match="reset_mask"):
+                native.step(action)
+            again, wanted = (env.reset(options={"reset_mask": over})[0] for env in (native, own))
+            np.testing.assert_array_equal(again[over], wanted[over])
+    assert ends > lanes
+
+
+def assert_infos(mine: dict[str, Any], theirs: dict[str, Any]) -> None:
+    assert set(mine) == set(theirs)
+    for key, values in theirs.items():
+        if key == "final_info":
+            assert_infos(mine[key], values)
+        elif key == "final_obs":
+            for a, b in zip(mine[key], values, strict=True):
+                np.testing.assert_array_equal(a, b)
+        else:
+            np.testing.assert_array_equal(mine[key], values)
+            assert np.asarray(mine[key]).dtype == np.asarray(values).dtype
 
 
 def test_reset_mask_restarts_some_lanes_only() -> None:

@@ -1,17 +1,14 @@
-"""The native vector against a reference that shares no code with it: single environments in a loop, restarted as each mode of autoreset has it."""
+"""Vectors of environments: names of the modes of autoreset, copies, and scenes handed in whole (episodes against SyncVectorEnv: test_lanes.py)."""
 
 import copy
 import pickle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import TimeLimit
 
 import impact_env
 from impact_env import ParameterError
@@ -25,71 +22,6 @@ SHORT: dict[str, Any] = {
     ADAPTIVE: PASSAGE | RUBBING,
     GAP: {"hold": (10.0, 30.0), "time_budget": 60.0, "observation_noise": 0.1, "frequency_ratio": (0.97, 1.03)} | RUBBING,
 }
-LANES = 4
-
-
-class Loop:
-    """Single environments, each under gymnasium's own TimeLimit where one is wanted, with autoreset as the words of gymnasium's page have it."""
-
-    def __init__(self, name: str, mode: AutoresetMode, limit: int | None) -> None:
-        singles = [gymnasium.make(name, **SHORT[name]).unwrapped for _ in range(LANES)]
-        self.envs = [single if limit is None else TimeLimit(single, limit) for single in singles]
-        self.mode, self.over = mode, [False] * LANES
-
-    def reset(self, seed: int) -> np.ndarray:
-        return np.stack([env.reset(seed=seed + i)[0] for i, env in enumerate(self.envs)])
-
-    def step(self, actions: np.ndarray) -> list[tuple[Any, ...]]:
-        """Return (observation, reward, terminated, truncated, info, last observation or None) of each lane."""
-        rows = []
-        for lane, env in enumerate(self.envs):
-            if self.over[lane] and self.mode is AutoresetMode.NEXT_STEP:
-                observation, info = env.reset()
-                rows.append((observation, 0.0, False, False, info, None))
-                self.over[lane] = False
-                continue
-            observation, reward, terminated, truncated, info = env.step(actions[lane])
-            last = None
-            self.over[lane] = terminated or truncated
-            if self.over[lane] and self.mode is AutoresetMode.SAME_STEP:
-                last, (observation, info) = observation, env.reset()
-                self.over[lane] = False
-            rows.append((observation, reward, terminated, truncated, info, last))
-        return rows
-
-
-@pytest.mark.parametrize("limit", [None, 7])
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-@pytest.mark.parametrize("name", SHORT)
-def test_each_mode_is_a_loop_of_single_environments(name: str, mode: AutoresetMode, limit: int | None) -> None:
-    loop = Loop(name, mode, limit)
-    given = {} if limit is None else {"max_episode_steps": limit}
-    native = gymnasium.make_vec(name, num_envs=LANES, autoreset_mode=mode.value, **given, **SHORT[name])
-    assert native.metadata["autoreset_mode"] is mode
-    generator, ends = np.random.default_rng(3), 0
-    np.testing.assert_array_equal(native.reset(seed=5)[0], loop.reset(5))
-    for _ in range(45):
-        actions = generator.uniform(-1, 1, native.action_space.shape).astype(np.float32)
-        rows = loop.step(actions)
-        observations, rewards, terminated, truncated, infos = native.step(actions)
-        for lane, (observation, reward, end, cut, info, last) in enumerate(rows):
-            np.testing.assert_array_equal(observations[lane], observation)
-            assert (rewards[lane], terminated[lane], truncated[lane]) == (reward, end, cut)
-            assert infos["time"][lane] == info["time"]
-            assert infos["score"][lane] == info["score"]
-            if last is not None:
-                np.testing.assert_array_equal(infos["final_obs"][lane], last)
-            ends += end or cut
-        if mode is AutoresetMode.DISABLED and any(loop.over):
-            with pytest.raises(ResetNeeded, match="reset_mask"):
-                native.step(actions)
-            mask = np.array(loop.over)
-            again, _ = native.reset(options={"reset_mask": mask})
-            for lane in np.flatnonzero(mask):
-                np.testing.assert_array_equal(again[lane], loop.envs[lane].reset()[0])
-                loop.over[lane] = False
-    assert ends > 2 * LANES
-    native.close()
 
 
 def test_modes_go_by_name_value_or_enum_and_nothing_else() -> None:
@@ -102,20 +34,6 @@ def test_modes_go_by_name_value_or_enum_and_nothing_else() -> None:
         with pytest.raises(ParameterError, match="max_episode_steps"):
             gymnasium.make_vec(V1, num_envs=1, max_episode_steps=bad)
     assert gymnasium.make_vec(V1, num_envs=1, max_episode_steps=-1).unwrapped.task.limit is None
-
-
-def test_normalize_observation_takes_the_next_step_mode() -> None:
-    from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatistics
-
-    env = NormalizeObservation(RecordEpisodeStatistics(gymnasium.make_vec(V1, num_envs=3, autoreset_mode="NextStep", **SHORT[V1])))
-    env.reset(seed=0)
-    lengths = []
-    for _ in range(40):
-        *_, infos = env.step(np.ones((3, 1), np.float32))
-        if "episode" in infos:
-            lengths += infos["episode"]["l"][infos["_episode"]].tolist()
-    assert len(lengths) >= 9
-    assert max(lengths) == 2  # two per cent at twenty per hundred periods, five periods a step
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["deepcopy", "pickle"])
@@ -164,16 +82,3 @@ def test_any_structure_can_be_used() -> None:
             np.testing.assert_array_equal(x[0], y[0])
             assert x[1] == y[1]
     assert impact_env.Scene is type(scene)
-
-
-def test_videos_can_be_recorded(tmp_path: Path) -> None:
-    pytest.importorskip("moviepy")
-    env = gymnasium.wrappers.RecordVideo(gymnasium.make(V1, render_mode="rgb_array", **SHORT[V1]), str(tmp_path), episode_trigger=lambda _: True)
-    env.reset(seed=0)
-    over = False
-    while not over:
-        *_, end, cut, _ = env.step(np.ones(1, np.float32))
-        over = end or cut
-    env.close()
-    (film,) = tmp_path.glob("*.mp4")
-    assert film.stat().st_size > 1000

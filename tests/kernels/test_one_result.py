@@ -37,13 +37,6 @@ def test_a_study_s_child_and_a_worker_give_the_same(words: list[str]) -> None:
     assert run(*words) == truth()
 
 
-@pytest.mark.nightly  # test_shipped_kernels.py compares a kernel as it is compiled with one that is loaded, too
-def test_a_process_that_compiles_gives_what_one_that_loads_gives(tmp_path: Path) -> None:
-    compiled = run("none", folder=tmp_path)  # another kernel first: what they share was once compiled into them
-    assert compiled == truth()
-    assert run(folder=tmp_path) == compiled
-
-
 def test_a_mixed_batch_gives_the_same_on_any_number_of_threads() -> None:
     alone = run("threads", "1")
     assert [run("threads", "2"), run("threads", "4")] == [alone, alone]

@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from impact_env.parameters import ParameterError
-from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, Monitor, NoConvergenceError
+from impact_env.periodic.branch import CLOSED, COUNT, LIMIT, MINIMUM_STEP, STOPPED, Monitor
 from impact_env.periodic.continuation import Chart, Problem, Steps, both_ways, continuation, switched, walk
 
 Array = np.ndarray
@@ -200,20 +199,3 @@ def test_a_walk_can_be_stopped_and_keeps_what_it_has() -> None:
 
     branch = continuation(Problem(circle), np.array([1.0]), 0.0, progress=interrupt)
     assert (branch.ended, len(branch)) == (STOPPED, 7)
-
-
-def test_bad_input_names_what_is_wrong() -> None:
-    with pytest.raises(ParameterError, match="first = 1"):
-        Steps(first=1.0, most=0.1)
-    with pytest.raises(ParameterError, match="limits"):
-        Problem(circle, limits=(1.0, 0.0))
-    with pytest.raises(ParameterError, match="force = 2"):
-        continuation(Problem(circle, "force", limits=(-1.0, 1.0)), np.array([1.0]), 2.0)
-    with pytest.raises(ParameterError, match="start"):
-        continuation(Problem(circle), np.array([np.nan]), 0.0)
-    with pytest.raises(ParameterError, match="direction"):
-        continuation(Problem(circle), np.array([1.0]), 0.0, 0.0)
-    with pytest.raises(ParameterError, match="residual"):
-        continuation(Problem(lambda z, _: (z, np.eye(1))), np.array([1.0]), 0.0)
-    with pytest.raises(NoConvergenceError):
-        continuation(Problem(circle), np.array([1.0]), 3.0)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from impact_env import Beam, ParameterError, beam_scene, impact_absorber
+from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.drive import Drive, constant_frequency
 from impact_env.periodic.case import case_of, start_from
-from impact_env.periodic.lyapunov import BLOCKS, STRETCH, exponent_of, largest_exponent
+from impact_env.periodic.lyapunov import exponent_of, largest_exponent
 from impact_env.periodic.residence import Approach
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.response import Record
@@ -54,9 +54,3 @@ def test_interval_covers_the_mean_of_independent_growths() -> None:
     drawn = np.random.default_rng(1)
     hits = sum((found := exponent_of(drawn.normal(0.3, 1.0, 400))).low < 0.3 < found.high for _ in range(400))
     assert 0.9 * 400 < hits < 0.985 * 400
-
-
-def test_too_few_periods_are_refused() -> None:
-    scene = beam_scene(Beam(modes=1), impact_absorber())
-    with pytest.raises(ParameterError, match=f"periods = 10 is not allowed: .*{STRETCH * BLOCKS}"):
-        largest_exponent(scene, drive(scene, 1.7, 1.0, 50.0), 10)

@@ -9,18 +9,16 @@ from core import ALL
 from orbit_cases import attractor, high_orbit, many_reversals, one_sided, other_case, paper_case
 from periodic_truth import matched
 
-from impact_env import ParameterError, Record
 from impact_env.periodic.green import NoOrbit, unknowns_of
-from impact_env.periodic.isolas import folds
 from impact_env.periodic.motion import Motion, ShotMotion
 from impact_env.periodic.orbit import Orbit, mirrored, orbit_at, settled
 from impact_env.periodic.orbit_branches import GRAZING, orbit_branch
 from impact_env.periodic.passage import passage
-from impact_env.periodic.schedule import Regime, flying_schedule
+from impact_env.periodic.schedule import Regime
 from impact_env.periodic.shooting import shot
-from impact_env.periodic.survey import closed_form_orbits, initial_of, orbit_of_simulation, orbits_over, same, state_after
+from impact_env.periodic.survey import closed_form_orbits, initial_of, orbit_of_simulation, same, state_after
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
-from impact_env.periodic.validation import BAR, map_over, propagated, residual_of, validate
+from impact_env.periodic.validation import BAR, map_over, propagated, validate
 
 # --- the exact method as the judge --------------------------------------------------------------------------------------------------
 
@@ -72,22 +70,6 @@ def test_multipliers_are_those_of_disturbed_runs(k: int) -> None:
         columns.append((map_over(orbit.motion, start, state + step) - map_over(orbit.motion, start, state - step)) / (4e-7 * unit))
     truth = np.linalg.eigvals(np.array(columns).T)
     assert matched(orbit.stability.multipliers, truth) < 1e-6 * max(1.0, float(np.max(np.abs(truth))))
-
-
-def test_a_disturbance_of_an_orbit_dies_or_grows_as_its_multipliers_say() -> None:
-    """Over a hundred spans beside a stable orbit, and over six beside one that is unstable; the largest multiplier of both is real."""
-    for orbit, spans in ((many_reversals(), 100), (high_orbit(paper_case(1, 0.93, 1.5, 0.75)), 6)):
-        largest = abs(orbit.stability.multipliers[0])
-        start, first = orbit.motion.mid_flight()
-        state = first.copy()
-        state[-1] += 1e-7 * orbit.case.gap * orbit.case.omega
-        sizes = []
-        for _ in range(spans):
-            state = map_over(orbit.motion, start, state)
-            sizes.append(float(np.linalg.norm(state - first)))
-        rate = (sizes[-1] / sizes[len(sizes) // 2 - 1]) ** (1 / (len(sizes) - len(sizes) // 2))
-        assert rate == pytest.approx(largest, rel=0.02)
-        assert (rate < 1) == orbit.stability.stable
 
 
 def test_mirrored_orbits_are_a_pair_and_a_symmetric_one_its_own() -> None:
@@ -199,27 +181,6 @@ def test_a_motion_that_is_no_orbit_fails_its_trial() -> None:
     object.__setattr__(motion.solution, "phases", motion.solution.phases + np.array([0.0, 1e-3]))
     validation = validate(motion)
     assert validation.reason is not None
-
-
-def test_the_residual_is_measured_where_nothing_happens() -> None:
-    orbit = many_reversals()
-    response, start = propagated(orbit.motion, Record(level=False, events=True))
-    assert residual_of(orbit.motion, response, start + orbit.schedule.turn) == orbit.residual
-    assert np.min(np.abs(np.mod(orbit.solution.phases - start, np.pi))) > 1e-3
-
-
-def test_bad_input_is_named() -> None:
-    case = paper_case(1, 0.93, 1.5, 0.75)
-    with pytest.raises(ParameterError, match=r"^frequency range = "):
-        folds(case, 1.0, 0.9)
-    with pytest.raises(ParameterError, match=r"^ratios = "):
-        list(orbits_over(case, np.array([1.0, 0.9])))
-    with pytest.raises(ParameterError, match=r"^most_multiple = "):
-        orbit_of_simulation(case, most_multiple=0)
-    with pytest.raises(ParameterError, match=r"^periods = "):
-        orbit_of_simulation(case, settle=0)
-    with pytest.raises(ParameterError, match=r"^start = "):
-        orbit_at(case, flying_schedule([-1, 1], False), [0.0, 1.0, 2.0])
 
 
 def test_a_branch_ends_where_the_absorber_grazes_a_wall() -> None:

@@ -5,13 +5,12 @@ import pytest
 import scipy.stats
 
 from impact_env import Beam, ParameterError, beam_scene, impact_absorber
-from impact_env.ensemble import Lane, draw_members, each_lane
+from impact_env.ensemble import draw_members
 from impact_env.periodic.case import case_of
 from impact_env.periodic.jump import Jumps, Range, hazard, jumps
 from impact_env.periodic.residence import Approach, ExitRate, Stays, exit_rate, first_silence, hold, passage, stay_of, stays
 from impact_env.periodic.stationary import Criteria, Kind, Window, classify, envelope, longest_pause, modulation_depth, stationary_members
 from impact_env.periodic.survey import closed_form_orbits
-from studies.regimes.measured import strip_scene
 
 PERIODS = 60
 
@@ -222,37 +221,6 @@ def test_jump_is_predicted_without_a_fit() -> None:
         assert found.high is not None
         assert abs(found.high - found.jumped) <= 4
     assert found.share < 0.5
-
-
-def test_strip_loses_its_impacts_too() -> None:
-    scene = strip_scene()
-    approach = Approach(scene.model.resonance_omega(1), 1.0)
-    phases = np.linspace(0, 6, 24).tolist()
-    slow, none = (exit_rate(stays(scene, 0.75, approach, ratio, 2000, phases), 100) for ratio in (0.98, 1.0))
-    assert slow.exits >= 5  # 17 to 19 over six sets of phases
-    assert none.rate < slow.low
-
-
-def test_result_does_not_depend_on_the_number_of_threads() -> None:
-    scene, approach = paper()
-    one, two = (stays(scene, 1.5, approach, 0.97, 600, [0.0, 1.0, 2.0, 3.0, 4.0], threads=n) for n in (1, 3))
-    np.testing.assert_array_equal(one.durations, two.durations)
-    np.testing.assert_array_equal(one.ended, two.ended)
-
-
-def test_interrupt_leaves_none_in_lanes_that_were_not_run() -> None:
-    scene, approach = paper()
-    done = []
-
-    def measure(lane: Lane) -> int:
-        if len(done) == 2:
-            raise KeyboardInterrupt
-        done.append(lane)
-        return len(done)
-
-    lanes = [Lane(scene, hold(approach, 1.5, 0.97, 10, phase)) for phase in range(5)]
-    assert each_lane(lanes, measure, threads=1)[:2] == [1, 2]
-    assert each_lane(lanes, measure, threads=1)[0] is None
 
 
 def test_approach_and_passage_go_where_they_should() -> None:

@@ -140,15 +140,3 @@ def test_branches_without_end_are_left_with_a_word(monkeypatch: pytest.MonkeyPat
     groups = list(all_orbits_over(case, np.array([0.93, 0.936]), settle=False))
     assert any("there are more" in refused.reason for group in groups for refused in group.refused)
     assert any(not orbit.schedule.symmetric for group in groups for orbit in group.orbits)
-
-
-def test_ctrl_c_in_a_branch_yields_what_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stopped(*_: object, **__: object) -> object:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(offspring, "orbit_branch", stopped)
-    case, found = Case(MODEL, FIRST, 1.5, restitution=0.75), []
-    with pytest.raises(KeyboardInterrupt):
-        found += all_orbits_over(case, np.array([0.92, 0.93]))
-    assert [group.case.omega_ratio for group in found] == pytest.approx([0.92, 0.93])
-    assert all(orbit.schedule.symmetric for group in found for orbit in group.orbits)

@@ -22,7 +22,7 @@ from impact_env import (
     linear_sweep,
     simulate,
 )
-from impact_env.curve import DOWN, UP, CurveCase, PerformanceCurve, performance_curve, performance_curves, quantiles
+from impact_env.curve import CurveCase, PerformanceCurve, performance_curve, performance_curves, quantiles
 from impact_env.ensemble import PERTURBATION, Lane, LaneLevels, Members, draw_members, run_lanes
 
 T = TypeVar("T")
@@ -87,15 +87,6 @@ def test_a_kind_leaves_the_other_part_as_it_is() -> None:
         draw_members(2, 0, "neither")
 
 
-def test_members_make_drives() -> None:
-    schedule = some_lanes()[0].drive.schedule
-    drives = Members([0.0, 1.0], [1.0, 1.5]).drives(2.0, schedule, 0.25)
-    assert [(drive.amplitude, drive.phase) for drive in drives] == [(2.0, 0.25), (3.0, 1.25)]
-    assert all(drive.schedule is schedule for drive in drives)
-    with pytest.raises(ParameterError, match="members"):
-        Members([0.0, 1.0], [1.0])
-
-
 @pytest.mark.parametrize("threads", [1, 3])
 def test_interrupt_keeps_what_is_finished(threads: int) -> None:
     lanes, told = some_lanes() * 40, []  # so many that other threads cannot finish them before the interrupt arrives
@@ -114,21 +105,6 @@ def test_interrupt_keeps_what_is_finished(threads: int) -> None:
     for partial, full in zip(rows(levels), rows(whole), strict=True):
         np.testing.assert_array_equal(partial[done], full[done])
         assert np.isnan(partial[~done]).all()
-
-
-def test_second_interrupt_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(_done: int, _total: int) -> None:
-        raise KeyboardInterrupt
-
-    shutdown = ensemble.ThreadPoolExecutor.shutdown
-
-    def stop_again(self: ensemble.ThreadPoolExecutor, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        shutdown(self, wait, cancel_futures=cancel_futures)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(ensemble.ThreadPoolExecutor, "shutdown", stop_again)
-    with pytest.raises(KeyboardInterrupt):
-        run_lanes(some_lanes(), progress=stop)
 
 
 def test_failing_lane_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,12 +131,6 @@ def test_bad_input_is_refused_before_anything_runs(monkeypatch: pytest.MonkeyPat
         draw_members(0, 0)
     with pytest.raises(ParameterError, match="seed = -1"):
         draw_members(2, -1)
-
-
-def test_no_lanes_are_done_at_once() -> None:
-    levels = run_lanes([])
-    assert levels.complete
-    assert levels.level.shape == (0,)
 
 
 class Elsewhere:
@@ -236,16 +206,6 @@ def test_curve_holds_the_single_runs(scene: object) -> None:
         assert curve.lanes.max_tip[k, m, d] == pytest.approx(run.max_tip, rel=tolerance, abs=0)
         if FORCES[k] > 0:
             assert curve.lanes.frequency_ratio[k, m, d] == pytest.approx(run.frequency_ratio, rel=1e-9)
-
-
-def test_directions_and_resonance_of_a_case() -> None:
-    case = CurveCase(NONE, FORCES, 2)
-    up, down = case.schedules()
-    omega = NONE.model.omega[1]
-    np.testing.assert_allclose(up.omegas / omega, [0.9, 1.06])
-    np.testing.assert_allclose(down.omegas / omega, [1.06, 0.9])
-    assert up.periods == pytest.approx(1600)
-    assert (UP, DOWN) == (0, 1)
 
 
 def test_rate_of_a_case_follows_the_damping_of_its_resonance() -> None:

@@ -1,8 +1,6 @@
 """What a first use from Python tells: one line after a second of compiling, wherever stderr goes, and nothing in a warm run."""
 
 import os
-import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +8,7 @@ from pathlib import Path
 import pytest
 from places import ROOT, SUPPORT
 
-from impact_env import Beam, Drive, Record, beam_scene, constant_frequency, friction_damper, impact_absorber, impact_absorbers, simulate, warm_up
+from impact_env import Beam, Drive, Record, beam_scene, constant_frequency, friction_damper, impact_absorber, impact_absorbers, simulate
 from impact_env.kernels.exact.rigid import exact_lane
 from impact_env.modes import modal_model
 from impact_env.periodic.case import Case
@@ -22,12 +20,6 @@ from impact_env import Beam, Drive, beam_scene, constant_frequency, first_use, s
 first_use.PATIENCE = 0.3  # s: the smallest kernel is compiled in a few seconds
 scene = beam_scene(Beam(modes=2))
 simulate(scene, Drive(1.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 3.0)))
-"""
-WARM_UP = """
-from impact_env import first_use, warm_up
-first_use.PATIENCE = 0.3
-warm_up.ABSORBERS = {"linear scenes": lambda: None}
-warm_up.main([], lambda line: None)
 """
 SMALL = """
 import time
@@ -147,23 +139,6 @@ def test_callbacks_are_told_of_our_kernels_until_they_are_taken_out(tmp_path: Pa
     assert error.count("ValueError: a callback of one's own") == 2
 
 
-def test_the_page_s_example_runs(tmp_path: Path) -> None:
-    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "installation.md").read_text(encoding="utf-8"), re.DOTALL)
-    first, second = without_a_terminal(f"{example}{SMALL}end()\nkernel(3)(1)\n", tmp_path)[0][::2]
-    assert first == second == "the kernels of: a scene, a method: started after 0.0 s"
-
-
-def test_nothing_is_told_where_the_caller_tells(first_use: tuple[Path, str], tmp_path: Path) -> None:
-    """With a folder in which the kernel that calls all others is missing."""
-    folder = tmp_path / "kernels"
-    shutil.copytree(first_use[0], folder)
-    lanes = list(folder.rglob("linear.linear_lane*"))
-    assert len(lanes) == 2  # an index and a kernel
-    for file in lanes:
-        file.unlink()
-    assert on_a_terminal(WARM_UP, folder) == ""
-
-
 def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
     scene = beam_scene(Beam(modes=2))
     assert repr(scene) == "Scene(2 modes, no absorber)"
@@ -207,32 +182,3 @@ def test_the_shortest_trial_has_the_kernels_of_trials() -> None:
     known = list(exact_lane.signatures)
     assert any(found.orbits for found in orbits_over(case, [0.95, 0.96]))
     assert exact_lane.signatures == known
-
-
-def test_every_variant_is_compiled_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(warm_up, "ABSORBERS", {"linear scenes": lambda: None})
-    lines: list[str] = []
-    assert warm_up.main([], lines.append) == 0
-    assert len(lines) == len(warm_up.RECORDS) + 1
-    assert all(line.rstrip().endswith(" s") for line in lines[:-1])
-
-
-def test_environments_take_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("gymnasium")
-    assert [name for name, _ in warm_up.environments()] == list(warm_up.ENVIRONMENTS)
-    monkeypatch.setattr(warm_up, "ENVIRONMENTS", ["ImpactAbsorber/Passive-v0"])
-    lines: list[str] = []
-    assert warm_up.main(["environments"], lines.append) == 0
-    assert "Passive" in lines[0]
-
-
-def test_other_words_are_refused() -> None:
-    lines: list[str] = []
-    assert warm_up.main(["everything"], lines.append) == 2
-    assert "everything is not allowed" in lines[0]
-
-
-def test_all_is_the_main_job_and_more() -> None:
-    names = [name for name, _ in warm_up.everything()]
-    assert len(set(names)) == len(names)
-    assert {name for name, _ in warm_up.main_job() + warm_up.environments()} < set(names)

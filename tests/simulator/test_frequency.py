@@ -53,13 +53,6 @@ def test_receptance_is_the_dense_solution(model: ModalModel, absorber: TunedAbso
         np.testing.assert_allclose(tip_response(model, absorber, OMEGA), dense, rtol=1e-11)
 
 
-def test_shapes_follow_omega(model: ModalModel) -> None:
-    grid = OMEGA[:6].reshape(2, 3)
-    assert tip_response(model, TUNED, grid).shape == receptance(model, grid, model.tip_shape, model.tip_shape).shape == (2, 3)
-    assert tip_response(model, TUNED, 100.0).shape == ()
-    assert tip_response(model, TUNED, grid)[1, 2] == pytest.approx(complex(tip_response(model, TUNED, float(grid[1, 2]))), rel=1e-14)
-
-
 def test_static_response_does_not_feel_the_absorber(model: ModalModel) -> None:
     static = np.sum(model.tip_shape * model.force_shape / model.omega**2)
     for absorber in (None, TUNED, STUCK):
@@ -144,15 +137,6 @@ def test_unwrapped_lag_counts_the_turns() -> None:
     assert np.max(np.abs(phase_lag(history))) <= np.pi
 
 
-def test_rest_has_no_phase() -> None:
-    still = sines(0.0)
-    rest = History(
-        still.time, still.modal_displacement, still.modal_velocity, np.full_like(still.time, 2e-3), still.absorber_velocity, still.tip_shape
-    )
-    with pytest.raises(ParameterError, match="absorber_displacement"):
-        phase_lag(rest)
-
-
 def test_tuned_absorber_lags_by_its_transfer_function() -> None:
     scene = beam_scene(Beam(modes=2, damping_ratio=0.1), TunedAbsorber())
     absorber, mass = scene.absorber, scene.absorber_mass
@@ -180,13 +164,3 @@ def test_conservative_run_keeps_the_sum_of_energies() -> None:
     np.testing.assert_allclose(energy.total, stored_energy(scene, start.vector(scene)), rtol=1e-10)
     assert np.ptp(energy.absorber_share) > 0.01
     assert np.all((energy.absorber_share >= 0) & (energy.absorber_share < 1))
-
-
-def test_resting_scene_without_absorber_has_no_energy() -> None:
-    scene = beam_scene(Beam(modes=2))
-    drive = Drive(0.0, constant_frequency(float(scene.model.omega[0]), 1.0, 3))
-    history = simulate(scene, drive, record=ALL).history
-    assert history is not None
-    energy = mechanical_energy(scene, history)
-    np.testing.assert_array_equal(energy.total, 0)
-    np.testing.assert_array_equal(energy.absorber_share, 0)

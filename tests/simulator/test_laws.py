@@ -27,12 +27,11 @@ from impact_env import (
 )
 from impact_env.envs.settings import Settings
 from impact_env.families.family import compiled
-from impact_env.laws import CONCEPTS, FRICTION, WALLS, argument, entry, make, values
+from impact_env.laws import argument, entry, make, values
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.plain import from_scene, to_scene
 from optimisation.cli.sweep_scene import OPTIONS, SCENE_OPTIONS, make_absorber
-from optimisation.variables import VARIABLES
 
 GIVEN: dict[str, dict[str, Any]] = {
     "impact": {"mass_ratio": 0.03, "gap": 2e-3, "restitution": 0.8, "friction_limit": 0.2},
@@ -60,11 +59,6 @@ def test_one_vocabulary(name: str) -> None:
         plain = {"beam": {"modes": 2}, "absorber": {"kind": concept, **given}}
         assert to_scene(plain).absorber == absorber
         assert from_scene(to_scene(plain))["absorber"] == plain["absorber"]
-
-
-def test_names_of_designs_are_those_of_the_table() -> None:
-    for concept in ("impact", "friction", "tuned"):
-        assert {variable.name for variable in VARIABLES[concept]} - {"position"} <= set(CONCEPTS[concept])
 
 
 def test_what_is_not_in_the_table_is_an_error() -> None:
@@ -110,14 +104,6 @@ def test_an_older_form_is_read_with_a_notice() -> None:
     assert scene.absorber == make("impact", given)
     with pytest.warns(FutureWarning, match="stiffness_n_m"):
         assert to_scene({"absorber": {"kind": "tuned", "stiffness_n_m": 600.0}}).absorber == make("tuned", {"stiffness": 600.0})
-
-
-def test_every_law_of_a_group_is_known_by_a_name_of_its_own() -> None:
-    for laws in (WALLS, FRICTION):
-        marks = [law.mark for law in laws]
-        assert marks[0] is None
-        assert len(set(marks)) == len(laws)
-        assert all(law.mark in law.keys for law in laws[1:])
 
 
 def yielding(velocity: float, method: Any = None, restitution: float = 0.9) -> Response:

@@ -73,14 +73,6 @@ def test_numbers_of_the_paper() -> None:
     assert model.pseudo_period(2) == pytest.approx(2 * np.pi / model.omega[1])
 
 
-def test_receptance_at_the_peak_is_the_papers() -> None:
-    model = modal_model(Beam())
-    grid = np.linspace(0.99, 1.01, 20001)[:, None] * model.omega[0]
-    shapes = model.force_shape * model.tip_shape
-    peak = np.max(np.abs(np.sum(shapes / (model.omega**2 - grid**2 + 2j * model.damping_ratio * model.omega * grid), axis=1)))
-    assert peak == pytest.approx(1.28115e-3, rel=1e-5)
-
-
 def test_frequencies_converge_with_the_fourth_power_of_the_elements() -> None:
     errors = [modal_model(Beam(elements=n, modes=3)).omega[2] / cantilever_omega(Beam(), 3) - 1 for n in (4, 8, 16)]
     assert all(3.5 < order < 4.5 for order in np.diff(-np.log2(errors)))
@@ -121,26 +113,12 @@ def test_shapes_at_any_position(position: float) -> None:
     np.testing.assert_array_equal(force, absorber)
 
 
-def test_force_at_the_twelfth_node() -> None:
-    beam = Beam()
-    row = deflection_row(beam, 0.4)
-    expected = np.zeros(60)
-    expected[2 * 11] = 1.0
-    np.testing.assert_allclose(row, expected, atol=1e-12)
-
-
 def test_overrides() -> None:
     plain = modal_model(Beam(modes=3))
     changed = modal_model(Beam(modes=3, modal_frequency_ratio={2: 2.5, 3: 0.5}, damping_ratio=(0.0, 0.1, 2.0)))
     np.testing.assert_allclose(changed.omega / plain.omega[0], [1, 2.5, 0.5], rtol=1e-14)
     np.testing.assert_array_equal(changed.damping_ratio, [0.0, 0.1, 2.0])
     np.testing.assert_array_equal(changed.tip_shape, plain.tip_shape)
-
-
-def test_models_are_read_only() -> None:
-    model = modal_model(Beam())
-    with pytest.raises(ValueError, match="read-only"):
-        model.omega[0] = 1.0
 
 
 def test_a_cavity_without_clearance_is_a_stuck_absorber_and_an_infinite_one_is_none() -> None:
@@ -225,15 +203,6 @@ def test_each_pair_is_in_the_table_or_refused(name: str, method: Method) -> None
 def test_the_table_has_no_row_that_no_scene_meets() -> None:
     assert {(scene(name).kind, type(method)) for name, method in EVERY} >= set(FAMILIES)
     assert {scene(name).kind for name in ABSORBERS} == set(SceneKind)
-
-
-def test_a_derived_method_is_the_one_that_it_is_derived_from() -> None:
-    class Finer(Moreau):
-        pass
-
-    assert family(scene("both"), Finer()) is family(scene("both"), Moreau())
-    with pytest.raises(ParameterError, match="compliant contact"):
-        family(scene("springs"), Finer())
 
 
 def test_linear_scenes_are_those_whose_response_goes_with_the_force() -> None:

@@ -2,8 +2,6 @@ import json
 import math
 import re
 import tomllib
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,7 +36,6 @@ from impact_env.envs.settings import Settings
 from impact_env.laws import CONCEPTS
 from impact_env.parameters import Absorber, friction_law
 from impact_env.plain import from_drive, from_method, from_scene, to_beam, to_drive, to_method, to_scene
-from impact_env.plain_files import read_plain
 from optimisation.designs import design_space
 
 INF, NAN = math.inf, math.nan
@@ -119,20 +116,6 @@ def test_random_scenes_come_back_bit_for_bit() -> None:
         for plain in (from_scene(scene), from_scene(scene, beam)):
             assert_same(to_scene(through_json(plain)), scene)
         assert to_beam(through_json(from_scene(scene, beam))) == beam
-
-
-def test_random_several_absorbers_come_back_bit_for_bit() -> None:
-    rng = np.random.default_rng(8)
-    for _ in range(100):
-        beam, n = replace(random_beam(rng), absorber_position=1.0), int(rng.integers(2, 5))
-        every = [
-            SlidingAbsorber(*rng.uniform(0.01, 1, 1), RigidWalls(*rng.uniform(0.01, 1, 2)), CoulombFriction(rng.random() + 0.1)) for _ in range(n)
-        ]
-        every[0] = replace(every[0], walls=None)
-        every[1] = replace(every[1], friction=None)
-        scene = beam_scene(beam, SeveralAbsorbers(tuple(every), tuple(rng.uniform(0.1, 1, n))))
-        for plain in (from_scene(scene), from_scene(scene, beam)):
-            assert_same(to_scene(through_json(plain)), scene)
 
 
 def test_a_model_of_any_structure_comes_back() -> None:
@@ -224,17 +207,6 @@ def test_no_friction_is_a_limit_of_zero_everywhere() -> None:
             friction_law(limit)
 
 
-def test_a_damper_without_friction_is_nothing() -> None:
-    for make in (
-        lambda: friction_damper(0),
-        lambda: friction_damper(0.0, friction_stiffness=1e4),
-        lambda: Settings(absorber="friction", absorber_options={"friction_limit": 0}),
-        lambda: design_space("friction", ["mass_ratio"], fixed={"friction_limit": 0}),
-    ):
-        with pytest.raises(ParameterError, match=r"friction limit = 0.* is not allowed: above 0 for a friction damper: without friction"):
-            make()
-
-
 def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 
@@ -265,11 +237,3 @@ def test_page_names_every_key_with_its_default() -> None:
     keys = {*model["model"], *model["absorber"], *model["absorber"]["absorbers"][0], "share", *from_drive(Drive(1.0, linear_sweep(1.0)))}
     keys |= {name for concept in CONCEPTS.values() for name in concept} | {"steps_per_contact"}
     assert keys <= described, keys - described
-
-
-def test_files_are_toml_or_json(tmp_path: Path) -> None:
-    wanted = {"beam": {"modes": 2}}
-    for name, text in (("a.toml", "[beam]\nmodes = 2\n"), ("a.json", '{"beam": {"modes": 2}}'), ("A.JSON", '{"beam": {"modes": 2}}')):
-        (tmp_path / name).write_text(text)
-        assert read_plain(tmp_path / name) == wanted
-        assert read_plain(str(tmp_path / name)) == wanted

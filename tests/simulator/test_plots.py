@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from impact_env import Beam, Drive, Exact, ParameterError, PerformanceCurve, Response, beam_scene, constant_frequency, linear_sweep
+from impact_env import Beam, Drive, Exact, PerformanceCurve, Response, beam_scene, constant_frequency, linear_sweep
 from impact_env.ensemble import LaneLevels, draw_members
 from impact_env.level import ResponseLevel
 from impact_env.response import Envelope, History
@@ -53,16 +53,6 @@ def test_a_curve_is_drawn_as_median_and_band_in_mm() -> None:
     assert len(axes.lines) == 2
 
 
-def test_a_curve_says_what_it_is() -> None:
-    level = np.full((3, 2, 2), 1e-3)
-    level[2] *= 4
-    assert repr(curve(level)) == "PerformanceCurve(3 forces from 1 to 3 N, 2 members, each up and down, median level 1 to 4 mm)"
-    level[:, 1] = np.nan
-    assert "not all of them made" in repr(curve(level))
-    assert "no level yet" in curve(np.full((1, 1, 2), np.nan))._repr_html_()
-    assert "<td" in curve(level)._repr_html_()
-
-
 def test_a_sweeps_envelope_is_drawn_over_the_frequency() -> None:
     schedule = linear_sweep(OMEGA, 0.9, 1.1, 10)
     motion = history(40_000, float(schedule.times[-1]))
@@ -86,11 +76,6 @@ def test_at_a_constant_frequency_it_is_drawn_over_time() -> None:
     assert {0.25, 0.75} == set(corners[:, 0])
     assert [corners[:, 1].min(), corners[:, 1].max()] == [-2.0, 3.0]
     assert axes.get_xlabel() == "time in s"
-
-
-def test_without_a_motion_nothing_is_drawn() -> None:
-    with pytest.raises(ParameterError, match=r"Record\(series=True\)"):
-        response(constant_frequency(OMEGA, 1.0, 4.0)).plot()
 
 
 def test_a_response_shows_its_numbers_and_no_markup_of_others() -> None:

@@ -119,12 +119,6 @@ def test_partial_curves_only_gain_points() -> None:
     assert parts[-1].all()
 
 
-def test_a_linear_scene_runs_one_force_in_passes() -> None:
-    scene = beam_scene(BEAM, TunedAbsorber())
-    ((_, curve),) = curve_passes(CurveCase(scene, FORCES, percent_per_100_periods=FAST), [Pass()])
-    np.testing.assert_array_equal(curve.level, performance_curve(scene, FORCES, members=1, percent_per_100_periods=FAST).level)
-
-
 @pytest.mark.parametrize("way", ["stop", "close"])
 def test_passes_end_at_a_stop_and_with_their_reader(way: str) -> None:
     case = CurveCase(SCENE, np.linspace(0.5, 5.0, 24), percent_per_100_periods=0.002)  # minutes, if nothing stops it
@@ -139,11 +133,6 @@ def test_passes_end_at_a_stop_and_with_their_reader(way: str) -> None:
         at[:] = [time.monotonic()]
         passes.close()
     assert time.monotonic() - at[0] < 2.0
-
-
-def test_passes_refuse_what_runs_refuse() -> None:
-    with pytest.raises(ParameterError, match="method = RungeKutta"):
-        list(curve_passes(CurveCase(SCENE, FORCES), [Pass()], method=RungeKutta()))
 
 
 def test_an_envelope_and_a_window_are_those_of_the_samples() -> None:
@@ -161,13 +150,6 @@ def test_an_envelope_and_a_window_are_those_of_the_samples() -> None:
         assert (part.envelope.low[k], part.envelope.high[k]) == (mine.min(), mine.max())
     assert part.level == whole.level
     assert simulate(SCENE, drive, record=Record(events=True, envelope=3)).history is None
-
-
-def test_an_envelope_is_that_of_the_levels_place() -> None:
-    scene = beam_scene(Beam(modes=3, absorber_position=0.6, response_position=1.0), impact_absorber())
-    response = simulate(scene, drive_of(3.0, 0.98, 1.02, periods=30), record=Record(events=True, envelope=5, series=True))
-    end = response.history.modal_displacement @ modal_model(Beam(modes=3)).tip_shape
-    assert (response.envelope.low.min(), response.envelope.high.max()) == pytest.approx((end.min(), end.max()), rel=1e-12)
 
 
 def test_shapes_along_a_beam_are_those_of_its_model() -> None:

@@ -22,8 +22,7 @@ from impact_env.frequency import receptance, tip_response
 from impact_env.loads import BASE, Loads, Samples
 from impact_env.modes import ModalModel, matrices
 from impact_env.parameters import ParameterError, impact_absorber
-from impact_env.plain import from_scene, to_scene
-from impact_env.plain_files import read_plain
+from impact_env.plain import from_scene
 from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.structure import load_structure
@@ -225,16 +224,6 @@ def test_modal_mass_and_complex_modes_of_a_universal_file(tmp_path: Path) -> Non
         np.testing.assert_allclose(model.damping_ratio, 0.01, rtol=1e-4)
 
 
-def test_several_absorbers_on_matrices(tmp_path: Path) -> None:
-    chain(tmp_path)
-    plain = read_plain(written(tmp_path, "matrices", **MATRICES | {"absorber": [1, 2], "response": 0}))
-    several = {"kind": "several", "absorbers": [{"position": 0.5}, {"position": 1.0}]}
-    scene = to_scene(plain | {"absorber": several}, tmp_path)
-    assert scene.absorber_shapes.shape == (2, 3)
-    np.testing.assert_allclose(np.abs(scene.model.tip_shape), np.abs(scene.model.force_shape))
-    assert to_scene(from_scene(scene)).model.omega.tobytes() == scene.model.omega.tobytes()
-
-
 def test_a_suspended_beam_runs_and_keeps_its_energy() -> None:
     beam = Beam(ends="free-free", suspension_frequency=2.0, absorber_position=1.0, force_position=0.0)
     scene = beam_scene(beam, impact_absorber(restitution=0.7, friction_limit=0.05))
@@ -267,17 +256,6 @@ def test_a_wrong_beam_is_one_error_with_file_and_key(tmp_path: Path, text: str, 
     path.write_text(BEAM + text + "\n")
     with pytest.raises(ParameterError, match=r"beam.toml: " + message):
         load_structure(path)
-
-
-def test_a_structure_must_be_said(tmp_path: Path) -> None:
-    path = tmp_path / "beam.toml"
-    for text, message in (
-        ("", "a file with one of the tables"),
-        ("[beam]\nlength_m = 1.0\n", "the keys bending_stiffness_n_m2, mass_per_length_kg_m must"),
-    ):
-        path.write_text(text)
-        with pytest.raises(ParameterError, match=f"beam.toml.*{message}"):
-            load_structure(path)
 
 
 NAN = float("nan")
@@ -531,16 +509,6 @@ def test_a_constant_acceleration_bends_as_a_weight_does(form: str, tmp_path: Pat
 def test_a_free_absorber_stays_behind_by_its_share(tmp_path: Path) -> None:
     chain(tmp_path)
     assert pushed(read(tmp_path, SHARES), gap=100.0)[1] == pytest.approx(-0.5 * ACCELERATION / 2, rel=1e-9)
-
-
-def test_shapes_that_are_turned_take_their_participation_along(tmp_path: Path) -> None:
-    """Signs of modes are free: what a base does at the absorber is not."""
-    mass, stiffness = chain(tmp_path)
-    model = read(tmp_path, SHARES)
-    assert model.base_participation is not None
-    assert np.all(model.tip_shape >= 0)
-    static = float(np.sum(model.base_participation * model.tip_shape / model.omega**2))
-    assert static == pytest.approx(np.linalg.solve(stiffness, mass @ SHARES)[1])
 
 
 BAD = {
