@@ -21,12 +21,13 @@ Array = NDArray[np.float64]
 
 # what a lane can be measured by; the order is that of the columns
 LEVEL, STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, DAMAGE = "level", "stroke", "impact_power", "impact_speed", "friction_heat", "damage"
-IMPACT_RATE, RMS, ACCELERATION, STRESS = "impact_rate", "rms", "acceleration", "stress"
+IMPACT_RATE, IMPACT_RMS, RMS, ACCELERATION, STRESS = "impact_rate", "impact_rms_speed", "rms", "acceleration", "stress"
 MEASURES = {
     LEVEL: "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end; of loads the measure that belongs to them",
     STROKE: "largest distance of the absorber from the middle of its cavity in m",
     IMPACT_POWER: "energy lost in impacts over the sweep, per second, in W",
     IMPACT_SPEED: "largest relative velocity before an impact in m/s",
+    IMPACT_RMS: "root of the mean square of the relative velocities before impacts in m/s",
     FRICTION_HEAT: "energy lost in dry friction over the sweep, per second, in W, from the mean relative speed at the samples",
     DAMAGE: "sum over the rainflow cycles of the bending moment at the clamp, or of a modal model's stress, to the power of the fatigue exponent",
     IMPACT_RATE: "impacts per second over the sweep",
@@ -34,7 +35,7 @@ MEASURES = {
     STRESS: "largest bending moment at the clamp in N m, or of a modal model's stress in the file's unit",
     RMS: "root of the mean square of the free end's displacement in m over the second half of the run",
 }
-_OF_IMPACTS = {IMPACT_POWER, IMPACT_SPEED, IMPACT_RATE}
+_OF_IMPACTS = {IMPACT_POWER, IMPACT_SPEED, IMPACT_RMS, IMPACT_RATE}
 _OF_SAMPLES = {STROKE, FRICTION_HEAT, DAMAGE, RMS, ACCELERATION, STRESS}
 
 
@@ -105,6 +106,8 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
         assert impacts is not None
         if name == IMPACT_SPEED:
             return float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
+        if name == IMPACT_RMS:
+            return float(np.sqrt(np.mean(impacts.relative_velocity**2))) if len(impacts.time) else 0.0
         total = float(np.sum(impacts.energy_lost)) if name == IMPACT_POWER else float(len(impacts.time))
         return total / float(response.drive.schedule.times[-1])
     assert history is not None

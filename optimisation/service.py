@@ -20,14 +20,15 @@ from impact_env.scene import Scene
 from optimisation.designs import Design
 from optimisation.evaluation import Progress, measured_chunks
 from optimisation.insight import SHOWN, levels, over_force
-from optimisation.measures import FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_SPEED, LEVEL, RMS, STROKE, Chunk
+from optimisation.measures import ACCELERATION, FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_RMS, IMPACT_SPEED, LEVEL, RMS, STROKE, Chunk
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.units import parts_of
 from optimisation.variables import DAMPING, FRICTION_LIMIT, GAP, RESTITUTION, STIFFNESS, WITH_IMPACTS
 
 Array = NDArray[np.float64]
-WATCHED = (IMPACT_SPEED, IMPACT_RATE, IMPACT_POWER, FRICTION_HEAT, STROKE)
+WATCHED_ANYWHERE = (FRICTION_HEAT, STROKE, ACCELERATION)
+WATCHED = (IMPACT_SPEED, IMPACT_RMS, IMPACT_RATE, IMPACT_POWER, *WATCHED_ANYWHERE)
 OF_BEAM = ("damping ratio", "frequency")
 # what a number may be off by: a share of it, a difference, or a factor either way
 TOLERANCES = {
@@ -108,10 +109,10 @@ def _run(problem: Problem, every: list[list[Chunk]], members: int, executor: Exe
     return [_worse(problem, found[start:stop], members) for start, stop in pairwise(ends)]
 
 
-def _watched(problem: Problem, design: Design, executor: Executor, progress: Progress | None) -> tuple[dict[str, Array], Array]:
-    """Return the quantiles of what is watched, and the median level in m, (C,)."""
+def watched(problem: Problem, design: Design, executor: Executor, progress: Progress | None = None) -> tuple[dict[str, Array], Array]:
+    """Return `Service.watched` of a design on fresh members, and the median level in m, (C,)."""
     ensemble = problem.fresh_ensemble(problem.members, SHOWN)
-    names = (LEVEL, *(WATCHED if design.concept in WITH_IMPACTS else (FRICTION_HEAT, STROKE)))
+    names = (LEVEL, *(WATCHED if design.concept in WITH_IMPACTS else WATCHED_ANYWHERE))
     (found,) = _run(problem, [_chunks(problem, design, {}, ensemble, names)], len(ensemble), executor, progress)
     bands = np.quantile(found, (BAND[0], 0.5, BAND[1]), axis=0)
     return {name: bands[:, :, k] for k, name in enumerate(names) if name != LEVEL}, np.asarray(bands[1, :, 0])
@@ -175,8 +176,8 @@ def service(
     What a run has a part in that the integrator gives up is NaN. Raises ParameterError for numbers out of range.
     """
     few, many, problem = count("members", members, 1), count("draws", draws, 1), replace(problem, uncertain={})
-    watched, level = _watched(problem, design, executor, progress)
+    seen, level = watched(problem, design, executor, progress)
     forces = _served(problem, design, few, executor, progress)
     single, joint = _tolerated(problem, design, few, many, executor, progress)
     lasting = lasting_levels(problem, design, executor, progress)
-    return Service(problem.conditions, watched, forces, single, joint, level, lasting)
+    return Service(problem.conditions, seen, forces, single, joint, level, lasting)

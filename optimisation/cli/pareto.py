@@ -39,7 +39,7 @@ from optimisation.problem import Problem
 from optimisation.report.card import write_card
 from optimisation.report.cards import front_card
 from optimisation.report.front_tables import Front, front_columns, front_rows, front_summary, front_text
-from optimisation.search.pareto import CORNER, FORCES, bounds_of, compare_with_random, judge_front, search_front
+from optimisation.search.pareto import CORNER, FORCES, borne_along, bounds_of, compare_with_random, judge_front, search_front
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
 
 RESONANCES, SEVERITY = "resonances", "severity"
@@ -72,7 +72,7 @@ def study(problem: Problem, given: dict[str, Any], journal: Path, executor: Exec
     settings = default_settings(problem, given["sampler"], given["batch"], given["seed"])
     front = search_front(problem, settings, designs, CORNERS[given["against"]], journal, executor)
     if front.finished and front.index:
-        front = judge_front(front, executor)
+        front = borne_along(judge_front(front, executor), executor)
         front = compare_with_random(front, settings, given["random_seeds"], executor) if given["random_seeds"] else front
     return front
 

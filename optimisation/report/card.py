@@ -1,20 +1,24 @@
 """A card: what an answer says on one screen, as text, JSON and one HTML file whose curves tell their values where one points.
 
-The HTML asks for nothing beside itself: its policy forbids every request, its curves are drawn by its own few lines of script, and it prints.
+The HTML asks for nothing beside itself: its policy forbids every request. Its curves are drawn by the script of the explorer's page, which it holds
+with uPlot, and printed as vectors.
 """
 
 import html
 import json
 import math
+import re
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from optimisation.files import replacing, write_json
 
 Json = dict[str, object]
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito
-ASSETS = Path(__file__).with_name("card.html")
+COLOURS, MARKED = 7, 60  # colours in card.html; a curve of fewer points shows them
+FRAME = Path(__file__).with_name("card.html")
+ASSETS = Path(__file__).parents[1] / "explore/assets"
+SHARED = ("uplot-LICENSE.txt", "uplot.css", "uplot.js", "figure.js")
 
 
 @dataclass(frozen=True)
@@ -101,10 +105,26 @@ def page(card: Card) -> str:
         cells = "".join(f"<tr><th>{html.escape(row.label)}</th><td>{html.escape(row.text)}</td></tr>" for row in rows)
         parts.append(f"<section><h2>{html.escape(heading)}</h2><table>{cells}</table></section>")
     parts.append("</div>")
-    charts = [asdict(chart) | {"colours": COLOURS} for chart in card.charts]
-    data = json.dumps(charts, allow_nan=False).replace("<", "\\u003c")
-    frame = ASSETS.read_text(encoding="utf-8")
-    return frame.replace("{{title}}", html.escape(card.title)).replace("{{body}}", "\n".join(parts)).replace("{{charts}}", data)
+    data = json.dumps([_figure(chart) for chart in card.charts], allow_nan=False).replace("<", "\\u003c")
+    filled = {"title": html.escape(card.title), "body": "\n".join(parts), "charts": data}
+    filled |= {name: (ASSETS / name).read_text(encoding="utf-8") for name in SHARED}
+    return re.sub(r"\{\{([\w.-]+)\}\}", lambda found: filled[found[1]], FRAME.read_text(encoding="utf-8"))
+
+
+def _figure(chart: Chart) -> Json:
+    """Return a chart as figure.js draws it."""
+    lines, areas = list[Json](), list[Json]()
+    for k, curve in enumerate(chart.curves):
+        order = sorted((i for i, x in enumerate(curve.x) if x is not None), key=lambda i: curve.x[i])  # type: ignore[arg-type, return-value]
+        x, y, low, high = (
+            [None if v is None or (log and v <= 0) else v for v in (values[i] for i in order if values)]
+            for values, log in ((curve.x, chart.log_x), (curve.y, chart.log_y), (curve.low, chart.log_y), (curve.high, chart.log_y))
+        )
+        own: Json = {"name": curve.name, "colour": f"c{k % COLOURS}", "x": x}
+        lines.append(own | {"y": y, "width": 0 if curve.points else 2, "points": curve.points or len(x) < MARKED, "hollow": curve.points})
+        areas += [own | {"low": low, "high": high, "strength": 0.2}] if low else []
+    axes: Json = {"x": {"label": chart.x, "short": chart.x, "log": chart.log_x}, "y": {"label": chart.y, "log": chart.log_y}}
+    return axes | {"title": chart.title, "lines": lines, "areas": areas, "marks": [{"name": name, "x": at} for name, at in chart.marks]}
 
 
 def write_card(folder: Path, card: Card) -> list[Path]:

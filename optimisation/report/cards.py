@@ -4,8 +4,9 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from impact_env.frequency import tip_response
+from impact_env.frequency import coupled_receptance, tip_response
 from impact_env.parameters import Absorber, SlidingAbsorber, TunedAbsorber
 from optimisation.comparison import IMPACT, NONE, Comparison, ResonanceComparison
 from optimisation.designs import VARIABLES
@@ -17,12 +18,13 @@ from optimisation.report.card import Card, Chart, Curve, Row, numbers
 from optimisation.report.card_rows import NO_DEVICE, assumed_rows, between, borne_rows, device_rows, mass_rows, rival_rows
 from optimisation.report.design_tables import PAPER, WINNER, compared, condition_values, kept, limit
 from optimisation.report.front_tables import Front
-from optimisation.report.service_tables import service_pairs
+from optimisation.report.service_tables import borne_pairs, service_pairs
 from optimisation.search.result import Findings
 from optimisation.sweep_rate import LEAST_RATIO
-from optimisation.tuned.table import TuningTable
+from optimisation.tuned.table import MINIMAX, TuningTable
 from optimisation.variables import MASS_RATIO
 
+Array = NDArray[np.float64]
 MM = 1e3
 POINTS = 601  # of a curve over the frequency
 
@@ -77,7 +79,7 @@ def _comparison_chart(part: ResonanceComparison, labels: dict[str, str], name: s
 
 
 def tuning_card(table: TuningTable, bounds: dict[str, float]) -> Card:
-    """Return all tunings with their peaks, and the amplitude over the frequency."""
+    """Return all tunings with their peaks, what the one with the smallest peak bears, and the amplitude over the frequency."""
     rows, curves = [], []
     ratios = np.unique(np.concatenate([np.linspace(table.low, table.high, POINTS), [t.peak_ratio for t in table.tunings]]))
     for tuning in table.tunings:
@@ -89,7 +91,30 @@ def tuning_card(table: TuningTable, bounds: dict[str, float]) -> Card:
         curves.append(Curve(tuning.label, numbers(ratios), numbers(amplitude)))
     assumed = (*mass_rows(table.mass_ratio, table.model), *assumed_rows(table.model, (table.resonance,), None))
     chart = Chart("Amplitude", "frequency over the resonance's", "% of the peak without absorber", tuple(curves), log_y=True)
-    return Card("Tuned absorbers of one mass", (("Tunings", tuple(rows)), ("Assumptions", assumed)), (chart,))
+    borne = [
+        ("What the tuning of the smallest peak bears under 1 N", _borne_tuned(table, t.absorber, ratios))
+        for t in table.tunings
+        if t.key == MINIMAX and t.absorber
+    ]
+    return Card("Tuned absorbers of one mass", (("Tunings", tuple(rows)), *borne, ("Assumptions", assumed)), (chart,))
+
+
+def _borne_tuned(table: TuningTable, absorber: TunedAbsorber, ratios: Array) -> tuple[Row, ...]:
+    """Return the largest stationary stroke, speed, accelerations and loss of a tuned absorber under 1 N at frequencies over the resonance's."""
+    model, omega, mass = table.model, ratios * table.omega, absorber.mass_ratio * table.model.beam_mass
+    place = coupled_receptance(model, absorber, omega, model.tip_shape, model.force_shape)
+    stroke = place * mass * omega**2 / (absorber.stiffness + 1j * omega * absorber.damping - mass * omega**2)
+    speed, accelerations = omega * np.abs(stroke), (np.abs(omega**2 * q) for q in (place + stroke, tip_response(model, absorber, omega)))
+    absorbers, structures = (float(values.max()) for values in accelerations)
+    return (
+        Row("stroke of the absorber, to either side", MM * float(np.abs(stroke).max()), "mm"),
+        Row("largest relative speed", float(speed.max()), "m/s"),
+        Row("RMS relative speed", float(speed.max()) / math.sqrt(2), "m/s"),
+        Row("power lost in the damper", 1e3 * absorber.damping * float(speed.max()) ** 2 / 2, "mW"),
+        Row("largest acceleration of the absorber", absorbers, "m/s^2"),
+        Row("largest acceleration of the structure", structures, "m/s^2"),
+        Row("under other forces", "in proportion to the force, the power to its square"),
+    )
 
 
 def findings_card(found: Findings) -> Card:
@@ -157,7 +182,7 @@ def _over_force(part: Levels) -> Chart:
 
 
 def front_card(found: Front) -> Card:
-    """Return the designs of a front, and all that were tried."""
+    """Return the designs of a front, what some of them bear, and all that were tried."""
     problem, names = found.problem, [o.label for o in found.problem.objectives]
     rows = [
         Row(
@@ -170,6 +195,10 @@ def front_card(found: Front) -> Card:
     parts = [("tried", found.told), ("on the front", found.members)]
     curves = [Curve(name, numbers(e.score.values[0] for e in part), numbers(e.score.values[1] for e in part), points=True) for name, part in parts]
     assumed = (*_assumed(problem), Row("searched", f"{found.cost.designs} designs, {found.cost.runs} runs"))
-    return Card(
-        " against ".join(names), (("Front", tuple(rows)), ("Assumptions", assumed)), (Chart("Front", names[0], names[1], tuple(curves)),), warnings
-    )
+    borne = [
+        (f"What design {number} bears, {condition.words}", tuple(Row(*pair) for pair in borne_pairs(seen, c)))
+        for number, seen in found.borne
+        for c, condition in enumerate(problem.conditions)
+    ]
+    groups = (("Front", tuple(rows)), *borne, ("Assumptions", assumed))
+    return Card(" against ".join(names), groups, (Chart("Front", names[0], names[1], tuple(curves)),), warnings)

@@ -23,7 +23,8 @@ class Front:
     """A study of two objectives: all designs, the indices of those not dominated, and these and the paper's design on fresh members.
 
     ``corner`` is what hypervolumes refer to, ``volume`` that of the front as the search saw it; ``against`` has seed, hypervolume of the method and
-    of a random search with the same budget, both of their fronts run again on fresh members.
+    of a random search with the same budget, both of their fronts run again on fresh members. ``borne``: `Service.watched` of some designs, by
+    their number.
     """
 
     problem: Problem
@@ -36,6 +37,7 @@ class Front:
     fresh: list[Judged] | None = None
     paper: Judged | None = None
     against: tuple[tuple[int, float, float], ...] = ()
+    borne: tuple[tuple[int, dict[str, Array]], ...] = ()
 
     @property
     def fresh_volume(self) -> float | None:

@@ -6,17 +6,19 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from optimisation.measures import FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_SPEED, STROKE
+from optimisation.measures import ACCELERATION, FRICTION_HEAT, IMPACT_POWER, IMPACT_RATE, IMPACT_RMS, IMPACT_SPEED, STROKE
 from optimisation.service import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Service
 from optimisation.units import parts_of
 
 Json = dict[str, object]
 WORDS = {
-    IMPACT_SPEED: ("impact speed", "m/s", 1.0),
+    IMPACT_SPEED: ("largest impact speed", "m/s", 1.0),
+    IMPACT_RMS: ("RMS impact speed", "m/s", 1.0),
     IMPACT_RATE: ("impacts", "1/s", 1.0),
     IMPACT_POWER: ("power lost in impacts (wear)", "mW", 1e3),
     FRICTION_HEAT: ("friction heat", "mW", 1e3),
     STROKE: ("stroke from the middle", "mm", 1e3),
+    ACCELERATION: ("largest acceleration of the structure", "m/s^2", 1.0),
 }
 
 
@@ -49,12 +51,17 @@ def service_summary(found: Service) -> Json:
     return {"tolerances": {name: _range_of(name) for name in found.single}, "conditions": rows}
 
 
-def service_pairs(found: Service, c: int) -> Iterator[tuple[str, str]]:
-    """Yield what is known under a condition, by its index: name, and value in words."""
-    for name, values in found.watched.items():
+def borne_pairs(watched: dict[str, NDArray[np.float64]], c: int) -> Iterator[tuple[str, str]]:
+    """Yield what a design bears under a condition, by its index (`Service.watched`): name, and median with band in words."""
+    for name, values in watched.items():
         word, unit, scale = WORDS[name]
         low, middle, high = (f"{scale * x:.3g}" for x in values[:, c])
         yield word, f"{middle} {unit} ({low} to {high})"
+
+
+def service_pairs(found: Service, c: int) -> Iterator[tuple[str, str]]:
+    """Yield what is known under a condition, by its index: name, and value in words."""
+    yield from borne_pairs(found.watched, c)
     low, high = found.forces[:, c]
     yield "halves the level at least from", "no force: not at this one" if math.isnan(low) else f"{low:.3g} to {high:.3g} N"
     for name, values in found.single.items():

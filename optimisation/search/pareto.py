@@ -17,6 +17,7 @@ from optimisation.search.find import BARS, searched
 from optimisation.search.judge import judged
 from optimisation.search.settings import NSGA2, RANDOM, SAMPLERS, Settings, default_settings
 from optimisation.search.told import hypervolume, nondominated
+from optimisation.service import watched
 
 FORCES = ((1, 3.5), (2, 15.0))  # in N: each the design force of its resonance for one gap would leave nothing to trade
 BY_RESONANCE = (Objective(resonance=1), Objective(resonance=2))
@@ -40,6 +41,15 @@ def judge_front(front: Front, executor: Executor) -> Front:
     with runs_bar("front on fresh members") as show:
         *fresh, paper = judged(problem, [*designs, problem.space.paper], problem.fresh_ensemble(2 * problem.members, 0), executor, show)
     return replace(front, fresh=fresh, paper=paper)
+
+
+def borne_along(front: Front, executor: Executor) -> Front:
+    """Run what is best for either objective, and the middle of the front, for what they bear."""
+    chosen, borne = [front.members[k] for k in sorted({0, len(front.index) // 2, len(front.index) - 1})], []
+    for one in chosen:
+        with runs_bar(f"what design {one.number} bears") as show:
+            borne.append((one.number, watched(replace(front.problem, uncertain={}), one.design, executor, show)[0]))
+    return replace(front, borne=tuple(borne))
 
 
 def compare_with_random(front: Front, settings: Settings, seeds: int, executor: Executor) -> Front:

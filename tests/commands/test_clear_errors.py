@@ -167,6 +167,10 @@ def test_front_is_written_and_compared(pareto: ModuleType, tmp_path: Path, again
     assert content["seeds_won_against_random"] == (won if compared else None)
     assert (f"in {won} of 2 seeds" in result.stdout) == bool(compared)
     assert all(set(entry) == {"seed", "method", "random"} for entry in content["against_random"])
+    groups = json.loads((folder / "card.json").read_text())["groups"]
+    borne = [{row["label"]: row["value"] for row in rows} for heading, rows in groups.items() if "bears" in heading]
+    assert len(borne) == len({0, len(scores) // 2, len(scores) - 1}) * len(content["problem"]["conditions"])
+    assert all({"largest impact speed", "RMS impact speed", "stroke from the middle", "power lost in impacts (wear)"} < set(one) for one in borne)
 
 
 def test_limit_is_that_of_the_free_end_for_any_place_and_any_number_of_cavities() -> None:

@@ -116,6 +116,10 @@ def test_service_of_an_impact_absorber_on_another_beam() -> None:
     assert half["stroke"] == pytest.approx(design.values["gap"], rel=1e-3)
     # power, rate and speed hang together: an impact loses at most half the reduced mass times (1 - e^2) times the fastest speed squared
     mass = 0.02 * problem.model.beam_mass
+    assert 0 < half["impact_rms_speed"] < half["impact_speed"]
+    assert (
+        half["acceleration"] > np.sqrt(2) * found.level[0] * problem.model.omega[0] ** 2 * 0.8
+    )  # harmonic part, at 0.9 times the frequency at least
     assert half["impact_power"] < half["impact_rate"] * 0.5 * mass * (1 - 0.7**2) * half["impact_speed"] ** 2
     assert 0.3 * without < found.lasting[0] / found.level[0] * without < 3 * without
     text = "\n".join(service_lines(found))
@@ -132,7 +136,7 @@ def test_numbers_that_are_off_are_off_as_told() -> None:
     # a friction damper under the same force: frequencies times s mean displacements over s^2, exactly
     assert low * 0.95**2 == pytest.approx(high * 1.05**2, rel=1e-4)
     assert "gap" not in found.single
-    assert set(found.watched) == {"friction_heat", "stroke"}
+    assert set(found.watched) == {"friction_heat", "stroke", "acceleration"}
 
 
 def test_constant_force_settles_before_it_is_watched() -> None:

@@ -9,6 +9,7 @@ function range(figure, axis) {
   for (const line of own.length ? own : figure.lines) found.push(...line[axis]); // what stands beside is cut off where it leaves
 
   for (const area of figure.areas ?? []) found.push(...(axis === "x" ? area.x : [...area.low, ...area.high]));
+  if (axis === "x") found.push(...(figure.marks ?? []).filter((mark) => mark.name).map((mark) => mark.x));
   const good = found.filter((v) => v !== null && wanted(v));
   if (!good.length) return figure[axis].log ? [0.1, 10] : [0, 1];
   let low = Infinity, high = -Infinity;
@@ -67,8 +68,9 @@ function above(figure) {
       for (const t of figure.ticks) { const at = u.valToPos(t, "x", true); c.moveTo(at, top + height); c.lineTo(at, top + height - 10 * ratio); }
       c.stroke(); c.globalAlpha = 1;
     }
-    for (const mark of figure.marks ?? []) {
+    for (const [k, mark] of (figure.marks ?? []).entries()) {
       const at = u.valToPos(mark.x, "x", true);
+      if (mark.name) { c.fillStyle = style("text"); c.font = `${12 * ratio}px system-ui`; c.textAlign = "left"; c.fillText(mark.name, at + 4 * ratio, top + (12 + 14 * k) * ratio); }
       c.strokeStyle = style("text"); c.lineWidth = ratio; c.setLineDash([2 * ratio, 3 * ratio]); c.beginPath(); c.moveTo(at, top); c.lineTo(at, top + height); c.stroke(); c.setLineDash([]);
       if (mark.y) { c.fillStyle = style("text"); c.beginPath(); c.arc(at, u.valToPos(mark.y, "y", true), 4 * ratio, 0, 7); c.fill(); }
     }
@@ -105,10 +107,10 @@ export class Plot {
       splits: (_, __, low, high) => steps(low, high, of.log), filter: (_, splits) => splits });
     const scale = (name) => ({ time: false, distr: figure[name].log ? 3 : 1, range: () => range(this.figure, name) });
     this.plot = new uPlot({
-      width: this.box.clientWidth, height: this.#height(), scales: { x: scale("x"), y: scale("y") }, axes: [axis(figure.x), axis(figure.y)],
+      pxAlign: 0, width: this.box.clientWidth, height: this.#height(), scales: { x: scale("x"), y: scale("y") }, axes: [axis(figure.x), axis(figure.y)],
       series: [{ label: figure.x.short, value: (_, v) => digits(v) }, ...figure.lines.map((l) => ({
         label: l.name, stroke: style(l.colour), width: l.width ?? 1.5, dash: l.dash, spanGaps: true, alpha: l.faint ? 0.75 : 1,
-        points: { show: Boolean(l.points), size: 6, fill: l.hollow ? style("panel") : style(l.colour) }, value: (_, v) => digits(v),
+        points: { show: Boolean(l.points), size: 6, fill: l.hollow ? style("panel") : style(l.colour) }, value: (u, v, _, at) => digits(v) + bandAt(this.figure, l.name, u.data[0][at]),
       }))],
       padding: [8, null, null, null], cursor: { drag: { x: false, y: false }, focus: { prox: 20 } }, legend: { live: true },
       hooks: { drawClear: [(u) => below(this.figure)(u)], draw: [(u) => above(this.figure)(u)] },
@@ -123,12 +125,17 @@ export class Plot {
   recolour() { this.shape = null; if (this.figure) this.draw(this.figure); }
 }
 
+function bandAt(figure, name, x) {
+  const area = figure.areas?.find((a) => a.name === name), k = area ? area.x.indexOf(x) : -1;
+  return k < 0 ? "" : ` (${digits(area.low[k])} to ${digits(area.high[k])})`;
+}
+
 const escaped = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
 
 function steps(low, high, log) {
-  if (log) {
-    const all = [];
-    for (let e = Math.floor(Math.log10(low)); e <= Math.log10(high); e++) for (const m of [1, 2, 5]) if (m * 10 ** e >= low && m * 10 ** e <= high) all.push(m * 10 ** e);
+  if (log && high > 3 * low) {
+    const all = [], shown = high > 1e3 * low ? [1] : high > 8 * low ? [1, 2, 5] : [1, 1.5, 2, 3, 4, 5, 7];
+    for (let e = Math.floor(Math.log10(low)); e <= Math.log10(high); e++) for (const m of shown) if (m * 10 ** e >= low && m * 10 ** e <= high) all.push(m * 10 ** e);
     return all;
   }
   const raw = (high - low) / 6, unit = 10 ** Math.floor(Math.log10(raw)), step = unit * [1, 2, 5, 10].find((m) => m * unit >= raw), all = [];
@@ -141,7 +148,16 @@ export function svgOf(figure, width = 900, height = 560) {
   const place = (v, low, high, log) => (log ? Math.log(v / low) / Math.log(high / low) : (v - low) / (high - low));
   const X = (v) => (box.left + box.width * place(v, x0, x1, figure.x.log)).toFixed(2), Y = (v) => (box.top + box.height * (1 - place(v, y0, y1, figure.y.log))).toFixed(2);
   const trace = (xs, ys) => { let d = "", down = false; xs.forEach((x, k) => { const ok = x !== null && ys[k] !== null && (!figure.y.log || ys[k] > 0); if (ok) d += `${down ? "L" : "M"}${X(x)} ${Y(ys[k])}`; down = ok || (down && !figure.broken); }); return d; };
-  const parts = [`<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${height}" width="${width}" height="${height}" font-family="sans-serif" font-size="12" fill="${style("text")}">`,
+  const legend = [];
+  let at = box.left, low = height - 10;
+  for (const line of figure.lines) {
+    const length = 34 + 6.6 * line.name.length;
+    if (at > box.left && at + length > width) { at = box.left; low += 18; }
+    const own = line.width === 0 ? `<circle cx="${at + 9}" cy="${low - 4}" r="3" fill="none"` : `<path d="M${at} ${low - 4}h18" stroke-width="2" ${line.dash ? `stroke-dasharray="${line.dash.join(" ")}"` : ""}`;
+    legend.push(`${own} stroke="${style(line.colour)}"/><text x="${at + 22}" y="${low}">${escaped(line.name)}</text>`);
+    at += length;
+  }
+  const parts = [`<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${low + 10}" width="${width}" height="${low + 10}" font-family="sans-serif" font-size="12" fill="${style("text")}">`,
     `<rect width="100%" height="100%" fill="${style("panel")}"/><text x="${box.left}" y="24" font-size="15">${escaped(figure.title)}</text>`,
     `<clipPath id="c"><rect x="${box.left}" y="${box.top}" width="${box.width}" height="${box.height}"/></clipPath>`];
   for (const v of steps(x0, x1, figure.x.log)) parts.push(`<path d="M${X(v)} ${box.top}v${box.height}" stroke="${style("grid")}"/><text x="${X(v)}" y="${box.top + box.height + 16}" text-anchor="middle">${digits(v)}</text>`);
@@ -154,11 +170,11 @@ export function svgOf(figure, width = 900, height = 560) {
   }
   for (const h of figure.levels ?? []) parts.push(`<path d="M${box.left} ${Y(h.y)}h${box.width}" stroke="${style(h.colour)}" stroke-dasharray="6 4"/>`);
   for (const line of [...figure.lines, ...(figure.branches ?? [])]) parts.push(`<path d="${trace(line.x, line.y)}" stroke="${style(line.colour)}" stroke-width="${line.width ?? 1.5}" ${line.dash ? `stroke-dasharray="${line.dash.join(" ")}"` : ""} opacity="${line.faint ? 0.75 : 1}"/>`);
+  for (const line of figure.lines.filter((l) => l.points)) line.x.forEach((x, k) => { if (line.y[k] !== null) parts.push(`<circle cx="${X(x)}" cy="${Y(line.y[k])}" r="3" stroke="${style(line.colour)}" fill="${style(line.hollow ? "panel" : line.colour)}"/>`); });
   if (figure.ticks) parts.push(`<path d="${figure.ticks.map((t) => `M${X(t)} ${box.top + box.height}v-10`).join("")}" stroke="${style("absorber")}" opacity=".4"/>`);
-  for (const mark of figure.marks ?? []) parts.push(`<path d="M${X(mark.x)} ${box.top}v${box.height}" stroke="${style("text")}" stroke-dasharray="2 3"/>`);
+  for (const [k, mark] of (figure.marks ?? []).entries()) parts.push(`<path d="M${X(mark.x)} ${box.top}v${box.height}" stroke="${style("text")}" stroke-dasharray="2 3"/>${mark.name ? `<text x="${X(mark.x)}" dx="4" y="${box.top + 12 + 14 * k}" fill="${style("text")}">${escaped(mark.name)}</text>` : ""}`);
   parts.push("</g>");
-  let at = box.left;
-  for (const line of figure.lines) { parts.push(`<path d="M${at} ${height - 14}h18" stroke="${style(line.colour)}" stroke-width="2" ${line.dash ? `stroke-dasharray="${line.dash.join(" ")}"` : ""}/><text x="${at + 22}" y="${height - 10}">${escaped(line.name)}</text>`); at += 34 + 6.6 * line.name.length; }
+  parts.push(...legend);
   return `${parts.join("")}</svg>`;
 }
 

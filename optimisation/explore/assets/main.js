@@ -209,7 +209,7 @@ function drawCurve() {
   if (rough.length) lines.push(scaled(curveLine(rough, "rough", which, { colour: "tip", width: 1, dash: [3, 4], points: true, hollow: true })));
   lines.push(scaled(curveLine(fine, table.concepts[values.concept], which, { colour: "tip", width: 2, points: true })));
   const sorted = fine.filter(([, p]) => p.low !== null).sort((a, b) => a[0] - b[0]), card = known.card && shown.card === number ? known.card : null;
-  const areas = which === "both" && sorted.length > 1 && known.curve && sorted.some(([, p]) => p.members > 1) ? [{ name: "5 to 95 %", colour: "band", x: sorted.map(([f]) => f * per), low: sorted.map(([f, p]) => shownAs(f, p.low)), high: sorted.map(([f, p]) => shownAs(f, p.high)) }] : [];
+  const areas = which === "both" && sorted.length > 1 && known.curve && sorted.some(([, p]) => p.members > 1) ? [{ name: table.concepts[values.concept], colour: "band", x: sorted.map(([f]) => f * per), low: sorted.map(([f, p]) => shownAs(f, p.low)), high: sorted.map(([f, p]) => shownAs(f, p.high)) }] : [];
   const mark = values[values.load], what = label.toLowerCase();
   plots.curve.draw({ title: `${levels} over ${what}, ${table.concepts[values.concept]}`, x: { label: `${what} in ${unit}`, short: `${what}, ${unit}`, log: true }, y: { label: relative ? `${levels} in % of no absorber` : `${levels} in mm`, log: true }, lines, areas,
     marks: Number.isFinite(mark) && mark > 0 ? [{ x: mark * per, y: card && which === "both" && card.force === mark ? shownAs(card.force, card.level) : null }] : [] });
