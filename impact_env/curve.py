@@ -293,13 +293,14 @@ def curve_passes(
     threads: int | None = None,
     samples_per_period: int = DEFAULT_SAMPLES,
     measure: Measure | None = None,
+    both_ways: bool = True,
 ) -> Generator[tuple[Pass, PerformanceCurve], None, None]:
     """Yield (pass, curve so far) while a curve is computed, rough first: ``Pass(4, 5.0)``, then ``Pass()``, then ``Pass(members=8)``, say.
 
     A curve has the forces of its pass, NaN where a run is missing; the last one of a pass has all, the numbers of `performance_curve` at that rate. A
     run that an earlier pass has made is not made again. What ``stop`` or the iterator's ``close()`` ends stays NaN, and nothing follows. ``measure``
-    takes the place of the response level: of a lane and an order to stop it makes the numbers of `LaneLevels`. Raises ParameterError and
-    IntegrationError as `simulate` does.
+    takes the place of the response level: of a lane and an order to stop it makes the numbers of `LaneLevels`. ``both_ways`` False:
+    the load is the same up and down, as a random one is, and each run stands for both. Raises ParameterError and IntegrationError as `simulate` does.
     """
     instance("case", case, CurveCase), instance("stop", stop, Stop | None)
     passes, method = [instance("passes", one, Pass) for one in listed("passes", passes)], Exact() if method is None else method
@@ -312,7 +313,7 @@ def curve_passes(
         try:
             for one in passes:
                 found = known.setdefault(one.faster, {})
-                yield from ((one, curve) for curve in _one_pass(case, one, drawn, of, pool, found))
+                yield from ((one, curve) for curve in _one_pass(case, one, drawn, of, pool, found, (UP, DOWN if both_ways else UP)))
                 if order.given:
                     return
         finally:
@@ -328,12 +329,16 @@ def _one_pass(
     measure: Callable[[Lane], tuple[float, ...]],
     pool: ThreadPoolExecutor,
     found: dict[_Run, tuple[float, ...]],
+    ways: tuple[int, int],
 ) -> Iterator[PerformanceCurve]:
-    """Make the runs of a pass that ``found`` has no level of, coarse grids of forces first, and yield the curve now and then, and at the end."""
+    """Make the runs of a pass that ``found`` has no level of, coarse grids of forces first, and yield the curve now and then, and at the end.
+
+    ``ways``: whose run up and down are.
+    """
     total, linear = len(case.forces), case.scene.kind is SceneKind.LINEAR
     here = np.unique(np.linspace(0, total - 1, min(one.forces or total, total)).round().astype(int))
     schedules = replace(case, percent_per_100_periods=one.faster * case.percent_per_100_periods).schedules()
-    wanted = [(int(k), m, d) for m in range(one.members) for k in ([0] if linear else here[_spread(len(here))]) for d in (UP, DOWN)]
+    wanted = [(int(k), m, d) for m in range(one.members) for k in ([0] if linear else here[_spread(len(here))]) for d in dict.fromkeys(ways)]
 
     def run(which: _Run) -> None:
         k, m, d = which
@@ -343,7 +348,7 @@ def _one_pass(
         values = np.full((6, len(here), one.members, 2), np.nan)
         for k, force in enumerate(here):
             for m, d in np.ndindex(one.members, 2):
-                values[:, k, m, d] = found.get((0 if linear else int(force), m, d), np.nan)
+                values[:, k, m, d] = found.get((0 if linear else int(force), m, ways[d]), np.nan)
         if linear:
             values[[0, 3]] *= case.forces[here][:, None, None]
         level, at, ratio, tip, impacts, stuck = values

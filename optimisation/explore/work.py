@@ -112,7 +112,7 @@ class Work:
 
     def passes(self, case: CurveCase, passes: Sequence[Pass], stop: Stop) -> Generator[tuple[Pass, PerformanceCurve], None, None]:
         """Return `curve_passes` by the load's measure."""
-        return curve_passes(case, passes, stop, measure=self.loading.measure)
+        return curve_passes(case, passes, stop, measure=self.loading.measure, both_ways=self.loading.swept)
 
     @cached_property
     def loads(self) -> Loads | None:

@@ -166,6 +166,17 @@ def test_a_bad_value_is_told_beside_its_control(browser: Any, address: str) -> N
     page.close()
 
 
+def test_two_tabs_have_their_own_settings(browser: Any, address: str) -> None:
+    pages = [opened(browser, address)[0] for _ in range(2)]
+    pages[1].select_option("#concept", "tuned")
+    for page, concept in zip(pages, ("impact", "tuned"), strict=True):
+        finished(page)
+        assert page.locator("#concept").input_value() == concept
+        assert f"{concept} absorber" in page.locator("#card .note").inner_text()
+    for page in pages:
+        page.close()
+
+
 def test_advice_sets_the_controls(browser: Any, address: str) -> None:
     page, wrong = opened(browser, address)
     finished(page)

@@ -110,6 +110,19 @@ def test_passes_end_with_the_numbers_of_the_curve() -> None:
     np.testing.assert_array_equal(last[passes[0]].forces, [0.5, 2.0, 4.0])
 
 
+def test_a_load_without_a_direction_is_run_once() -> None:
+    case, runs = CurveCase(SCENE, FORCES, limits=(0.98, 1.02), percent_per_100_periods=FAST), []
+
+    def measure(lane: Lane, stop: Stop) -> tuple[float, ...]:
+        runs.append((lane, stop))
+        return (lane.drive.amplitude * len(runs), *5 * [0.0])
+
+    *_, (_, curve) = curve_passes(case, [Pass(), Pass(members=2)], threads=1, measure=measure, both_ways=False)
+    assert len(runs) == 2 * len(FORCES)
+    assert curve.complete
+    np.testing.assert_array_equal(curve.level[..., 0], curve.level[..., 1])
+
+
 def test_partial_curves_only_gain_points() -> None:
     case = CurveCase(SCENE, np.linspace(0.5, 5.0, 12))
     parts = [~np.isnan(curve.level) for _, curve in curve_passes(case, [Pass(members=2)])]
