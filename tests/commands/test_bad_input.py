@@ -23,7 +23,6 @@ GIVEN = {  # files that lie in the folder of the call
     "bad.toml": "[beam]\nlength = 2\n",
     "other/jumps.json.gz": '{"part": "cost", "rows": []}',
     "paper/paper/jump.json.gz": '{"rows": []}',
-    "numbers/design_rule.json.gz": "{}",
 }
 GIVEN_BYTES = {name: gzip.compress(text.encode(), mtime=0) if name.endswith(".gz") else text.encode() for name, text in GIVEN.items()}
 NOWHERE = "--json = nowhere/a.json is not allowed: a file in a folder that exists"
@@ -262,7 +261,6 @@ BAD: dict[str, tuple[str, dict[str, str]]] = {
     "cost_of_exact": ("", {"--json nowhere/a.json": NOWHERE, "--page bare.md": MARKERS}),
     "reference_levels": ("", {"--json nowhere/a.json": NOWHERE, "--members 0": "0 is not in the range", "--page bare.md": MARKERS}),
     "load_answers": ("--quick", {"--members 0": "0 is not in the range", "--redraw --out no": "--redraw", "--only all": "'all' is not one of"}),
-    "design_rule": ("--quick", {f"--out no {CLUSTER} --threads 2": BOTH, "--out numbers": EARLIER}),
     "search_methods": ("--quick", {f"{CLUSTER} --threads 2": BOTH, "--question nothing": "'nothing' is not one of"}),
     "friction_branches": ("--quick", {f"{CLUSTER} --threads 2": BOTH}),
     "your_structure": ("", {"--page none.md": "none.md"}),

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from core import STEEL
 
 from impact_env import Drive, ParameterError, Scene
 from impact_env.drive import constant_frequency
@@ -18,13 +19,12 @@ from optimisation.report.service_tables import service_lines, service_summary
 from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
 from optimisation.statistics import branches, ratio_of_quantiles, standard_error
 from reference import dense
-from studies.rule import STRUCTURES
 
-STEEL = replace(STRUCTURES["steel"], modes=2)
+STRIP = replace(STEEL, modes=2)
 
 
 def steel(concept: str = "impact", **changes: object) -> Problem:
-    given = {"space": design_space(concept), "conditions": (Condition(1, 0.5),), "beam": STEEL, "members": 3, "rate": 40.0}
+    given = {"space": design_space(concept), "conditions": (Condition(1, 0.5),), "beam": STRIP, "members": 3, "rate": 40.0}
     return Problem(**(given | changes))
 
 
@@ -89,7 +89,7 @@ def test_lasting_vibration_of_a_linear_absorber_is_its_receptance() -> None:
     problem = steel("tuned", conditions=(Condition(1, 0.5, (0.5, 1.6)),))
     design = problem.space.default
     (found,) = lasting_levels(problem, design, Threads(1))
-    scene = design.scene(STEEL)
+    scene = design.scene(STRIP)
     model, absorber = scene.model, scene.absorber
     best = 0.0
     for omega in model.omega[0] * np.linspace(0.5, 1.6, FREQUENCIES):
@@ -146,6 +146,6 @@ def test_constant_force_settles_before_it_is_watched() -> None:
     drive = Drive(0.5, constant_frequency(float(scene.model.omega[0]), 0.97, 60.0))
     times = np.linspace(0, 60 * 2 * np.pi / scene.model.omega[0], 60 * 32 + 1)
     motion = dense.follow(scene, drive, None, times, long_steps=True).tip
-    chunk = Chunk((Lane(scene, drive),), (RMS,), stress_shape(STEEL), 5.0)
+    chunk = Chunk((Lane(scene, drive),), (RMS,), stress_shape(STRIP), 5.0)
     (found,) = measured_chunks([chunk], Threads(1))
     assert found[0, 0] == pytest.approx(np.sqrt(np.mean(motion[len(motion) // 2 :] ** 2)), rel=1e-3)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from core import STEEL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +14,8 @@ from optimisation.bounds import (
     common_gap,
     design_force,
     design_gap,
+    expected_factor,
+    expected_gap,
     free_amplitude,
     gap_unit,
     near_range,
@@ -26,7 +29,6 @@ from optimisation.bounds import (
 from optimisation.bounds.lines import lines, places
 from optimisation.friction_rule import scaled_friction
 from optimisation.tuned import peak
-from studies.rule import STRUCTURES
 
 MODEL = modal_model(Beam())
 MASS = 0.02 * MODEL.beam_mass
@@ -249,7 +251,7 @@ def test_rule_is_refused_where_the_structure_does_not_fill_the_gap(beam: Beam, r
 
 def test_free_amplitude_is_the_receptances_peak() -> None:
     """On a steel beam, with the modal sum written out: a grid finds the peak from below."""
-    model = modal_model(STRUCTURES["steel"])
+    model = modal_model(STEEL)
     mass = 0.01 * model.beam_mass
     omega = model.omega[0] * np.linspace(*near_range(model, mass), 200_001)
     terms = model.force_shape * model.tip_shape / (model.omega**2 - omega[:, None] ** 2 + 2j * model.damping_ratio * model.omega * omega[:, None])
@@ -257,6 +259,17 @@ def test_free_amplitude_is_the_receptances_peak() -> None:
     assert free_amplitude(model, mass, 2.5) == pytest.approx(peak_found, rel=1e-8)
     assert require_reach(model, mass, 2.5) == pytest.approx(peak_found / design_gap(model, mass, 2.5), rel=1e-8)
     assert gap_unit(model, mass, 2.5) == design_gap(model, mass, 2.5)
+
+
+def test_the_expected_gap_is_the_rules_where_that_is_good_and_wider_with_light_damping() -> None:
+    assert [expected_factor(x, 0.01) for x in (0.01, 3.0, 5.9, 6.1, 30.0)] == [0.25, 1.0, 1.0, 1.2, 1.2]
+    assert expected_factor(0.9, 0.002) == pytest.approx((0.9 / 2.5) ** 0.6)
+    assert (expected_factor(5.0, 0.001), expected_factor(7.0, 0.005)) == (1.0, 1.2)
+    assert expected_factor(20.0, 0.002) == pytest.approx(1.2 * 2.5**0.2)
+    assert expected_factor(40.0, 0.0) == expected_factor(40.0, 0.0015) == pytest.approx(1.2 * (10 / 3) ** 0.2)
+    model = modal_model(STEEL)
+    mass = 0.02 * model.beam_mass
+    assert expected_gap(model, mass, 3.0, 2) == pytest.approx(expected_factor(reach(model, mass, 2), 0.01) * design_gap(model, mass, 3.0, 2))
 
 
 def test_friction_follows_the_scaling_law() -> None:

@@ -3,6 +3,7 @@ from dataclasses import replace
 import handed_in
 import numpy as np
 import pytest
+from core import STEEL
 
 from impact_env import (
     Beam,
@@ -19,7 +20,6 @@ from optimisation.designs import FREE, VARIABLES, Design, DesignSpace, design_sp
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
 from optimisation.tuned import den_hartog, effective_mass_ratio, minimax, minimum_h2, paper_rule, undamped_h2, undamped_minimax
-from studies.rule import STRUCTURES
 
 
 def test_defaults_are_the_papers() -> None:
@@ -88,9 +88,6 @@ def test_bad_space_is_named(arguments: tuple[object, ...], names: list[str]) -> 
     with pytest.raises(ParameterError) as error:
         design_space(*arguments)
     assert all(name in str(error.value) for name in names), error.value
-
-
-STEEL = STRUCTURES["steel"]
 
 
 @pytest.mark.parametrize("concept", VARIABLES)

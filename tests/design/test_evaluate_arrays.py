@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from core import STEEL
 
 from impact_env import ParameterError
 from impact_env.ensemble import Threads
@@ -11,9 +12,8 @@ from optimisation.designs import design_space
 from optimisation.evaluation import evaluate
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
-from studies.rule import STRUCTURES
 
-STEEL = replace(STRUCTURES["steel"], modes=2)
+STRIP = replace(STEEL, modes=2)
 
 
 class Backwards(Threads):
@@ -31,7 +31,7 @@ def steel(**changes: object) -> Problem:
     given = {
         "space": design_space("impact", ["gap", "friction_limit"]),
         "conditions": (Condition(1, 0.5),),
-        "beam": STEEL,
+        "beam": STRIP,
         "members": 5,
         "rate": 40.0,
     }

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from core import STEEL
 from design_studies import BATCH, Model, problem, settings
 
 from impact_env import ParameterError
@@ -21,7 +22,6 @@ from optimisation.search.settings import Rung, Settings, default_settings
 from optimisation.search.study import opened
 from optimisation.search.told import hypervolume, nondominated
 from optimisation.tuned import HIGH, LOW, minimax
-from studies.rule import STRUCTURES
 
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
@@ -215,12 +215,12 @@ def test_default_settings_screen_only_where_it_helps() -> None:
 # A whole search from Python, on a steel strip: judged on fresh members, with more modes, and told in words.
 
 
-STEEL = replace(STRUCTURES["steel"], modes=2, damping_ratio=0.005)
+STRIP = replace(STEEL, modes=2, damping_ratio=0.005)
 
 
 @pytest.fixture(scope="module")
 def findings(tmp_path_factory: pytest.TempPathFactory) -> Findings:
-    problem = Problem(design_space("impact"), (Condition(1, 0.5),), beam=STEEL, members=4, rate=40.0)
+    problem = Problem(design_space("impact"), (Condition(1, 0.5),), beam=STRIP, members=4, rate=40.0)
     return find(problem, Plan(9, "cma", batch=4, from_scratch=True), tmp_path_factory.mktemp("find") / "a.journal", Threads())
 
 

@@ -10,6 +10,7 @@ import scipy.optimize
 import scipy.signal
 import scipy.sparse
 from click.testing import CliRunner
+from core import STEEL
 from matplotlib.figure import Figure
 from places import EXAMPLES
 
@@ -33,7 +34,6 @@ from optimisation.problem import Problem
 from optimisation.report.structure_figure import save_figure
 from optimisation.sweep_rate import stationary_level, sweep_ratio
 from optimisation.tuned import den_hartog, highest_amplitude, minimax, peak
-from studies.rule import STRUCTURES
 
 LENGTH, BENDING, LINE, DAMPING = 1.2, 210e9 * 0.04 * 0.008**3 / 12, 7850 * 0.04 * 0.008, 0.005
 MASS = LENGTH * LINE
@@ -204,7 +204,7 @@ def test_papers_rate_suits_its_damping_only(damping: float, ratio: float) -> Non
 
 
 def test_default_rate_holds_for_another_beam_and_its_least_damped_resonance() -> None:
-    beam = replace(STRUCTURES["steel"], modes=3, damping_ratio=(0.02, 0.004, 0.008))
+    beam = replace(STEEL, modes=3, damping_ratio=(0.02, 0.004, 0.008))
     model = modal_model(beam)
     assert default_rate(model, (1,)) == 1.0  # never faster than the paper's
     assert default_rate(model, (1, 2, 3)) == default_rate(model, (2,)) == pytest.approx(0.16)
@@ -215,7 +215,7 @@ def test_default_rate_holds_for_another_beam_and_its_least_damped_resonance() ->
 
 def test_ratio_agrees_with_an_integration_in_the_time_domain() -> None:
     """One mode, damped by 0.4 %, swept up: SciPy's state-space integration of a finely sampled force."""
-    model = modal_model(replace(STRUCTURES["steel"], modes=1, damping_ratio=0.004))
+    model = modal_model(replace(STEEL, modes=1, damping_ratio=0.004))
     omega, damping = float(model.omega[0]), 0.004
     schedule = linear_sweep(omega, *PAPER_LIMITS, 2.0)
     samples = 128
@@ -232,7 +232,7 @@ def test_ratio_agrees_with_an_integration_in_the_time_domain() -> None:
 
 def test_ratio_at_another_place_than_the_absorbers_is_that_of_the_sampled_level() -> None:
     """The level of a scene whose response is read elsewhere comes from samples; the ratio streams it, which must be the same."""
-    model = modal_model(replace(STRUCTURES["steel"], modes=3, absorber_position=0.8, response_position=0.6))
+    model = modal_model(replace(STEEL, modes=3, absorber_position=0.8, response_position=0.6))
     omega = model.resonance_omega(2)
     levels = [simulate(Scene(model), Drive(1.0, linear_sweep(omega, *limits, 4.0))).level for limits in (PAPER_LIMITS, PAPER_LIMITS[::-1])]
     assert sweep_ratio(model, 4.0, 2) * stationary_level(model, 2) == pytest.approx(max(level.value for level in levels if level), rel=1e-9)

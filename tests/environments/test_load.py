@@ -1,7 +1,5 @@
 """A disturbance beside the sweep, and a base that moves in the place of the force."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 

@@ -1,7 +1,5 @@
 """All methods on all scenes: the stepping methods come closer to the exact one as their steps shrink."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from core import PERIOD, drive_of, run, scene_of

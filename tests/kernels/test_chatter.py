@@ -1,7 +1,5 @@
 """A chatter against the bouncing ball: a base that a steady force accelerates, and an absorber so light that the base does not feel it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from core import Array, run

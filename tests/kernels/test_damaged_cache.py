@@ -1,7 +1,5 @@
 """Damaged files of compiled kernels: never run, compiled anew with one warning, and whole again for the next process. All in fresh processes."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import struct

@@ -4,8 +4,6 @@ What acts on an absorber follows from its velocity at the samples alone. A misse
 drives: both last for a good share of a fast mode's period, long after which no event list would tell.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

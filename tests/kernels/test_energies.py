@@ -1,7 +1,5 @@
 """Work and losses of runs against splines through their recorded velocities, which share nothing with the kernels' closed forms."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The loops over lanes before and after a control interval, against the same formulas for one lane in Python's own numbers."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

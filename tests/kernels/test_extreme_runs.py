@@ -1,7 +1,5 @@
 """Runs at the edge of what numbers tell apart: a force at its bound, an impact that pushes another absorber into its wall, a fast force."""
 
-from __future__ import annotations
-
 import core
 import numpy as np
 import pytest

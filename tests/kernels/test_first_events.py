@@ -1,7 +1,5 @@
 """The first events of runs with friction, impacts, reversals, sticking and releases, against the reference with many digits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from core import Array, drive_of, run, scene_of

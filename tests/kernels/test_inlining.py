@@ -1,7 +1,5 @@
 """How far a kernel is inlined: decided by what it is given, and not by what a process has compiled before. All in fresh processes."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Where compiled kernels are kept, in fresh processes that must obey permissions, each with a real run."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Loads other than one force, and gravity, against dense matrix exponentials, closed forms, and what must follow as they are refined."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

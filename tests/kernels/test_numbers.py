@@ -1,7 +1,5 @@
 """Functions of single numbers against arithmetic with many digits."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numba

@@ -1,7 +1,5 @@
 """How kernels are compiled: one that Python calls in one piece with all that it calls, without what cannot be reached."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The peers that are measured against the package, against the reference with many digits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from core import drive_of, scene_of, still

@@ -1,7 +1,5 @@
 """Kernels in plain Python (NUMBA_DISABLE_JIT=1): the bits of the compiled ones, without compiling."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import math

@@ -1,7 +1,5 @@
 """What must hold for every scene, start and drive, whatever the chaos."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Records: named numbers at the border to the kernels."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Eigenvalues, vectors and responses of the linear regimes against dense matrices with 40 digits. No kernel is compiled."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.optimize

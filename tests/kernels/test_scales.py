@@ -1,7 +1,5 @@
 """Amplitudes far above the gap, on structures nobody chose: every flight is replayed by formulas that share nothing with the search."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

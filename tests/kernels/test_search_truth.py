@@ -1,7 +1,5 @@
 """The event search against brute force (verification/signals.py): random signals of every start, looked for from every level of steps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Several absorbers: against independent integrators, closed forms and the single absorber, and what must hold for every scene."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from core import OMEGA, PERIOD, Array, drive_of, relative_displacement, run, scene_of

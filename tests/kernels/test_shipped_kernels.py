@@ -1,7 +1,5 @@
 """Kernels that came with the package: found from another folder and by other processes, and by no sources or processors that they are not for."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

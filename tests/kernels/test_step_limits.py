@@ -1,7 +1,5 @@
 """Steps that are too long are refused before anything is computed, and only those."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from core import run

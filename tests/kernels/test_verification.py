@@ -1,7 +1,5 @@
 """The references themselves: against closed forms and golden cases, one another, and the exact method."""
 
-from __future__ import annotations
-
 import json
 from fractions import Fraction
 

@@ -22,6 +22,7 @@ from impact_env.parameters import Absorber, Beam
 Array = NDArray[np.float64]
 OMEGA = float(beam_scene(Beam(modes=1)).model.omega[0])
 PERIOD = 2 * np.pi / OMEGA
+STEEL = Beam(length=1.2, bending_stiffness=210e9 * 0.04 * 0.008**3 / 12, mass_per_length=7850 * 0.04 * 0.008, force_position=0.25)
 ALL = Record(level=False, events=True, series=True, energy=True)
 
 
