@@ -64,26 +64,6 @@ def test_full_disk_is_one_message_and_exit_code_1() -> None:
     assert result.output == "Error: results/study.journal: No space left on device\n"
 
 
-def test_certificate_that_is_not_optimal_leaves_its_cell_empty(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    pytest.importorskip("cvxpy")
-    from optimisation.convex import NotOptimalError
-    from optimisation.tuned.certificate import certify
-
-    calls: list[object] = []
-
-    def once(*given: object) -> object:
-        calls.append(given)
-        if len(calls) == 2:
-            raise NotOptimalError("largest amplitude: the solver ended with status 'optimal_inaccurate'")
-        return certify(*given)
-
-    monkeypatch.setattr("optimisation.tuned.certificate.certify", once)
-    result = call(load("tune_ltva", monkeypatch), "--modes", 2, "--out", tmp_path)
-    assert result.exit_code == 0, result.output
-    assert "Not proved, paper's values: largest amplitude: the solver ended with status 'optimal_inaccurate'" in result.stderr
-    assert sum(line.endswith(",") for line in (tmp_path / "tunings.csv").read_text().splitlines()) == 1
-
-
 def test_json_alone_goes_to_standard_output_and_what_is_finished_after_an_early_end() -> None:
     @click.command()
     @json_option("Numbers.", "target")

@@ -90,14 +90,6 @@ def test_quick_look_writes_all_files(script: ModuleType, tmp_path: Path) -> None
     assert "impact absorber" in result.stdout
 
 
-@pytest.mark.slow
-def test_result_follows_from_the_seed_alone(script: ModuleType, tmp_path: Path) -> None:
-    for name, seed, threads in (("a", 1, 1), ("b", 1, 3), ("c", 2, 3)):
-        assert call(script, "--forces", 2, "--members", 2, "--seed", seed, "--threads", threads, "--out", tmp_path / name).exit_code == 0
-    a, b, c = ((tmp_path / name / "runs.csv").read_text() for name in "abc")
-    assert a == b != c
-
-
 def test_files_are_whole_or_absent(tmp_path: Path) -> None:
     write_csv(tmp_path / "a.csv", ["x", "y"], [[1, 0.1], [2, ""]])
     assert (tmp_path / "a.csv").read_text() == "x,y\n1,0.1\n2,\n"

@@ -24,7 +24,6 @@ from impact_env.parameters import (
 from impact_env.plain import from_scene
 from impact_env.scene import beam_scene
 from optimisation.cli import sweep, sweep_scene
-from optimisation.report import sweep_figure
 
 STRONG = [*SHORT, "--force", "20"]
 CONSTANT = ["--modes", "2", "--from", "1", "--to", "1"]
@@ -99,20 +98,6 @@ def test_wall_time_is_that_of_a_bare_integration(tmp_path: Path) -> None:
     values = results(tmp_path, *CONSTANT, "--periods", "200", "--absorber", "none", "--time")
     assert set(values) == set(KEYS) - {"energy_balance_relative_error"}
     assert 0 < values["wall_s"] < 1
-
-
-@pytest.mark.parametrize(("damping", "periods", "ratio"), [("0.01", 1600, 0.989), ("0.005", 6400, 0.990), ("0.03", 1600, 0.999)])
-def test_rate_follows_the_damping_and_the_ratio_is_told(damping: str, periods: float, ratio: float, tmp_path: Path) -> None:
-    given = ["--modes", "2", "--absorber", "none", "--damping", damping]
-    values = results(tmp_path, *given)
-    assert values["pseudo_periods"] == pytest.approx(periods)
-    assert values["sweep_over_stationary_level"] == pytest.approx(ratio, abs=2e-3)
-    fast = results(tmp_path, *given, "--rate", "10")
-    assert fast["pseudo_periods"] == pytest.approx(160)
-    assert fast["sweep_over_stationary_level"] < ratio
-    text = call(*given).output
-    assert f"{values['sweep_over_stationary_level']:.3f}   without absorber, at" in text
-    assert "too fast" not in text
 
 
 def test_what_was_swept_too_fast_is_said_and_nothing_where_nothing_is_swept() -> None:
@@ -230,17 +215,3 @@ def test_defaults_are_the_papers() -> None:
     assert sweep_scene.make_method(given) == Exact()
     assert sweep_scene.make_method(options("--method", "moreau")) == Moreau()
     assert sweep_scene.make_method(options("--method", "runge-kutta", "--steps-per-period", "50")) == RungeKutta(50)
-
-
-def test_failure_while_writing_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(path: Path, *_: object) -> None:
-        path.write_text("half a figure")
-        raise OSError("disk full")
-
-    monkeypatch.setattr(sweep_figure, "save_figure", fail)
-    old, figure = tmp_path / "sweep.json", tmp_path / "sweep.png"
-    old.write_text("older results")
-    result = call(*SHORT, "--absorber", "none", "--json", str(old), "--plot", str(figure))
-    assert result.exit_code != 0
-    assert old.read_text() == "older results"
-    assert list(tmp_path.iterdir()) == [old]

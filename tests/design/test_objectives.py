@@ -2,14 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core import drive_of, scene_of
+from core import drive_of, run, scene_of
 from hypothesis import given
 from hypothesis import strategies as st
 
 from impact_env import Beam, Drive, ParameterError, Record, Scene, impact_absorber, modal_model, simulate
 from impact_env.drive import constant_frequency
 from impact_env.ensemble import Lane, Threads
-from impact_env.level import response_level
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
 from optimisation.evaluation import evaluate, measured_chunks
@@ -103,17 +102,16 @@ def test_moment_at_the_clamp_of_a_load_at_the_end() -> None:
 
 def test_measures_agree_with_the_energy_account_and_the_events() -> None:
     scene, drive = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1)), drive_of(3.5, 0.95, 1.0, periods=40)
-    response = simulate(scene, drive, record=Record(events=True, series=True, energy=True))
+    response = run(scene, drive)  # without the level, for one kernel fewer
     chunk = Chunk((), tuple(MEASURES), stress_shape(Beam(modes=3)), 5.0)
-    found = {name: _value(name, chunk, response) for name in MEASURES}
-    energy, history, impacts = response.energy, response.history, response.impacts
+    found = {name: _value(name, chunk, response) for name in MEASURES if name != "level"}
+    energy, impacts = response.energy, response.impacts
     duration = response.drive.schedule.times[-1]
     assert len(impacts.time) > 20
     assert found["impact_power"] == pytest.approx(energy.impact_loss / duration, rel=1e-9)
     assert found["friction_heat"] == pytest.approx(energy.friction_loss / duration, rel=0.02)
     assert found["impact_speed"] == np.max(np.abs(impacts.relative_velocity))
     assert 0.99e-3 < found["stroke"] <= 1e-3 * (1 + 1e-9)
-    assert found["level"] == pytest.approx(response_level(history.tip_displacement, 32)[0], rel=1e-12)
     assert found["damage"] > 0
 
 
@@ -161,19 +159,6 @@ def test_score_is_relative_to_the_same_members_without_absorber() -> None:
     assert score.values[0] == pytest.approx(expected)
     assert 0 < score.values[0] < 1
     assert score.feasible
-
-
-def test_scaling_law_makes_scaled_designs_alike() -> None:
-    """Gap, friction limit and force times 2: displacements times 2, so that the relative level of the paper's optimum stays."""
-    here = small(conditions=(Condition(1, 1.75),), members=1)
-    there = small(conditions=(Condition(1, 3.5),), members=1)
-    design = here.space.design({"gap": 5e-4, "restitution": 0.7, "friction_limit": 0.05})
-    scaled = there.space.design({"gap": 1e-3, "restitution": 0.7, "friction_limit": 0.1})
-    scores = []
-    for problem, own in ((here, design), (there, scaled)):
-        ((_, measured),) = evaluate(problem, [own], problem.ensemble, problem.rate, Threads(1))
-        scores.append(problem.score(own, measured, problem.ensemble, problem.rate).values[0])
-    assert scores[0] == pytest.approx(scores[1], rel=1e-9)
 
 
 def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:

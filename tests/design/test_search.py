@@ -154,19 +154,6 @@ def test_friction_damper_optimum_follows_the_energy_argument() -> None:
     assert best.design.values["friction_limit"] == pytest.approx(argued, rel=0.25)
 
 
-def test_friction_optimum_scales_with_the_force() -> None:
-    """The scaling law as an oracle: twice the force, twice the best friction limit, and the same relative level."""
-    found = []
-    for scale in (1.0, 2.0):
-        space = design_space("friction", bounds={"friction_limit": (0.1 * scale, 2.0 * scale)})
-        damped = Problem(space, (Condition(1, 3.5 * scale),), beam=Beam(modes=2), members=1, rate=20.0)
-        told, finished = smooth_search(damped, 30, Threads(), from_scratch=True)
-        assert finished
-        best = min(told, key=lambda e: e.score.values[0])
-        found.append((best.design.values["friction_limit"] / scale, best.score.values[0]))
-    assert found[0] == pytest.approx(found[1], rel=1e-3)
-
-
 def test_tuned_absorber_is_tuned_as_the_minimax_says() -> None:
     space = design_space("tuned")
     slow = Problem(space, (Condition(1, 1.0, (LOW, HIGH)),), beam=Beam(modes=2), members=1, rate=4.0)

@@ -74,7 +74,7 @@ def test_a_stepping_method_reads_the_same_place() -> None:
 
 def test_the_gaps_score_is_relative_to_the_same_place() -> None:
     env = gymnasium.make(
-        GAP, structure=STEEL, force=0.3, interval=5.0, time_budget=50.0, frequency_ratio=0.99, absorber_options={"gap": 1e-3}
+        GAP, structure=STEEL, force=0.3, interval=5.0, time_budget=50.0, frequency_ratio=0.99, absorber_options=IMPACTS["absorber_options"]
     ).unwrapped
     env.reset(seed=0)
     _, reward, _, _, info = env.step(np.zeros(1, np.float32))

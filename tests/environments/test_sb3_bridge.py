@@ -1,4 +1,3 @@
-import warnings
 from typing import Any
 
 import numpy as np
@@ -6,26 +5,14 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("stable_baselines3")
-import torch
 from gymnasium.vector import AutoresetMode
-from stable_baselines3 import PPO
-from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
-from impact_env.envs import ENVIRONMENTS
 from impact_env.parameters import ParameterError
 from optimisation.rl.vec_env import NativeVecEnv, make_native
 
 SWEEP = "ImpactAbsorber/SweepRate-v0"
 SHORT: dict[str, Any] = {"interval": 5.0, "limits": (0.96, 0.98), "rates": (2.0, 20.0), "direction": "random", "time_budget": 60.0}
-
-
-@pytest.mark.parametrize("name", ENVIRONMENTS)
-def test_stable_baselines_has_nothing_to_say(name: str) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", message=".*-v0 is out of date")
-        check_env(gymnasium.make(name, modes=2, absorber_options={"friction_limit": 0.025}).unwrapped)
 
 
 def test_bridge_gives_what_the_librarys_own_loop_over_single_environments_gives() -> None:
@@ -81,34 +68,3 @@ def test_bridge_refuses_what_it_cannot_do() -> None:
         env.env_method("reset")
     assert env.env_is_wrapped(gymnasium.Wrapper) == [False, False]
     assert env.get_attr("num_envs", [0]) == [2]
-
-
-def test_pictures_pass_through_the_bridge() -> None:
-    env = make_native(SWEEP, 2, render_mode="rgb_array", **SHORT)
-    env.reset()
-    images = env.get_images()
-    assert len(images) == 2
-    assert images[0].shape[2] == 3
-
-
-def test_short_training_beats_chance() -> None:
-    """With a dear time the best is to hurry, which a few thousand steps suffice to find."""
-    arguments = SHORT | {"time_price": 2.0, "time_budget": 200.0}
-    torch.set_num_threads(1)
-
-    def mean_score(choose: Any) -> float:
-        env = make_native(SWEEP, 32, **arguments)
-        env.seed(1000)
-        seen, scores = env.reset(), []
-        while len(scores) < 64:
-            seen, _, _, infos = env.step(choose(seen))
-            scores += [info["score"] for info in infos if info]
-        return float(np.mean(scores))
-
-    generator = np.random.default_rng(0)
-    chance = mean_score(lambda seen: generator.uniform(-1, 1, (len(seen), 1)).astype(np.float32))
-    env = make_native(SWEEP, 32, **arguments)
-    model = PPO("MlpPolicy", env, n_steps=32, batch_size=256, n_epochs=6, learning_rate=2e-3, seed=0, device="cpu")
-    model.learn(20_000)
-    learned = mean_score(lambda seen: model.predict(seen, deterministic=True)[0])
-    assert learned > chance + 0.1 * abs(chance)

@@ -1,5 +1,6 @@
 """What differs on Windows, with its system calls faked: nobody has run this project there."""
 
+import ast
 import importlib.util
 import os
 import shutil
@@ -15,6 +16,8 @@ from places import ROOT, SCRIPTS
 from impact_env.kernels.compiling import cache
 from impact_env.parameters import ParameterError
 from optimisation.files import held
+
+POSIX_ONLY = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "termios", "tty"}
 
 
 @pytest.fixture
@@ -92,3 +95,17 @@ def test_without_users_by_number_the_temporary_folder_is_ours(tmp_path: Path, mo
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert cache._private_folder() == tmp_path / "impact_env-somebody"
     assert cache._private_folder() == tmp_path / "impact_env-somebody"
+
+
+def test_nothing_imports_what_one_system_has_alone() -> None:
+    """But for scripts/lib, which the shell starts, and imports beside ``sys.platform``."""
+    found = []
+    for folder in ("impact_env", "optimisation", "scripts"):
+        for file in (ROOT / folder).rglob("*.py"):
+            if file.parent.name == "lib":
+                continue
+            for node in ast.parse(file.read_text()).body:  # what is imported whatever the system is
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+                found += [(file.name, name) for name in names if name in POSIX_ONLY]
+    assert found == []

@@ -167,16 +167,6 @@ def test_stuck_absorber_moves_with_the_tip() -> None:
     np.testing.assert_allclose(table(run.phases), [[0.0, 10 * 2 * np.pi / OMEGA, STUCK_INSIDE]])
 
 
-def test_more_modes_than_a_table_of_fixed_width_holds() -> None:
-    present = beam_scene(Beam(modes=66, elements=33), impact_absorber(1e-4, 0.5))
-    duration = 1e-4
-    states = [
-        integrate(present, still(duration, OMEGA), Moreau(steps), InitialState(absorber_velocity=2.0), sample_dt=duration) for steps in (20, 40)
-    ]
-    assert all(run.status == DONE and run.impacts["time"][0] == pytest.approx(5e-5, rel=1e-2) for run in states)
-    assert states[1].balance_error < 1e-3
-
-
 def test_an_unstable_step_is_reported() -> None:
     overdamped = beam_scene(Beam(modes=2, damping_ratio=20.0))
     with np.errstate(over="ignore", invalid="ignore"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from impact_env import Beam, ParameterError, beam_scene, impact_absorber
+from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.ensemble import draw_members
 from impact_env.periodic.case import case_of
 from impact_env.periodic.jump import Jumps, Range, hazard, jumps
@@ -231,27 +231,3 @@ def test_approach_and_passage_go_where_they_should() -> None:
     at_once = hold(Approach(2 * np.pi), 1.0, 0.97, 30.0)
     np.testing.assert_allclose(at_once.schedule.times, [0, 30])
     assert set(at_once.schedule.omegas / (2 * np.pi)) == {0.97}
-
-
-@pytest.mark.parametrize(
-    ("act", "words"),
-    [
-        (lambda: Criteria(tolerance=0.0), "tolerance = 0.0 is not allowed"),
-        (lambda: Criteria(depth=1.5), "depth = 1.5 is not allowed"),
-        (lambda: Window(np.zeros((3, 2)), np.zeros(0), np.ones(3)), "states = .* is not allowed: 4 rows"),
-        (lambda: Stays(np.array([-1.0]), np.array([True])), "durations = .* is not allowed"),
-        (lambda: exit_rate(sample(1e-3, 10, 5), burn_in=-1), "burn_in = -1 is not allowed"),
-        (lambda: exit_rate(sample(1e-3, 10, 5), level=1.0), "level = 1.0 is not allowed"),
-        (lambda: hazard([0.97], rates_of([1])), "ratios = .* is not allowed: two"),
-        (lambda: hazard([0.97, 0.98, 0.96], rates_of([1, 1, 1])), "rising or falling"),
-        (lambda: hazard([0.97, 0.98], rates_of([1])), "rates = 1 is not allowed"),
-        (lambda: hazard([0.97, 0.98], [rates_of([1])[0], ExitRate(0, 0.0, np.nan, np.nan, np.nan)]), r"rates = \[0.98\]"),
-        (lambda: Range(1.0, 0.98, 0.99, 0.9), "range = .* is not allowed"),
-        (lambda: stays(*paper()[:1], 1.5, paper()[1], 0.97, 50.0, [0.0]), "silence = 100.0 is not allowed: above 0 and below the 50.0"),
-        (lambda: jumps(paper()[0], 1.5, paper()[1], Range(1, 0.98, 0.96, 0.95), 10.0, [0.0]), "periods_per_percent = 10.0 is not allowed: 100 or"),
-        (lambda: Approach(250.0, periods=0.0), "approach periods = 0.0 is not allowed"),
-    ],
-)
-def test_bad_input(act, words: str) -> None:
-    with pytest.raises(ParameterError, match=words):
-        act()

@@ -289,7 +289,7 @@ def test_energy_balances_over_the_changes(name: str) -> None:
     assert losses > 0.2 * work
 
 
-@pytest.mark.parametrize(("name", "method"), [("damper", None), ("impacts", None), ("dead", None), ("impacts", Moreau())])
+@pytest.mark.parametrize(("name", "method"), [("damper", None), ("impacts", None), ("dead", None), ("damper", Moreau())])
 def test_a_limit_that_stays_is_the_scenes_own_bit_for_bit(name: str, method: Method | None) -> None:
     scene = scene_of(ABSORBERS[name], modes=2)
     own, told = lanes_of(with_limit(scene, 0.25), 4, method), lanes_of(scene, 4, method)

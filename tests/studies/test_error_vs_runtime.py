@@ -11,9 +11,9 @@ from click.testing import CliRunner, Result
 pytest.importorskip("mpmath")
 from impact_env import Exact, Moreau
 from optimisation.files import read_json
-from studies.accuracy import bands, cost, growth, jumps, study, trajectory
+from studies.accuracy import cost, growth, jumps, study, trajectory
 from studies.accuracy.bands import between_groups
-from studies.accuracy.cases import Row, Settings
+from studies.accuracy.cases import Settings
 from studies.accuracy.distribution import bootstrap, distance_at_size, mean_difference, relative_distance
 from studies.cli import error_vs_runtime
 
@@ -51,28 +51,6 @@ def test_impacts_make_errors_grow_and_friction_does_not() -> None:
         assert bool(twins) == (name == "impact, e = 1")
     assert 1.3 < exponent["impact, e = 1"]["factor_per_impact"] < 10
     assert exponent["friction damper"]["exponent_per_period"] < 0.2
-
-
-def band_row(kind: str, member: int, level: float, group: int) -> Row:
-    return {"direction": "up", "kind": kind, "member": member, "group": group, "phase_rad": 0.0, "force_factor": 1.0, "level_m": level}
-
-
-def test_bands_compare_the_kinds_of_members() -> None:
-    generator = np.random.default_rng(6)
-    rows = [band_row("phase", k, x, k) for k, x in enumerate(generator.normal(1.0, 0.1, 80))]
-    rows += [band_row("force", k, x, k) for k, x in enumerate(generator.normal(1.2, 0.1, 80))]
-    rows += [band_row("both", k, x, k) for k, x in enumerate(generator.normal(1.0, 0.1, 80))]
-    rows += [
-        band_row(bands.CROSSED, k, x, k // 8) for k, x in enumerate(np.repeat(generator.normal(1.0, 0.1, 10), 8) + generator.normal(0, 0.01, 80))
-    ]
-    both, phase, force = bands.bands(rows)
-    assert [band.kind for band in (both, phase, force)] == list(bands.KINDS)
-    assert phase.against("force")[1] < 1e-9 < 0.01 < both.against("phase")[1]
-    low, middle, high = force.quantiles
-    assert low < 1.1 < middle < 1.3 < high
-    assert both.between[0] > 0.9
-    assert phase.between is None
-    assert bands.band_table(rows).count("(") > 6
 
 
 def test_shares_count_the_high_branch() -> None:
@@ -121,15 +99,6 @@ def test_tiny_run_writes_files_figures_and_page(tmp_path: Path) -> None:
 
 
 # --- one scene anew ----------------------------------------------------------------------------------------------------------------------------
-
-
-def test_one_scene_on_the_command_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(error_vs_runtime, "QUICK", TINY)
-    out = tmp_path / "out"
-    assert call("--quick", "--only", "trajectory", "--no-peers", "--out", out).exit_code == 0
-    assert call("--quick", "--scene", "no absorber", "--no-peers", "--out", out).exit_code == 0
-    scenes = [row["scene"] for row in read_json(out / "trajectory.json.gz")["rows"]]
-    assert list(dict.fromkeys(scenes)) == ["no absorber", "impact, e = 1"]
 
 
 # --- statistics --------------------------------------------------------------------------------------------------------------------------------

@@ -1,9 +1,6 @@
 """Cheap claims about the paper's frequency responses, its jump, its strongly modulated response and its compliant contact; and what measures them."""
 
-import pickle
-from collections.abc import Callable, Generator, Hashable, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -11,8 +8,7 @@ import pytest
 from impact_env import Exact, Moreau
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import Lane, draw_members
-from impact_env.periodic.jump import jumps
-from impact_env.periodic.residence import Approach, hold, stays
+from impact_env.periodic.residence import Approach, hold
 from optimisation.files import read_json
 from studies.paper import conv, high_low, jump, smr
 from studies.paper.claim import Claim, Verdict, from_plain
@@ -21,18 +17,6 @@ from studies.paper.study import FIGURES
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 QUICK = Settings(Path("nowhere"), quick=True, threads=1)
-T = TypeVar("T")
-R = TypeVar("R")
-
-
-class Elsewhere:
-    """An executor that sends all it is given through pickle, as a cluster does."""
-
-    def each(self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]) -> Generator[tuple[int, R], None, None]:
-        assert len(items) == len(kinds)
-        for k, item in reversed(list(enumerate(items))):
-            own: Callable[[T], R] = pickle.loads(pickle.dumps(function))
-            yield k, own(pickle.loads(pickle.dumps(item)))
 
 
 def named(claims: list[Claim], name: str) -> Claim:
@@ -72,19 +56,6 @@ def test_on_the_high_branch_the_absorber_visits_two_walls_a_period_and_is_struck
     impacts, visits = high_low.Rhythm(Exact())(lane)
     assert visits == pytest.approx(2.0, abs=0.1)
     assert 3 < impacts < 6
-
-
-def test_stays_and_jumps_are_the_same_elsewhere() -> None:
-    scene, phases = jump.scene(), [0.0, 1.0, 2.0]
-    approach = Approach(scene.model.resonance_omega(1), 1.0, periods=60.0)
-    there = [stays(scene, 1.5, approach, 0.97, 400.0, phases, **where) for where in ({"threads": 1}, {"executor": Elsewhere()})]
-    np.testing.assert_array_equal(there[0].durations, there[1].durations)
-    for method in (Exact(), Moreau()):
-        found = [
-            jumps(scene, 1.5, approach, jump.OVER, 20.0, phases, high_level=jump.HIGH_LEVEL, method=method, **where)
-            for where in ({"threads": 1}, {"executor": Elsewhere()})
-        ]
-        assert found[0] == found[1]
 
 
 @pytest.mark.skipif(not (DOCS / "paper" / "claims.json.gz").exists(), reason="the page has not been measured yet")

@@ -52,16 +52,3 @@ def test_published_numbers_tell_what_the_page_says() -> None:
         value, _, _ = told.probability(row["at"])
         assert row["low"] - 0.05 < value < row["high"] + 0.05
     assert "period 1 100 %" in kind_table(of_case(rows(folder, KINDS), measured.RESPONSE, "recommended"))
-
-
-def test_a_cluster_measures_the_same(tmp_path: Path) -> None:
-    """One worker with one thread, in this process: plain data goes to it and comes back, and no number depends on where it was made."""
-    distributed = pytest.importorskip("distributed")
-    where, here = tmp_path / "there", tmp_path / "here"
-    options = (*OWN, "--slowness", 50, "--approach", 1.0)
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", silence_logs=50) as local:
-        done = call(regimes, *options, "--cluster", local.scheduler_address, "--out", where)
-        assert done.exit_code == 0, done.output
-    assert call(regimes, *options, "--threads", 1, "--out", here).exit_code == 0
-    for part in (JUMP, KINDS):
-        assert rows(where, part) == rows(here, part)
