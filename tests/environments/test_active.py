@@ -2,15 +2,16 @@
 
 import dataclasses
 import math
+import pickle
 from typing import Any
 
 import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, GAP1, LIMITED, STRUCTURES, SWEEP, actions, make
+from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, ADAPTIVE, GAP1, LIMITED, STRUCTURES, SWEEP, actions, make, vector
 
-from impact_env import ParameterError
+from impact_env import Beam, ParameterError, modal_model
 from optimisation.friction_rule import PAPER_FRICTION, paper_share
 
 SCENE: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.1}, "interval": 0.25, "time_budget": 10.0}
@@ -219,3 +220,123 @@ def test_a_passage_draws_what_it_says_and_its_walls_have_a_price() -> None:
         before = info["gap"]
     assert fastest == pytest.approx(0.05e-3)
     assert many.reset(seed=1, options={"scene": 3})[1]["scene"].tolist() == [3] * 400
+
+
+# The choice of the friction limit: its unit, what it is on other scenes, and that a choice which stays is the scene's own friction.
+
+
+FRICTION, PASSIVE = "ImpactAbsorber/FrictionChoice-v1", "ImpactAbsorber/Passive-v0"
+WAY: dict[str, Any] = {"limits": (0.98, 1.01), "rate": 4.0}
+
+
+def made(arguments: dict[str, Any]) -> Any:
+    return gymnasium.make(FRICTION, **(WAY | arguments)).unwrapped
+
+
+def episode(env: Any, actions: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    """Return observations, rewards and info of a whole passage."""
+    rows, rewards, infos = [env.reset(seed=seed)[0]], [], []
+    for action in actions:
+        observation, reward, over, _, info = env.step(np.array([action], np.float32))
+        rows.append(observation)
+        rewards.append(reward)
+        infos.append(info)
+        if over:
+            return np.array(rows), np.array(rewards), infos
+    raise AssertionError("the passage did not end")
+
+
+def test_the_papers_friction_is_its_share_of_the_unit() -> None:
+    env = made({"friction_range": (paper_share(), 10 * paper_share())})
+    _, _, infos = episode(env, np.full(20, -1.0))
+    assert infos[0]["friction_limit"] == pytest.approx(PAPER_FRICTION, rel=1e-12)
+    np.testing.assert_allclose(env.task.limits, [PAPER_FRICTION, 10 * PAPER_FRICTION], rtol=1e-12)
+
+
+@pytest.mark.parametrize("action", [-1.0, -0.25, 0.6])
+def test_a_choice_that_stays_is_a_passage_with_that_friction(action: float) -> None:
+    _, rewards, infos = episode(made({"time_price": 0.0}), np.full(20, action), seed=5)
+    scene = {"modes": 2, "absorber_options": {"friction_limit": infos[0]["friction_limit"]}, "force": (0.5, 6.0)}
+    env = gymnasium.make(PASSIVE, **WAY, **scene)
+    env.reset(seed=5)
+    own, over, info = [], False, {}
+    while not over:
+        _, reward, over, _, info = env.step(0)
+        own.append(reward)
+    np.testing.assert_array_equal(rewards, own)
+    assert infos[-1]["force"] == info["force"]
+    assert infos[-1]["level"] == info["level"]
+
+
+def test_mass_gap_and_time_are_the_units_of_friction() -> None:
+    """Twice the force and twice the gap: the same observations from the same actions, from twice the friction."""
+    actions = np.random.default_rng(1).uniform(-1, 1, 20)
+    one, two = (
+        made({"force": size * 3.0, "absorber_options": {"gap": size * 1e-3, "restitution": 0.6, "friction_limit": size * 0.1}}) for size in (1, 2)
+    )
+    (seen, rewards, infos), (other, others, told) = (episode(env, actions, seed=2) for env in (one, two))
+    np.testing.assert_allclose(other, seen, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(others, rewards, rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose([i["friction_limit"] for i in told], [2 * i["friction_limit"] for i in infos], rtol=1e-12)
+    assert sum(i["impacts"] for i in infos) > 3
+
+
+# A disturbance beside the sweep, and a base that moves in the place of the force.
+
+
+SHAKEN = {"kind": "random", "quantity": "base_acceleration", "spectrum": [[20.0, 0.5], [60.0, 0.5]], "duration_s": 2.0, "seed": 4}
+
+
+@pytest.mark.parametrize("name", [ACTIVE_FRICTION, ADAPTIVE])
+def test_lanes_are_single_environments_and_snapshots_go_on(name: str) -> None:
+    """Bit for bit, each lane with a part of the record of its own; no episode ends in these steps."""
+    extra: dict[str, Any] = {"load": SHAKEN, "moves_base": True, "force": (1.0, 3.0), "raw_state": True}
+    many, singles = vector(name, 3, **extra), [make(name, **extra) for _ in range(3)]
+    many.reset(seed=7)
+    for lane, env in enumerate(singles):
+        env.reset(seed=7 + lane)
+    kept, seen = b"", []
+    for k, action in enumerate(actions(name, 4, 3)):
+        if k == 2:
+            kept = pickle.dumps(many.unwrapped.snapshot())
+        seen.append(many.step(action))
+        for lane, env in enumerate(singles):
+            observation, reward, _, _, info = env.step(action[lane])
+            np.testing.assert_array_equal(seen[-1][0][lane], observation)
+            np.testing.assert_array_equal(seen[-1][4]["state"][lane], info["state"])
+            assert seen[-1][1][lane] == reward
+    assert len({float(state[0]) for state in seen[-1][4]["state"]}) == 3
+    other = vector(name, 3, **extra)
+    other.reset(seed=1)
+    other.unwrapped.restore(pickle.loads(kept))
+    for action, expected in zip(actions(name, 4, 3)[2:], seen[2:], strict=True):
+        np.testing.assert_array_equal(other.step(action)[4]["state"], expected[4]["state"])
+
+
+def test_without_absorber_the_base_is_answered_in_closed_form() -> None:
+    """RMS of the last period, of an absorber that weighs nothing; a disturbance changes it."""
+    model = modal_model(Beam(modes=2, damping_ratio=0.05))
+    slots = model.omega**2 - model.omega[0] ** 2 + 2j * model.damping_ratio * model.omega * model.omega[0]
+    expected, found = abs(np.sum(model.level_shape * model.base_participation / slots)) / np.sqrt(2), []
+    light: dict[str, Any] = {"absorber": "friction", "absorber_options": {"mass_ratio": 1e-9}, "friction_range": (1e-9, 1e-8)}
+    arguments = light | {"beam": {"damping_ratio": 0.05}, "frequency_ratio": 1.0, "time_budget": 21.0, "force": 1.0, "moves_base": True}
+    for load in (None, SHAKEN):
+        env = make(ACTIVE_FRICTION, load=load, **arguments)
+        env.reset(seed=0)
+        found.append(np.sqrt(np.mean([env.step(np.zeros(1, np.float32))[4]["rms"] ** 2 for _ in range(80)][-4:])) / expected)
+    assert found[0] == pytest.approx(1.0, abs=0.01)
+    assert abs(found[1] - 1.0) > 0.05
+
+
+def test_what_cannot_be_is_refused_by_name() -> None:
+    shock = {"kind": "shock", "pulse": "triangle", "peak_n": 1.0, "pulse_s": 0.1, "duration_s": 0.2}
+    cases: list[tuple[str, dict[str, Any], str]] = [
+        (ACTIVE_FRICTION, {"load": shock}, "one load of the kind random or samples"),
+        (ACTIVE_FRICTION, {"load": {"kind": "random"}}, "spectrum"),
+        (ACTIVE_FRICTION, {"load": SHAKEN, "method": "moreau"}, "forces with Moreau"),
+        (ACTIVE_FRICTION, {"moves_base": 1}, "moves_base = 1"),
+        (STRUCTURES, {"moves_base": True}, "base_participation"),
+    ]
+    for name, arguments, words in cases:
+        with pytest.raises(ParameterError, match=words):
+            make(name, **arguments)

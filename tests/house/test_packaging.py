@@ -1,15 +1,26 @@
+import ast
 import importlib.metadata
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
+import tarfile
+import time
 import tomllib
+import zipfile
+from email import message_from_bytes
+from email.message import Message
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
 from places import ROOT, SCRIPTS
+
+from impact_env.kernels.compiling import cache
+from impact_env.parameters import ParameterError
+from optimisation.files import held
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
@@ -131,3 +142,190 @@ def test_missing_python_is_a_clear_error(checkout: Path, tmp_path: Path) -> None
     result = _run(checkout, "show", PATH=str(tools))
     assert result.returncode == 1
     assert "no Python 3.11" in result.stderr
+
+
+# What differs on Windows, with its system calls faked: nobody has run this project there.
+
+
+POSIX_ONLY = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "termios", "tty"}
+
+
+@pytest.fixture
+def set_up(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The module scripts/lib/set_up.py as Windows would load it; its locks are a set of files."""
+    locked: set[int] = set()
+
+    def locking(file: int, mode: int, count: int) -> None:
+        assert (mode, count) == (2, 1)
+        if locked & {os.fstat(file).st_ino}:
+            raise PermissionError("locked")
+        locked.add(os.fstat(file).st_ino)
+
+    monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(LK_NBLCK=2, locking=locking))
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    monkeypatch.setattr(sys, "platform", "win32")
+    spec = importlib.util.spec_from_file_location("windows_set_up", SCRIPTS / "lib" / "set_up.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.locked = locked
+    return module
+
+
+def test_the_set_up_waits_for_another_one(set_up: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    waited = []
+
+    def sleep(seconds: float) -> None:
+        waited.append(seconds)
+        set_up.locked.clear()  # the other one is ready
+
+    monkeypatch.setattr(time, "sleep", sleep)
+    with set_up.lock(tmp_path):
+        assert waited == []
+        with set_up.lock(tmp_path):
+            assert len(waited) == 1
+    assert capsys.readouterr().err.count("waiting for it") == 1
+
+
+def test_the_shell_finds_that_python_and_the_same_stamp(set_up: ModuleType, tmp_path: Path) -> None:
+    root = tmp_path.resolve()
+    for folder in ("requirements", "scripts/lib"):
+        shutil.copytree(ROOT / folder, root / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    for file in ("pyproject.toml", "scripts/run"):
+        shutil.copy2(ROOT / file, root / file)
+    programs = {"tools/cygpath": 'echo "$2"', ".venv/Scripts/python.exe": 'echo "$MPLBACKEND|$*"'}
+    for name, line in programs.items():
+        (root / name).parent.mkdir(parents=True)
+        (root / name).write_text(f"#!/bin/sh\n{line}\n")
+        (root / name).chmod(0o755)
+    (root / ".venv" / "stamps").mkdir()
+    (root / ".venv" / "stamps" / "main").write_bytes(set_up.stamp_text(root, "main"))
+    variables = os.environ | {"OSTYPE": "msys", "PATH": f"{root / 'tools'}{os.pathsep}{os.environ['PATH']}"}
+    variables.pop("IMPACT_ENV_CACHE", None)
+    done = subprocess.run([root / "scripts" / "run", "sweep", "a b"], env=variables, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert (done.stderr, done.returncode) == ("", 0)
+    assert done.stdout == 'Agg|-P -c from optimisation.cli.start import main; main("scripts/run") sweep a b\n'
+
+
+def test_a_file_that_is_held_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lock there keeps others from reading, so it is on a file beside."""
+    import filelock
+
+    locked = []
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(filelock, "lock_descriptor", lambda file, **_: locked.append(os.fstat(file).st_ino) is None)
+    (path := tmp_path / "study.journal").write_text("kept")
+    with held(path, ParameterError("held")):
+        assert locked == [(tmp_path / "study.journal.lock").stat().st_ino]
+        assert path.read_text() == "kept"
+
+
+def test_without_users_by_number_the_temporary_folder_is_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(os, "getuid")
+    monkeypatch.setenv("USERNAME", "somebody")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert cache._private_folder() == tmp_path / "impact_env-somebody"
+    assert cache._private_folder() == tmp_path / "impact_env-somebody"
+
+
+def test_nothing_imports_what_one_system_has_alone() -> None:
+    """But for scripts/lib, which the shell starts, and imports beside ``sys.platform``."""
+    found = []
+    for folder in ("impact_env", "optimisation", "scripts"):
+        for file in (ROOT / folder).rglob("*.py"):
+            if file.parent.name == "lib":
+                continue
+            for node in ast.parse(file.read_text()).body:  # what is imported whatever the system is
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+                found += [(file.name, name) for name in names if name in POSIX_ONLY]
+    assert found == []
+
+
+# What strangers meet: the page on a package index, the citation, and the files of a host, whose steps are calls of scripts.
+
+
+ADDRESS = "https://host.example/owner/name"
+
+
+def built(tmp_path: Path, address: str) -> Message:
+    """Return the metadata of a wheel that is built with an address."""
+    pytest.importorskip("hatchling")
+    variables = os.environ | {"PROJECT_URL": address}
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(command, cwd=ROOT, env=variables, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        return message_from_bytes(archive.read(name))
+
+
+@pytest.mark.parametrize("address", ["", ADDRESS])
+def test_the_page_on_an_index_has_no_link_that_leads_nowhere(tmp_path: Path, address: str) -> None:
+    metadata = built(tmp_path, address)
+    text = metadata.get_payload()
+    links = re.findall(r"(!?)\[[^\]]*\]\(([^)\s]+)\)", text)
+    assert all(link.startswith("https://") for _, link in links)
+    assert "<!--" not in text
+    own = [(figure, link.removeprefix(f"{ADDRESS}/")) for figure, link in links if link.startswith(ADDRESS)]
+    for figure, link in own:
+        kind, tag, path = link.split("/", 2)
+        assert (kind, tag) == ("raw" if figure else "blob", f"v{PROJECT['version']}")
+        assert (ROOT / path.partition("#")[0]).exists()
+    assert (len(own) > 20) == bool(address)
+    assert len(metadata.get_all("Project-URL", [])) == (4 if address else 0)
+    assert "fifth, but only in a certain range of forces" in " ".join(text.split())
+    assert metadata["Version"] == PROJECT["version"]
+
+
+def test_the_version_is_one_everywhere() -> None:
+    version = PROJECT["version"]
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    (first,) = re.findall(r"\A.*?^## \[(.*?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE | re.DOTALL)
+    assert first in (version, "Unreleased")
+
+
+def steps(file: Path) -> list[str]:
+    """Return the commands of a host's file, one for each entry of a matrix."""
+    yaml = pytest.importorskip("yaml")
+    found = []
+    for job in yaml.safe_load(file.read_text())["jobs"].values():
+        calls = job.get("strategy", {}).get("matrix", {}).get("call", [""])
+        found += [step["run"].replace("${{ matrix.call }}", call) for step in job["steps"] if "run" in step for call in calls]
+    return found
+
+
+@pytest.mark.parametrize("name", ["tests", "release"])
+def test_every_step_of_the_host_is_a_call_of_scripts(name: str) -> None:
+    calls = steps(ROOT / ".github" / "workflows" / f"{name}.yml")
+    assert calls
+    for call in calls:
+        program = call.split()[0]
+        assert program.startswith(("scripts/", ".ci/"))
+        assert os.access(ROOT / program, os.X_OK), call
+
+
+def test_the_release_has_no_password_and_only_its_last_job_may_publish() -> None:
+    yaml = pytest.importorskip("yaml")
+    text = (ROOT / ".github" / "workflows" / "release.yml").read_text()
+    assert "secrets." not in text
+    about = yaml.safe_load(text)
+    assert about["permissions"] == {"contents": "read"}
+    assert [name for name, job in about["jobs"].items() if "permissions" in job] == ["publish"]
+
+
+def test_a_wheel_from_the_source_distribution_is_the_same(tmp_path: Path) -> None:
+    """The hook and the README that it reads are in the source distribution."""
+    pytest.importorskip("hatchling")
+    build = [sys.executable, "-m", "hatchling", "build", "-d", str(tmp_path)]
+    subprocess.run([*build, "-t", "sdist"], cwd=ROOT, check=True, capture_output=True)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(archive) as file:
+        file.extractall(tmp_path / "source", **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))  # from Python 3.11.4 on
+    (source,) = (tmp_path / "source").iterdir()
+    subprocess.run([*build, "-t", "wheel"], cwd=source, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    (direct := tmp_path / "direct").mkdir()
+    built(direct, "")
+    (other,) = direct.glob("*.whl")
+    with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(other) as two:
+        assert {i.filename: i.CRC for i in one.infolist()} == {i.filename: i.CRC for i in two.infolist()}

@@ -1,14 +1,18 @@
-"""What the walk of test_handed_in cannot know: the ranges of numbers, what does not go together, and the messages of plain data, by their paths."""
+"""What the walk at the end cannot know: the ranges of numbers, what does not go together, and the messages of plain data, by their paths."""
 
+import inspect
 import math
 import re
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import handed_in
 import numpy as np
 import pytest
 
+import impact_env
 from impact_env import (
     Beam,
     CompliantWalls,
@@ -32,7 +36,12 @@ from impact_env import (
     modal_model,
     simulate,
 )
+from impact_env.curve import CurveCase, performance_curve
+from impact_env.drive import default_rate
+from impact_env.ensemble import Lane, Members, draw_members, run_lanes
+from impact_env.envs.settings import Settings
 from impact_env.frequency import joint_matrices, receptance, tip_response
+from impact_env.level import response_level
 from impact_env.methods import Exact, check_supported
 from impact_env.plain import from_drive, from_scene, to_drive, to_scene
 from impact_env.plain_files import read_plain
@@ -234,3 +243,31 @@ def test_bad_files_are_named(name: str, text: str | bytes | None, message: str, 
         (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(ParameterError, match=re.escape(message)):
         read_plain(tmp_path / name)
+
+
+# Whatever is handed in to what is public: refused by name, or right.
+
+
+MADE_BY_RUNS = ("Compilation", "PerformanceCurve", "Preparation", "Response", "IntegrationError", "ParameterError", "Stopped", "StructureWarning")
+ELSEWHERE = ("Stop", "curve_passes", "is_ready", "prepare", "evaluate", "__version__")  # test_stop_and_passes.py, test_evaluation.py
+MORE = {
+    make.__name__: make for make in (CurveCase, Lane, Members, default_rate, draw_members, performance_curve, response_level, run_lanes, Settings)
+}
+PUBLIC = {name: getattr(impact_env, name) for name in impact_env.__all__ if name not in MADE_BY_RUNS + ELSEWHERE} | MORE
+OWN: dict[str, dict[str, Any]] = {
+    "Beam": {"modes": 2, "elements": 4},
+    "SlidingAbsorber": {"friction": CoulombFriction(0.1)},
+    "load_structure": {"path": Path(__file__).parents[2] / "docs" / "examples" / "steel_beam.toml"},
+    "Window": {"start": 0.0, "end": 1.0},
+    "run_lanes": {"lanes": [Lane(handed_in.SCENE, handed_in.DRIVE)]},
+}
+DEAR = ("performance_curve", "run_lanes")
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_whatever_is_handed_in_is_refused_by_name_or_right(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of numpy, where numbers are extreme
+        found = list(handed_in.complaints(name, PUBLIC[name], OWN.get(name, {}), dear=name in DEAR))
+    assert not [problem for problem in found if problem is not None]
+    assert len(found) >= len(handed_in.VALUES) / 2 * len(inspect.signature(PUBLIC[name]).parameters)
