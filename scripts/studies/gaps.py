@@ -239,14 +239,16 @@ CASES = (
 Array = NDArray[np.float64]
 STEP, FROM, TO = 0.05, -1.225, 1.1  # of ln (gap over the rule's); half a step off the gaps that a search tries
 WITHIN, BESIDE = 1.5, 2  # gaps are run in full where a look is within this of the lowest, and so many beside
+FRESH, UNSEEN = 12, 1  # members by which the scan's lowest gap is judged anew, and their seed
 
 
 @dataclass(frozen=True)
 class Row:
     """One case. Levels are medians over the lowest of the scan, for ``recommended`` the worst over the tolerance, over the lowest such.
 
-    ``best`` is the best gap over the rule's; ``rule``, ``expected``: the levels at the rule's gap and at the fit of `expected_gap`. ``relative``: the
-    lowest level over that without absorber.
+    ``fresh``: the level of `sharp` over that at the scan's lowest gap, both with members that neither was chosen by. ``best`` is the best gap over
+    the rule's; ``rule``, ``expected``: the levels at the rule's gap and at the fit of `expected_gap`. ``relative``: the lowest level over that
+    without absorber.
     """
 
     name: str
@@ -257,6 +259,7 @@ class Row:
     best: float
     relative: float
     sharp: float
+    fresh: float
     recommended: float
     rule: float
     expected: float
@@ -285,18 +288,21 @@ def row(
     best = found.recommended.gap  # and what it is under more and less force
     told = np.log(np.array([found.sharp.gap, best / (1 + TOLERANCE), best, best / (1 - TOLERANCE), check.rule, fit]) / check.rule)
     grid = np.arange(FROM, TO, step)
+    own = {told[0]: found.sharp.absorber, told[2]: found.recommended.absorber}  # the very devices: runs part from those of other last digits
 
-    def levels(at: Sequence[float] | Array, number: int, speed: float) -> Array:
-        scenes = [Scene(model, scaled(check.absorber, float(np.exp(x)))) for x in at]
+    def levels(at: Sequence[float] | Array, number: int, speed: float, first: int = 0, seed: int = 0) -> Array:
+        scenes = [Scene(model, own[x] if x in own else scaled(check.absorber, float(np.exp(x)))) for x in at]
         cases = [CurveCase(scene, np.array([FORCE]), case.resonance, check.limits, speed) for scene in scenes]
-        curves = performance_curves(cases, number, 0, threads=threads, executor=executor)
+        curves = performance_curves(cases, number, seed, threads=threads, executor=executor)
         if not all(curve.complete for curve in curves):
             raise KeyboardInterrupt
-        return np.array([curve.median[0] for curve in curves])
+        return np.array([np.median(curve.combined[0, first:]) for curve in curves])
 
     near = grid[_beside(levels(grid, 1, min(PAPER_RATE, FASTER * check.rate)), WITHIN)]
     at = np.union1d(near, told)
-    return judged(case, found, at, levels(at, judges or members, check.rate), fit / check.rule)
+    full = levels(at, judges or members, check.rate)
+    again = levels([told[0], at[np.argmin(full)]], FRESH + 1, check.rate, 1, UNSEEN)  # the first member of all ensembles is one and the same run
+    return judged(case, found, at, full, fit / check.rule, float(again[0] / again[1]))
 
 
 def _beside(levels: Array, within: float) -> NDArray[np.bool_]:
@@ -313,7 +319,7 @@ def scaled(absorber: SlidingAbsorber, factor: float) -> SlidingAbsorber:
     )
 
 
-def judged(case: Case, found: Advice, at: Array, full: Array, expected: float) -> Row:
+def judged(case: Case, found: Advice, at: Array, full: Array, expected: float, fresh: float) -> Row:
     """Return the row of medians ``full`` (m) at ``at``, ln of gaps over the rule's, rising."""
 
     def between(x: Array | float) -> Array:
@@ -327,7 +333,7 @@ def judged(case: Case, found: Advice, at: Array, full: Array, expected: float) -
     assert found.recommended is not None
     sharp, robust = (np.log(answer.gap / found.check.rule) for answer in (found.sharp, found.recommended))
     lowest = full.min()
-    told = (float(between(sharp) / lowest), float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()))
+    told = (float(between(sharp) / lowest), fresh, float(max(k * between(robust - np.log(k)) for k in shares) / worst.min()))
     return Row(
         case.name, case.resonance, float(case.model().damping_ratio[case.resonance - 1]), case.mass_ratio, found.check.reach,
         float(np.exp(at[np.argmin(full)])), float(lowest / found.check.without.median[0]), *told, float(between(0.0) / lowest),

@@ -157,7 +157,7 @@ def test_plates_by_elements_and_by_polynomials_are_one() -> None:
 
 def test_a_scan_judges_both_answers_by_their_own_criteria(advice: Advice) -> None:
     at = np.arange(-0.5, 0.6, 0.05)
-    row = judged(CASES[0], advice, at, np.where(at < -0.01, 3.0, 1.0) * np.exp(at), 1.2)
+    row = judged(CASES[0], advice, at, np.where(at < -0.01, 3.0, 1.0) * np.exp(at), 1.2, 1.0)
     assert row.best == pytest.approx(1.0)
     assert row.expected == pytest.approx(1.2, rel=1e-6)
     sharp = advice.sharp.gap / advice.check.rule

@@ -112,7 +112,7 @@ export class Plot {
         label: l.name, stroke: style(l.colour), width: l.width ?? 1.5, dash: l.dash, spanGaps: true, alpha: l.faint ? 0.75 : 1,
         points: { show: Boolean(l.points), size: 6, fill: l.hollow ? style("panel") : style(l.colour) }, value: (u, v, _, at) => digits(v) + bandAt(this.figure, l.name, u.data[0][at]),
       }))],
-      padding: [8, null, null, null], cursor: { drag: { x: false, y: false }, focus: { prox: 20 } }, legend: { live: true },
+      padding: [8, null, null, null], cursor: { drag: { x: false, y: false }, focus: { prox: 20 } }, focus: { alpha: 0.6 }, legend: { live: true },
       hooks: { drawClear: [(u) => below(this.figure)(u)], draw: [(u) => above(this.figure)(u)] },
     }, data, this.box);
     this.plot.over.addEventListener("click", (event) => this.onClick?.(this.plot.posToVal(event.offsetX, "x")));

@@ -73,13 +73,16 @@ def _table(found: list[Row]) -> str:
         "reach": "{reach:.3g}",
         "best gap over rule's": "{best:.2f}",
         "level there, %": "{percent[2]:.1f}",
-        **{f"`{name}`": f"{{{name}:.2f}}" for name in ("sharp", "recommended")},
+        "`sharp`": "{sharp:.2f}",
+        "`sharp`, fresh": "{fresh:.2f}",
+        "`recommended`": "{recommended:.2f}",
         **{name: f"{{{name}:.2f}}" for name in ("rule", "expected")},
         "sweeps": "{sweeps}",
     }
     table = lines(columns, ({**asdict(r), "percent": [100 * x for x in (r.damping, r.mass_ratio, r.relative)]} for r in found))
     words = []
-    for name, word in (("sharp", "`sharp`"), ("recommended", "`recommended`"), ("rule", "the rule's gap"), ("expected", "the expected gap")):
+    known = {"sharp": "`sharp`", "fresh": "`sharp` on fresh members", "recommended": "`recommended`", "rule": "the rule's gap"}
+    for name, word in (known | {"expected": "the expected gap"}).items():
         worst = max(found, key=lambda r: getattr(r, name))
         good = sum(getattr(r, name) <= TOLERATED for r in found)
         words.append(f"{word}: {good} of {len(found)}, worst {getattr(worst, name):.2f} ({worst.name}, resonance {worst.resonance})")
