@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, SlidingAbsorber, positive
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, SlidingAbsorber, require
 from impact_env.plain import from_scene, to_beam, to_scene
 from impact_env.plain_files import read_plain
 from impact_env.scene import Scene
@@ -97,7 +97,8 @@ def mass_ratio_of(mass_ratio: float, mass_kg: float | None, structure_mass: floa
         return mass_ratio
     if is_given("mass_ratio"):
         raise BadInput("--mass-kg does not go with --mass-ratio: each says what the mass is")
-    return positive("mass_kg", mass_kg) / structure_mass
+    require(0 < mass_kg <= structure_mass, "mass_kg", mass_kg, f"above 0 and at most the structure's {structure_mass:.4g} kg")
+    return mass_kg / structure_mass
 
 
 def is_given(name: str) -> bool:

@@ -141,6 +141,7 @@ def test_words_of_the_command_line() -> None:
         ("--contact steel wood 0.01", "material = 'wood' is not allowed: one of steel"),
         ("--mass-kg 0.01 --mass-ratio 0.02", "--mass-kg does not go with --mass-ratio"),
         ("--mass-kg -1", "mass_kg = -1.0 is not allowed"),
+        ("--mass-kg 5", "mass_kg = 5.0 is not allowed: above 0 and at most the structure's 0.5637 kg"),
     ],
 )
 def test_design_gap_refuses_what_does_not_fit(options: str, message: str) -> None:

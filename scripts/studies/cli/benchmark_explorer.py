@@ -3,7 +3,6 @@
 # needs: explore, browser
 
 import io
-import itertools
 import os
 import shutil
 import statistics
@@ -40,6 +39,7 @@ CASES = tuple((modes, friction) for modes in (3, 10) for friction in (0.0, 0.1))
 WAIT = 600_000.0  # ms, with what is compiled
 SIZE: Any = {"width": 1280, "height": 800}
 FILM, FILM_COLOURS = (960, 600), 128
+PICTURE = 0.3  # s, for which each picture of the film is shown
 GAP = "Gap to either wall, mm"
 
 
@@ -109,22 +109,20 @@ addEventListener("pointermove", (e) => { dot.style.left = `${e.clientX}px`; dot.
 
 
 def film(target: Path) -> None:
-    """Write a film of the page, as long as it takes: the gap's slider is dragged, a click sets the force, and advice is asked for."""
-    frames, seconds = list[Image.Image](), list[float]()
+    """Write a film of the page: the gap's slider is dragged, a click sets the force, and advice is asked for, whose wait is left out."""
+    frames = list[Image.Image]()
 
-    def shoot(least: float, until: str = "html") -> None:
-        """Take pictures for ``least`` seconds, and until there is what a selector says."""
-        end = time.monotonic() + least
-        while time.monotonic() < end or not page.locator(until).count():
+    def shoot(pictures: int) -> None:
+        """Take pictures, a moment before each."""
+        for _ in range(pictures):
+            page.wait_for_timeout(1e3 * PICTURE)
             frames.append(Image.open(io.BytesIO(page.screenshot())).convert("RGB").resize(FILM, Image.Resampling.LANCZOS))
-            seconds.append(time.monotonic())
 
     def go(x: float, y: float, steps: int) -> None:
         """Move the pointer so, with a picture at each step."""
         for k in range(1, steps + 1):
             page.mouse.move(at[0] + (x - at[0]) * k / steps, at[1] + (y - at[1]) * k / steps)
-            shoot(0.0)
-            shoot(0.05)
+            shoot(1)
         at[:] = [x, y]
 
     def middle(selector: str, share: float) -> tuple[float, float]:
@@ -135,21 +133,22 @@ def film(target: Path) -> None:
         opened(page, address, "friction=0.1&gap=0.0005&members=2&modes=3")
         page.evaluate(CURSOR)
         slider, at = '[data-control="gap"] input[type=range]', [640.0, 400.0]
-        go(*middle(slider, 0.41), 4)
+        go(*middle(slider, 0.41), 3)
         page.mouse.down()
-        go(*middle(slider, 0.55), 14)
+        go(*middle(slider, 0.55), 10)
         page.mouse.up()
-        shoot(1.5)
-        go(*middle("#curve .plot", 0.5), 5)
+        shoot(4)
+        go(*middle("#curve .plot", 0.5), 4)
         page.mouse.click(*at)
-        shoot(2.0)
-        go(*middle("#recommend", 0.5), 5)
+        shoot(5)
+        go(*middle("#recommend", 0.5), 4)
         page.mouse.click(*at)
-        shoot(1.0, "#why:not(:empty)")
-        shoot(2.5)
+        shoot(2)
+        page.wait_for_selector("#why:not(:empty)", timeout=WAIT)
+        shoot(6)
     palette = frames[0].quantize(FILM_COLOURS, Image.Quantize.MAXCOVERAGE)  # one for all: what stands still costs nothing
     frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    lengths = [round(1e3 * (b - a)) for a, b in itertools.pairwise(seconds)] + [2000]
+    lengths = [*(len(frames) - 1) * [round(1e3 * PICTURE)], 2000]
     frames[0].save(target, save_all=True, append_images=frames[1:], duration=lengths, loop=0, optimize=True)
 
 
