@@ -45,7 +45,7 @@ def friction_limit(scene: Scene) -> float:
 
 
 def _beside(scene: Scene, method: Method, record: Samples | None, moves_base: bool, interval: float) -> Beside | None:
-    """Return what acts beside one force at the force's place in intervals (s), None where that is all. Raises ParameterError where it cannot."""
+    """Return the loads beside one force at the force's place, in intervals (s); None without any. Raises ParameterError where it cannot."""
     base = check_general(scene, method, record, moves_base=moves_base)
     if record is None and not moves_base:
         return None

@@ -69,7 +69,7 @@ class CurveCase:
         return linear_sweep(omega, low, high, self.percent_per_100_periods), linear_sweep(omega, high, low, self.percent_per_100_periods)
 
     def drive(self, drawn: Members, member: int, amplitude: float, schedule: FrequencySchedule) -> AnyDrive:
-        """Return what acts in one run."""
+        """Return the drive or the loads of one run."""
         return member_of(self.load(amplitude, schedule), Member(member, float(drawn.phases[member]), float(drawn.factors[member])))
 
     def amplitudes(self) -> Array:

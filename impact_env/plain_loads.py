@@ -77,7 +77,7 @@ def _read_tones(path: str, plain: Mapping[str, Any], quantity: str) -> Tones:
 
 
 def _made(make: Callable[..., Any], path: str, plain: Mapping[str, Any], keys: Keys, **fixed: Any) -> Any:
-    """Return what ``make`` gives for a table with these keys, and ``fixed`` arguments."""
+    """Call ``make`` with the values of a table with these keys, and ``fixed`` arguments."""
 
     def fill(**given: Any) -> Any:
         return make(**given, **fixed)

@@ -75,7 +75,7 @@ def schedule_in(load: Load) -> FrequencySchedule | None:
 
 
 def _schedule_pieces(schedule: FrequencySchedule, order: float, phase: float, coefficients: Array, moves_base: bool) -> Pieces:
-    """Return what turns ``order`` times as fast as a schedule; ``coefficients`` (K - 1, 6) as in `Pieces`."""
+    """Return a load that turns ``order`` times as fast as a schedule; ``coefficients`` (K - 1, 6) as in `Pieces`."""
     omegas, steps = order * schedule.omegas, np.diff(schedule.times)
     phases = phase + order * schedule.phase_at(schedule.times)
     return Pieces(schedule.times, np.column_stack([omegas[:-1], np.diff(omegas) / steps, phases[:-1], coefficients]), moves_base)

@@ -127,7 +127,7 @@ def _schedule_of_loads(scene: Scene, drive: Loads, reach: float) -> Schedule:
 
 
 def base_of(scene: Scene) -> loads.Base:
-    """Return what a base that moves does to a scene."""
+    """Return the participations of a scene's modes and absorber in a base that moves."""
     model, mass = scene.model, scene.absorber_mass or 0.0
     assert model.base_participation is not None
     return loads.Base(np.zeros((2, TERMS)), np.array(model.base_participation), model.base_at_absorber, mass * model.base_at_absorber)

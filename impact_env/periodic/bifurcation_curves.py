@@ -133,7 +133,7 @@ class CurveWalk(Walk):
         return (*watched, Monitor(RESONANCE, self._apart, ends=True)) if self.kind == TORUS else watched
 
     def _apart(self, z: Array, value: float) -> float:
-        """Return what is zero where the torus's pair meets at 1 or -1, behind which it is real and there is none."""
+        """Return a function of the torus's pair that is zero where it meets at 1 or -1; behind that it is real, and no torus."""
         matrix = self.motion(z, value).derivative
         return float(4 - np.sum(_pair(np.linalg.eigvals(matrix).astype(complex))).real ** 2) if np.all(np.isfinite(matrix)) else np.nan
 

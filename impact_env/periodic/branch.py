@@ -82,7 +82,7 @@ class Branch:
         return self.ended == CLOSED
 
     def of(self, kind: str) -> tuple[Located, ...]:
-        """Return what was located of a kind, such as "fold"."""
+        """Return the located points of a kind, such as "fold"."""
         return tuple(event for event in self.located if event.kind == kind)
 
     def joined(self, backward: Branch) -> Branch:
@@ -295,7 +295,7 @@ def _crossing(between: _Between, after: int) -> tuple[float, Located]:
 
 
 def located(monitors: tuple[Monitor, ...], system: System, here: Place, there: Place, after: int) -> tuple[Located, ...]:
-    """Return what lies between two places, point number ``after`` and the next, in the order of the branch.
+    """Return the zeros of monitors between two places, point number ``after`` and the next, in the order of the branch.
 
     Two zeros of one function in one step cancel and are missed: the continuation's limit on the tangent's turn is there to keep steps short of that.
     """

@@ -110,15 +110,15 @@ class Walk:
         return solution_in(self.case, self.schedule, z, {self.parameter: value})
 
     def residual(self) -> Residual:
-        """Return what is continued, with the schedule in use."""
+        """Return the residual that is continued, with the schedule in use."""
         return Conditions(self.case, self.schedule, self.parameter)
 
     def clearance(self, z: Array, value: float) -> float:
-        """Return what is zero where the absorber grazes a wall."""
+        """Return the distance to a wall at the closest approach, zero where the absorber grazes it."""
         return self.motion(z, value).clearance / self.case.gap
 
     def monitors(self) -> tuple[Monitor, ...]:
-        """Return what is watched."""
+        """Return the monitors of a branch."""
         return (
             Monitor(GRAZING, self.clearance, ends=True),
             Monitor(PULLING, self.weakest, ends=True),

@@ -114,7 +114,7 @@ class Stays:
         require(ok, "durations", self.durations, "finite numbers of pseudo periods, 0 or above")
 
     def after(self, time: float) -> Stays:
-        """Return what is left of the stays that last longer than ``time``."""
+        """Return the rest, after ``time``, of the stays that last longer."""
         left = self.durations > time
         return Stays(self.durations[left] - time, self.ended[left])
 

@@ -193,7 +193,7 @@ def closed_form_over(case: Case, ratios: Array, progress: Progress | None = None
 
 
 def joined_by(group: Found, branches: Iterable[OrbitBranch]) -> Found:
-    """Return what was found at a frequency together with the orbits of branches there, and their mirror images where they have no symmetry."""
+    """Return the group of a frequency with the orbits of branches there added, and the mirror images of those without symmetry."""
     more = [orbit for branch in branches for orbit in crossings(branch, group.case.omega)]
     good = [orbit for orbit in more if isinstance(orbit, Orbit) and least_multiple(orbit) == orbit.schedule.period_multiple]
     images = [orbit for one in good if not one.schedule.symmetric and isinstance(orbit := mirrored(one), Orbit)]

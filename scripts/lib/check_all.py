@@ -65,7 +65,7 @@ MACHINES = {
 
 
 def requirements(machine: Machine) -> list[str]:
-    """Return what pip is asked for: pinned versions, but the varied packages' oldest or newest that pyproject.toml allows."""
+    """Return the requirements for pip: pinned versions, but the varied packages' oldest or newest that pyproject.toml allows."""
     lines = [
         line for layer in machine.layers for line in (ROOT / "requirements" / f"{layer}.txt").read_text().splitlines() if not line.startswith("#")
     ]

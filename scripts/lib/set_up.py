@@ -43,7 +43,7 @@ def say(text: str) -> None:
 
 
 def stamp_text(root: Path, layer: str) -> bytes:
-    """Return what a layer is made from; environment.sh compares the same bytes."""
+    """Return a layer's stamp, the bytes that it is made from; environment.sh compares the same."""
     layers = ["main"] if layer == "main" else ["main", layer]
     files = [root / "pyproject.toml", *(root / "requirements" / f"{name}.txt" for name in layers)]
     return os.fsencode(root.as_posix()) + b"\n" + b"".join(file.read_bytes() for file in files)

@@ -30,16 +30,6 @@ def test_film_moves_and_is_whole(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["film.gif"]
 
 
-def test_random_film_follows_from_the_seed(tmp_path: Path) -> None:
-    files = [tmp_path / f"{name}.gif" for name in "abc"]
-    for file, seed in zip(files, (1, 1, 2), strict=True):
-        assert (
-            call(render_episode.main, "--env", "gapchoice", "--random", "--seed", seed, "--gif", file, "--frames", 4, "--interval", 1).exit_code == 0
-        )
-    first, again, other = (file.read_bytes() for file in files)
-    assert first == again != other
-
-
 def test_an_agent_acts_in_its_own_environment(tmp_path: Path) -> None:
     file = packaged_file("FrictionChoice-v1")
     target = tmp_path / "agent.gif"

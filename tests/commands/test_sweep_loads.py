@@ -13,15 +13,11 @@ from commands import call, sweep
 from load_cases import FORCE_SHAPE, GRAVITY, MASS, OMEGA, PARTICIPATION, TIP_SHAPE, TONES, cantilever
 from numpy.typing import NDArray
 
-from impact_env.controlled import ControlledRuns
-from impact_env.drive import Drive, FrequencySchedule, constant_frequency
+from impact_env.drive import FrequencySchedule
 from impact_env.loads import BASE, Load, Loads, Member, Random, Samples, ShakenBase, Shock, Tone, Tones
-from impact_env.methods import Moreau
 from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber
-from impact_env.periodic.case import case_of
 from impact_env.plain_loads import read_loads
 from impact_env.scene import Scene
-from impact_env.sweep import simulate
 from optimisation.cli.group import imported
 from optimisation.cli.load_option import loads_of
 from optimisation.load_measures import check_size
@@ -208,18 +204,6 @@ def test_base_motion_needs_a_participation_and_walls_a_place_to_rest(tmp_path: P
     result = call(imported("sweep"), "--absorber", "none", "--load", tmp_path / "load.toml", "--force", 3)
     assert "--force does not go with --load" in result.output
     assert not (tmp_path / "out.json").exists()
-
-
-def test_what_knows_no_weight_refuses_it() -> None:
-    scene = Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.7), gravity=9.81))
-    runs = {
-        "intervals": lambda: ControlledRuns(scene, 1, OMEGA[0], 1.0, samples_per_period=16),
-        "periodic": lambda: case_of(scene, 1.0, OMEGA[0]),
-        "Moreau": lambda: simulate(scene, Drive(1.0, constant_frequency(OMEGA[0], 1.0, 1.0)), Moreau()),
-    }
-    for word, run in runs.items():
-        with pytest.raises(ParameterError, match=rf"gravity = 9\.81 is not allowed: 0 .*{word}"):
-            run()
 
 
 def test_common_loads_in_short(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from commands import call
 
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("cmaes")
-from environment_cases import ADAPTIVE, DELAYED, FRICTION, GAP1, RUBBING, V1
+from environment_cases import ADAPTIVE, DELAYED, GAP1, RUBBING, V1
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.evaluation import play
@@ -18,7 +18,7 @@ from optimisation.cli import judge
 from optimisation.rl.agents import TRAINED, Agent, Memory, load_agent, save_agent
 from optimisation.rl.demonstrations import fingerprint, read_demonstrations, record, write_demonstrations
 from optimisation.rl.families import ConstantAction, FamilyPolicy, task_of
-from optimisation.rl.passage_rules import FrequencyWindow, GapByEstimatedForce, LimitByLook, SmallRule
+from optimisation.rl.passage_rules import FrequencyWindow, GapByEstimatedForce, SmallRule
 from optimisation.rl.rules import BLIND, CONSTANT, EIGHT, TASKS, env_of, policies
 from optimisation.rl.tuning import Search, best_of, evolve, mean_scores
 
@@ -61,26 +61,6 @@ def test_the_estimated_force_is_exact_where_the_absorber_is_free_or_rattles_as_a
     rows[1, 4] = 1.0
     np.testing.assert_allclose(rule.estimate(np.full(2, stroke), rows), force, rtol=1e-5)
     assert 1e-3 * scale.force_per_gap == pytest.approx(3.49, abs=0.15)  # physics of the first mode: f* of the paper's gap
-
-
-def test_the_rule_of_the_friction_limit_looks_once_and_remembers() -> None:
-    behind = task_of(FRICTION)
-    low, high = behind.limits
-    rule = FamilyPolicy("rule", LimitByLook(behind), [0.9, 0.5, 0.0, 1.0, 0.0])
-    rule.start(2)
-    way = [(1.03, 0.0, 0.0), (0.99, 0.1, 0.2), (0.979, 0.3, 0.6), (0.95, 5.0, 7.0)]
-    acts = []
-    for ratio, *amplitudes in way:
-        rows = np.zeros((2, 11), np.float32)
-        rows[:, 6], rows[:, 0], rows[:, 1] = (ratio - 1) / 0.1, 0.6 * np.array(amplitudes), 0.8 * np.array(amplitudes)
-        acts.append(rule.act(rows)[:, 0])
-    np.testing.assert_allclose(acts[:2], 0.9, rtol=1e-6)
-    np.testing.assert_array_equal(acts[3], acts[2])
-    limits = low * (high / low) ** (0.5 * (acts[2].astype(np.float64) + 1))
-    np.testing.assert_allclose(limits, np.sqrt(low * high) * np.array([0.3, 0.6]), rtol=1e-5)  # in proportion to what was seen
-    rule.start(2)
-    rows[:, 6], rows[:, :2] = 0.3, 0.0
-    np.testing.assert_allclose(rule.act(rows), 0.9, rtol=1e-6)  # what was seen before is forgotten
 
 
 def test_candidates_are_scored_as_if_each_played_alone_and_a_search_is_no_worse_than_its_start() -> None:

@@ -141,14 +141,3 @@ def test_light_and_heavy_slow_and_fast_absorbers_run(mass_ratio: float, frequenc
     absorber = TunedAbsorber(mass_ratio, mass * omega**2, 2 * mass * omega * ratio)
     response = run(scene_of(absorber), drive_of(1.0, 1.0, periods=3))
     assert abs(response.energy.relative_error) < 1e-9
-
-
-def test_stuck_absorber_moves_with_the_tip() -> None:
-    response = run(scene_of(StuckAbsorber()), drive_of(1.0, 0.9, 1.1))
-    np.testing.assert_allclose(response.history.absorber_displacement, response.history.tip_displacement, rtol=0, atol=1e-18)
-    np.testing.assert_allclose(response.history.absorber_velocity, response.history.tip_velocity, rtol=0, atol=1e-15)
-
-
-def test_force_of_zero_leaves_rest_at_rest() -> None:
-    for absorber in LINEAR:
-        np.testing.assert_array_equal(run(scene_of(absorber), drive_of(0.0, 1.0)).end_state, 0.0)

@@ -191,7 +191,7 @@ class Contacts:
             self._enter(k, automaton.moving(sign) if sign else automaton.joined(side), side, 1)
 
     def _bounds(self, which: int, side: int) -> tuple[float, float]:
-        """Return what friction and the wall of a side can give, in N."""
+        """Return the least and the largest force of friction and a side's wall in N."""
         limit = self.automata[which].limit or 0.0
         return (-np.inf if side > 0 else -limit), (np.inf if side < 0 else limit)
 

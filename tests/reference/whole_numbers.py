@@ -30,7 +30,7 @@ def wholes(values: Sequence[Number] | Array) -> Whole:
 
 
 def fraction(value: int) -> Fraction:
-    """Return what a whole number stands for."""
+    """Return the fraction that a whole number stands for."""
     return Fraction(value, ONE)
 
 

@@ -42,11 +42,10 @@ from impact_env.ensemble import Lane, Members, draw_members, run_lanes
 from impact_env.envs.settings import Settings
 from impact_env.frequency import joint_matrices, receptance, tip_response
 from impact_env.level import response_level
-from impact_env.methods import Exact, check_supported
 from impact_env.plain import from_drive, from_scene, to_drive, to_scene
 from impact_env.plain_files import read_plain
 
-INF, NAN = math.inf, math.nan
+NAN = math.nan
 SCENE = beam_scene(Beam(modes=2), impact_absorber())
 ONE = constant_frequency(252.0, 1.0, 1.0)
 Refused = tuple[str, Callable[[], object]]
@@ -56,30 +55,17 @@ def starting(**start: Any) -> Callable[[], object]:
     return lambda: simulate(SCENE, Drive(1.0, ONE), initial=InitialState(**start))
 
 
-def unknown_absorber() -> None:
-    scene = Scene(modal_model(Beam(modes=1)))
-    object.__setattr__(scene, "absorber", RigidWalls())
-    check_supported(scene, Exact())
-
-
 CALLS: list[Refused] = [
-    ("elements = 0", lambda: Beam(elements=0)),
     ("modes = 0", lambda: Beam(modes=0)),
-    ("modes = 61", lambda: Beam(modes=61)),
     ("modes = 5", lambda: Beam(elements=2, modes=5)),
     ("damping_ratio = -0.1", lambda: Beam(damping_ratio=-0.1)),
     ("damping_ratio = (0.1, 0.1)", lambda: Beam(damping_ratio=(0.1, 0.1))),
-    ("damping_ratio = (0.1, -0.1)", lambda: Beam(modes=2, damping_ratio=(0.1, -0.1))),
     ("force_position = 0.0", lambda: Beam(force_position=0.0)),
-    ("force_position = 1.01", lambda: Beam(force_position=1.01)),
     ("absorber_position = -0.5", lambda: Beam(absorber_position=-0.5)),
     ("modal_frequency_ratio's mode = 1", lambda: Beam(modal_frequency_ratio={1: 2.0})),
-    ("modal_frequency_ratio's mode = 11", lambda: Beam(modal_frequency_ratio={11: 2.0})),
     ("modal_frequency_ratio[2] = 0.0", lambda: Beam(modal_frequency_ratio={2: 0.0})),
     ("gap = -0.001", lambda: RigidWalls(-1e-3)),
-    ("gap = -0.001", lambda: CompliantWalls(1e5, -1e-3)),
     ("restitution = -0.1", lambda: RigidWalls(restitution=-0.1)),
-    ("restitution = 1.1", lambda: RigidWalls(restitution=1.1)),
     ("friction limit = 0.0", lambda: CoulombFriction(0.0)),
     ("friction stiffness = 0.0", lambda: ElasticCoulombFriction(1.0, 0.0)),
     ("contact stiffness = 0.0", lambda: CompliantWalls(0.0)),
@@ -90,21 +76,16 @@ CALLS: list[Refused] = [
     ("rigid or both compliant", lambda: SlidingAbsorber(walls=RigidWalls(), friction=ElasticCoulombFriction(1.0, 1.0))),
     ("rigid or both compliant", lambda: SlidingAbsorber(walls=CompliantWalls(1.0), friction=CoulombFriction(1.0))),
     ("absorber", lambda: Scene(modal_model(Beam(modes=1)), RigidWalls())),
-    ("absorber", unknown_absorber),
     ("reference", lambda: linear_sweep(0.0)),
     ("start ratio = -1.0", lambda: linear_sweep(1.0, -1.0)),
     ("stop ratio = 0.9", lambda: linear_sweep(1.0, 0.9, 0.9)),
     ("percent_per_100_periods = 0.0", lambda: linear_sweep(1.0, percent_per_100_periods=0.0)),
     ("periods = 0.0", lambda: constant_frequency(1.0, 1.0, 0.0)),
     ("times", lambda: FrequencySchedule([0.0], [1.0], 1.0)),
-    ("times", lambda: FrequencySchedule([0.1, 1.0], [1.0, 1.0], 1.0)),
     ("times", lambda: FrequencySchedule([0.0, 1.0, 1.0], [1.0, 1.0, 1.0], 1.0)),
     ("omegas", lambda: FrequencySchedule([0.0, 1.0], [1.0, -1.0], 1.0)),
-    ("omegas", lambda: FrequencySchedule([0.0, 1.0], [1.0, 1.0, 1.0], 1.0)),
     ("resonance = 0", lambda: modal_model(Beam()).pseudo_period(0)),
-    ("resonance = 11", lambda: modal_model(Beam()).pseudo_period(11)),
     ("absorber_displacement", starting(absorber_displacement=1.001e-3)),
-    ("absorber_displacement", starting(absorber_displacement=-1.001e-3)),
     ("absorber_displacement", starting(modal_displacement=np.array([1e-3, 0.0]), absorber_displacement=0.0)),
     ("modal_displacement", starting(modal_displacement=np.zeros(3))),
     ("damping_ratio", lambda: ModalModel([1.0], [-0.1], [1.0], [1.0], 1.0)),
@@ -162,37 +143,26 @@ PLAIN: list[tuple[Any, str]] = [
     ({"beam": {"length_m": "0.5"}}, "scene.beam.length_m = '0.5' is not allowed: a finite number above 0"),
     ({"beam": {"length_m": 10**400}}, "scene.beam.length_m = a whole number of very many digits"),
     ({"beam": {"force_position": 0}}, "scene.beam.force_position = 0 is not allowed: a number in (0, 1]"),
-    ({"beam": {"modes": 2.0}}, "scene.beam.modes = 2.0 is not allowed: a whole number from 1 to 60"),
     ({"beam": {"modes": 2, "damping_ratio": [0.1, "0"]}}, "scene.beam.damping_ratio[1] = '0' is not allowed: a finite number"),
     ({"beam": {"modes": 2, "damping_ratio": [0.1]}}, "scene.beam.damping_ratio = (0.1,) is not allowed: one number, or one for each of the 2 modes"),
-    ({"beam": {"modal_frequency_ratio": 5}}, "scene.beam.modal_frequency_ratio = 5"),
     ({"beam": {"modal_frequency_ratio": {"two": 5}}}, "scene.beam.modal_frequency_ratio's mode = 'two'"),
-    ({"beam": {"modal_frequency_ratio": {"02": 5}}}, "scene.beam.modal_frequency_ratio's mode = '02'"),
     ({"beam": {"modal_frequency_ratio": {"2": 0}}}, "scene.beam.modal_frequency_ratio[2] = 0"),
     ({"beam": {}, "model": MODEL}, "scene.beam = {} is not allowed: left out beside another structure"),
     ({"model": {}}, "scene.model = {} is not allowed: the key damping_ratio must be given"),
     ({"model": {**MODEL, "omega_rad_s": [1, NAN]}}, "scene.model.omega_rad_s[1] = nan"),
-    ({"model": {**MODEL, "omega_rad_s": [1]}}, "scene.model.damping_ratio = "),
     ({"model": {**MODEL, "damping_ratio": "one"}}, "scene.model.damping_ratio = 'one' is not allowed"),
     ({"model": {"modes_csv": "none.csv"}}, "scene.model.modes_csv = 'none.csv' is not allowed: a .csv file"),
     ({"model": {**MODEL, "absorber_shapes_per_sqrt_kg": [1, 2]}}, "scene.model.absorber_shapes_per_sqrt_kg[0] = 1"),
-    ({"model": {**MODEL, "absorber_shapes_per_sqrt_kg": [[1, 2], [1]]}}, "scene.model.absorber_shapes_per_sqrt_kg = "),
-    ({"model": {**MODEL, "absorber_shapes_per_sqrt_kg": [[1], [1]]}}, "scene.model.absorber_shapes_per_sqrt_kg = "),
     ({"model": MODEL, **several({"position": 1}, {"position": 1})}, "scene: absorber_shapes of the modal model = 0 is not allowed: 2 rows"),
     ({"absorber": "impact"}, "scene.absorber = 'impact' is not allowed: a table of an absorber's values"),
     ({"absorber": {}}, "scene.absorber.kind = None is not allowed: one of impact, friction"),
     (absorber(gap_m=1e-3), "scene.absorber.gap_m = 0.001 is not allowed: only the keys mass_ratio, gap, restitution"),
-    (absorber(gap="wide"), "scene.absorber.gap = 'wide'"),
     (absorber(walls={"thickness": 1}), "scene.absorber.walls.thickness = 1 is not allowed"),
     (absorber(friction_stiffness=1), "scene.absorber.friction_stiffness = 1 is not allowed: left out without a friction_limit"),
-    (absorber(friction_limit=-1), "scene.absorber.friction_limit = -1 is not allowed: a finite number, 0 or above"),
-    (absorber(friction_limit=0, friction_stiffness=0), "scene.absorber.friction_stiffness = 0"),
     (absorber(friction_limit=1, friction_stiffness=1), "walls and friction either both rigid or both compliant"),
     ({"absorber": {"kind": "friction", "friction_limit": 0}}, "scene.absorber.friction_limit = 0 is not allowed: above 0 for a friction damper"),
-    ({"absorber": {"kind": "friction", "gap": 1e-3}}, "scene.absorber.gap = 0.001 is not allowed: only the keys mass_ratio, friction_limit"),
     ({"absorber": {"kind": "several"}}, "the key absorbers must be given"),
     (several(), "scene.absorber: number of absorbers = 0 is not allowed: 2 to 4"),
-    (several({"position": 1}), "scene.absorber: number of absorbers = 1 is not allowed: 2 to 4"),
     (several({"position": 1}, {}), "scene.absorber.absorbers[1] = {} is not allowed: the key position must be given"),
     (several({"position": 1}, {"position": 0}), "scene.absorber.absorbers[1].position = 0"),
     (several({"position": 1, "share": 0.5}, {"position": 1, "share": 0.4}), "scene.absorber: shares = (0.5, 0.4)"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
-from studies.paper import basics_claims, modes_needed, modulation, optimum, starts
+from studies.paper import basics_claims, modulation
 from studies.paper.basics import beam_numbers, linear_numbers, tuned_numbers
 from studies.paper.claim import Claim, Verdict
 
@@ -241,31 +241,3 @@ def test_the_depth_of_a_modulation_is_that_of_its_envelope() -> None:
     peaks = 1 + 0.4 * np.sin(np.linspace(0, 40 * np.pi, 4000))
     assert modulation.depth(peaks) == pytest.approx(0.4 * np.sin(0.45 * np.pi), rel=1e-2)
     assert modulation.depth(np.ones(10)) == 0
-
-
-def test_claims_beyond_the_paper_follow_the_numbers() -> None:
-    def level(middle: float) -> dict[str, Any]:
-        return {"forces_n": [35.0], "relative": [middle], "low": [middle - 0.01], "high": [middle + 0.01], "nominal": [middle]}
-
-    def modes(ten: float) -> dict[str, Any]:
-        first = {**level(0.2), "forces_n": [3.5]}
-        return {name: {"1": first, "2": level(x)} for name, x in (("10", ten), ("20", 0.25))}
-
-    assert [claim.verdict for claim in modes_needed.FIGURE.claims(modes(0.25))] == [Verdict.HOLDS, Verdict.HOLDS]
-    assert [claim.verdict for claim in modes_needed.FIGURE.claims(modes(0.20))] == [Verdict.HOLDS, Verdict.NOT]
-
-    def mass(ratio: float, at: float) -> dict[str, Any]:
-        row = {"restitution": 1.0, "best_n": 1.0, "best_band_n": [1, 1], "level": at, "level_band": [at, at], "relative": [at], "nominal": [at]}
-        return {"mass": ratio, "rule_n": 1.0, "reach": 2.0, "forces_n": [1.0], "rows": [row]}
-
-    for last, verdict in ((0.1, Verdict.HOLDS), (0.4, Verdict.NOT)):
-        heavier, light = optimum.FIGURE.claims({"a": mass(0.01, 0.3), "b": mass(0.02, last)})
-        assert (heavier.verdict, light.verdict) == (verdict, Verdict.HOLDS)
-    assert optimum.FIGURE.claims({"a": mass(0.01, 0.9)})[1].verdict is Verdict.NOT
-
-    def random(ratio: float) -> dict[str, Any]:
-        paper = [[1.0, 1.0, 1.0]]
-        return {"one": {"forces_n": [1.5], "levels_m": {choice: paper if choice == "paper's" else [[ratio] * 3] for choice in starts.CHOICES}}}
-
-    for ratio, verdict in ((0.8, Verdict.HOLDS), (1.3, Verdict.NOT)):
-        assert starts.FIGURE.claims(random(ratio))[0].verdict is verdict

@@ -15,7 +15,7 @@ from impact_env.methods import Exact
 from impact_env.parameters import Beam, friction_damper, impact_absorber
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
-from studies.paper import dissinf, oprange, scat, second_mode
+from studies.paper import oprange, scat, second_mode
 from studies.paper.account import window_around
 from studies.paper.claim import Verdict, verdict
 from studies.paper.curve import (
@@ -184,20 +184,6 @@ def test_verdicts_at_the_papers_step() -> None:
     assert verdict(2.0, 3.0, 0.0, 1.0, at_step=1.5) is Verdict.NOT
     assert verdict(0.5, 3.0, 0.0, 1.0, at_step=5.0) is Verdict.SPREAD
     assert verdict(float("nan"), 3.0, 0.0, 1.0) is Verdict.NOT
-
-
-def test_first_impacts_and_best_forces() -> None:
-    none, own = made(power(1)), made(power(1) * np.array([1, 0.5, 0.9, 0.4, 1.0])[:, None])
-    assert dissinf.best_forces(own, none).tolist() == [4.0] * 3
-    some = replace(own, impacts=np.where(FORCES[:, None] >= 2, [[1.0, 1.0, 0.0]], 0.0))
-    assert dissinf.first_impacts(some).tolist() == [2.0, 2.0, np.inf]
-
-
-def test_force_at_which_a_curve_comes_to_a_level() -> None:
-    assert dissinf.forces_at(made(power(1, 1)), 3e-3) == pytest.approx([3.0])
-    assert np.isnan(dissinf.forces_at(made(power(1, 2)), 1.0)).all()
-    dipped = made(power(1, 1) * np.array([1, 1, 0.3, 1, 1])[:, None])
-    assert dissinf.forces_at(dipped, 0.8e-3)[0] > 2.0  # not where it first comes to it
 
 
 def test_decay_of_a_mode_over_half_a_period() -> None:

@@ -23,7 +23,7 @@ sys.meta_path[sys.meta_path.index(PathFinder)] = Declared
 
 
 def needed(of: Distribution, extras: Iterable[str]) -> list[Requirement]:
-    """Return what a distribution asks for on this system, with these of its extras."""
+    """Return the requirements of a distribution on this system, with these of its extras."""
     every = [Requirement(line) for line in of.requires or []]
     return [r for r in every if r.marker is None or any(r.marker.evaluate({"extra": extra}) for extra in ("", *extras))]
 

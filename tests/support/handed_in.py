@@ -79,7 +79,7 @@ VALUES = (*NUMBERS, *OTHER_NUMBERS, *LISTS, *ARRAYS, *WORDS, *TABLES, *CLASSES, 
 
 
 def opened(hint: Any) -> Any:
-    """Return what a name for a type hint stands for: NumPy's own are such from 2.5 on."""
+    """Return the type hint behind a name for one: NumPy's are names from 2.5 on."""
     return getattr(typing.get_origin(hint) or hint, "__value__", hint)
 
 

@@ -40,7 +40,7 @@ def far(x, values):
 
 @jit_inline
 def near(x, values):
-    """Return what is inlined at each call, and with it, but for a sparing group, what it calls."""
+    """A function that is inlined at each call, with all that it calls but for a sparing group."""
     return far(x, values) + far(2.0 * x, values)
 
 

@@ -28,7 +28,7 @@ def laws_of(scene: Scene, mobility: Array) -> Laws:
 
 
 def percussion(laws: Laws, a: int, before: Array, free: float, distance: Array, dt: float) -> float:
-    """Return what friction and wall give absorber a in a step, the others being known; ``free``: its relative velocity without that."""
+    """Return the percussion by friction and wall on absorber a in a step, the others being known; ``free``: its relative velocity without that."""
     p = float(np.clip(-free / laws.mobility[a], -laws.limit[a] * dt, laws.limit[a] * dt))
     if abs(distance[a]) >= laws.gap[a]:
         wanted = -laws.restitution[a] * before[a]

@@ -43,7 +43,7 @@ def own_case(given: dict[str, Any]) -> Case:
 
 
 def chosen_settings(given: dict[str, Any], executor: Executor | None = None) -> Settings:
-    """Return what to compute, by an executor as in `run_lanes`. Raises BadInput or ParameterError."""
+    """Return the settings of a run, by an executor as in `run_lanes`. Raises BadInput or ParameterError."""
     own = is_own(given)
     picked = (own_case(given),) if own else cases()
     counts = {} if given["members"] is None else dict.fromkeys(("stay_members", "sweep_members", "kind_members"), given["members"])

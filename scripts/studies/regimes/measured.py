@@ -126,12 +126,12 @@ BOTH_WAYS = 100.0, 300.0  # pseudo periods per percent
 
 
 def key(row: Row) -> Key:
-    """Return what is measured, the case, and its frequency ratio or slowness."""
+    """Return a row's key: the measurement's kind, the case, and its frequency ratio or slowness."""
     return row["what"], row["case"], row["at"]
 
 
 def jump_cases(settings: Settings) -> Mapping[Key, Callable[[], list[Row]]]:
-    """Return what measures stays at each frequency and sweeps at each slowness."""
+    """Return the measurements: stays at each frequency and sweeps at each slowness."""
     stay = {(STAY, case.name, ratio): partial(_stay, case, ratio, settings) for case in settings.cases for ratio in case.stay_ratios}
     sweep = {(SWEEP, case.name, slow): partial(_sweep, case, slow, settings) for case in settings.cases if case.sweep for slow in case.slownesses}
     ways = {
@@ -145,7 +145,7 @@ def jump_cases(settings: Settings) -> Mapping[Key, Callable[[], list[Row]]]:
 
 
 def kind_cases(settings: Settings) -> Mapping[Key, Callable[[], list[Row]]]:
-    """Return what measures the stationary responses at each frequency."""
+    """Return the measurements of the stationary responses at each frequency."""
     return {(RESPONSE, case.name, ratio): partial(_responses, case, ratio, settings) for case in settings.cases for ratio in case.kind_ratios}
 
 
