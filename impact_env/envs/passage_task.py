@@ -15,7 +15,7 @@ from impact_env.envs.observation import FREQUENCY, STATE, TIME_LEFT, Feature
 from impact_env.envs.reference import passage
 from impact_env.envs.settings import FORCES, Range, Settings, span
 from impact_env.envs.sweep_gap_task import require_cavity
-from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask
+from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask, speeds
 from impact_env.envs.task import Array, Mask
 from impact_env.kernels.control.interval import spread
 from impact_env.parameters import RigidWalls, SlidingAbsorber, count, non_negative, require
@@ -40,7 +40,6 @@ class Drawn:
     def __post_init__(self) -> None:
         for name, lowest, highest in (
             ("limits", DIGITS, math.inf),
-            ("sweep_rates", DIGITS, math.inf),
             ("gap_starts", DIGITS, math.inf),
             ("damping", 1e-4, 0.5),
             ("restitution", 0.0, 1.0),
@@ -51,6 +50,7 @@ class Drawn:
         non_negative("start_spread", self.start_spread)
         room = 0.5 * (self.limits[1] - self.limits[0])
         require(self.start_spread < room, "start_spread", self.start_spread, f"less than half the width of limits, {room:g}")
+        object.__setattr__(self, "sweep_rates", speeds("sweep_rates", self.sweep_rates, self.limits))
         count("scenes", self.scenes, 1, 1000)
         non_negative("price", self.price)
 

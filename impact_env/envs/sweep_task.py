@@ -25,6 +25,14 @@ LEVEL_UNITS = ("reference", "gap")
 PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequency ratio in one
 
 
+def speeds(name: str, value: Any, limits: Range) -> Range:
+    """Return (slowest, fastest) of rates at which the range of frequencies takes a pseudo period at least: faster ones would leave no response."""
+    (slow, fast), most = span(name, value), (limits[1] - limits[0]) / PER_PERIOD
+    allowed = f"in % per 100 pseudo periods, above 0 and at most {most:.6g}, at which the whole of limits takes one pseudo period"
+    require(0 < slow and fast <= most * (1 + 1e-9), name, value, allowed)
+    return slow, fast
+
+
 @dataclass(frozen=True)
 class Passage:
     """Arguments of a passage; `SweepRateEnv` describes them."""
@@ -48,10 +56,8 @@ class Passage:
         one_of("objective", self.objective, OBJECTIVES)
         low, high = span("limits", self.limits)
         require(0 < low < high, "limits", self.limits, "(low, high) frequency ratios with 0 < low < high")
-        slow, fast = span("rates", self.rates)
-        require(slow > 0, "rates", self.rates, "(slowest, fastest) in % per 100 pseudo periods, above 0")
         object.__setattr__(self, "limits", (low, high))
-        object.__setattr__(self, "rates", (slow, fast))
+        object.__setattr__(self, "rates", speeds("rates", self.rates, (low, high)))
         non_negative("backward_rate", self.backward_rate)
         positive("time_budget", self.time_budget)
         non_negative("time_price", self.time_price)
@@ -164,8 +170,9 @@ class OneRate:
 
     def passage(self, settings: Settings) -> Passage:
         """Return the passage, at the rate that suits the resonance's damping if none is given; the time suffices to finish it."""
-        rate = default_rate(settings.scene.model, (settings.resonance,)) if self.rate is None else positive("rate", self.rate)
         low, high = span("limits", self.limits)
+        usual = default_rate(settings.scene.model, (settings.resonance,))
+        rate = usual if self.rate is None else speeds("rate", positive("rate", self.rate), (low, high))[0]
         budget = abs(high - low) / (rate * PER_PERIOD)
         own = {name: value for name, value in vars(self).items() if name != "rate"}
         return Passage(rates=(rate, rate), time_budget=1.01 * budget + 1, **own)

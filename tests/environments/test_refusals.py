@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ADAPTIVE, FRICTION, GAP, PASSIVE, SWEEP, V1, make, vector
+from environment_cases import ADAPTIVE, FRICTION, GAP, LIMITED, PASSIVE, SWEEP, V1, make, vector
 from gymnasium.error import ResetNeeded
 
 from impact_env import ParameterError
@@ -82,6 +82,11 @@ def test_impossible_passive_actions_are_refused(bad: Any) -> None:
         (GAP, {"absorber": "tuned", "absorber_options": {}}, "absorber = "),
         (GAP, {"hold": (-1.0, 5.0)}, "hold"),
         (PASSIVE, {"rate": 0.0}, "rate = 0.0"),
+        (PASSIVE, {"rate": 1e9}, "rate = 1000000000.0 is not allowed: in % per 100 pseudo periods, above 0 and at most 1600"),
+        (SWEEP, {"limits": (0.9, 1.0), "rates": (1.0, 1e9)}, "rates = (1.0, 1000000000.0) is not allowed"),
+        (LIMITED, {"sweep_rates": (1e9, 1e10)}, "sweep_rates = (1000000000.0, 10000000000.0) is not allowed: in % per 100 pseudo periods"),
+        (LIMITED, {"sweep_rates": (0.0, 2.0)}, "sweep_rates = (0.0, 2.0)"),
+        (LIMITED, {"limits": (1.0, 1.0)}, "start_spread = 0.01 is not allowed: less than half the width of limits"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.*render_mode")

@@ -38,12 +38,13 @@ def test_an_agent_does_better_than_constants(task: str, algorithm: str) -> None:
 def test_an_agent_goes_on_learning() -> None:
     env = make_lanes("ImpactAbsorber/ActiveGap-v0", "ppo")
     model = PPO.load(packaged_file("ActiveGap-v0"), env=env, device="cpu")
+    model.set_random_seed(0)  # the lanes' seeds, too
     before = [parameter.detach().clone() for parameter in model.policy.parameters()]
     model.learn(5120, reset_num_timesteps=False)
     assert model.num_timesteps >= 400_000 + 5120
     assert all(not bool((a == b.detach()).all()) for a, b in zip(before, model.policy.parameters(), strict=True))
-    seen = model.rollout_buffer  # the critic that came along knows these rewards: what they add up to for ever
-    assert 0.5 < seen.values.mean() * (1 - model.gamma) / seen.rewards.mean() < 2
+    seen = model.rollout_buffer  # the critic that came along knows these rewards: what they add up to for ever; without their scale it is off by 50
+    assert 0.2 < seen.values.mean() * (1 - model.gamma) / seen.rewards.mean() < 5
 
 
 def test_what_does_not_ship_is_refused(tmp_path: Path) -> None:
