@@ -13,7 +13,8 @@ HIDDEN = (ADAPTIVE, FRICTION, GAP1, LIMITED, *IN_CYCLE)
 # columns of lengths and velocities over the gap: the tip in two phases; within a period tip, absorber and the tip's RMS
 AMPLITUDES = dict.fromkeys(HIDDEN, (0, 1)) | dict.fromkeys(IN_CYCLE, (0, 1, 2, 3, 9))
 OPEN = (OPEN_ADAPTIVE, OPEN_FRICTION)
-LEARNT, HELD_OUT, HINGES, SMALL = 2000, 2000, 300, 1e-6
+LEARNT, HELD_OUT, SMALL = 2000, 2000, 1e-6
+TREES, TRIED, LEAF = 5, 16, 20
 pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
 
 
@@ -25,16 +26,39 @@ def seen(env: Any, steps: int) -> tuple[np.ndarray, np.ndarray]:
     return info["force"], np.stack(rows, axis=1).astype(np.float64)
 
 
-def explained(inputs: np.ndarray, wanted: np.ndarray, hinges: int) -> float:
-    """Return R^2 on held-out episodes of least squares on inputs, their logarithms, and a number of random hinges of both."""
-    generator = np.random.default_rng(0)
+def linear(shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Return what least squares say of the rest."""
+    weights = np.linalg.solve(shown.T @ shown + 1e-3 * np.eye(shown.shape[1]), shown.T @ wanted)
+    return rest @ weights
+
+
+def tree(shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    """Return what an extremely randomised tree says (P. Geurts, D. Ernst, L. Wehenkel 2006): the best of a few cuts at random, again and again."""
+    columns = generator.integers(shown.shape[1], size=TRIED)
+    cuts = generator.uniform(shown[:, columns].min(axis=0), shown[:, columns].max(axis=0))
+    below = shown[:, columns] < cuts
+    number, total = below.sum(axis=0), wanted @ below
+    gain = total**2 / np.maximum(number, 1) + (wanted.sum() - total) ** 2 / np.maximum(len(wanted) - number, 1)
+    best = int(np.argmax(gain))
+    if len(wanted) < LEAF or number[best] in (0, len(wanted)):
+        return np.full(len(rest), wanted.mean())
+    told, side = np.empty(len(rest)), rest[:, columns[best]] < cuts[best]
+    for own, others in ((below[:, best], side), (~below[:, best], ~side)):
+        told[others] = tree(shown[own], wanted[own], rest[others], generator)
+    return told
+
+
+def forest(shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Return the mean of some trees."""
+    return np.mean([tree(shown, wanted, rest, np.random.default_rng(k)) for k in range(TREES)], axis=0)
+
+
+def explained(inputs: np.ndarray, wanted: np.ndarray, probe: Any) -> float:
+    """Return R^2 of a probe on held-out episodes, from inputs and their logarithms."""
     inputs = np.column_stack([inputs, np.log(np.abs(inputs) + SMALL)])
-    inputs = (inputs - inputs.mean(axis=0)) / (inputs.std(axis=0) + 1e-9)
-    planes = generator.normal(size=(inputs.shape[1], hinges)) / np.sqrt(inputs.shape[1])
-    every = np.column_stack([np.ones(len(inputs)), inputs, np.maximum(inputs @ planes + generator.normal(size=hinges), 0)])
-    shown, rest = every[:LEARNT], every[LEARNT:]
-    weights = np.linalg.solve(shown.T @ shown + 1e-3 * np.eye(every.shape[1]), shown.T @ wanted[:LEARNT])
-    return 1 - float(np.mean((wanted[LEARNT:] - rest @ weights) ** 2) / wanted[LEARNT:].var())
+    inputs = np.column_stack([np.ones(len(inputs)), (inputs - inputs.mean(axis=0)) / (inputs.std(axis=0) + 1e-9)])
+    told = probe(inputs[:LEARNT], wanted[:LEARNT], inputs[LEARNT:])
+    return 1 - float(np.mean((wanted[LEARNT:] - told) ** 2) / wanted[LEARNT:].var())
 
 
 @pytest.mark.parametrize("name", HIDDEN)
@@ -45,8 +69,8 @@ def test_features_tell_the_force_no_better_than_amplitudes_and_what_the_control_
     for steps in (1, 10):
         amplitude = np.hypot(*rows[:, :steps, :2].T).T[..., None]
         every, some = (np.concatenate([rows[:, :steps, columns], amplitude], axis=2) for columns in (slice(None), known))
-        for hinges in (0, HINGES):
-            told = [explained(values.reshape(len(values), -1), np.log(force), hinges) for values in (every, some)]
+        for probe in (linear, forest):
+            told = [explained(values.reshape(len(values), -1), np.log(force), probe) for values in (every, some)]
             assert 0.5 < told[1] <= 1  # amplitudes in units of the gap speak for the force: that is to be looked at
             assert told[0] < told[1] + 0.02
 
