@@ -29,7 +29,7 @@ def speeds(name: str, value: Any, limits: Range) -> Range:
     """Return (slowest, fastest) of rates at which the range of frequencies takes a pseudo period at least: faster ones would leave no response."""
     (slow, fast), most = span(name, value), (limits[1] - limits[0]) / PER_PERIOD
     allowed = f"in % per 100 pseudo periods, above 0 and at most {most:.6g}, at which the whole of limits takes one pseudo period"
-    require(0 < slow and fast <= most * (1 + 1e-9), name, value, allowed)
+    require(slow > 0 and fast <= most * (1 + 1e-9), name, value, allowed)
     return slow, fast
 
 
@@ -171,8 +171,8 @@ class OneRate:
     def passage(self, settings: Settings) -> Passage:
         """Return the passage, at the rate that suits the resonance's damping if none is given; the time suffices to finish it."""
         low, high = span("limits", self.limits)
-        usual = default_rate(settings.scene.model, (settings.resonance,))
-        rate = usual if self.rate is None else speeds("rate", positive("rate", self.rate), (low, high))[0]
+        rate = default_rate(settings.scene.model, (settings.resonance,)) if self.rate is None else positive("rate", self.rate)
+        speeds("rate", rate, (low, high))
         budget = abs(high - low) / (rate * PER_PERIOD)
         own = {name: value for name, value in vars(self).items() if name != "rate"}
         return Passage(rates=(rate, rate), time_budget=1.01 * budget + 1, **own)

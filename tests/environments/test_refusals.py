@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ADAPTIVE, FRICTION, GAP, LIMITED, PASSIVE, SWEEP, V1, make, vector
+from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, ADAPTIVE, FRICTION, GAP, LIMITED, PASSIVE, STRUCTURES, SWEEP, V1, make, vector
 from gymnasium.error import ResetNeeded
 
 from impact_env import ParameterError
@@ -81,6 +81,24 @@ def test_impossible_passive_actions_are_refused(bad: Any) -> None:
         (SWEEP, {"threads": 0}, "threads = 0"),
         (GAP, {"absorber": "tuned", "absorber_options": {}}, "absorber = "),
         (GAP, {"hold": (-1.0, 5.0)}, "hold"),
+        (ACTIVE_GAP, {"gap_speed": 0.0}, "gap_speed = 0.0"),
+        (ACTIVE_GAP, {"gap_lag": -1.0}, "gap_lag = -1.0"),
+        (ACTIVE_GAP, {"absorber": "stuck", "absorber_options": {}}, "rigid walls"),
+        (ACTIVE_FRICTION, {"price": -1.0}, "price = -1.0"),
+        (ACTIVE_FRICTION, {"frequency_ratio": (1.0, 0.9)}, "frequency_ratio"),
+        (ACTIVE_FRICTION, {"fatigue_exponent": 0.0}, "fatigue_exponent = 0.0"),
+        (ACTIVE_FRICTION, {"vector_reward": 1}, "vector_reward = 1"),
+        (ACTIVE_FRICTION, {"absorber": "none", "absorber_options": {}}, "rigid friction"),
+        (LIMITED, {"damping": (0.0, 0.1)}, "damping = (0.0, 0.1)"),
+        (LIMITED, {"restitution": 1.5}, "restitution = 1.5"),
+        (LIMITED, {"start_spread": 0.06}, "start_spread = 0.06"),
+        (LIMITED, {"scenes": 0}, "scenes = 0"),
+        (LIMITED, {"price": -0.1}, "price = -0.1"),
+        (STRUCTURES, {"split": "exam"}, "split = 'exam'"),
+        (STRUCTURES, {"structures": 0}, "structures = 0"),
+        (STRUCTURES, {"observe_structure": 1}, "observe_structure = 1"),
+        (STRUCTURES, {"modes": 3}, "modes = 3"),
+        (SWEEP, {"vector_reward": True}, "without a vector of costs"),
         (PASSIVE, {"rate": 0.0}, "rate = 0.0"),
         (PASSIVE, {"rate": 1e9}, "rate = 1000000000.0 is not allowed: in % per 100 pseudo periods, above 0 and at most 1600"),
         (SWEEP, {"limits": (0.9, 1.0), "rates": (1.0, 1e9)}, "rates = (1.0, 1000000000.0) is not allowed"),
