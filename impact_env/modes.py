@@ -134,7 +134,8 @@ class ModalModel:
     ``absorber_shapes`` (n, N_m): shapes at the places of several absorbers, or at those that one may be put on; None: there is the tip's alone.
     ``response_shape`` (N_m,): that of the place where the response level is read; None: at the tip. ``stress_shape`` (N_m,): what fatigues, a stress,
     strain or moment per modal displacement, in any unit; None: not known. ``base_participation`` (N_m,) in sqrt(kg): shapes^T M r with the rigid
-    displacement r for a unit motion of the base, None: not known; ``base_at_absorber``: r at the absorber's place.
+    displacement r for a unit motion of the base, None: not known; ``base_at_absorber``: r at the absorber's place. ``beam``: whose modes they are,
+    for `mode_shapes` elsewhere along it; None: of no beam.
     """
 
     omega: NDArray[np.float64]
@@ -147,6 +148,7 @@ class ModalModel:
     stress_shape: NDArray[np.float64] | None = None
     base_participation: NDArray[np.float64] | None = None
     base_at_absorber: float = 1.0
+    beam: Beam | None = None
 
     def __post_init__(self) -> None:
         optional = tuple(name for name in ("response_shape", "stress_shape", "base_participation") if getattr(self, name) is not None)
@@ -245,6 +247,7 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
         absorber_shapes=None if positions is None else np.array([shape(beam.place("position", x)) for x in positions]),
         response_shape=shape(beam.response_position) if elsewhere and beam.response_position is not None else None,
         base_participation=(base_load(beam) @ vectors)[: beam.modes],
+        beam=beam,
     )
 
 

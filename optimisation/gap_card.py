@@ -11,7 +11,7 @@ from impact_env.drive import Drive
 from impact_env.ensemble import Executor, Lane, draw_members, each_lane, run_lanes
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import ParameterError
-from impact_env.response import Record
+from impact_env.response import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.friction_rule import best_friction
@@ -134,14 +134,19 @@ def uncertain_levels(
 
 
 def _impacts(lane: Lane) -> tuple[float, ...]:
-    """Return a lane's impact speeds, rate and power, and the frequency of its level over the resonance's."""
+    """Return a lane's `impact_numbers`, and the frequency of its level over the resonance's."""
     response = simulate(lane.scene, lane.drive, record=Record(events=True))
-    impacts, level = response.impacts, response.level
+    assert response.level is not None
+    return *impact_numbers(response), response.level.frequency_ratio
+
+
+def impact_numbers(response: Response) -> tuple[float, float, float, float]:
+    """Return largest and RMS speed of a run's impacts (m/s), their number a second, and the power lost in them (W)."""
+    impacts, time = response.impacts, float(response.drive.schedule.times[-1])
     assert impacts is not None
-    assert level is not None
-    speed, time = np.abs(impacts.relative_velocity), float(lane.drive.schedule.times[-1])
+    speed = np.abs(impacts.relative_velocity)
     rms = float(np.sqrt(np.mean(speed**2))) if len(speed) else 0.0
-    return float(np.max(speed, initial=0.0)), rms, len(speed) / time, float(np.sum(impacts.energy_lost)) / time, level.frequency_ratio
+    return float(np.max(speed, initial=0.0)), rms, len(speed) / time, float(np.sum(impacts.energy_lost)) / time
 
 
 def stretch(forces: Array, good: NDArray[np.bool_], middle: int) -> tuple[float, float]:

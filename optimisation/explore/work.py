@@ -36,6 +36,7 @@ from optimisation.explore.loading import BAND, LOADS, Loading
 from optimisation.explore.settings import Asked, controls, places_of, scene_of, structure_of
 from optimisation.explore.waiting import Kernels, Newer
 from optimisation.friction_rule import best_friction
+from optimisation.gap_card import impact_numbers
 from optimisation.gap_check import scaled_absorber
 from optimisation.load_measures import read, settled_after
 from optimisation.mounting import scene_on
@@ -68,6 +69,7 @@ class Work:
         self.model, self.intensity, self.resonance = self.scene.model, values.intensity, values.resonance
         self.loading = Loading(values.load, self.model, self.resonance)
         self.density: tuple[Array, Array] | None = None  # of a random force, from the sweep on
+        self.borne: dict[str, float] = {}  # what the absorber bears in the run that is shown
 
     @property
     def curve_key(self) -> tuple[Any, ...]:
@@ -200,6 +202,8 @@ class Work:
         response = simulate(self.scene, drive, record=replace(self.loading.record, envelope=BINS), stop=self.stop)
         yield self._sweep(response)
         yield self._motion(response)
+        if self.gap() is not None:
+            self.borne = dict(zip(("largest_speed", "rms_speed", "impacts_a_second", "power"), impact_numbers(response), strict=True))
         if not self.loading.swept:
             self.density = _density(response)
 
@@ -261,7 +265,7 @@ class Work:
             self._last(replace(case, scene=scene, forces=np.array([self.intensity])), members)
             for scene, members in ((self.scene, self.values.members), (Scene(_at_level(self.model)), 1))
         )
-        level, without, gap = float(here.median[0]), float(free.median[0]), self.gap()
+        level, without, gap, omega = float(here.median[0]), float(free.median[0]), self.gap(), self.model.resonance_omega(self.resonance)
         (low,), (high,) = here.band
         numbers: Message = {
             "type": "card",
@@ -271,13 +275,14 @@ class Work:
             "band": [float(low), float(high)],
             "without": without,
             "mass": self.scene.absorber_mass,
-            "resonance_hz": self.model.resonance_omega(self.resonance) / (2 * np.pi),
+            "resonance_hz": omega / (2 * np.pi),
             "impacts_a_period": float(np.nanmean(here.lanes.impacts)) / case.schedules()[0].periods,
             "words": words(self.scene.absorber),
             "rate": case.percent_per_100_periods if self.loading.swept else None,
+            "acceleration": np.sqrt(2) * level * (float(np.max(here.lanes.frequency_ratio)) * omega) ** 2 if self.loading.swept else None,
         }
         if gap is not None:
-            numbers |= {"gap": gap, "rule_gap": self.rule(self.intensity)}
+            numbers |= {"gap": gap, "rule_gap": self.rule(self.intensity)} | self.borne
         if gap is not None and self.values.load == "force":
             rule = design_gap(self.alone, self.mass, self.intensity, self.resonance)
             numbers["reach"] = reach(self.alone, self.mass, self.resonance) * rule / gap

@@ -103,6 +103,11 @@ def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
     (sweep,) = (message for message in messages if message["type"] == "sweep")
     run = simulate(scene, Drive(3.5, CurveCase(scene, [3.5]).schedules()[0]), record=Record(events=True, series=True))
     assert (sweep["level"], sweep["at"], sweep["impacts"]) == (run.level.value, run.level.time, run.impact_count)
+    speed, time = np.abs(run.impacts.relative_velocity), run.drive.schedule.times[-1]
+    assert (card["largest_speed"], card["impacts_a_second"]) == pytest.approx((speed.max(), run.impact_count / time), rel=1e-12)
+    assert card["power"] == pytest.approx(run.impacts.energy_lost.sum() / time, rel=1e-12)
+    ratio = performance_curve(scene, [card["force"]], members=2).lanes.frequency_ratio.max()
+    assert card["acceleration"] == pytest.approx(np.sqrt(2) * card["level"] * (ratio * scene.model.omega[0]) ** 2, rel=1e-12)
     assert max(x for x in sweep["high"] if x is not None) == pytest.approx(run.history.tip_displacement.max(), rel=1e-5)
     assert {message["which"] for message in messages if message["type"] == "line"} == {"none", "limit", "friction", "tuned"}
     assert kinds.index("response") < kinds.index("curve") < kinds.index("sweep") < kinds.index("card") < kinds.index("done")

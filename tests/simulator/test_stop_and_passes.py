@@ -36,7 +36,6 @@ from impact_env import (
     curve_passes,
     friction_damper,
     impact_absorber,
-    modal_model,
     mode_shapes,
     performance_curve,
     prepare,
@@ -167,7 +166,8 @@ def test_an_envelope_and_a_window_are_those_of_the_samples() -> None:
 
 def test_shapes_along_a_beam_are_those_of_its_model() -> None:
     beam = Beam(modes=4, absorber_position=0.7, ends="clamped-pinned")
-    model, shapes = modal_model(beam), mode_shapes(beam, [0.0, beam.force_position, 0.7, 1.0])
+    model = beam_scene(beam).model
+    shapes = mode_shapes(model.beam, [0.0, beam.force_position, 0.7, 1.0])
     np.testing.assert_array_equal(shapes[1], model.force_shape)
     np.testing.assert_array_equal(shapes[2], model.tip_shape)
     assert not shapes[[0, 3]].any()

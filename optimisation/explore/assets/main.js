@@ -256,6 +256,8 @@ function cardRows(c) {
   if (c.gap !== undefined) all.push(["Gap", mm(c.gap)], [values.load === "random" ? "Search begins at" : "Rule's gap here", mm(c.rule_gap)]);
   if (c.reach !== undefined) all.push(["Free amplitude / gap", digits(c.reach, 3)]);
   if (c.mass !== null) all.push(["Absorber's mass", `${digits(c.mass, 3)} kg`], ["Impacts a period", digits(c.impacts_a_period, 3)]);
+  if (c.largest_speed !== undefined) all.push(["Impact speed, largest", `${digits(c.largest_speed, 3)} m/s`], ["Impact speed, RMS", `${digits(c.rms_speed, 3)} m/s`], ["Impacts a second", digits(c.impacts_a_second, 3)], ["Power lost in them", `${digits(1e3 * c.power, 3)} mW`]);
+  if (c.acceleration !== null) all.push(["Acceleration, harmonic", `${digits(c.acceleration, 3)} m/s²`]);
   all.push(["Resonance", `${digits(c.resonance_hz)} Hz`]);
   if (c.rate !== null) all.push(["Sweep rate", `${digits(c.rate, 3)} % / 100 periods`]);
   return all;
