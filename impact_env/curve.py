@@ -368,7 +368,9 @@ def _one_pass(
             for future in done:
                 future.result()
             if left and done and time.monotonic() - told > TOLD_EACH:
-                yield curve()
+                part = curve()
+                if not part.complete:  # runs may end meanwhile: a whole curve is the last of its pass
+                    yield part
                 told = time.monotonic()
     except Stopped:
         for future in left:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import wait
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -107,6 +108,23 @@ def test_passes_end_with_the_numbers_of_the_curve() -> None:
         np.testing.assert_array_equal(curve.lanes.impacts, wanted.lanes.impacts)
         assert curve.complete
     np.testing.assert_array_equal(last[passes[0]].forces, [0.5, 2.0, 4.0])
+
+
+def test_a_pass_has_one_whole_curve(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where all runs end between two looks at them."""
+
+    def late(futures: set[Any], **_: Any) -> tuple[set[Any], set[Any]]:
+        wait(futures)
+        first = next(iter(futures))
+        return {first}, set(futures) - {first}
+
+    monkeypatch.setattr("impact_env.curve.wait", late)
+    monkeypatch.setattr("impact_env.curve.TOLD_EACH", 0.0)
+    case = CurveCase(SCENE, FORCES, limits=(0.98, 1.02), percent_per_100_periods=FAST)
+    found = [
+        (one.members, curve.complete) for one, curve in curve_passes(case, [Pass(), Pass(members=2)], threads=2, measure=lambda *_, **__: 6 * (1.0,))
+    ]
+    assert [members for members, complete in found if complete] == [1, 2]
 
 
 def test_a_load_without_a_direction_is_run_once() -> None:
