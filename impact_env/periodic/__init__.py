@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from impact_env.periodic.bifurcation_curves import BifurcationCurve, bifurcation_curve, bifurcation_curves
     from impact_env.periodic.case import Case, case_of
     from impact_env.periodic.green import NoOrbit
+    from impact_env.periodic.hill import hill_multipliers
     from impact_env.periodic.jump import Hazard, Range, hazard, jumps
     from impact_env.periodic.lyapunov import Exponent, largest_exponent
     from impact_env.periodic.offspring import descendants
@@ -39,6 +40,7 @@ __all__ = [
     "descendants",
     "exit_rate",
     "hazard",
+    "hill_multipliers",
     "jumps",
     "largest_exponent",
     "orbit_branch",
@@ -54,6 +56,7 @@ _MODULES = {
     "bifurcation_curves": ("BifurcationCurve", "bifurcation_curve", "bifurcation_curves"),
     "case": ("Case", "case_of"),
     "green": ("NoOrbit",),
+    "hill": ("hill_multipliers",),
     "jump": ("Hazard", "Range", "hazard", "jumps"),
     "lyapunov": ("Exponent", "largest_exponent"),
     "offspring": ("descendants",),

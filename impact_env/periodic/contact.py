@@ -124,13 +124,17 @@ def _summed(motion: Real, stretches: list[_Stick | _Slip], limit: float, stiffne
 
 
 class Contact(NamedTuple):
-    """Force on the absorber (n,) in N and its derivatives by relative displacement and by dynamic force (n, n), frequency and the parameter (n,)."""
+    """Force on the absorber (n,) in N and its derivatives by relative displacement and by dynamic force (n, n), frequency and the parameter (n,).
+
+    ``by_rate`` (n, n): by the relative velocity (m/s), whose harmonics ``by_motion`` has in it.
+    """
 
     force: Real
     by_motion: Real
     by_dynamic: Real
     by_omega: Real
     by_parameter: Real
+    by_rate: Real
 
 
 class Law(Protocol):
@@ -170,10 +174,10 @@ class RigidContact:
         held, slope = walls.matrix, walls.by_gap if parameter == "gap" else np.zeros_like(motion)
         if parameter == "weight":
             slope = walls.by_gap * (0.0 if self.gap is None else self.gap / self.weight) - held @ motion
-        force = walls.force
+        wall = Contact(walls.force, -self.weight * held, held, np.zeros_like(motion), slope, np.zeros_like(held))
         if self.friction_limit is None:
-            return Contact(force, -self.weight * held, held, np.zeros_like(motion), slope)
-        return self._with_friction(motion, dynamic, omega, parameter, Contact(force, -self.weight * held, held, np.zeros_like(motion), slope))
+            return wall
+        return self._with_friction(motion, dynamic, omega, parameter, wall)
 
     def _with_friction(self, motion: Real, dynamic: Real, omega: float, parameter: str, wall: Contact) -> Contact:
         """Add friction: what the walls leave of the dynamic force, less the weighted velocity, clipped to the limit."""
@@ -198,6 +202,7 @@ class RigidContact:
             wall.by_dynamic + stick @ (np.eye(len(motion)) - wall.by_dynamic),
             -weight * (stick @ rate),
             by_parameter,
+            -weight * stick,
         )
 
 
@@ -237,7 +242,8 @@ class CompliantContact:
             friction = elastic_coulomb(motion, self.friction_limit, self.friction_stiffness)
             force, by_motion = force + friction.force, by_motion + friction.by_motion
             slope = friction.by_limit if parameter == "friction_limit" else friction.by_stiffness if parameter == "friction_stiffness" else slope
-        return Contact(force, by_motion, np.zeros((len(motion), len(motion))), zero, slope)
+        none = np.zeros((len(motion), len(motion)))
+        return Contact(force, by_motion, none, zero, slope, none)
 
 
 class _Walls(NamedTuple):

@@ -309,7 +309,10 @@ def harmonic_balance(
     """Return the harmonic balance of a scene with one sliding absorber, at a frequency in rad/s and a force in N.
 
     ``weight`` of the rigid contact in m_a omega_1^2, ``friction_weight`` in m_a omega_1; ``grounded_damper`` in N s/m (`PAPER_DAMPER`); the period is
-    ``multiple`` times the force's. Raises ParameterError for another absorber, restitution below 1, an even multiple of a symmetric orbit.
+    ``multiple`` times the force's. ``symmetric`` keeps odd harmonics alone; without it there are the mean and even ones too. Friction subtracts the
+    wall's force as the harmonics have it, cut off: 2e-4 of the largest displacement with 20. `hill_multipliers` says how stable a solution is.
+
+    Raises ParameterError for another absorber, restitution below 1, an even multiple of a symmetric orbit.
     """
     absorber = scene.absorber
     require(isinstance(absorber, SlidingAbsorber), "absorber", absorber, "one absorber with walls, friction or both")

@@ -35,20 +35,21 @@ def save_figure(path: Path, exact: Exact, rows: Sequence[BalanceRow], growing: b
     located = sorted(fold.omega_ratio for fold in exact.curve.folds)
     for ratio, style in zip(located[:1] + located[-1:], ("-", "--"), strict=False):
         folds.axhline(ratio, color="0.4", lw=1.0, ls=style)
-    error.set(yscale="log", ylabel="size of the largest tip displacement's error, %")
+    error.set(yscale="log", ylabel="error of the largest tip displacement in %")
     error.set_title(f"solid: at {exact.case.omega_ratio:g}, dashed: at the peak", fontsize=9)
-    folds.set(ylabel="folds over the first resonance")
+    folds.set(ylabel="frequency of the folds over the first resonance's")
     folds.set_title("solid: first, dashed: last, grey: exact", fontsize=9)
-    cost.set(yscale="log", ylabel="processor time of 250 points, s")
+    cost.set(yscale="log", ylabel="processor time of 250 points in s")
     for axes in (error, folds, cost):
         axes.set(xscale="log", xlabel="number of harmonics H")
         ticks = sorted({row.harmonics for row in rows})
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
         axes.minorticks_off()
+        axes.yaxis.set_major_formatter("{x:g}")
         axes.axvline(PAPERS, color="0.8", lw=1.0, zorder=0)
         axes.grid(True, color="0.9", lw=0.6)
     error.legend(fontsize=8)
-    figure.suptitle(f"{exact.case.scene}, {exact.case.force:g} N; weights in m_a omega_1^2; the paper took {PAPERS} harmonics", fontsize=10)
+    figure.suptitle(f"{exact.case.scene}, {exact.case.force:g} N; weights in $m_a\\omega_1^2$; the paper took {PAPERS} harmonics", fontsize=10)
     write_figure(figure, path, DPI)
 
 

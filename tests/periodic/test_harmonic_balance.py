@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
+from impact_env.drive import Drive, constant_frequency
 from impact_env.frequency import tip_response
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import (
@@ -19,11 +20,16 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
+from impact_env.periodic.balance_branches import start_of_orbit
+from impact_env.periodic.case import case_of
 from impact_env.periodic.contact import CompliantContact, Contact, RigidContact, elastic_coulomb
 from impact_env.periodic.continuation import Problem, Steps, both_ways, continuation
 from impact_env.periodic.harmonic_balance import FORCE, OMEGA, PAPER_DAMPER, Balance, Dynamics, harmonic_balance
+from impact_env.periodic.hill import hill_multipliers
+from impact_env.periodic.symmetric import closed_form
 from impact_env.periodic.trigonometric import basis, derivative, largest, negative, roots, share, values, window
-from impact_env.scene import Scene
+from impact_env.scene import InitialState, Scene
+from impact_env.sweep import simulate
 
 # Oscillators on one coordinate for harmonic balance, and their steady motion by time integration: nothing is shared but the equations.
 
@@ -73,7 +79,7 @@ class Cubic:
         square = np.convolve(x, x)
         force = -self.strength * one_sided(np.convolve(square, x), 3 * h)
         columns = [one_sided(np.convolve(square, two_sided(unit)), 3 * h) for unit in np.eye(n)]
-        return Contact(force, -3 * self.strength * np.array(columns).T, np.zeros((n, n)), np.zeros(n), np.zeros(n))
+        return Contact(force, -3 * self.strength * np.array(columns).T, np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros((n, n)))
 
 
 def settled(rate: Rate, start: list[float], omega: float, periods: int) -> tuple[float, float, Array]:
@@ -308,6 +314,40 @@ def test_all_harmonics_and_a_longer_period_give_the_symmetric_orbit_again() -> N
     row = np.zeros(91)
     row[3:46:3], row[48::3] = solution[1:16], solution[16:]
     assert np.max(np.abs(longer.evaluated(row[longer.kept], OMEGA)[0])) < 1e-10 * 1.5
+
+
+def in_order(values: Array) -> Array:
+    return np.array(sorted(values.tolist(), key=lambda value: (round(value.imag, 3), value.real)))
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_hills_multipliers_are_those_of_an_own_propagation(which: int) -> None:
+    """Walls as springs: differences of the exact method around the orbit that it comes back to, for a positive and a negative pair."""
+    model = modal_model(Beam(modes=1))
+    first, mass = float(model.omega[0]), 0.02 * model.beam_mass
+    omega, rigid = 0.95 * first, Scene(model, impact_absorber())
+    scene = Scene(model, SlidingAbsorber(0.02, CompliantWalls(200 * mass * first**2, 1e-3)))
+    orbit = [own for own in closed_form(case_of(rigid, 3.0, omega)) if own.pushes][which]
+    at_walls, balance = harmonic_balance(rigid, omega, 3.0, 40, 200.0), harmonic_balance(scene, omega, 3.0, 40)
+    z = balance.solved(at_walls.solved(start_of_orbit(at_walls, orbit.impulse, orbit.phase)))
+    unit, k, response = 1e-3 * np.array([1, 1, omega, omega]), np.arange(41), balance.response(z)
+    moves = np.exp(1j * k) * np.array([response.tip / model.tip_shape[0], response.tip + response.relative])  # at a phase in free flight
+
+    def mapped(x: Array) -> Array:
+        run = simulate(scene, Drive(3.0, constant_frequency(omega, 1.0, 0.5), 1.0), initial=InitialState(x[:1], x[2:3], float(x[1]), float(x[3])))
+        return -run.end_state / unit
+
+    def slopes(x: Array) -> Array:
+        return np.array([(mapped(x + step) - mapped(x - step)) / 2e-5 for step in 1e-5 * np.diag(unit)]).T
+
+    x = np.concatenate([moves.sum(axis=1).real, (1j * k * omega * moves).sum(axis=1).real])
+    for _ in range(3):
+        x -= unit * np.linalg.solve(slopes(x) - np.eye(4), mapped(x) - x / unit)
+    assert mapped(x) == pytest.approx(x / unit, abs=1e-9)
+    found = hill_multipliers(balance, z)
+    assert in_order(found) == pytest.approx(in_order(np.linalg.eigvals(slopes(x))), rel=0.01, abs=0.005)
+    every = harmonic_balance(scene, omega, 3.0, 40, symmetric=False)
+    assert in_order(hill_multipliers(every, balance.polynomial(z))) == pytest.approx(in_order(found**2), abs=1e-6)
 
 
 def test_scaling_law() -> None:
