@@ -56,6 +56,7 @@ def written(folder: Path, absorber: str, load: str, base: bool = False) -> list[
     return ["--scene", folder / "scene.toml", "--load", folder / "load.toml", "--method", "exact", "--json", folder / "out.json"]
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("case", GOLDEN)
 def test_golden_cases_from_files(case: str, tmp_path: Path) -> None:
     absorber, load, golden = GOLDEN[case]
@@ -83,6 +84,7 @@ KINDS = {
 }
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_kind_sweeps(kind: str, tmp_path: Path) -> None:
     times = np.arange(201) / 1000

@@ -59,13 +59,13 @@ def options(*arguments: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["--absorber", "impact"],
-        ["--absorber", "impact", "--restitution", "0.7", "--friction-limit", "0.1"],
+        pytest.param(["--absorber", "impact"], marks=pytest.mark.plain),
+        pytest.param(["--absorber", "impact", "--restitution", "0.7", "--friction-limit", "0.1"], marks=pytest.mark.plain),
         ["--absorber", "friction"],
         ["--absorber", "tuned"],
         ["--absorber", "stuck"],
         ["--absorber", "none"],
-        ["--absorber", "impact", "--contact-stiffness", "1e6"],
+        pytest.param(["--absorber", "impact", "--contact-stiffness", "1e6"], marks=pytest.mark.plain),
         ["--absorber", "impact", "--friction-limit", "0.1", "--method", "moreau", "--steps-per-period", "40"],
         ["--absorber", "impact", "--contact-stiffness", "1e6", "--method", "runge-kutta"],
         ["--absorber", "none", "--method", "runge-kutta", "--steps-per-period", "100"],

@@ -283,6 +283,7 @@ def test_lanes_are_single_environments_and_snapshots_go_on(name: str) -> None:
         np.testing.assert_array_equal(other.step(action)[4]["state"], expected[4]["state"])
 
 
+@pytest.mark.plain
 def test_without_absorber_the_base_is_answered_in_closed_form() -> None:
     """RMS of the last period, of an absorber that weighs nothing; a disturbance changes it."""
     model = modal_model(Beam(modes=2, damping_ratio=0.05))

@@ -72,6 +72,7 @@ def test_a_stepping_method_reads_the_same_place() -> None:
     assert levels[1] == pytest.approx(levels[0], rel=5e-3)
 
 
+@pytest.mark.plain
 def test_the_gaps_score_is_relative_to_the_same_place() -> None:
     env = gymnasium.make(
         GAP, structure=STEEL, force=0.3, interval=5.0, time_budget=50.0, frequency_ratio=0.99, absorber_options=IMPACTS["absorber_options"]

@@ -21,7 +21,7 @@ def checked(scene: Scene, periods: float = 30.0, force: float = 3.5) -> Response
     return simulate(scene, drive, record=Record(check=True))
 
 
-@pytest.mark.parametrize("friction", [None, 0.1])
+@pytest.mark.parametrize("friction", [None, pytest.param(0.1, marks=pytest.mark.plain)])
 def test_no_miss_where_there_is_none(friction: float | None) -> None:
     response = checked(scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2))
     assert response.impact_count > 20
@@ -29,6 +29,7 @@ def test_no_miss_where_there_is_none(friction: float | None) -> None:
     assert (response.check.misses, response.check.worst, len(response.check.times)) == (0, 0.0, 0)
 
 
+@pytest.mark.plain
 def test_a_checked_run_is_the_run() -> None:
     scene = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1), modes=2)
     drive = Drive(3.5, constant_frequency(scene.model.resonance_omega(1), 1.0, 10.0))

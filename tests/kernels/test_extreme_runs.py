@@ -38,6 +38,7 @@ def run(scene: Scene, drive: Drive, start: InitialState | None = None) -> Respon
     return response
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("roundings", [-8, 0, 1, 8])
 @pytest.mark.parametrize("angle", [0.0, 0.188, 1.1])
 def test_a_joint_force_that_touches_its_bound_lets_the_run_go_on(roundings: int, angle: float) -> None:
@@ -56,6 +57,7 @@ def test_a_joint_force_that_touches_its_bound_lets_the_run_go_on(roundings: int,
     assert response.end_state[1] == pytest.approx(START * shape * np.cos(phase), abs=1e-10 * START)
 
 
+@pytest.mark.plain
 def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_once() -> None:
     """The other one is on its wall and about to leave it: without the hit it would be beyond the wall for a microsecond."""
     scene = beam_scene(ONE_MODE, SeveralAbsorbers((impact_absorber(1e-5, 0.5, None, 0.01), impact_absorber(1e-3, 0.0, None, 1e-3)), (1.0, 1.0)))
@@ -70,6 +72,7 @@ def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_on
     assert response.impacts.impulse[1] == pytest.approx(-1.5 * pushed / (1 / other + shape**2), rel=1e-9)
 
 
+@pytest.mark.plain
 def test_bounces_beside_an_absorber_that_sticks_die_out() -> None:
     """Each impact tears the stuck one loose, and its friction takes energy out, so that even restitution 1 comes to rest on a wall."""
     scene = beam_scene(ONE_MODE, SeveralAbsorbers((impact_absorber(1e-5, 1.0, None, 0.5), friction_damper(7.0, 0.4)), (1.0, 1.0)))

@@ -78,6 +78,7 @@ def test_intervals_make_the_run_that_a_single_call_makes(absorber: SlidingAbsorb
         assert response.impact_count > 1
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("absorber", [None, impact_absorber(2e-4, 0.7, 0.1)])
 @pytest.mark.parametrize("moves_base", [False, True])
 def test_a_record_beside_the_force_makes_the_run_of_both_loads(absorber: SlidingAbsorber | None, moves_base: bool) -> None:

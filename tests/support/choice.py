@@ -2,6 +2,7 @@
 (``scripts/test -n 0 --cpu FILE``)."""
 
 import sys
+from pathlib import Path
 
 # some of every kind that say much in little time; what takes long in them is marked slow
 QUICK = (
@@ -60,6 +61,11 @@ PARTS = (
 
 # by their time and, from nothing, by what they compile: two neighbours take other kinds of scenes, since both processes would compile the same one
 LONGEST_FIRST = (
+    "commands/test_explore.py",
+    "kernels/test_loads.py",
+    "simulator/test_controlled.py",
+    "environments/test_response_place.py",
+    "design/test_load_gap.py",
     "kernels/test_exact_rigid.py",
     "kernels/test_one_result.py",
     "kernels/test_exact_compliant.py",
@@ -96,5 +102,15 @@ _LEANING = {
 }
 LEANING = tuple(f"{folder}/test_{name}.py" for folder, names in _LEANING.items() for name in names.split())
 
+# tests marked plain run last, by kernels in plain Python: to compile these kinds of scenes takes longer than their few events
+TESTS = Path(__file__).parents[1]
+
+
+def parts() -> list[str]:
+    """Whether kernels are compiled, and what pytest is told, a line for each of `PARTS` and for tests marked plain."""
+    plain = [str(path) for path in sorted(TESTS.glob("*/test_*.py")) if "pytest.mark.plain" in path.read_text()]
+    return [*(f"NUMBA_DISABLE_JIT=0 --kernels=compiled {part}" for part in PARTS), f"NUMBA_DISABLE_JIT=1 --kernels=plain {' '.join(plain)}"]
+
+
 if __name__ == "__main__":
-    print("\n".join(LEANING if sys.argv[1:] == ["leaning"] else PARTS))
+    print("\n".join(LEANING if sys.argv[1:] == ["leaning"] else parts()))
