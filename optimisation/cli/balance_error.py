@@ -96,10 +96,10 @@ def main(**given: Any) -> None:
         if given["csv"] is not None:
             write_csv(given["csv"], COLUMNS, (["" if v is None else v for v in row.to_plain().values()] for row in rows))
         if given["plot"] is not None:
-            from optimisation.report.balance_figure import save_figure  # matplotlib is slow to import
+            from optimisation.report.periodic_figures import save_balance  # matplotlib is slow to import
 
             with replacing(given["plot"]) as temporary:
-                save_figure(temporary, exact, rows, given["growing"])
+                save_balance(temporary, exact, rows, given["growing"])
     click.echo(text(exact, rows))
     files = [given[option] for option in ("json", "csv", "plot") if given[option] is not None]
     if files:

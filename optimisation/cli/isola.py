@@ -66,10 +66,10 @@ def written(found: IsolaMap, given: dict[str, Any]) -> list[Path]:
     if given["csv"] is not None:
         write_csv(given["csv"], COLUMNS, (row for cell in (found.own, *found.cells) for row in cell.rows()))
     if given["plot"] is not None:
-        from optimisation.report.isola_figure import save_figure  # matplotlib is slow to import
+        from optimisation.report.periodic_figures import save_isolas  # matplotlib is slow to import
 
         with replacing(given["plot"]) as temporary:
-            save_figure(temporary, found)
+            save_isolas(temporary, found)
     return [given[name] for name in ("json", "csv", "plot") if given[name] is not None]
 
 

@@ -163,11 +163,11 @@ def asked_curves(case: Case, given: dict[str, Any]) -> tuple[str, list[dict[str,
     if given["csv"] is not None:
         write_csv(given["csv"], [key if name == "value" else name for name in CURVE_COLUMNS], curve_rows(curves))
     if given["plot"] is not None:
-        from optimisation.report.bifurcation_figure import save_figure  # matplotlib is slow to import
+        from optimisation.report.periodic_figures import save_curves  # matplotlib is slow to import
 
         force = "" if given["second"] == "force" else f", {case.force:g} N"
         with replacing(given["plot"]) as temporary:
-            save_figure(temporary, curves, f"{case.scene}{force}", words, scale)
+            save_curves(temporary, curves, f"{case.scene}{force}", words, scale)
     return curve_text(curves, words, scale), curves, complete[0]
 
 

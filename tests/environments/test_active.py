@@ -289,7 +289,7 @@ def test_without_absorber_the_base_is_answered_in_closed_form() -> None:
     model = modal_model(Beam(modes=2, damping_ratio=0.05))
     slots = model.omega**2 - model.omega[0] ** 2 + 2j * model.damping_ratio * model.omega * model.omega[0]
     expected, found = abs(np.sum(model.level_shape * model.base_participation / slots)) / np.sqrt(2), []
-    light: dict[str, Any] = {"absorber": "friction", "absorber_options": {"mass_ratio": 1e-9}, "friction_range": (1e-9, 1e-8)}
+    light: dict[str, Any] = {"absorber_options": {"mass_ratio": 1e-9, "gap": 1.0, "friction_limit": 1e-8}, "friction_range": (1e-9, 1e-8)}
     arguments = light | {"beam": {"damping_ratio": 0.05}, "frequency_ratio": 1.0, "time_budget": 21.0, "force": 1.0, "moves_base": True}
     for load in (None, SHAKEN):
         env = make(ACTIVE_FRICTION, load=load, **arguments)

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
+from impact_env.kernels.compiling import cache
 from impact_env.kernels.compiling.cache import Folders, choose, digest
 
 DAC_OVERRIDE, DAC_READ_SEARCH = 1, 2
@@ -124,11 +125,13 @@ def test_a_folder_of_someone_else_is_not_read(tmp_path: Path, monkeypatch: pytes
 
 
 @posix
-def test_a_run_needs_no_cache(tmp_path: Path) -> None:
-    named = folder(tmp_path / "named", 0o555)
-    alone = run(NOWHERE, IMPACT_ENV_CACHE=named)
-    assert (alone["write"], alone["read"], alone["misses"]) == ("None", "None", "1")
-    assert float(alone["level"]) > 0
+def test_nothing_can_be_written_at_all(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def refuse(*_arguments: object, **_options: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(cache.Path, "mkdir", refuse)
+    monkeypatch.setattr(cache.tempfile, "gettempdir", refuse)
+    assert choose(tmp_path, "x") == Folders(None, None)
 
 
 def test_the_hash_sees_every_source(tmp_path: Path) -> None:

@@ -1,10 +1,12 @@
 import threading
 import time
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from core import run, scene_of
+from load_cases import record_of
 from numpy.lib.recfunctions import structured_to_unstructured
 
 from impact_env import (
@@ -23,6 +25,7 @@ from impact_env import (
     TunedAbsorber,
     beam_scene,
     impact_absorber,
+    simulate,
 )
 from impact_env.controlled import ControlledRuns
 from impact_env.level import response_level
@@ -110,7 +113,8 @@ def test_a_record_beside_the_force_makes_the_run_of_both_loads(absorber: Sliding
             rows[:, 3], rows[:, 5] = values[:-1], np.diff(values) / np.diff(times)
             return [Pieces(times, rows, quantity == BASE)]
 
-    response = run(scene, Loads((sweep, Cut(np.array([[20.0, 0.02], [60.0, 0.02]]), 0.05, 3, quantity)), omega), Exact(), samples=SAMPLES)
+    loads = Loads((sweep, Cut(np.array([[20.0, 0.02], [60.0, 0.02]]), 0.05, 3, quantity)), omega)
+    response = simulate(scene, loads, record=replace(record_of(scene), samples_per_period=SAMPLES))
     np.testing.assert_allclose(runs.state[0], response.end_state, rtol=0, atol=1e-9)
     assert absorber is None or response.impact_count > 1
 

@@ -15,7 +15,6 @@ import scipy.sparse
 from core import drive_of, run
 from load_cases import record_of
 from places import EXAMPLES
-from structure_files import BEAM, MATRICES, chain, written
 
 from impact_env import Beam, Section, StructureWarning, beam_scene, modal_model
 from impact_env.frequency import receptance, tip_response
@@ -29,6 +28,25 @@ from impact_env.structure import load_structure
 from impact_env.structures.checks import warnings_of_matrix
 from impact_env.structures.matrices import lowest_modes
 from impact_env.sweep import simulate
+
+BEAM = "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_length_kg_m = 1.1275\n"
+MATRICES = {"mass": "m.npz", "stiffness": "m.npz", "units": "kg, m, s", "force": 0, "absorber": 1, "mass_kg": 3.0, "modes": 3, "damping_ratio": 0.01}
+
+
+def written(folder: Path, table: str, **keys: object) -> Path:
+    """Write a structure of one table, as JSON, which TOML's reader shares all checks with."""
+    path = folder / "structure.json"
+    path.write_text(json.dumps({table: {key: value for key, value in keys.items() if value is not None}}))
+    return path
+
+
+def chain(folder: Path, held: bool = True, **more: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Three masses on springs, as matrices in a file."""
+    mass = np.diag([1.0, 0.5, 1.5])
+    stiffness = 1e4 * np.array([[2.0 if held else 1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    np.savez(folder / "m.npz", M=mass, K=stiffness, **more)
+    return mass, stiffness
+
 
 # wave numbers times the length of uniform beams, from the characteristic equations of each pair of ends
 ROOTS = {

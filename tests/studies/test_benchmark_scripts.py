@@ -51,8 +51,7 @@ def prices(values: Any) -> None:
         assert len(case["bare_us_each"]) == len(case["energies_us_each"]) == benchmark_energies.QUICK_REPEATS
         assert case["ratio"] == pytest.approx(case["energies_us"] / case["bare_us"])
         assert 0.0 < case["balance"] < 1e-12
-    events, windows = (case["stretches_per_period"] for case in values["cases"])
-    assert events > 1 > windows
+        assert case["stretches_per_period"] < 1  # windows alone
 
 
 def levels(values: Any) -> None:
@@ -90,7 +89,7 @@ timed = benchmark_periodic.timed  # repeats tell about times alone: two
 SMALL: dict[ModuleType, tuple[str, str, list[object], dict[str, object], Callable[[Any], None]]] = {
     benchmark: ("benchmark", "cases", ["--quick", "--repeats", 3], {"CASES": (replace(benchmark.CASES[0], moreau_periods=20.0),)}, one_column),
     benchmark_energies: (
-        "benchmark_energies", "cases", ["--quick"], {"CASES": (benchmark_energies.CASES[0], benchmark_energies.CASES[-1])}, prices
+        "benchmark_energies", "cases", ["--quick"], {"CASES": benchmark_energies.CASES[-1:]}, prices
     ),
     reference_levels: (
         "levels", "levels", ["--members", 2], {"PLATEAU": PLATEAU, "COLUMNS": (*LINEAR, PLATEAU), "PAST": LINEAR[0]}, levels

@@ -1,6 +1,5 @@
 """The script that measures error against run time: a tiny run of each part."""
 
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from click.testing import CliRunner, Result
 pytest.importorskip("mpmath")
 from impact_env import Exact, Moreau
 from optimisation.files import read_json
-from studies.accuracy import cost, growth, jumps, study, trajectory
+from studies.accuracy import cost, jumps, study, trajectory
 from studies.accuracy.bands import between_groups
 from studies.accuracy.cases import Settings
 from studies.accuracy.distribution import bootstrap, distance_at_size, mean_difference, relative_distance
@@ -39,18 +38,6 @@ def test_trajectories_show_who_is_exact() -> None:
     assert by_name["SciPy", 1e-6]["state_error"] < by_name["Moreau", 20]["state_error"]
     assert all(row["us_per_period"] > 0 and row["balance_error"] < 0.1 for row in rows)
     assert {trajectory.key(row) for row in rows} == set(trajectory.cases(TINY))
-
-
-def test_impacts_make_errors_grow_and_friction_does_not() -> None:
-    exponent = {}
-    for name in ("impact, e = 1", "friction damper"):
-        (measure,) = growth.cases(replace(TINY, modes=(3,), kinds=(name,))).values()
-        found, *twins = measure()
-        exponent[name] = found
-        assert found["exponent_low"] <= found["exponent_per_period"] <= found["exponent_high"]
-        assert bool(twins) == (name == "impact, e = 1")
-    assert 1.3 < exponent["impact, e = 1"]["factor_per_impact"] < 10
-    assert exponent["friction damper"]["exponent_per_period"] < 0.2
 
 
 def test_shares_count_the_high_branch() -> None:

@@ -194,7 +194,9 @@ def used(result: Any) -> None:
     elif isinstance(result, CoulombFriction | ElasticCoulombFriction):
         used(SlidingAbsorber(walls=RigidWalls(1e-3, 0.7) if isinstance(result, CoulombFriction) else CompliantWalls(1e5), friction=result))
     elif isinstance(result, StuckAbsorber | TunedAbsorber | SlidingAbsorber | SeveralAbsorbers):
-        used(beam_scene(BEAM, result))
+        scene = beam_scene(BEAM, result)
+        if not getattr(result, "gravity", 0.0):  # what hangs is one more kernel, with any of its observers: test_loads.py
+            used(scene)
     elif isinstance(result, InitialState):
         used(simulate(SCENE, DRIVE, initial=result, record=ALL, most_events=FEW))
     elif isinstance(result, Record):
