@@ -1,23 +1,16 @@
-"""Tasks in processes of their own: on all cores, each with a time limit, and a crash is a result like any other.
-
-numba's cache must not be filled by several processes at once, so each worker has its own copy of it; tasks that need the same kernels go to the
-same worker as far as that keeps all of them busy.
-"""
+"""Tasks in processes of their own: on all cores, each with a time limit, and a crash is a result like any other."""
 
 import multiprocessing
 import os
-import shutil
 import signal
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from impact_env.kernels.compiling.cache import digest, folders
-
-ENOUGH = 6  # tasks left of a kind: worth compiling its kernels once more for a worker that is idle
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # of libraries: the processes share the cores
 POLL_S = 0.5
 
 
@@ -45,7 +38,6 @@ class Outcome:
 class _Worker:
     process: Any
     connection: Connection
-    number: int
     kinds: set[str]
     task: Task | None = None
     since: float = 0.0
@@ -65,36 +57,6 @@ def _serve(connection: Connection) -> None:
             connection.send((None, f"{type(error).__name__}: {error}"))
 
 
-@contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
-    """Set variables for the children that are started here."""
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def _own_cache(number: int) -> str:
-    """Return the parent folder of a worker's kernel cache, filled with what is compiled already."""
-    known = folders()
-    if known.write is None:
-        return "" if known.read is None else str(known.read.parent)
-    own = known.write.parent / f"worker-{number}"
-    target = own / digest()
-    with suppress(OSError):
-        if not target.exists():
-            for file in (file for filled in (known.read, known.write) if filled is not None for file in filled.glob("*/*.nb?")):
-                (target / file.parent.name).mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(file, target / file.parent.name / file.name)  # without the permissions of a folder that is only read
-    return str(own if target.exists() else known.write.parent)
-
-
 class Pool:
     """Worker processes; `run` yields outcomes as they come."""
 
@@ -104,20 +66,24 @@ class Pool:
         self.count = workers
         self.workers: list[_Worker] = []
 
-    def _start(self, number: int) -> _Worker:
+    def _start(self) -> _Worker:
         here, there = self.context.Pipe()
-        threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-        with _environment({"IMPACT_ENV_CACHE": _own_cache(number), **threads}):
-            process = self.context.Process(target=_serve, args=(there,), daemon=True)
+        process, before = self.context.Process(target=_serve, args=(there,), daemon=True), dict(os.environ)
+        os.environ.update(ONE_THREAD)  # of the child, which inherits it
+        try:
             process.start()
+        finally:
+            for name in ONE_THREAD.keys() - before.keys():
+                del os.environ[name]
+            os.environ.update(before)
         there.close()
-        return _Worker(process, here, number, set())
+        return _Worker(process, here, set())
 
     def run(self, tasks: Sequence[Task]) -> Generator[Outcome, None, None]:
         """Run tasks on all workers; those of one kind start in the order given. Workers end with the generator, also when it is closed early."""
         pending = list(tasks)
         try:
-            self.workers = [self._start(number) for number in range(min(self.count, max(1, len(pending))))]
+            self.workers = [self._start() for _ in range(min(self.count, max(1, len(pending))))]
             while pending or any(worker.task for worker in self.workers):
                 for worker in self.workers:
                     if worker.task is None:
@@ -127,20 +93,10 @@ class Pool:
             self.close()
 
     def _give(self, worker: _Worker, pending: list[Task]) -> None:
-        """Hand a worker its next task: of a kind it knows, else of a kind nobody has begun, else of one with enough left."""
+        """Hand a worker its next task, of a kind whose kernels it has loaded if there is one."""
         if not pending:
             return
-        begun = set().union(*(other.kinds for other in self.workers))
-        left: dict[str, int] = {}
-        for task in pending:
-            left[task.kind] = left.get(task.kind, 0) + 1
-        known = next((task for task in pending if task.kind in worker.kinds), None)
-        fresh = next((task for task in pending if task.kind not in begun), None)
-        most = max(left, key=left.__getitem__)
-        stolen = next((task for task in pending if task.kind == most), None) if left[most] >= ENOUGH else None
-        chosen = known or fresh or stolen
-        if chosen is None:
-            return
+        chosen = next((task for task in pending if task.kind in worker.kinds), pending[0])
         pending.remove(chosen)
         worker.first = chosen.kind not in worker.kinds
         worker.kinds.add(chosen.kind)
@@ -175,7 +131,7 @@ class Pool:
     def _replace(self, worker: _Worker, error: str) -> Outcome:
         outcome = self._outcome(worker, None, error)
         _end(worker)
-        self.workers[self.workers.index(worker)] = self._start(worker.number)
+        self.workers[self.workers.index(worker)] = self._start()
         return outcome
 
     def close(self) -> None:

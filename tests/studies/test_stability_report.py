@@ -1,5 +1,6 @@
 import math
 import shutil
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,22 @@ def test_searches_are_checked_until_there_are_enough() -> None:
 
 
 # --- processes ---------------------------------------------------------------------------------------------------------------------------------
+
+
+def double(x: int) -> int:
+    return 2 * x
+
+
+def stumble(x: int) -> int:
+    raise ValueError(f"no {x}")
+
+
+def test_tasks_in_processes() -> None:
+    order = [workers.Task(double, (3,), "a", 60.0), workers.Task(stumble, (4,), "a", 60.0), workers.Task(time.sleep, (60,), "a", 0.2)]
+    outcomes = {o.task.function: o for o in workers.Pool(1, 30.0).run(order)}
+    assert outcomes[double].value == 6
+    assert "no 4" in outcomes[stumble].error
+    assert "not finished" in outcomes[time.sleep].error
 
 
 # --- the report --------------------------------------------------------------------------------------------------------------------------------
