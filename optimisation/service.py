@@ -97,9 +97,9 @@ def _on_another_beam(lane: Lane, damping: float, frequency: float) -> Lane:
 
 
 def _worse(problem: Problem, parts: Sequence[Array], members: int) -> Array:
-    """Return measures of a design's chunks as (members, conditions, measures), the larger of up and down."""
+    """Return measures of a design's chunks as (members, conditions, measures), the larger of up and down; under loads there is one run."""
     rows = np.concatenate(parts)
-    return np.asarray(rows.reshape(len(problem.conditions), members, 2, rows.shape[1]).max(axis=2).transpose(1, 0, 2))
+    return np.asarray(rows.reshape(len(problem.conditions), members, -1, rows.shape[1]).max(axis=2).transpose(1, 0, 2))
 
 
 def _run(problem: Problem, every: list[list[Chunk]], members: int, executor: Executor, progress: Progress | None) -> list[Array]:
