@@ -68,6 +68,10 @@ def values() -> dict[str, Any]:
         "window": [{"modes": 3, "force": 1.5, "relative": [0.5, 0.49], "shrinks": 0.98}],
         "step": [{"case": "one", "force": 1.5, "exact": same, "moreau": same}],
         "scaling": {"level_by_2": 0.0, "times_by_3": 1e-12, "impacts": 12},
+        "damper": {
+            "jumps": [{"method": "exact", "periods_per_percent": 725.0, "runs": 4000, "with": 1810, "without": 1800}],
+            "levels": [{"force_n": 1.5, "with": 6e-4, "without": 6e-4, "low": 0.99, "high": 1.02}],
+        },
     }
 
 
@@ -183,7 +187,7 @@ def test_what_is_found_of_beam_and_tuned_absorber(values: dict[str, Any]) -> Non
     found = basics_claims.of(values)
     refuted = {name for name, verdict in verdicts(found).items() if verdict is Verdict.NOT}
     assert refuted == {"ltva", "ltva_second", "second_reason"}
-    assert len(verdicts(found)) == len(found) == 16
+    assert len(verdicts(found)) == len(found) == 17
     assert {claim.name for claim in found if claim.definitional} == {f"basics_{name}" for name in basics_claims.DEFINITIONAL}
     assert all(claim.why for claim in found if claim.verdict is not Verdict.HOLDS)
 
@@ -201,6 +205,7 @@ CHANGES: dict[str, tuple[tuple[str, ...], Any]] = {
     "window": (("window",), [{"modes": 3, "force": 1.5, "relative": [0.5, 0.6], "shrinks": 0.98}]),
     "step": (("step",), [{"case": "one", "force": 1.5, "exact": [0.6, 0.59, 0.61], "moreau": [0.8, 0.79, 0.81]}]),
     "scaling": (("scaling", "times_by_3"), 1e-3),
+    "damper": (("damper", "jumps"), [{"method": "exact", "periods_per_percent": 725.0, "runs": 4000, "with": 2100, "without": 1800}]),
     "undamped": (("tuned", "undamped_relative"), 0.1),
 }
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impact_env import Exact, Moreau
-from impact_env.drive import linear_sweep
+from impact_env import Beam, Exact, Moreau, beam_scene, impact_absorber
+from impact_env.drive import Drive, constant_frequency, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.periodic.residence import Approach, hold
 from optimisation.files import read_json
-from studies.paper import conv, high_low, jump, smr
+from studies.paper import conv, ground_damper, high_low, jump, smr
 from studies.paper.claim import Claim, Verdict, from_plain
 from studies.paper.frame import Settings
 from studies.paper.study import FIGURES
@@ -56,6 +56,30 @@ def test_on_the_high_branch_the_absorber_visits_two_walls_a_period_and_is_struck
     impacts, visits = high_low.Rhythm(Exact())(lane)
     assert visits == pytest.approx(2.0, abs=0.1)
     assert 3 < impacts < 6
+
+
+@pytest.mark.parametrize("damper", [0.0, 0.1])
+def test_a_damper_to_ground_is_that_of_an_own_integration(damper: float) -> None:
+    """Small steps with elastic impacts, from rest over the first of them: at 0.1 N s/m two thirds of a free absorber's velocity would go."""
+    scene, periods, each = beam_scene(Beam(modes=2), impact_absorber()), 5, 4000
+    model, mass = scene.model, float(scene.absorber_mass or 0)
+    omega, tip = model.resonance_omega(1), model.tip_shape
+    found = ground_damper.squares(scene, [Drive(4.0, constant_frequency(omega, 1.0, periods))], damper, Exact(), 1, 16)[:, 0]
+    dt, q, v, a, u, impacts = 2 * np.pi / omega / each, np.zeros(2), np.zeros(2), 0.0, 0.0, 0
+    tips = np.zeros(periods * each + 1)
+    for k in range(periods * each):
+        push = model.force_shape * 4.0 * np.cos(omega * (k + 0.5) * dt)
+        q, a = q + 0.5 * dt * v, a + 0.5 * dt * u
+        v, u = v + dt * (push - model.omega**2 * q - 2 * model.damping_ratio * model.omega * v), u * (1 - dt * damper / mass)
+        closing, place = float(u - tip @ v), float(a - tip @ q)
+        if abs(place) >= 1e-3 and place * closing > 0:
+            impulse, impacts = 2 * closing / (1 / mass + tip @ tip), impacts + 1
+            v, u = v + tip * impulse, u - impulse / mass
+        q, a = q + 0.5 * dt * v, a + 0.5 * dt * u
+        tips[k + 1] = tip @ q
+    square = tips[: -1 : each // ground_damper.SAMPLES].reshape(periods * 16, -1) ** 2
+    assert impacts >= 3
+    assert found == pytest.approx(square.mean(axis=1), abs=0.01 * square.max())
 
 
 @pytest.mark.skipif(not (DOCS / "paper" / "claims.json.gz").exists(), reason="the page has not been measured yet")

@@ -1,4 +1,4 @@
-"""What the paper states of beam, tuned absorber, sweeps, window, step and scaling: most of it follows from the linear structure alone."""
+"""What the paper states of beam, tuned absorber, sweeps, window, step, scaling and its damper: most of it follows from the linear structure alone."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -22,8 +22,9 @@ from optimisation.bounds import design_force
 from optimisation.report.markdown import markdown
 from optimisation.sweep_rate import sweep_ratio
 from optimisation.tuned import PAPER, den_hartog, highest_amplitude, minimax, paper_rule, peak, peaks
-from studies.paper import basics_claims
+from studies.paper import basics_claims, ground_damper
 from studies.paper.frame import PaperFigure, Settings, has, in_turn
+from studies.paper.ground_damper import DAMPERS
 from studies.paper.style import LOOKS, MM, REFERENCE, legends, line, panels
 from studies.study import Json, Steps
 
@@ -34,10 +35,11 @@ SERIES = Record(level=False, events=True, series=True, energy=True)
 
 
 class Sizes(NamedTuple):
-    """Members, and forces in N."""
+    """Members, forces in N, and runs with the damper to ground."""
 
     members: int
     forces: tuple[float, ...]
+    damped: int
 
 
 def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
@@ -49,6 +51,7 @@ def _measure(settings: Settings, size: Sizes, known: Json) -> Steps:
         "window": partial(_window, settings, size),
         "step": partial(_step, settings, size),
         "scaling": _scaling,
+        "damper": partial(ground_damper.numbers, settings, size.damped),
     }
     return in_turn(groups, known)
 
@@ -221,6 +224,11 @@ def _words(values: Json) -> str:
         header = ("modes, force", "±10 periods, % of no absorber", "±20 periods, %", "level ±20 over ±10, %")
         rows = [(f"{x['modes']}, {x['force']:g} N", *(f"{100 * r:.1f}" for r in (*x["relative"], x["shrinks"]))) for x in values["window"]]
         tables.append((header, rows))
+    if "damper" in values:
+        header, told = ("damper of 0.001 N s/m between absorber and ground", "without", "with it"), values["damper"]
+        lines = [(f"sweeps that jump, {name}", [f"{row[key]} of {row['runs']}" for key in DAMPERS]) for name, row in basics_claims.jumps(told)]
+        lines += [(f"level in mm, 3 modes, {row['force_n']:g} N", [f"{1e3 * row[key]:.3f}" for key in DAMPERS]) for row in told["levels"]]
+        tables.append((header, [(name, *cells) for name, cells in lines]))
     return "\n\n".join(markdown(header, rows) for header, rows in tables)
 
 
@@ -251,6 +259,6 @@ def _draw(values: Json) -> Figure:
 
 
 FIGURE = PaperFigure(
-    "basics", "beam, tuned absorber, sweeps, window, step and scaling", sizes=(Sizes(8, (1.5, 3.5, 5.0)), Sizes(3, (1.5, 3.5))), measure=_measure,
-    words=_words, draw=_draw, claims=basics_claims.of, needs=has("step"),
+    "basics", "beam, tuned absorber, sweeps, window, step and scaling", sizes=(Sizes(8, (1.5, 3.5, 5.0), 400), Sizes(3, (1.5, 3.5), 20)),
+    measure=_measure, words=_words, draw=_draw, claims=basics_claims.of, needs=has("step"),
 )  # fmt: skip

@@ -103,12 +103,17 @@ class PaperFigure:
         drawn = [f"![{self.title[0].upper()}{self.title[1:]}]({NAME}/{self.label}.png)"] if self.needs(measured.values) else []
         seconds = f"{measured.conditions['wall_s']:g} s.{'' if measured.complete else ' Stopped early.'}"
         made = f"{amounts(measured.conditions)}{sources(measured.conditions)} {seconds}"
-        return {marker(self.label): "\n\n".join([*drawn, self.words(measured.values), made])}
+        return {marker(self.label): "\n\n".join([*drawn, folded("Numbers", self.words(measured.values)), made])}
 
 
 def marker(label: str) -> str:
     """Return the name of a figure's section on the page."""
     return f"{NAME}:{label}"
+
+
+def folded(title: str, text: str) -> str:
+    """Return a text that the page shows once its title is clicked."""
+    return f"<details><summary>{title}</summary>\n\n{text}\n\n</details>"
 
 
 def shortened(whole: Table) -> str:

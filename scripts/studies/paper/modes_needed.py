@@ -1,5 +1,6 @@
 """How many modes the second resonance needs: beyond the paper, which keeps ten of them by what they do at the first."""
 
+from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -9,15 +10,15 @@ from matplotlib.figure import Figure
 from impact_env.curve import BAND, CurveCase, quantiles
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
-from optimisation.report.markdown import markdown
 from studies.paper.claim import SAME, Claim, Verdict
-from studies.paper.frame import PaperFigure, Settings, in_turn
+from studies.paper.frame import PaperFigure, Settings, in_turn, shortened
 from studies.paper.style import LOOKS, legends, line, panels
-from studies.study import Json
+from studies.study import Json, Table
 
 LABEL = "modes_needed"
 FRICTION, RESTITUTION = 0.1, 0.7  # of the paper's best absorber
 OPTIMUM = {1: 3.5, 2: 35.0}  # N, the paper's
+NAMES = {1: "first", 2: "second"}
 PAPER_MODES = 10
 
 
@@ -50,10 +51,16 @@ def at(values: Json, modes: int, resonance: int, force: float | None = None) -> 
     return found["relative"][k], found["low"][k], found["high"][k], found["nominal"][k]
 
 
+def _table(values: Json, least: Mapping[int, float]) -> Table:
+    """Return the levels at the forces of each resonance that are at ``least`` so many N."""
+    forces = {r: [force for force in forces_of(values, r) if force >= least[r]] for r in OPTIMUM}
+    header = ("modes", *(f"{name}, {force:g} N" for r, name in NAMES.items() for force in forces[r]))
+    return Table(LABEL, header, [(f"{n}", *(_cell(values, n, r, force) for r in OPTIMUM for force in forces[r])) for n in map(int, values)])
+
+
 def _words(values: Json) -> str:
-    rows = [(f"{n}", *(_cell(values, n, r, force) for r in OPTIMUM for force in forces_of(values, r))) for n in map(int, values)]
-    header = ("modes", *(f"{name}, {force:g} N" for r, name in ((1, "first"), (2, "second")) for force in forces_of(values, r)))
-    return "Level in % of no absorber with as many modes, median (5 to 95 %).\n\n" + markdown(header, rows)
+    text = "Level in % of no absorber with as many modes, median (5 to 95 %), from the paper's best force on; the file has lower forces too."
+    return f"{text}\n\n{shortened(_table(values, OPTIMUM))}"
 
 
 def _cell(values: Json, modes: int, resonance: int, force: float | None) -> str:
@@ -63,17 +70,14 @@ def _cell(values: Json, modes: int, resonance: int, force: float | None) -> str:
 
 def _claims(values: Json) -> list[Claim]:
     """Return what ten modes are worth at either resonance, against the most modes that were computed."""
-    most = max(map(int, values))
-    words = {1: ("first", "4.2"), 2: ("second", "6")}
-    return [_enough(values, r, most, *words[r]) for r in OPTIMUM]
+    return [_enough(values, r, max(map(int, values)), NAMES[r], section) for r, section in ((1, "4.2"), (2, "6"))]
 
 
 def _enough(values: Json, resonance: int, most: int, name: str, section: str) -> Claim:
     """Judge by the force at which ten modes are farthest from the most."""
-    off = {force: at(values, PAPER_MODES, resonance, force)[0] / at(values, most, resonance, force)[0] - 1 for force in forces_of(values, resonance)}
+    off = dict(zip(forces_of(values, resonance), _off(values, PAPER_MODES, resonance), strict=True))
     force = max(off, key=lambda f: abs(off[f]))
-    ten, many = at(values, PAPER_MODES, resonance, force), at(values, most, resonance, force)
-    apart = ten[1] > many[2] or many[1] > ten[2]
+    apart = _apart(values, PAPER_MODES, resonance, force)
     verdict = Verdict.HOLDS if abs(off[force]) < SAME else Verdict.NOT if apart else Verdict.SPREAD
     shown = dict.fromkeys((OPTIMUM[resonance], force))
     cells = [
@@ -87,14 +91,29 @@ def _enough(values: Json, resonance: int, most: int, name: str, section: str) ->
     return Claim(f"modes_needed_{name}", f"ten modes are enough at the {name} resonance", section, said, verdict, LABEL, why)
 
 
-def _answer(values: Json) -> str:
-    """Say in a line how far ten modes are from the most."""
-    said = []
+def _off(values: Json, modes: int, resonance: int) -> list[float]:
+    """Return how far the level is from that with the most modes, at each force."""
     most = max(map(int, values))
-    for resonance, name in ((1, "first"), (2, "second")):
-        off = [100 * (at(values, PAPER_MODES, resonance, f)[0] / at(values, most, resonance, f)[0] - 1) for f in forces_of(values, resonance)]
-        said.append(f"{min(off):+.0f} to {max(off):+.0f} % at the {name}")
-    return f"How many modes the second resonance needs: with {PAPER_MODES} the level is off that with {most} by {' and '.join(said)} resonance."
+    return [at(values, modes, resonance, force)[0] / at(values, most, resonance, force)[0] - 1 for force in forces_of(values, resonance)]
+
+
+def _apart(values: Json, modes: int, resonance: int, force: float) -> bool:
+    """Return whether the members' band lies beside that with the most modes."""
+    own, many = at(values, modes, resonance, force), at(values, max(map(int, values)), resonance, force)
+    return own[1] > many[2] or many[1] > own[2]
+
+
+def _answer(values: Json) -> str:
+    """Say in a line from how many modes on all bands overlap those with the most, and how far ten modes are."""
+    modes, ten = sorted(map(int, values)), []
+    few = max((n for n in modes if any(_apart(values, n, r, force) for r in OPTIMUM for force in forces_of(values, r))), default=0)
+    for resonance, name in NAMES.items():
+        off = [100 * x for x in _off(values, PAPER_MODES, resonance)]
+        ten.append(f"{min(off):+.0f} to {max(off):+.0f} % at the {name}")
+    return (
+        f"How many modes the second resonance needs: more than {few}; with {min(n for n in modes if n > few)} and more the bands overlap those with "
+        f"{modes[-1]} at every force, at the first too. {PAPER_MODES} are off by {' and '.join(ten)} resonance."
+    )
 
 
 def forces_of(values: Json, resonance: int) -> list[float]:
@@ -107,9 +126,9 @@ def _draw(values: Json) -> Figure:
     figure, axes = panels(1, 2, 3.0)
     own, forces = axes[0]
     modes = list(map(int, values))
-    for resonance, look, name in ((1, LOOKS[1], "first"), (2, LOOKS[0], "second")):
+    for resonance, look in ((1, LOOKS[1]), (2, LOOKS[0])):
         middle, low, high, nominal = 100 * np.array([at(values, n, resonance) for n in modes]).T
-        line(own, modes, middle, look, f"{name} resonance, {OPTIMUM[resonance]:g} N", band=(low, high), nominal=nominal)
+        line(own, modes, middle, look, f"{NAMES[resonance]} resonance, {OPTIMUM[resonance]:g} N", band=(low, high), nominal=nominal)
     for force, look in zip(forces_of(values, 2), LOOKS, strict=False):
         middle, low, high, nominal = 100 * np.array([at(values, n, 2, force) for n in modes]).T
         line(forces, modes, middle, look, f"{force:g} N", band=(low, high), nominal=nominal)
@@ -122,6 +141,7 @@ def _draw(values: Json) -> Figure:
 
 FIGURE = PaperFigure(
     LABEL, "how many modes the second resonance needs", words=_words, draw=_draw, claims=_claims, answer=_answer,
+    tables=lambda values: (_table(values, dict.fromkeys(OPTIMUM, 0.0)),),
     measure=lambda settings, size, known: in_turn({str(n): partial(_of_modes, n, settings, size) for n in size.modes}, known),
     sizes=(
         Sizes((1.5, 2.5, 3.5, 5.0), (20.0, 25.0, 30.0, 35.0, 40.0), (5, 7, 10, 15, 20, 30), 16),

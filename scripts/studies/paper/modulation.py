@@ -29,12 +29,11 @@ from impact_env.periodic.stationary import window_of
 from impact_env.response import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
-from optimisation.report.markdown import markdown
 from studies.paper.claim import Claim, Verdict
 from studies.paper.curve import Chaos
-from studies.paper.frame import PaperFigure, Settings, has, in_turn
+from studies.paper.frame import PaperFigure, Settings, has, in_turn, shortened
 from studies.paper.style import LOOKS, legends, line, panels
-from studies.study import Json, Steps
+from studies.study import Json, Steps, Table
 
 LABEL = "modulation"
 FORCE = 1.5  # N, the paper's for the strongly modulated response
@@ -150,7 +149,8 @@ def _rows(settings: Settings, size: Sizes, scenes: list[Scene], restitutions: Se
     return rows
 
 
-def _words(values: Json) -> str:
+def _table(values: Json) -> Table:
+    """Return all numbers of modes beside one mode with the equivalent restitution."""
     header = (
         "modes", "$e_1$", "depth", "one mode with $e_1$", "taken from mode 1, %", "one mode with $e_1$", "absorber's energy, %", "impacts a period",
         "largest exponent a period (95 %)",
@@ -161,8 +161,12 @@ def _words(values: Json) -> str:
         cells = (_interval(row["depth"]), _interval(other["depth"]), _interval(row["taken"], 100, 0), _interval(other["taken"], 100, 0))
         last = (_interval(row["absorber"], 100, 0), _interval(row["impacts"]), exponents.get(row["modes"], ""))
         body.append((f"{row['modes']}", f"{row['restitution']:.2f}", *cells, *last))
+    return Table(f"{LABEL}_modes", header, body)
+
+
+def _words(values: Json) -> str:
     blocks = [
-        markdown(header, body),
+        shortened(_table(values)),
         *([_compared(values)] if has("modes", "equivalent")(values) else []),
         *([_begun(values)] if "begins" in values else []),
     ]
@@ -270,7 +274,7 @@ def _edges(rows: list[Json], name: str) -> tuple[np.ndarray, np.ndarray]:
 
 FIGURE = PaperFigure(
     LABEL, "what makes the modulation less obvious", measure=_measure, words=_words, draw=_draw, claims=_claims, answer=_answer,
-    needs=has("modes", "equivalent", "one mode"),
+    needs=has("modes", "equivalent", "one mode"), tables=lambda values: (_table(values),),
     sizes=(
         Sizes(
             (1, 2, 3, 4, 5, 7, 10, 11, 12, 13, 14, 15, 20, 30),

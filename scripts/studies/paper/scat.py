@@ -256,7 +256,7 @@ def _draw_levels(axes: Axes, values: Json) -> None:
         modes, [values[f"level, {n}"]["step"] for n in modes], "x", color=LOOKS[3].colour, ms=4, zorder=5, label="5 N, one run, the paper's step"
     )
     axes.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9)
-    axes.set(xlim=(0, max(modes) + 1), ylim=(0, 1.15), xlabel="number of modes $N_m$", ylabel="level over no absorber")
+    axes.set(xlim=(0, max(modes) + 1), ylim=(0, 1.5), xlabel="number of modes $N_m$", ylabel="level over no absorber")
 
 
 def _losses(axes: Axes, values: Json) -> None:

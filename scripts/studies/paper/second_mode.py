@@ -160,6 +160,7 @@ class Changed:
                 _energies(axes, values[f"signal, {x:g}"], self.each.format(self.scale * x))
         banded(left, "left", 100)
         left.set(ylim=(0, 105), ylabel="left of mode 2's energy\nbefore the next contact, %")
+        level.legend(loc="upper right", handlelength=1.0)
         for axes in (*grid[0], left):
             axes.set(xscale="log", xlim=(at[0], at[-1]), xlabel=self.axis)
             force_axis(axes.xaxis)

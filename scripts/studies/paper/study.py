@@ -31,7 +31,7 @@ from studies.paper import (
     starts,
 )
 from studies.paper.claim import RULE, Claim, Verdict, from_plain
-from studies.paper.frame import NAME, PaperFigure, Settings, marker
+from studies.paper.frame import NAME, PaperFigure, Settings, folded, marker
 from studies.runner import load
 from studies.study import Json, Measured, Part, Place, Steps, Study, beside
 
@@ -109,11 +109,10 @@ def _sections(measured: Measured) -> dict[str, str]:
     left = [claim for claim in claims if claim.verdict is not Verdict.HOLDS]
     rest = [claim for claim in claims if claim.verdict is Verdict.HOLDS]
     rule = "\n".join(f"| {words} | {allowed} |" for words, allowed in (("words", "allowed"), ("---", "---"), *RULE))
-    folded = [(f"{len(rest)} statements that hold", table(rest)), ("The rule of tolerances", rule)]
     return {
         marker(SUMMARY): summary(claims, measured.values.get("answers", {})),
         marker(REFUTED): f"{table(left)}{reasons(left)}",
-        marker(CLAIMED): "\n\n".join(f"<details><summary>{title}</summary>\n\n{text}\n\n</details>" for title, text in folded),
+        marker(CLAIMED): f"{folded(f'{len(rest)} statements that hold', table(rest))}\n\n{folded('The rule of tolerances', rule)}",
     }
 
 
