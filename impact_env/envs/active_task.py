@@ -113,7 +113,7 @@ class ActiveTask(Task):
 
     def level(self) -> Array:
         """Return the RMS of the last period in half-clearances of the scene."""
-        return np.sqrt(sum(self.squares.T) / self.squares.shape[1]) / self.length
+        return np.sqrt(np.add.reduce(self.squares, axis=1) / self.squares.shape[1]) / self.length
 
     def expected_amplitude(self) -> Array:
         """Return the amplitude without absorber (L,) in m."""
@@ -122,16 +122,16 @@ class ActiveTask(Task):
     def values(self) -> Array:
         """Return the scaled features (L, features): the state at the interval's end."""
         values, state, phase, modes = super().values(), self.runs.state, self.runs.orders["phase"], self.scene.model.modes
-        shapes = [self.tip_shape(mode) for mode in range(modes)]
-        tip, speed = (sum(shape * state[:, first + mode] for mode, shape in enumerate(shapes)) for first in (0, modes + 1))
+        both, shapes = state.reshape(self.lanes, 2, modes + 1), self.tip_shapes()[..., None]
+        tip = sum((shapes[..., mode, :] * both[:, :, mode] for mode in range(modes)), np.zeros((self.lanes, 2)))  # displacement and velocity
         values[:, 7:10] = values[:, 6:9]  # frequency, time left, level
-        values[:, 0], values[:, 1] = tip / self.length, speed * self._units.per_velocity
+        values[:, 0], values[:, 1] = tip[:, 0] / self.length, tip[:, 1] * self._units.per_velocity
         values[:, 5], values[:, 6] = np.cos(phase), np.sin(phase)
         return values
 
-    def tip_shape(self, mode: int) -> Any:
-        """Return the shape of a mode where the level is read: one number, or one for each lane."""
-        return self.scene.model.level_shape[mode]
+    def tip_shapes(self) -> Array:
+        """Return the modes' shapes where the level is read, (N_m,) or, for each lane, (L, N_m)."""
+        return np.asarray(self.scene.model.level_shape)
 
     def describe(self) -> dict[str, Any]:
         """Return the environment's arguments as plain values."""

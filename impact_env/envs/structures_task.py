@@ -134,9 +134,9 @@ class StructuresTask(ActiveFrictionTask):
         """Return the force in N that moves a lane's structure at resonance as far as the one that is drawn moves the standard."""
         return super().draw_force(lane, generator) * self._force_unit[self.which[lane]]
 
-    def tip_shape(self, mode: int) -> Any:
-        """Return the lanes' shapes (L,) of a mode."""
-        return self._shapes[self.which, mode]
+    def tip_shapes(self) -> NDArray[np.float64]:
+        """Return the lanes' shapes (L, 2)."""
+        return np.asarray(self._shapes[self.which])
 
     def values(self) -> NDArray[np.float64]:
         """Return the scaled features (L, features)."""

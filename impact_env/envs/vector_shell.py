@@ -175,7 +175,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
             over = over if still is None else over | (self._over & still)
         self._observations, self._over = observations, over if self.autoreset_mode is not AutoresetMode.SAME_STEP else self._over
-        return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info, np.ones(self.num_envs, dtype=np.bool_))}
+        return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info)}
 
     def _final(self, observations: Observation, info: Info, over: NDArray[np.bool_]) -> Info:
         last = np.full(self.num_envs, None, dtype=object)
@@ -183,13 +183,13 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             last[lane] = observations[lane].copy()
         return {"final_obs": last, "_final_obs": over.copy(), "final_info": self._masked(info, over), "_final_info": over.copy()}
 
-    def _masked(self, info: Info, which: NDArray[np.bool_]) -> Info:
-        """Return info with its masks, zeros where it does not apply, as gymnasium's own vectors have it."""
-        masked, which, others = Info(), which.copy(), None if which.all() else ~which
+    def _masked(self, info: Info, which: NDArray[np.bool_] | None = None) -> Info:
+        """Return info with its masks, zeros where it does not apply, as gymnasium's own vectors have it; without a mask it applies to all lanes."""
+        masked, mask = Info(), np.ones(self.num_envs, dtype=np.bool_) if which is None else which.copy()
         for name, values in info.items():
-            if others is not None:
-                values[others] = 0
-            masked[name], masked[f"_{name}"] = values, which
+            if which is not None:
+                values[~which] = 0
+            masked[name], masked[f"_{name}"] = values, mask
         return masked
 
     def snapshot(self) -> dict[str, Any]:
