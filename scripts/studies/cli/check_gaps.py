@@ -19,7 +19,7 @@ from studies.one_table import lines, table_options, table_place
 from studies.runner import run
 from studies.study import Json, Measured, Part, Steps, Study, rows_by_case
 
-NAME = "check_gaps"
+NAME, HELD_OUT = "check_gaps", "check_gaps_held_out"  # also the page's markers
 QUICK_CASES, QUICK_STEP = (12, 19), 0.2
 TOLERATED = 1.1
 
@@ -56,11 +56,11 @@ def _measure(given: Settings, known: Json) -> Steps:
         yield {**given.told, **values}
 
 
-def said(measured: Measured) -> str:
-    """Return a table of the cases beside which the search was made, and one of those drawn."""
+def tables(measured: Measured) -> dict[str, str]:
+    """Return a table of the cases beside which the search was made, and one of those drawn, as far as there are any."""
     found, drawn = [Row(**values) for values in measured.values["rows"]], {case.name for case in DRAWN}
-    parts = [rows for own in (False, True) if (rows := [r for r in found if (r.name in drawn) is own])]
-    return "\n\n".join(map(_table, parts))
+    parts = {name: [r for r in found if (r.name in drawn) is own] for name, own in ((NAME, False), (HELD_OUT, True))}
+    return {name: _table(rows) for name, rows in parts.items() if rows}
 
 
 def _table(found: list[Row]) -> str:
@@ -96,10 +96,10 @@ STUDY: Study[Settings] = Study(
             "the answers of design_gap beside fine scans",
             measure=_measure,
             markers=(NAME,),
-            sections=lambda found: {NAME: f"{said(found)}\n\n{sources(found.conditions)}"},
+            sections=lambda found: {name: f"{table}\n\n{sources(found.conditions)}" for name, table in tables(found).items()},
             steps=lambda given, known: len(given.cases) - len(known.get("rows", ())),
             whole=lambda given, values: len(values["rows"]) == len(given.cases),
-            said=said,
+            said=lambda found: "\n\n".join(tables(found).values()),
         ),
     ),
     kept="with --json the same command goes on from here.",
