@@ -18,8 +18,17 @@ class ParameterError(ValueError):
 def require(ok: bool, name: str, value: object, allowed: str) -> None:
     """Raise ParameterError unless ``ok``."""
     if not ok:
-        long = isinstance(value, int) and abs(value) >= MOST_SHOWN
-        raise ParameterError(f"{name} = {'a whole number of very many digits' if long else repr(value)} is not allowed: {allowed}")
+        raise ParameterError(f"{name} = {_shown(value)} is not allowed: {allowed}")
+
+
+def _shown(value: object) -> str:
+    """Return a value for people. Python writes no whole number of more than 4,300 digits, nested ones neither."""
+    if isinstance(value, int) and abs(value) >= MOST_SHOWN:
+        return "a whole number of very many digits"
+    try:
+        return repr(value)
+    except ValueError:
+        return f"{type(value).__name__} with a whole number of very many digits"
 
 
 MOST_SHOWN = 10**300

@@ -304,6 +304,7 @@ def test_what_cannot_be_is_refused_by_name() -> None:
     cases: list[tuple[str, dict[str, Any], str]] = [
         (ACTIVE_FRICTION, {"load": shock}, "one load of the kind random or samples"),
         (ACTIVE_FRICTION, {"load": {"kind": "random"}}, "spectrum"),
+        (ACTIVE_FRICTION, {"load": SHAKEN | {"seed": 10**5000}}, "load = dict with a whole number of very many digits"),
         (ACTIVE_FRICTION, {"load": SHAKEN, "method": "moreau"}, "forces with Moreau"),
         (ACTIVE_FRICTION, {"moves_base": 1}, "moves_base = 1"),
         (STRUCTURES, {"moves_base": True}, "base_participation"),
