@@ -1,4 +1,4 @@
-"""Loads as machines have them: unbalance, a base that moves, several tones, records, random spectra and shocks; and several of them at once.
+"""Loads as machines have them: unbalance, a base that moves, several tones, records, random spectra, shocks, strikes; and several of them at once.
 
 Every load is one record of pieces (`Pieces`), which the kernels take (`kernels/motion/loads.py`): between two breakpoints it is
 Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the first of them.
@@ -6,6 +6,7 @@ Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,9 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import FASTEST, SLOWEST, Drive, FrequencySchedule
-from impact_env.parameters import count, finite, instance, listed, non_negative, one_of, positive, require, row
+from impact_env.parameters import count, instance, listed, one_of, positive, require, row
 from impact_env.scene import InitialState, Scene
-from impact_env.turning_loads import BASE, FORCE, QUANTITIES, Force, Load, Member, Pieces, ShakenBase, Still, Tone, Tones, Unbalance, schedule_in
+from impact_env.turning_loads import (
+    BASE,
+    FORCE,
+    QUANTITIES,
+    Force,
+    Load,
+    Member,
+    Pieces,
+    ShakenBase,
+    Shock,
+    Still,
+    Strike,
+    Tone,
+    Tones,
+    Unbalance,
+    lines_between,
+    schedule_in,
+)
 
 __all__ = [
     "BASE",
@@ -33,6 +51,7 @@ __all__ = [
     "ShakenBase",
     "Shock",
     "Still",
+    "Strike",
     "Tone",
     "Tones",
     "Unbalance",
@@ -43,23 +62,12 @@ __all__ = [
     "schedule_in",
 ]
 Array = NDArray[np.float64]
-PULSES = ("half-sine", "triangle", "trapezoid")
 MOST_SAMPLES = 2**22  # of a record: a piece of each is 80 bytes
 RANDOM_SAMPLES = 20  # of a random record, in a period of its highest frequency
 SAME_TIME = 1e-12  # of the duration: breakpoints closer than this are one
 EVEN = 1e-6  # of the sampling interval
 STARTS = ("middle", "lower-wall", "base-mean-rest")
 GAUSS = np.polynomial.legendre.leggauss(4)  # nodes and weights: right to 1e-7 of what a base moves by, on a radian of its carrier
-
-
-def _lines(times: Array, values: Array, moves_base: bool) -> Pieces:
-    """Return straight lines between values (K,) at times (K,), which may have one time twice: a jump."""
-    steps = np.diff(times)
-    kept = steps > 0
-    rows = np.zeros((int(np.sum(kept)), 9))
-    rows[:, 3] = values[:-1][kept]
-    rows[:, 5] = (np.diff(values)[kept]) / steps[kept]
-    return Pieces(np.append(times[:-1][kept], times[-1]), rows, moves_base)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +101,7 @@ class Samples:
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
-        return [_lines(self.times, self.values, self.quantity == BASE)]
+        return [lines_between(self.times, self.values, self.quantity == BASE)]
 
     def share_above(self, frequency: float) -> float:
         """Return which share of the mean square lies above a frequency in Hz, 0 for a record of zeros."""
@@ -160,12 +168,17 @@ class Random:
         low, high = self.spectrum[[0, -1], 0] * self.length
         return np.arange(int(np.ceil(low * (1 - 1e-12))), int(np.floor(high * (1 + 1e-12))) + 1)
 
+    @property
+    def density(self) -> Array:
+        """Return the spectrum at each line, in N^2/Hz or (m/s^2)^2/Hz."""
+        frequency = np.clip(self.lines / self.length, self.spectrum[0, 0], self.spectrum[-1, 0])
+        return np.asarray(self.factor**2 * np.exp(np.interp(np.log(frequency), *np.log(self.spectrum.T))))
+
     def amplitudes(self) -> NDArray[np.complex128]:
         """Return the complex amplitude of each line."""
-        frequency = np.clip(self.lines / self.length, self.spectrum[0, 0], self.spectrum[-1, 0])
-        density = np.exp(np.interp(np.log(frequency), *np.log(self.spectrum.T)))
-        drawn = np.random.default_rng([self.seed, self.number]).standard_normal((2, len(frequency)))
-        return np.asarray(self.factor * np.sqrt(density / self.length) * (drawn[0] + 1j * drawn[1]))
+        density = self.density
+        drawn = np.random.default_rng([self.seed, self.number]).standard_normal((2, len(density)))
+        return np.asarray(np.sqrt(density / self.length) * (drawn[0] + 1j * drawn[1]))
 
     def record(self) -> Samples:
         """Return the sampled record."""
@@ -191,52 +204,6 @@ class Random:
     def base_velocity(self) -> float:
         """Return the base's velocity in m/s at time 0 whose mean is zero."""
         return self.record().base_velocity()
-
-
-@dataclass(frozen=True, eq=False)
-class Shock(Still):
-    """A pulse of a ``peak`` in N or m/s^2 that takes ``width`` seconds, then nothing until ``length``; a trapezoid rises and falls in ``rise`` s.
-
-    A base is at rest before it.
-    """
-
-    pulse: str
-    peak: float
-    width: float
-    length: float
-    rise: float | None = None
-    quantity: str = FORCE
-
-    def __post_init__(self) -> None:
-        one_of("pulse", self.pulse, PULSES), one_of("quantity", self.quantity, QUANTITIES)
-        object.__setattr__(self, "peak", finite("peak", self.peak))
-        object.__setattr__(self, "width", positive("width", self.width))
-        object.__setattr__(self, "length", positive("length", self.length))
-        require(self.width <= self.length, "length", self.length, f"{self.width:g} s or more, as long as the pulse")
-        require((self.rise is not None) == (self.pulse == "trapezoid"), "rise", self.rise, "given for a trapezoid, else left out")
-        if self.rise is not None:
-            object.__setattr__(self, "rise", non_negative("rise", self.rise, self.width / 2))
-
-    @property
-    def duration(self) -> float:
-        """Return how long it lasts in s."""
-        return self.length
-
-    def pieces(self) -> list[Pieces]:
-        """Return its pieces."""
-        base, end, peak, width = self.quantity == BASE, self.length, self.peak, self.width
-        if self.pulse == "half-sine":
-            times = np.array([0.0, width] + [end] * (end > width))
-            rows = np.zeros((len(times) - 1, 9))
-            rows[0, :4] = np.pi / width, 0.0, -np.pi / 2, peak
-            return [Pieces(times, rows, base)]
-        rise = width / 2 if self.rise is None else self.rise
-        times = np.array([0.0, rise, width - rise, width, end])
-        return [_lines(times, np.array([0.0, peak, peak, 0.0, 0.0]), base)]
-
-    def member(self, other: Member) -> Shock:
-        """Return the load of a member of an ensemble: the pulse is the same."""
-        return replace(self, peak=other.factor * self.peak)
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,12 +283,18 @@ class Loads:
         return np.asarray(velocity[at]), np.asarray(displacement[at])
 
     def initial(self, scene: Scene) -> InitialState:
-        """Return the state at time 0 that ``start`` says. Raises ParameterError where a scene has no such start."""
+        """Return the state at time 0 that ``start`` and strikes say. Raises ParameterError where a scene has no such start."""
+        found = self._start(scene)
+        struck = [part.modal_velocity(scene.model) for part in self.parts if isinstance(part, Strike)]
+        own = found.modal_velocity
+        return replace(found, modal_velocity=np.sum(struck if own is None else [own, *struck], axis=0)) if struck else found
+
+    def _start(self, scene: Scene) -> InitialState:
         if isinstance(self.start, InitialState) or self.start == "middle":
             return self.start if isinstance(self.start, InitialState) else InitialState()
         if self.start == "lower-wall":
-            walls = scene.cavity(0)
-            return InitialState() if walls is None else InitialState(absorber_displacement=-walls.gap)
+            walls = [scene.cavity(k) for k in range(scene.places)]
+            return InitialState(absorber_displacement=[0.0 if one is None else -one.gap for one in walls])
         participation = scene.model.base_participation
         require(self.moves_base and participation is not None, "start", self.start, "one of the others where the base does not move")
         assert participation is not None
@@ -382,4 +355,4 @@ def amplitude_in_words(drive: AnyDrive, *, phase: bool = True) -> str:
     """Return a drive's size for people."""
     if isinstance(drive, Drive):
         return f"{drive.amplitude:g} N{f', phase {drive.phase:g} rad' if phase else ''}"
-    return " and ".join(type(part).__name__.lower() for part in drive.parts)
+    return " and ".join(re.sub(r"\B([A-Z])", r" \1", type(part).__name__).lower() for part in drive.parts)

@@ -29,6 +29,7 @@ from impact_env.loads import (
     Samples,
     ShakenBase,
     Shock,
+    Strike,
     Tone,
     Tones,
     Unbalance,
@@ -105,7 +106,12 @@ def _read_random(path: str, plain: Mapping[str, Any], quantity: str) -> Random:
     return found
 
 
-def _read_shock(path: str, plain: Mapping[str, Any], quantity: str) -> Shock:
+def _read_shock(path: str, plain: Mapping[str, Any], quantity: str) -> Load:
+    if "velocity_m_s" in plain:
+        require(quantity == FORCE, f"{path}.quantity", quantity, "left out beside velocity_m_s, which is relative to the base")
+        struck: Keys = {"velocity_m_s": ("velocity", NUMBER), "place": ("place", TEXT), "duration_s": ("length", NUMBER)}
+        strike: Strike = form(Strike, struck).read(path, plain)
+        return strike
     keys: Keys = {
         "pulse": ("pulse", TEXT),
         _unit(quantity, "peak_n", "peak_m_s2"): ("peak", NUMBER),
@@ -126,6 +132,7 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
     reader = RECORDS.get(file.suffix.lower())
     if reader is None:
         raise ParameterError(f"{path}.file = {plain['file']!r} is not allowed: a name that ends in {', '.join(RECORDS)}")
+    resample = instance(f"{path}.resample", plain.get("resample", False), bool)
     rate = None if "sample_rate_hz" not in plain else positive(f"{path}.sample_rate_hz", plain["sample_rate_hz"])
     allowed = f"given for {file.name}, in N or m/s^2 for full scale: a sound has no unit"
     require("scale" in plain or file.suffix.lower() != ".wav", f"{path}.scale", None, allowed)
@@ -133,7 +140,7 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
         size = file.stat().st_size
         require(size <= MOST_BYTES, f"{file.name}: bytes", size, f"at most {MOST_BYTES / 2**20:.0f} MiB: cut the record, or take every second sample")
         times, values = reader(file, rate)
-        times, values = _evened(file, times, values, plain.get("resample", False))
+        times, values = _evened(file, times, values, resample)
         _refuse_clipped(file, values)
         return Samples(times, finite("scale", plain.get("scale", 1.0)) * values, quantity)
     except OSError as error:
@@ -142,22 +149,27 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
         raise ParameterError(f"{path}: {error}") from error
 
 
-def _evened(file: Path, times: Array, values: Array, resample: Any) -> tuple[Array, Array]:
+def _row(file: Path, sample: int) -> int:
+    """Return the row, from 1, of a sample, from 0: a table has a header."""
+    return sample + 1 + (file.suffix.lower() == ".csv")
+
+
+def _evened(file: Path, times: Array, values: Array, resample: bool) -> tuple[Array, Array]:
     """Return a record from time 0 at even steps; one that is not even is refused unless it is to be resampled, by straight lines."""
     require(len(times) >= 2, f"{file.name}: rows", len(times), "two samples or more")
-    times, header = times - times[0], 1 if file.suffix.lower() == ".csv" else 0
+    times = times - times[0]
     steps = np.diff(times)
     step = float(np.median(steps))
 
     def place(sample: int) -> str:
-        return f"{file.name}: time in row {sample + 2 + header}"
+        return f"{file.name}: time in row {_row(file, sample + 1)}"
 
     for k in np.flatnonzero(~(steps > 0))[:1]:
         require(False, place(k), float(times[k + 1]), "later than that in the row before")
     odd = np.flatnonzero(np.abs(steps - step) > UNEVEN * step)
     if len(odd) == 0:
         return np.asarray(float(times[-1]) / len(steps) * np.arange(len(times))), values
-    if instance(f"{file.name}: resample", resample, bool):
+    if resample:
         even = np.linspace(0, float(times[-1]), 1 + round(float(times[-1]) / step))
         return even, np.asarray(np.interp(even, times, values))
     k = int(odd[0])
@@ -172,7 +184,7 @@ def _refuse_clipped(file: Path, values: Array) -> None:
         runs = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
         longest = max(runs, key=len)
         if extreme != 0 and CLIPPED <= len(longest) < len(values):
-            allowed = f"fewer than {CLIPPED} samples in a row at the record's limit: it is clipped from row {int(longest[0]) + 1} on"
+            allowed = f"fewer than {CLIPPED} samples in a row at the record's limit: it is clipped from row {_row(file, int(longest[0]))} on"
             raise ParameterError(f"{file.name}: value = {extreme:g} is not allowed: {allowed}")
 
 

@@ -1,4 +1,7 @@
-"""Loads as a run takes them (`Pieces`), and those that follow a schedule: a force, an unbalance, a base that swings, tones and orders."""
+"""Loads as a run takes them (`Pieces`), and those that a formula gives.
+
+They are those that follow a schedule: a force, an unbalance, a base that swings, tones and orders; and shocks and strikes.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.parameters import finite, instance, listed, one_of, positive, require
+from impact_env.modes import ModalModel
+from impact_env.parameters import finite, instance, listed, non_negative, one_of, positive, require
 
 Array = NDArray[np.float64]
 FORCE, BASE = "force", "base_acceleration"
 QUANTITIES = (FORCE, BASE)  # N at the structure's force place, m/s^2 of its base
+PLACES = ("force", "absorber")
+PULSES = ("half-sine", "triangle", "trapezoid")
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +66,111 @@ class Load(Protocol):
         """Return the base's velocity in m/s at time 0 whose mean is zero, 0 for a force."""
 
 
+def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
+    """Return straight lines between values (K,) at times (K,), which may have one time twice: a jump."""
+    steps = np.diff(times)
+    kept = steps > 0
+    rows = np.zeros((int(np.sum(kept)), 9))
+    rows[:, 3] = values[:-1][kept]
+    rows[:, 5] = (np.diff(values)[kept]) / steps[kept]
+    return Pieces(np.append(times[:-1][kept], times[-1]), rows, moves_base)
+
+
 class Still:
     """A load that does not move the base."""
 
     def base_velocity(self) -> float:
         """Return 0."""
         return 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Shock(Still):
+    """A pulse of a ``peak`` in N or m/s^2 that takes ``width`` seconds, then nothing until ``length``; a trapezoid rises and falls in ``rise`` s.
+
+    A base is at rest before it.
+    """
+
+    pulse: str
+    peak: float
+    width: float
+    length: float
+    rise: float | None = None
+    quantity: str = FORCE
+
+    def __post_init__(self) -> None:
+        one_of("pulse", self.pulse, PULSES), one_of("quantity", self.quantity, QUANTITIES)
+        object.__setattr__(self, "peak", finite("peak", self.peak))
+        object.__setattr__(self, "width", positive("width", self.width))
+        object.__setattr__(self, "length", positive("length", self.length))
+        require(self.width <= self.length, "length", self.length, f"{self.width:g} s or more, as long as the pulse")
+        require((self.rise is not None) == (self.pulse == "trapezoid"), "rise", self.rise, "given for a trapezoid, else left out")
+        if self.rise is not None:
+            object.__setattr__(self, "rise", non_negative("rise", self.rise, self.width / 2))
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return self.length
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces."""
+        base, end, peak, width = self.quantity == BASE, self.length, self.peak, self.width
+        if self.pulse == "half-sine":
+            times = np.array([0.0, width] + [end] * (end > width))
+            rows = np.zeros((len(times) - 1, 9))
+            rows[0, :4] = np.pi / width, 0.0, -np.pi / 2, peak
+            return [Pieces(times, rows, base)]
+        rise = width / 2 if self.rise is None else self.rise
+        times = np.array([0.0, rise, width - rise, width, end])
+        return [lines_between(times, np.array([0.0, peak, peak, 0.0, 0.0]), base)]
+
+    def member(self, other: Member) -> Shock:
+        """Return the load of a member of an ensemble: the pulse is the same."""
+        return replace(self, peak=other.factor * self.peak)
+
+
+@dataclass(frozen=True)
+class Strike(Still):
+    """A structure that is struck at a ``place``, "force" or "absorber", just before time 0, and left alone for ``length`` s.
+
+    The place then has the ``velocity`` (m/s), and the modes of the bare structure what an impulse of velocity / sum(shape^2) N s there leaves them:
+    a place is the softer, the more modes are kept.
+    """
+
+    velocity: float
+    length: float
+    place: str = PLACES[0]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "velocity", finite("velocity", self.velocity))
+        object.__setattr__(self, "length", positive("length", self.length))
+        one_of("place", self.place, PLACES)
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        return self.length
+
+    @property
+    def width(self) -> float:
+        """Return how long its pulse takes, no time."""
+        return 0.0
+
+    def pieces(self) -> list[Pieces]:
+        """Return one that is nothing."""
+        return [Pieces(np.array([0.0, self.length]), np.zeros((1, 9)), False)]
+
+    def member(self, other: Member) -> Strike:
+        """Return the load of a member of an ensemble: at the same place."""
+        return replace(self, velocity=other.factor * self.velocity)
+
+    def modal_velocity(self, model: ModalModel) -> Array:
+        """Return the velocities (N_m,) in sqrt(kg) m/s that it leaves."""
+        shape = model.force_shape if self.place == "force" else model.tip_shape
+        size = float(np.sum(shape**2))
+        require(size > 0, "place", self.place, "where a mode moves")
+        return np.asarray(self.velocity / size * shape)
 
 
 def schedule_in(load: Load) -> FrequencySchedule | None:

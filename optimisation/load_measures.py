@@ -3,8 +3,8 @@
 - level: loads with a schedule, which sweep. The paper's response level, as everywhere.
 - rms: records, random loads and fixed tones. Root mean square of the displacement (relative to the base) where the level is read, after a start that
   is left out: `SETTLING` time constants 1/(D omega) of the first mode, at most half of the record.
-- decay: shocks. The integral of the structure's energy from the end of the pulse on over its value there, in s: 1/(2 D omega) where it decays as
-  exp(-2 D omega t).
+- decay: shocks and strikes. The integral of the structure's energy from the end of the pulse on over its value there, in s: 1/(2 D omega) where it
+  decays as exp(-2 D omega t).
 """
 
 import hashlib
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
-from impact_env.loads import AnyDrive, Loads, Shock, schedule_in
+from impact_env.loads import AnyDrive, Loads, Shock, Strike, schedule_in
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
 from impact_env.response import Record, Response
@@ -36,7 +36,7 @@ def measure_of(loads: Loads) -> str:
     """Return which measure belongs to loads."""
     if any(schedule_in(part) for part in loads.parts):
         return LEVEL
-    return DECAY if any(isinstance(part, Shock) for part in loads.parts) else RMS
+    return DECAY if any(isinstance(part, Shock | Strike) for part in loads.parts) else RMS
 
 
 def _level(response: Response) -> float:
@@ -64,7 +64,7 @@ def after_pulse(response: Response) -> tuple[NDArray[np.float64], NDArray[np.flo
     """Return the times (S,) in s from the end of the last pulse on, and the energy in J of each mode then, (S, N_m)."""
     history = response.history
     assert history is not None
-    late = history.time >= max(part.width for part in response.drive.parts if isinstance(part, Shock))
+    late = history.time >= max(part.width for part in response.drive.parts if isinstance(part, Shock | Strike))
     return history.time[late], mechanical_energy(response.scene, history).modal[late]
 
 
@@ -98,7 +98,8 @@ def measured(lane: Lane) -> float:
 
 def fingerprint_of(loads: Loads) -> str:
     """Return what is the same for the same loads, and else differs."""
-    known = hashlib.sha256(f"{loads.reference!r} {loads.start!r}".encode())
+    strikes = [part for part in loads.parts if isinstance(part, Strike)]
+    known = hashlib.sha256(f"{loads.reference!r} {loads.start!r} {strikes}".encode())
     for part in loads.on_one_clock():
         known.update(np.ascontiguousarray(part).tobytes())
     return known.hexdigest()

@@ -72,33 +72,6 @@ def test_golden_cases_from_files(case: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(speeds, [speed for _, speed in golden], atol=1e-8)
 
 
-KINDS = {
-    "unbalance": 'kind = "unbalance"\nunbalance_kg_m = 5e-5\n' + SCHEDULE.format(0.2),
-    "base": 'kind = "base"\nacceleration_m_s2 = 8.0\n' + SCHEDULE.format(0.2),
-    "base tones": 'kind = "base"\ntones = [{ amplitude_m_s2 = 5.0, frequency_hz = 40.0 }]\nduration_s = 0.2',
-    "orders": 'kind = "tones"\norders = [{ amplitude_n = 2.0, order = 1 }, { amplitude_n = 5.0, order = 6.27 }]\n' + SCHEDULE.format(0.2),
-    "samples": 'kind = "samples"\nfile = "record.csv"\nquantity = "base_acceleration"\nscale = 9.81',
-    "random": 'kind = "random"\nspectrum = [[20.0, 4.0], [60.0, 4.0]]\nduration_s = 0.2\nseed = 1',
-    "base random": 'kind = "base"\nspectrum = [[20.0, 4.0], [60.0, 4.0]]\nduration_s = 0.2',
-    "shock": 'kind = "shock"\npulse = "half-sine"\npeak_n = 60.0\npulse_s = 0.01\nduration_s = 0.2',
-    "base shock": 'kind = "base"\npulse = "trapezoid"\npeak_m_s2 = 60.0\npulse_s = 0.01\nrise_s = 0.001\nduration_s = 0.2',
-}
-
-
-@pytest.mark.plain
-@pytest.mark.parametrize("kind", KINDS)
-def test_each_kind_sweeps(kind: str, tmp_path: Path) -> None:
-    times = np.arange(201) / 1000
-    (tmp_path / "record.csv").write_text("time_s,g\n" + "".join(f"{t:.4f},{np.sin(250 * t):.9f}\n" for t in times))
-    base = kind == "samples" or kind.startswith("base")
-    absorber = None if base else "restitution = 0.7"  # with walls a base is one more kernel: test_loads.py
-    result = sweep(*written(tmp_path, absorber, f"[[load]]\n{KINDS[kind]}\n", base))
-    assert result.exit_code == 0, result.output
-    found = json.loads((tmp_path / "out.json").read_text())
-    assert found["response_level_m"][0] > 0
-    assert found["pseudo_periods"] == pytest.approx(0.2 * (252.3 if "schedule" in KINDS[kind] else OMEGA[0]) / (2 * np.pi))
-
-
 def sine(folder: Path) -> None:
     np.save(folder / "even.npy", np.sin(np.arange(50.0)))
 
@@ -134,6 +107,13 @@ BAD: dict[str, tuple[Callable[[Path], None], str, str]] = {
     "start": (sine, "start = 'above'\n[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100", "start = 'above' is not allowed"),
     "rate": (sine, "[load]\nkind = 'samples'\nfile = 'even.npy'", r"sample_rate_hz = None .*given for even\.npy"),
     "clipped": (clipped, "[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100", r"value = 0\.5 .*clipped from row 7 on"),
+    "clipped table": (
+        table("t,f\n" + "".join(f"{k},{min(k % 20, 8)}\n" for k in range(60))),
+        "[load]\nkind = 'samples'\nfile = 'a.csv'",
+        r"a\.csv: value = 8 .*clipped from row 10 on",
+    ),
+    "resample": (sine, "[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100\nresample = 'yes'", r"load\.resample = 'yes'"),
+    "place": (sine, "[load]\nkind = 'shock'\nvelocity_m_s = 1\nduration_s = 1\nplace = 'base'", r"load\.place = 'base' .*force, absorber"),
     "NaN": (gap, "[load]\nkind = 'samples'\nfile = 'even.npy'\nsample_rate_hz = 100", r"even\.npy: row 3 = nan .*no gap"),
     "gap in a table": (table("t,f\n0,1\n0.1,\n0.2,3\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: row 3 = \['0\.1', ''\] .*no gap"),
     "header": (table("0,1\n0.1,2\n"), "[load]\nkind = 'samples'\nfile = 'a.csv'", r"a\.csv: row 1 = .*a header"),

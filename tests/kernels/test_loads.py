@@ -10,20 +10,25 @@ from load_cases import EVERYTHING, cantilever, chirp, record_of
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.loads import Force, Load, Loads, Member, Random, Samples, ShakenBase, Shock, Tone, Tones, Unbalance
+from impact_env.laws import SceneKind
+from impact_env.loads import Force, Load, Loads, Member, Random, Samples, ShakenBase, Shock, Strike, Tone, Tones, Unbalance
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.parameters import (
     CompliantWalls,
     CoulombFriction,
     ElasticCoulombFriction,
+    NonlinearSink,
+    ParameterError,
     RigidWalls,
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
+    YieldingWalls,
+    friction_damper,
 )
 from impact_env.response import Record, Response
-from impact_env.scene import Scene
+from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
 from reference.dense import Inputs, follow
 
@@ -251,6 +256,11 @@ def test_starts(start: str) -> None:
     assert START[start](loads.initial(scene).vector(scene))
 
 
+def test_several_absorbers_begin_each_on_its_own_wall() -> None:
+    scene = structure(TWO)
+    assert Loads((BASE,), start="lower-wall").initial(scene).vector(scene)[3:5].tolist() == [-5e-4, -4e-4]
+
+
 def test_with_the_base_s_mean_at_rest_the_absorber_stays_where_it_is_in_space() -> None:
     """A free absorber then follows minus the base's displacement, and does not drift; the structure's momentum is that of the base."""
     steady = FrequencySchedule(np.array([0.0, 0.5]), np.full(2, W1), W1)
@@ -297,3 +307,60 @@ def test_stepping_methods_tend_to_the_exact_one_under_loads(name: str) -> None:
         errors.append(np.max(np.abs(found.history.tip_displacement - exact.history.tip_displacement)[before]))
     assert errors[1] < 0.3 * errors[0]
     assert errors[1] < 2e-3 * np.max(np.abs(exact.history.tip_displacement))
+
+
+SPECTRUM = np.array([[20.0, 4.0], [60.0, 4.0]])
+EACH: dict[str, Load] = {
+    "force": Force(Drive(8.0, SWEEP)),
+    "unbalance": Unbalance(1.2e-4, SWEEP),
+    "base": ShakenBase(SWEEP, acceleration=12.0),
+    "displaced base": BASE,
+    "tones": Tones((Tone(8.0, frequency=40.0), Tone(9.0, frequency=251.0)), 0.25),
+    "orders": FORCES[0],
+    "tones of the base": Tones((Tone(12.0, frequency=40.0),), 0.25, quantity="base_acceleration"),
+    "record": FORCES[1],
+    "record of the base": RECORD,
+    "random": Random(SPECTRUM, 0.25),
+    "random base": Random(SPECTRUM, 0.25, quantity="base_acceleration"),
+    "shock": Shock("triangle", 60.0, 0.01, 0.25),
+    "shock of the base": Shock("trapezoid", 60.0, 0.01, 0.25, 0.001, quantity="base_acceleration"),
+    "strike": Strike(0.5, 0.25),
+}
+EVERY_ABSORBER = LINEAR | {
+    "impacts": SMOOTH,
+    "impacts, friction and gravity": BOTH,
+    "yielding": SlidingAbsorber(0.02, YieldingWalls(0.01, 5e-4, 0.7), gravity=9.81),
+    "friction": friction_damper(0.1, 0.02),
+    "compliant": SOFT,
+    "heavy compliant": replace(SOFT, gravity=9.81),
+    "sink": NonlinearSink(1e6),
+    "several": TWO,
+}
+EVERY_START = ("middle", "lower-wall", "base-mean-rest", InitialState(modal_velocity=np.array([0.01, 0.0, 0.0]), absorber_velocity=0.02))
+
+
+@pytest.mark.parametrize("name", EVERY_ABSORBER)
+def test_each_load_on_each_absorber_from_each_start_balances_or_is_refused_by_name(name: str) -> None:
+    scene = structure(EVERY_ABSORBER[name])
+    general = scene.kind in (SceneKind.LINEAR, SceneKind.RIGID)
+    for kind, load in EACH.items():
+        for start in EVERY_START:
+            reasons = {"start"} if start == "base-mean-rest" and "base" not in kind else set()
+            reasons |= {"loads"} if "base" in kind and not general else set()
+            reasons |= {"gravity"} if name == "heavy compliant" else {"method"} if name == "sink" else set()
+            loads = Loads((load,), W1, start)
+            if reasons:
+                with pytest.raises(ParameterError, match=rf"^({'|'.join(reasons)}) = "):
+                    simulate(scene, loads, record=record_of(scene))
+            else:
+                error = simulate(scene, loads, record=record_of(scene)).energy.relative_error
+                assert error < 1e-9, (kind, start, error)
+
+
+def test_a_struck_structure_is_one_that_a_short_blow_has_left() -> None:
+    """The impulse of velocity / sum(shape^2) at the place, in a thousandth of the highest mode's period."""
+    model, width = cantilever(), 1e-6
+    peak = 2 * 0.5 / float(np.sum(model.force_shape**2)) / width
+    blow, strike = (run(None, (load,)).end_state for load in (Shock("triangle", peak, width, 0.1), Strike(0.5, 0.1)))
+    np.testing.assert_allclose(strike, blow, atol=3e-3 * np.max(np.abs(strike)))
+    assert model.force_shape @ Loads((Strike(0.5, 0.1),), W1).initial(Scene(model)).modal_velocity == pytest.approx(0.5)

@@ -1,5 +1,7 @@
 """A structure without finite elements, golden cases of loads, and loads as functions of time that share nothing with the pieces of the kernels."""
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,3 +65,31 @@ def chirp(schedule: FrequencySchedule, times: Array) -> tuple[Array, Array, Arra
     """Return frequency (rad/s), its rate (rad/s^2) and phase (rad) of a schedule of one stretch at times in s."""
     rate = (schedule.omegas[1] - schedule.omegas[0]) / schedule.times[1]
     return schedule.omegas[0] + rate * times, np.full_like(times, rate), (schedule.omegas[0] + 0.5 * rate * times) * times
+
+
+KINDS = ("force", "unbalance", "base", "tones", "orders", "samples", "random", "random base", "shock", "shock of the base", "strike")
+
+
+def tables_of(omega: float, folder: Path) -> dict[str, str]:
+    """Return a load of each kind as TOML, eight periods long, for a structure with that first frequency (rad/s); write the record that one names."""
+    period, hertz = 2 * np.pi / omega, omega / (2 * np.pi)
+    length, times = 8 * period, np.linspace(0, 8 * period, 321)
+    (folder / "record.csv").write_text("time_s,g\n" + "".join(f"{t:.9f},{np.sin(omega * t):.9f}\n" for t in times))
+    swept = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.95 * omega}, {1.05 * omega}], reference_rad_s = {omega} }}"
+    spectrum = f"spectrum = [[{0.5 * hertz}, 4.0], [{1.5 * hertz}, 4.0]]\nduration_s = {length}"
+    found = {
+        "force": f"kind = 'force'\namplitude_n = 3.0\n{swept}",
+        "unbalance": f"kind = 'unbalance'\nunbalance_kg_m = {3 / omega**2}\n{swept}",
+        "base": f"kind = 'base'\nacceleration_m_s2 = 8.0\n{swept}",
+        "tones": f"kind = 'tones'\ntones = [{{ amplitude_n = 2.0, frequency_hz = {hertz} }}, {{ amplitude_n = 2.0, frequency_hz = {3 * hertz} }}]\n"
+        f"duration_s = {length}",
+        "orders": f"kind = 'tones'\norders = [{{ amplitude_n = 2.0, order = 1 }}, {{ amplitude_n = 5.0, order = 3 }}]\n{swept}",
+        "samples": "kind = 'samples'\nfile = 'record.csv'\nquantity = 'base_acceleration'\nscale = 9.81",
+        "random": f"kind = 'random'\nseed = 1\n{spectrum}",
+        "random base": f"kind = 'base'\n{spectrum}",
+        "shock": f"kind = 'shock'\npulse = 'half-sine'\npeak_n = 60.0\npulse_s = {0.4 * period}\nduration_s = {length}",
+        "shock of the base": f"kind = 'base'\npulse = 'trapezoid'\npeak_m_s2 = 60.0\npulse_s = {0.4 * period}\nrise_s = {0.1 * period}\n"
+        f"duration_s = {length}",
+        "strike": f"kind = 'shock'\nvelocity_m_s = 0.5\nplace = 'absorber'\nduration_s = {length}",
+    }
+    return {kind: f"[load]\n{text}\n" for kind, text in found.items()}
