@@ -1,24 +1,29 @@
 """Absorbers of one mass compared under loads: each concept at its own best for the loads as they are, then over their intensity.
 
-The tuned absorber's spring and damper, the friction damper's limit and the impact absorber's gap make the measure smallest (`load_measures`), in the
-mean over the members; the tuned one by a simplex search, the others on a grid and between its points. All concepts meet the same records and phases:
+The tuned absorber's spring and damper, the friction damper's limit and the impact absorber's gap make smallest what is left of the measure
+(`load_measures`), in the mean over the members; the tuned one by a simplex search, the others on a grid and between its points. Under several
+tones, and where a sweep goes through several resonances, the measure is that of each band, and the band of which most is left counts. Under random
+loads alone the tuned absorber is that of the least mean square that is expected for the spectrum (H2). All concepts meet the same records and phases:
 ratios are paired.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
 from impact_env.ensemble import Lane, draw_members, drives_of, each_lane
-from impact_env.loads import AnyDrive, Loads, Member
+from impact_env.frequency import receptance
+from impact_env.loads import BASE, AnyDrive, Loads, Member, Random
 from impact_env.methods import Exact, check_load
 from impact_env.modes import ModalModel
 from impact_env.parameters import Absorber, TunedAbsorber, count, friction_damper, impact_absorber, positive
 from impact_env.scene import Scene
-from optimisation.load_measures import free_size, measure_of, measured
+from optimisation.load_measures import check_size, free_size, measure_of, measured
+from optimisation.signals import band_levels, edges_of
 from optimisation.tuned import minimax
 
 Array = NDArray[np.float64]
@@ -33,63 +38,113 @@ TOLERANCE, MOST_TRIALS = 1e-3, 120  # of the simplex search, in logarithms of st
 
 @dataclass(frozen=True, eq=False)
 class LoadComparison:
-    """Measures ``values`` (F, M) of each concept over the ``factors`` (F,) of intensity and M members; the absorbers, and `free_size` (m)."""
+    """Measures ``values`` (F, M, B) of each concept over the ``factors`` (F,) of intensity, M members and B bands; absorbers, and `free_size` (m).
+
+    ``edges`` (B + 1,) in Hz lie between the bands, see `signals.edges_of`; mostly there is one.
+    """
 
     loads: Loads
     measure: str
+    edges: Array
     factors: Array
     absorbers: dict[str, Absorber | None]
     values: dict[str, Array]
     free_size: float
 
     def ratio(self, concept: str) -> Array:
-        """Return what a concept leaves of the measure without absorber, (F, M), member by member."""
+        """Return what a concept leaves of the measure without absorber, (F, M, B), member by member."""
         return np.asarray(self.values[concept] / self.values["none"])
 
 
-def runs_of(model: ModalModel, absorbers: Sequence[Absorber | None], drives: Sequence[AnyDrive], threads: int | None = None) -> Array:
-    """Return the measure of each absorber under each drive, (absorbers, drives); raises KeyboardInterrupt where it was interrupted."""
-    lanes = [Lane(Scene(model, absorber), drive) for absorber in absorbers for drive in drives]
-    found = each_lane(lanes, measured, threads=threads)
-    if None in found:
+def _in_bands(lane: Lane) -> tuple[float, ...]:
+    return band_levels(lane) if len(edges_of(lane.scene.model, lane.drive)) > 2 else (measured(lane),)
+
+
+def runs_of(
+    model: ModalModel,
+    absorbers: Sequence[Absorber | None],
+    drives: Sequence[AnyDrive],
+    threads: int | None = None,
+    measure: Callable[[Lane], Any] = measured,
+) -> Array:
+    """Return the measure of each absorber under each drive, (absorbers, drives, ...); raises KeyboardInterrupt where it was interrupted."""
+    found = each_lane([Lane(Scene(model, absorber), drive) for absorber in absorbers for drive in drives], measure, threads=threads)
+    if any(one is None for one in found):
         raise KeyboardInterrupt
-    return np.array(found, dtype=np.float64).reshape(len(absorbers), -1)
+    values = np.array(found, dtype=np.float64)
+    return values.reshape(len(absorbers), len(drives), *values.shape[1:])
 
 
-def _best(model: ModalModel, make: Callable[[float], Absorber], sizes: Array, drives: Sequence[AnyDrive], threads: int | None) -> Absorber:
-    """Return what is made of the size (gap or limit) with the least mean over the drives: of a grid in equal ratios, then between its neighbours."""
+Left = Callable[[Sequence[Absorber]], Array]
+
+
+def _left(model: ModalModel, drives: Sequence[AnyDrive], threads: int | None) -> Left:
+    """Return what tells of absorbers the mean over the drives of the most that each leaves in any band, (absorbers,)."""
+    free = runs_of(model, [None], drives, threads, _in_bands)[0]
+    return lambda absorbers: np.asarray(np.mean(np.max(runs_of(model, absorbers, drives, threads, _in_bands) / free, axis=2), axis=1))
+
+
+def _best(left: Left, make: Callable[[float], Absorber], sizes: Array) -> Absorber:
+    """Return what is made of the size (gap or limit) that leaves least: of a grid in equal ratios, then between its neighbours."""
 
     def least(grid: Array) -> float:
-        return float(grid[np.argmin(np.mean(runs_of(model, [make(float(size)) for size in grid], drives, threads), axis=1))])
+        return float(grid[np.argmin(left([make(float(size)) for size in grid]))])
 
     best = least(sizes) if len(sizes) > 1 else float(sizes[0])
     return make(least(best * (sizes[1] / sizes[0]) ** BETWEEN) if len(sizes) > 1 else best)
 
 
+def expected_rms(model: ModalModel, tuned: TunedAbsorber | None, load: Random) -> float:
+    """Return the RMS (m) that is expected where the level is read under a random load: the sum over its lines, with a tuned absorber or none.
+
+    A base's acceleration puts a load of its own on the absorber, whose force on the structure is a rank-one change (`impact_env.frequency`).
+    """
+    omega = 2 * np.pi * load.lines / load.length
+    driven = model.force_shape
+    if load.quantity == BASE:
+        assert model.base_participation is not None  # check_load
+        driven = -model.base_participation
+    motion = receptance(model, omega, model.level_shape, driven)
+    if tuned is not None:
+        mass = tuned.mass_ratio * model.beam_mass
+        spring, inertia = tuned.stiffness + 1j * omega * tuned.damping, mass * omega**2
+        at_absorber, own, across = (receptance(model, omega, model.tip_shape, row) for row in (driven, model.tip_shape, model.level_shape))
+        pushed = mass * model.base_at_absorber * (load.quantity == BASE)
+        motion = motion + across * spring * (inertia * at_absorber - pushed) / (spring - inertia - own * inertia * spring)
+    return float(np.sqrt(np.sum(load.density * np.abs(motion) ** 2) / load.length))
+
+
 def tuned_for(model: ModalModel, mass_ratio: float, drives: Sequence[AnyDrive], threads: int | None = None) -> TunedAbsorber:
-    """Return the spring and damper with the least mean of the measure; the search begins at the tuning for the first resonance's peak."""
-    first = minimax(model, mass_ratio)
+    """Return the spring and damper that leave least of the measure; the search begins at the tuning for the first resonance's peak."""
+    first, parts = minimax(model, mass_ratio), drives[0].parts if isinstance(drives[0], Loads) else ()
+    randoms = [part for part in parts if isinstance(part, Random)]
+    left = _left(model, drives, threads) if len(randoms) < max(len(parts), 1) else None
 
     def of(shifts: Array) -> TunedAbsorber:
         stiffness, damping = np.exp(shifts) * [first.stiffness, first.damping]
         return TunedAbsorber(mass_ratio, float(stiffness), float(damping))
 
-    def mean(shifts: Array) -> float:
-        return float(np.mean(runs_of(model, [of(shifts)], drives, threads)))
+    def cost(shifts: Array) -> float:
+        if left is None:
+            return float(np.linalg.norm([expected_rms(model, of(shifts), part) for part in randoms]))
+        return float(left([of(shifts)])[0])
 
     options = {"xatol": TOLERANCE, "fatol": 0.0, "maxfev": MOST_TRIALS, "initial_simplex": [[0, 0], [0.1, 0], [0, 0.3]]}
-    return of(scipy.optimize.minimize(mean, np.zeros(2), method="Nelder-Mead", options=options).x)
+    return of(scipy.optimize.minimize(cost, np.zeros(2), method="Nelder-Mead", options=options).x)
 
 
 @dataclass(frozen=True, eq=False)
 class TunedUnder:
-    """Tuned absorbers under ``loads``: the ``best`` for them and that with the least ``peak``; measures of both and of no absorber, (3, M)."""
+    """Tuned absorbers under ``loads``: the ``best`` for them and that with the least ``peak``; what either leaves of the measure, (2, M).
+
+    Under several tones that is of the band of which most is left.
+    """
 
     loads: Loads
     measure: str
     best: TunedAbsorber
     peak: TunedAbsorber
-    values: Array
+    ratios: Array
 
 
 def tuned_under(model: ModalModel, loads: Loads, mass_ratio: float, threads: int | None = None) -> TunedUnder:
@@ -97,7 +152,8 @@ def tuned_under(model: ModalModel, loads: Loads, mass_ratio: float, threads: int
     check_load(Scene(model, None), loads, Exact())
     drives = drives_of(draw_members(RECORDS, 0), loads)
     best, peak = tuned_for(model, positive("mass_ratio", mass_ratio), drives, threads), minimax(model, mass_ratio)
-    return TunedUnder(loads, measure_of(loads), best, peak, runs_of(model, [best, peak, None], drives, threads))
+    found = runs_of(model, [best, peak, None], drives, threads, _in_bands)
+    return TunedUnder(loads, measure_of(loads), best, peak, np.max(found[:2] / found[2], axis=2))
 
 
 def compare_loads(
@@ -109,12 +165,15 @@ def compare_loads(
     drives = drives_of(draw_members(count("members", members, 1), seed), loads)
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
     size = float(np.mean([free_size(Lane(none, drive)) for drive in drives]))
-    gaps = size * GAPS if gap is None else np.array([positive("gap", gap)])
-    impact = _best(model, lambda gap: impact_absorber(gap, RESTITUTION, None, mass_ratio), gaps, drives, threads)
+    if gap is not None:
+        check_size(Scene(model, impact_absorber(gap, RESTITUTION, None, mass_ratio)), loads)
+    gaps = size * GAPS if gap is None else np.array([gap])
+    left = _left(model, drives, threads)
+    impact = _best(left, lambda gap: impact_absorber(gap, RESTITUTION, None, mass_ratio), gaps)
     scale = mass * float(model.omega[0]) ** 2 * size
-    friction = _best(model, lambda limit: friction_damper(limit, mass_ratio), scale * LIMITS, drives, threads)
+    friction = _best(left, lambda limit: friction_damper(limit, mass_ratio), scale * LIMITS)
     absorbers = {"none": None, "impact": impact, "friction": friction, "tuned": tuned_for(model, mass_ratio, drives, threads)}
     found = np.geomspace(*SPAN, factors)
     grid = [drive.member(Member(factor=float(factor))) for factor in found for drive in drives if isinstance(drive, Loads)]
-    values = {name: runs_of(model, [one], grid, threads).reshape(factors, members) for name, one in absorbers.items()}
-    return LoadComparison(loads, measure_of(loads), found, absorbers, values, size)
+    values = {name: runs_of(model, [one], grid, threads, _in_bands).reshape(factors, members, -1) for name, one in absorbers.items()}
+    return LoadComparison(loads, measure_of(loads), edges_of(model, loads), found, absorbers, values, size)

@@ -31,10 +31,11 @@ from impact_env.ensemble import Lane
 from impact_env.kernels.motion.level import close_level
 from impact_env.level import HALF_WINDOW_PERIODS, level_of
 from impact_env.loads import Loads, Tones
+from impact_env.modes import ModalModel
 from impact_env.parameters import require
 from impact_env.response import Record, Response
 from impact_env.sweep import simulate
-from optimisation.load_measures import DECAY, after_pulse, measure_of, read, settled_after
+from optimisation.load_measures import DECAY, SAMPLES, after_pulse, measure_of, read, settled_after
 from optimisation.measures import rainflow_amplitudes
 
 Array = NDArray[np.float64]
@@ -153,6 +154,31 @@ def band_edges(loads: Loads) -> Array:
             found += [float(tone.frequency or 0.0) if tone.order is None else tone.order * middle for tone in part.tones]
     found = sorted(set(found))
     return np.array([0.0, *np.sqrt(np.array(found[:-1]) * found[1:]), np.inf])
+
+
+def edges_of(model: ModalModel, loads: Loads) -> Array:
+    """Return the frequencies in Hz between the bands in which loads are measured, from 0 to infinity: one band for each of several tones.
+
+    Of a sweep one way through several resonances, it is one for each of them; the bands meet at the geometric mean of neighbouring resonances.
+    """
+    edges, omegas = band_edges(loads), loads.schedule.omegas
+    if len(edges) > 2 or not (np.all(np.diff(omegas) > 0) or np.all(np.diff(omegas) < 0)):
+        return edges
+    crossed = model.omega[(model.omega > np.min(omegas)) & (model.omega < np.max(omegas))]
+    return np.array([0.0, *np.sqrt(crossed[:-1] * crossed[1:]) / (2 * np.pi), np.inf])
+
+
+def band_levels(lane: Lane) -> tuple[float, ...]:
+    """Run a lane, and return response level (with a schedule) or RMS of the displacement in each of the bands of `edges_of`, in m."""
+    response = simulate(lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=SAMPLES))
+    history, model = response.history, response.scene.model
+    assert history is not None
+    displacement = history.modal_displacement @ model.level_shape
+    if bands := bands_of(response, displacement):
+        return tuple(band.get("level_m", band.get("rms_m", 0.0)) for band in bands)
+    hertz = lane.drive.schedule.omega_at(history.time) / (2 * np.pi)
+    parts = (displacement[(hertz >= low) & (hertz < high)] for low, high in pairwise(edges_of(model, lane.drive)))
+    return tuple(float(close_level(level_of(part, SAMPLES))[0]) for part in parts)
 
 
 def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import call, read
-from load_cases import MASS, OMEGA
+from commands import call, read, sweep
+from load_cases import KINDS, MASS, OMEGA, tables_of
+from structure_files import MATRICES, chain, written
 
 from impact_env.ensemble import Lane
 from impact_env.loads import Loads, Shock
-from impact_env.modes import ModalModel
+from impact_env.modes import ModalModel, modal_model
+from impact_env.parameters import Beam
 from impact_env.scene import Scene
 from optimisation import load_comparison
 from optimisation.cli.group import imported
@@ -35,10 +37,15 @@ def test_the_decay_time_of_one_mode() -> None:
     assert measured(Lane(Scene(model), shock)) == pytest.approx((1 - np.exp(-0.02 * OMEGA[0] * 2.0)) / (0.02 * OMEGA[0]), rel=0.02)
 
 
-def test_the_command_writes_what_it_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(load_comparison, "GAPS", np.array([1.0, 3.0]))
-    monkeypatch.setattr(load_comparison, "LIMITS", np.array([0.3]))
-    monkeypatch.setattr(load_comparison, "MOST_TRIALS", 20)
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few designs: their numbers do not matter here."""
+    for name, value in {"GAPS": np.array([1.0, 3.0]), "LIMITS": np.array([0.3]), "BETWEEN": np.zeros(1), "MOST_TRIALS": 20}.items():
+        monkeypatch.setattr(load_comparison, name, value)
+
+
+@pytest.mark.usefixtures("few")
+def test_the_command_writes_what_it_prints(tmp_path: Path) -> None:
     (tmp_path / "structure.toml").write_text(STRUCTURE)
     (tmp_path / "load.toml").write_text(LOAD)
     given = ["--structure", tmp_path / "structure.toml", "--load", tmp_path / "load.toml", "--out", tmp_path / "out"]
@@ -47,7 +54,7 @@ def test_the_command_writes_what_it_prints(tmp_path: Path, monkeypatch: pytest.M
     found, runs = json.loads((tmp_path / "out" / "summary.json").read_text()), read(tmp_path / "out" / "runs.csv")
     assert found["measure"] == "decay"
     assert len(runs) == 4 * 3
-    ratios = {name: [band[1] for band in bands] for name, bands in found["ratio_5_50_95"].items()}
+    ratios = {name: [band[1] for band in bands] for name, (bands,) in found["ratio_5_50_95"].items()}
     assert np.ptp(ratios["tuned"]) < 1e-6  # it is linear
     assert min(ratios["tuned"]) < min(ratios["impact"]) < 0.9
     assert f"{ratios['impact'][1]:.3f}" in result.output
@@ -55,3 +62,33 @@ def test_the_command_writes_what_it_prints(tmp_path: Path, monkeypatch: pytest.M
     refused = call(imported("compare_absorbers"), *given, "--rate", 1)
     assert refused.exit_code == 2
     assert "--rate does not go with --load" in refused.output
+
+
+@pytest.mark.usefixtures("few")
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("structure", ["the paper's beam", "matrices"])
+def test_each_kind_goes_through_sweep_and_comparison(kind: str, structure: str, tmp_path: Path) -> None:
+    """Linear concepts leave the same at each intensity, and what is left without one grows with it, but for a decay time."""
+    if structure == "matrices":
+        mass, stiffness = chain(tmp_path)
+        omega = float(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).min()))
+        own = written(tmp_path, "matrices", **MATRICES | {"base_vector": [1.0, 1.0, 1.0]})
+    else:
+        omega, own = (
+            float(modal_model(Beam(modes=2)).omega[0]),
+            written(tmp_path, "beam", length_m=0.5, bending_stiffness_n_m2=362.88, mass_per_length_kg_m=1.1275, modes=2),
+        )
+    (tmp_path / "load.toml").write_text(tables_of(omega, tmp_path)[kind])
+    given = ["--structure", own, "--load", tmp_path / "load.toml"]
+    result = sweep(*given, "--restitution", 0.7, "--json", tmp_path / "out.json")
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "out.json").read_text())
+    assert found["response_level_m"][0] > 0
+    assert found["pseudo_periods"] == pytest.approx(8, rel=1e-6)
+    result = call(imported("compare_absorbers"), *given, "--members", 1, "--forces", 2, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert len(found["without_absorber"]) == (2 if kind in ("tones", "orders") else 1)
+    for band, (low, high) in enumerate(found["without_absorber"]):
+        assert high / low == pytest.approx(1.0 if found["measure"] == "decay" else 25.0, rel=1e-6)
+        assert np.ptp([bands[1] for bands in found["ratio_5_50_95"]["tuned"][band]]) < 1e-6

@@ -81,8 +81,8 @@ def test_a_random_load_is_tuned_to_its_least_mean_square() -> None:
         return exact_rms(found.peak.stiffness * np.exp(x[0]), found.peak.damping * np.exp(x[1]))
 
     least = scipy.optimize.minimize(shifted, np.zeros(2), method="Nelder-Mead").fun
-    peak = exact_rms(found.peak.stiffness, found.peak.damping)
-    assert least <= exact_rms(found.best.stiffness, found.best.damping) < least + 0.25 * (peak - least)
+    assert exact_rms(found.best.stiffness, found.best.damping) == pytest.approx(least, rel=1e-4)
+    assert least < 0.99 * exact_rms(found.peak.stiffness, found.peak.damping)
 
 
 def test_the_commands(tmp_path: Path) -> None:
