@@ -44,7 +44,9 @@ def judge_front(front: Front, executor: Executor) -> Front:
 
 
 def borne_along(front: Front, executor: Executor) -> Front:
-    """Run what is best for either objective, and the middle of the front, for what they bear."""
+    """Run what is best for either objective, and the middle of the front, for what they bear, which is told under a force alone."""
+    if front.problem.under_loads:
+        return front
     chosen, borne = [front.members[k] for k in sorted({0, len(front.index) // 2, len(front.index) - 1})], []
     for one in chosen:
         with runs_bar(f"what design {one.number} bears") as show:
