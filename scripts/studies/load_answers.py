@@ -1,8 +1,9 @@
-"""Answers about loads on two structures: each kind, both resonances at once, random loads, gravity, shocks, and what a start does."""
+"""Answers about loads on two structures: both resonances at once, random loads, gravity, shocks, and what a start does."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -11,40 +12,33 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive, linear_sweep
 from impact_env.ensemble import Lane, draw_members, drives_of, each_lane, run_lanes
-from impact_env.loads import Force, Loads, Tone, Tones
-from impact_env.modes import modal_model
+from impact_env.loads import AnyDrive, Force, Loads, Tone, Tones
+from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Absorber, RigidWalls, SlidingAbsorber, friction_law, impact_absorber
-from impact_env.response import Record
 from impact_env.scene import InitialState, Scene
 from impact_env.shared_mass import impact_absorbers
-from impact_env.sweep import simulate
 from optimisation.bounds import design_gap
 from optimisation.friction_rule import scaled_friction
 from optimisation.machine import sources
 from optimisation.report.markdown import markdown
-from optimisation.signals import bands_of
+from optimisation.signals import band_levels
 from studies.load_cases import CASES, GAP, MASS_RATIO, MODES, RESTITUTION, Case, Settings, band_text
-from studies.load_kinds import KINDS, kind_rows, kinds_text
 from studies.load_spectra import VARIANTS, WIDTHS, random_rows, random_text, shock_rows, shock_text
 from studies.study import Json, Measured, Part, Saver, Steps, Study, rows_by_case
 
 Array = NDArray[np.float64]
 LIMITS = (0.92, 1.04)  # of the sweeps, times a resonance
 SHARES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.35, 0.5, 0.75, 1.0)
-GAP_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6)
+REMEDIED = (0.2, 0.5, 1.0)  # shares at which remedies are tried
+SEARCHED = 3  # members by which the best of a remedy is chosen; others judge it
+GAP_FACTORS = tuple(np.geomspace(0.5, 8.0, 9).tolist())
+FEW_FACTORS = (1.0, 2.0, 4.0)  # gaps at which friction and restitution are tried
 FRICTIONS = (0.5, 1.0, 2.0, 4.0, 8.0)  # times the paper's by the scaling law
 RESTITUTIONS = (0.2, 0.45, 0.9, 1.0)
+ASIDE = (0.5, 0.7, 1.0, 1.4, 2.0)  # of a place's own gap by the rule
 WEIGHTS = (0.0, 0.05, 0.15, 0.5)  # g over gap times the first frequency squared
 FACTORS = tuple(np.geomspace(0.1, 3.2, 11).tolist())  # of the design force
-SAMPLES = 64
 DIRECTIONS = {"up": (0.9, 1.06), "down": (1.06, 0.9)}
-
-
-def levels_in_bands(lane: Lane) -> tuple[float, ...]:
-    """Run a lane and return the response levels in the bands of both orders."""
-    response = simulate(lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=SAMPLES))
-    assert response.history is not None
-    return tuple(band["level_m"] for band in bands_of(response, response.history.modal_displacement @ response.scene.model.level_shape))
 
 
 def orders(case: Case, share: float) -> Loads:
@@ -54,68 +48,76 @@ def orders(case: Case, share: float) -> Loads:
     return Loads((Tones(tones, schedule=linear_sweep(float(omega[0]), *LIMITS)),))
 
 
-def _found(lanes: list[Lane]) -> Array:
-    """Return the levels in both bands, (lanes, 2)."""
-    found = each_lane(lanes, levels_in_bands)
+Variant = tuple[str, Scene]
+
+
+def _found(scene: Scene, drives: Sequence[AnyDrive]) -> Array:
+    """Return the levels in both bands under each drive, (drives, 2)."""
+    found = each_lane([Lane(scene, drive) for drive in drives], band_levels)
     if None in found:
         raise KeyboardInterrupt
     return np.array(found, dtype=np.float64)
 
 
+def _row(case: Case, group: str, variant: Variant, share: float, drives: Sequence[AnyDrive]) -> Json:
+    """Return what is left of the level in either band; without absorber the motion is linear, and the same for all members but for phases."""
+    free = _found(Scene(case.model), drives[:1])[0]
+    ratio = np.round(_found(variant[1], drives) / free, 4)
+    own = {"structure": case.name, "group": group, "variant": variant[0], "share": share}
+    higher = ratio[:, 1].tolist() if share > 0 else None
+    return own | {"free_over_gap": (free / GAP).tolist(), "lower": ratio[:, 0].tolist(), "higher": higher}
+
+
 def both_rows(case: Case, group: str, settings: Settings) -> list[Json]:
-    """Return what is left of the level in either band, for each variant of a group."""
-    variants = GROUPS[group](case)[:: 4 if settings.quick else 1]
-    members, rows = draw_members(settings.members, 0), []
-    free: dict[float, Array] = {}
-    for label, share, scene in variants:
+    """Return what is left for each variant of a group: of a remedy at few members, and of the best one, ``judged`` out of so many, at others."""
+    variants, rows = GROUPS[group](case)[:: 4 if settings.quick else 1], []
+    members = draw_members(SEARCHED + settings.members, 0)
+    for share in SHARES if group == "share" else REMEDIED:
         drives = drives_of(members, orders(case, share))
-        if share not in free:  # linear, and the same for all members but for phases
-            free[share] = _found([Lane(Scene(case.model), drives[0])])[0]
-        ratio = _found([Lane(scene, drive) for drive in drives]) / free[share]
-        rows.append(
-            {
-                "structure": case.name,
-                "group": group,
-                "variant": label,
-                "share": share,
-                "free_over_gap": (free[share] / GAP).tolist(),
-                "lower": ratio[:, 0].tolist(),
-                "higher": ratio[:, 1].tolist() if share > 0 else None,
-            }
-        )
+        if group != "share":
+            tried = [_row(case, group, variant, share, drives[:SEARCHED]) for variant in variants]
+            best = min(range(len(tried)), key=lambda k: _cost(tried[k]))
+            rows += [*tried, _row(case, group, variants[best], share, drives[SEARCHED:]) | {"judged": len(tried)}]
+        else:
+            rows.append(_row(case, group, variants[0], share, drives[SEARCHED:]) | {"judged": 1})
     return rows
-
-
-Variant = tuple[str, float, Scene]
 
 
 def _impact(gap: float = GAP, restitution: float = RESTITUTION, friction: float | None = None) -> Absorber:
     return impact_absorber(gap, restitution, friction, MASS_RATIO)
 
 
+def _with_gaps(model: ModalModel, gaps: Sequence[float], word: str = "", **options: float) -> list[Variant]:
+    return [(f"{word}gap {1e3 * gap:.2g} mm", Scene(model, _impact(gap, **options))) for gap in gaps]
+
+
 def _shares(case: Case) -> list[Variant]:
-    return [(f"{share:g}", share, Scene(case.model, _impact())) for share in SHARES]
+    return _with_gaps(case.model, [GAP])
 
 
 def _gaps(case: Case) -> list[Variant]:
-    return [(f"gap {factor * GAP * 1e3:g} mm", 1.0, Scene(case.model, _impact(factor * GAP))) for factor in GAP_FACTORS]
+    return _with_gaps(case.model, [factor * GAP for factor in GAP_FACTORS])
 
 
 def _frictions(case: Case) -> list[Variant]:
-    limits = [factor * scaled_friction(case.model, case.mass, GAP) for factor in FRICTIONS]
-    return [(f"friction {limit:.3g} N", 1.0, Scene(case.model, _impact(friction=limit))) for limit in limits]
+    found = []
+    for factor in FRICTIONS:
+        limit = factor * scaled_friction(case.model, case.mass, GAP)
+        found += _with_gaps(case.model, [few * GAP for few in FEW_FACTORS], f"friction {limit:.2g} N, ", friction=limit)
+    return found
 
 
 def _restitutions(case: Case) -> list[Variant]:
-    return [(f"restitution {e:g}", 1.0, Scene(case.model, _impact(restitution=e))) for e in RESTITUTIONS]
+    gaps = [few * GAP for few in FEW_FACTORS]
+    return [one for e in RESTITUTIONS for one in _with_gaps(case.model, gaps, f"restitution {e:g}, ", restitution=e)]
 
 
 def _places(case: Case) -> list[Variant]:
+    """Return absorbers from the second mode's node to where the absorber was."""
     found = []
-    for label, place in (("node of the second mode", case.node), ("half-way there", (case.node + case.beam.absorber_position) / 2)):
-        model = case.at(place)
-        gap = design_gap(model, case.mass, case.forces[0], 1)
-        found += [(f"{label} ({place:.3f}), gap {1e3 * size:.2g} mm", 1.0, Scene(model, _impact(size))) for size in (0.7 * gap, gap, 1.4 * gap)]
+    for place in np.linspace(case.node, case.beam.absorber_position, 5)[:-1]:
+        gap = design_gap(case.at(place), case.mass, case.forces[0], 1)
+        found += _with_gaps(case.at(place), [factor * gap for factor in ASIDE], f"at {place:.3f}, ")
     return found
 
 
@@ -124,19 +126,18 @@ def _halves(case: Case) -> list[Variant]:
     own, found = case.beam.absorber_position, []
     wide = design_gap(case.at(case.node), case.mass / 2, case.forces[0], 1)
     narrow = design_gap(case.model, case.mass / 2, case.forces[1], 2)
-    pairs = [((own, own), (first * GAP, second * GAP)) for first, second in ((0.5, 1.0), (1.0, 4.0), (1.4, 2.8), (1.4, 4.0), (2.0, 4.0))]
-    pairs += [((case.node, own), (factor * wide, narrow)) for factor in (0.7, 1.0, 1.4)]
+    pairs = [((own, own), (first * GAP, second * GAP)) for first, second in combinations(GAP_FACTORS[::2], 2)]
+    pairs += [((case.node, own), (first * wide, second * narrow)) for first in ASIDE[1:4] for second in ASIDE]
     for places, gaps in pairs:
         label = "side by side" if places[0] == places[1] else f"at {places[0]:.3f} and {places[1]:g}"
         absorber = impact_absorbers(gaps=gaps, positions=places, mass_ratio=MASS_RATIO, shares=(0.5, 0.5), restitution=RESTITUTION)
         text = f"two halves {label}, gaps {1e3 * gaps[0]:.2g} and {1e3 * gaps[1]:.2g} mm"
-        found.append((text, 1.0, Scene(case.at(*places), absorber)))
+        found.append((text, Scene(case.at(*places), absorber)))
     return found
 
 
 def _modes(case: Case) -> list[Variant]:
-    model = modal_model(replace(case.beam, modes=2 * MODES))
-    return [(f"{2 * MODES} modes, gap {1e3 * factor * GAP:g} mm", 1.0, Scene(model, _impact(factor * GAP))) for factor in (1.0, 2.0)]
+    return _with_gaps(modal_model(replace(case.beam, modes=2 * MODES)), [few * GAP for few in FEW_FACTORS], f"{2 * MODES} modes, ")
 
 
 GROUPS: dict[str, Callable[[Case], list[Variant]]] = {
@@ -223,20 +224,19 @@ def _cost(row: Json) -> tuple[float, float]:
 
 
 def both_text(rows: Sequence[Json]) -> str:
-    """Return a table over the share of the higher force, and the best of what was tried at its whole: with the least of the larger number."""
+    """Return a table over the share of the higher force, and the best of each remedy, with the least of the larger number, at some shares."""
     shares = [
-        (row["structure"], row["variant"], f"{row['free_over_gap'][1]:.2f}", band_text(row["lower"]), band_text(row["higher"]))
+        (row["structure"], f"{row['share']:g}", f"{row['free_over_gap'][1]:.2f}", band_text(row["lower"]), band_text(row["higher"]))
         for row in _of(rows, group="share")
     ]
-    tried = []
+    remedies = []
     for structure in CASES:
-        for group in GROUPS:
-            own = _of(rows, structure=structure, group=group, share=1.0)
-            best = min(own, key=_cost)
-            words = "as it is, gap 1 mm, restitution 0.7" if group == "share" else f"{best['variant']}, best of {len(own)}"
-            tried.append((structure, words, band_text(best["lower"]), band_text(best["higher"])))
+        for share in REMEDIED:
+            for best in (row for row in _of(rows, structure=structure, share=share) if "judged" in row):
+                words = f"{best['variant']}, best of {best['judged']}" if best["group"] != "share" else f"as it is, {best['variant']}"
+                remedies.append((structure, f"{share:g}", words, band_text(best["lower"]), band_text(best["higher"])))
     first = markdown(("structure", "share of the higher force", "free level there / gap", "lower band", "higher band"), shares)
-    return first + "\n\n" + markdown(("structure", "at the whole higher force", "lower band", "higher band"), tried)
+    return first + "\n\n" + markdown(("structure", "share", "remedy", "lower band", "higher band"), remedies)
 
 
 def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
@@ -284,7 +284,6 @@ def _part(name: str, title: str, *, measure: Callable[[Settings, Json], Steps], 
 
 STUDY = Study(
     (
-        _part("loads_kinds", "a load of each kind", measure=_each(kind_rows, "kind", list(KINDS)), steps=len(KINDS), text=kinds_text),
         _part("loads_both", "both resonances at once", measure=_each(both_rows, "group", list(GROUPS)), steps=len(GROUPS), text=both_text),
         _part(
             "loads_random",

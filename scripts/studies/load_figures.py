@@ -27,7 +27,7 @@ def _line(panel: Axes, x: Sequence[float], every: Sequence[Sequence[float]], col
 
 
 def save_both(path: Path, rows: Sequence[Json]) -> None:
-    """Draw what is left in either band over the free level of the higher one, and what was tried at its largest."""
+    """Draw what is left in either band over the free level of the higher one, and what was tried at its largest, the best of each remedy large."""
     figure = Figure(figsize=(8.4, 7.0), layout="constrained")
     panels = figure.subplots(len(_structures(rows)), 2, squeeze=False)
     for (left, right), structure in zip(panels, _structures(rows), strict=True):
@@ -43,9 +43,11 @@ def save_both(path: Path, rows: Sequence[Json]) -> None:
         left.legend(frameon=False)
         tried = [row for row in own if row["higher"] is not None and row["share"] == 1.0]
         for k, group in enumerate(dict.fromkeys(row["group"] for row in tried)):
-            part = [row for row in tried if row["group"] == group]
-            x, y = ([float(np.median(row[name])) for row in part] for name in ("lower", "higher"))
-            right.plot(x, y, MARKS[k], color=COLOURS[k], label="as it is" if group == "share" else group, markersize=5 + 3 * (group == "share"))
+            for judged in (False, True):
+                part = [row for row in tried if row["group"] == group and ("judged" in row) == judged]
+                x, y = ([float(np.median(row[name])) for row in part] for name in ("lower", "higher"))
+                label = None if not judged else "as it is" if group == "share" else group
+                right.plot(x, y, MARKS[k], color=COLOURS[k], alpha=1.0 if judged else 0.35, markersize=8 if judged else 4, label=label)
         right.axvline(1, color="black", linewidth=0.6)
         right.axhline(1, color="black", linewidth=0.6)
         right.set_xlim(0, None)
@@ -88,25 +90,6 @@ def save_start(path: Path, rows: Sequence[Json]) -> None:
     """Draw the level over the force from each start, with friction and losses (broken) and without either."""
     kept = [row for row in rows if (row["restitution"], row["friction"]) in ((1.0, 0.0), (0.7, 1.0))]
     _over_force(path, kept, "start", "friction", ("no friction, e = 1", "with friction, e = 0.7"))
-
-
-def save_kinds(path: Path, rows: Sequence[Json]) -> None:
-    """Draw the motion under each kind of load on the first structure, without absorber and with an impact absorber."""
-    own = [row for row in rows if row["structure"] == _structures(rows)[0]]
-    figure = Figure(figsize=(10.0, 4.8), layout="constrained")
-    panels = figure.subplots(2, 4).ravel()
-    for panel, row in zip(panels, own, strict=False):
-        for (low, high), colour, label in zip(row["envelopes_mm"], ("#bbbbbb", COLOURS[0]), ("no absorber", "impact absorber"), strict=True):
-            time = (np.arange(len(low)) + 0.5) * row["duration_s"] / len(low)
-            panel.fill_between(time, low, high, color=colour, linewidth=0, label=label)
-        panel.set_title(f"{row['kind']}: {row['measure']} {np.median(row['ratio']):.2f}", fontsize=10)
-        panel.set_xlabel("time in s")
-    for panel in panels[len(own) :]:
-        panel.axis("off")
-        panel.legend(*panels[0].get_legend_handles_labels(), frameon=False, loc="center")
-    for panel in panels[::4]:
-        panel.set_ylabel("displacement in mm")
-    write_figure(figure, path, 110)
 
 
 def save_random(path: Path, rows: Sequence[Json]) -> None:
@@ -160,7 +143,6 @@ def save_shock(path: Path, rows: Sequence[Json]) -> None:
 
 
 FIGURES: dict[str, Callable[[Path, Sequence[Json]], None]] = {
-    "loads_kinds": save_kinds,
     "loads_both": save_both,
     "loads_random": save_random,
     "loads_gravity": save_gravity,

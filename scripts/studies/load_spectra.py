@@ -2,27 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
-from impact_env.ensemble import Lane, draw_members, drives_of, each_lane
-from impact_env.frequency import coupled_receptance, receptance
+from impact_env.ensemble import Lane, draw_members, drives_of
 from impact_env.loads import Loads, Random, Shock
 from impact_env.modes import ModalModel
-from impact_env.parameters import TunedAbsorber, impact_absorber
+from impact_env.parameters import Absorber, impact_absorber
 from impact_env.response import Record
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
 from optimisation.friction_rule import scaled_friction
-from optimisation.load_comparison import tuned_for
-from optimisation.load_measures import SAMPLES, measured
+from optimisation.load_comparison import expected_rms, runs_of, tuned_for
+from optimisation.load_measures import SAMPLES
 from optimisation.report.markdown import markdown
-from optimisation.tuned import minimax
 from studies.load_cases import GAP, MASS_RATIO, RESTITUTION, Case, Settings, band_text
 from studies.study import Json
 
@@ -71,36 +67,9 @@ def _random(model: ModalModel, spectrum: str) -> Loads:
     return Loads((flat,), float(model.omega[0]))
 
 
-def _rms(model: ModalModel, loads: Loads, shape: Array, tuned: TunedAbsorber | None = None) -> float:
-    """Return the expected RMS (m) at a place: the sum over a flat spectrum's lines, without absorber or with a tuned one."""
-    (load,) = loads.parts
-    assert isinstance(load, Random)
-    omega = 2 * np.pi * load.lines / load.length
-    pair = shape, model.force_shape
-    found = receptance(model, omega, *pair) if tuned is None else coupled_receptance(model, tuned, omega, *pair)
-    return float(np.sqrt(np.sum(np.abs(found) ** 2) / load.length))
-
-
-@cache
-def _tuned_to(model: ModalModel, spectrum: str, mass_ratio: float) -> TunedAbsorber:
-    """Return the tuned absorber with the least expected mean square."""
-    first, loads = minimax(model, mass_ratio), _random(model, spectrum)
-
-    def of(shifts: Array) -> TunedAbsorber:
-        stiffness, damping = np.exp(shifts) * [first.stiffness, first.damping]
-        return TunedAbsorber(mass_ratio, float(stiffness), float(damping))
-
-    found = scipy.optimize.minimize(lambda shifts: _rms(model, loads, model.level_shape, of(shifts)), np.zeros(2), method="Nelder-Mead")
-    return of(found.x)
-
-
-def _ratios(model: ModalModel, absorbers: Sequence[object], loads: Sequence[Loads]) -> Array:
+def _ratios(model: ModalModel, absorbers: Sequence[Absorber], loads: Sequence[Loads]) -> Array:
     """Return what absorbers leave of the measure under each load, (absorbers, loads)."""
-    lanes = [Lane(Scene(model, one), load) for one in (None, *absorbers) for load in loads]  # type: ignore[arg-type]
-    found = each_lane(lanes, measured)
-    if None in found:
-        raise KeyboardInterrupt
-    values = np.array(found, dtype=np.float64).reshape(1 + len(absorbers), len(loads))
+    values = runs_of(model, [None, *absorbers], loads)
     return np.asarray(values[1:] / values[0])
 
 
@@ -109,11 +78,12 @@ def random_rows(case: Case, number: int, settings: Settings) -> list[Json]:
     variant = VARIANTS[number]
     damped = replace(case.model, damping_ratio=np.full(case.model.modes, variant.damping))
     mass, loads = variant.mass_ratio * damped.beam_mass, _random(damped, variant.spectrum)
-    size = _rms(damped, loads, damped.tip_shape)
-    tuned = _tuned_to(damped, variant.spectrum, variant.mass_ratio)
+    (spectrum,) = loads.parts
+    assert isinstance(spectrum, Random)
+    size, tuned = expected_rms(damped, None, spectrum), tuned_for(damped, variant.mass_ratio, [loads])
     drives = [drive for drive in drives_of(draw_members(settings.members, 0), loads) if isinstance(drive, Loads)]
 
-    def impact(gap: float) -> object:
+    def impact(gap: float) -> Absorber:
         return impact_absorber(gap, variant.restitution, variant.friction * scaled_friction(damped, mass, gap), variant.mass_ratio)
 
     gaps = GAPS[:: 4 if settings.quick else 1]

@@ -71,16 +71,20 @@ KINDS = ("force", "unbalance", "base", "tones", "orders", "samples", "random", "
 
 
 def tables_of(omega: float, folder: Path) -> dict[str, str]:
-    """Return a load of each kind as TOML, eight periods long, for a structure with that first frequency (rad/s); write the record that one names."""
+    """Return a load of each kind as TOML, eight periods long, for a structure with that first frequency (rad/s); write the record that one names.
+
+    The base goes up to seven times that frequency.
+    """
     period, hertz = 2 * np.pi / omega, omega / (2 * np.pi)
     length, times = 8 * period, np.linspace(0, 8 * period, 321)
     (folder / "record.csv").write_text("time_s,g\n" + "".join(f"{t:.9f},{np.sin(omega * t):.9f}\n" for t in times))
+    up = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.5 * omega}, {7 * omega}], reference_rad_s = {omega} }}"
     swept = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.95 * omega}, {1.05 * omega}], reference_rad_s = {omega} }}"
     spectrum = f"spectrum = [[{0.5 * hertz}, 4.0], [{1.5 * hertz}, 4.0]]\nduration_s = {length}"
     found = {
         "force": f"kind = 'force'\namplitude_n = 3.0\n{swept}",
         "unbalance": f"kind = 'unbalance'\nunbalance_kg_m = {3 / omega**2}\n{swept}",
-        "base": f"kind = 'base'\nacceleration_m_s2 = 8.0\n{swept}",
+        "base": f"kind = 'base'\nacceleration_m_s2 = 8.0\n{up}",
         "tones": f"kind = 'tones'\ntones = [{{ amplitude_n = 2.0, frequency_hz = {hertz} }}, {{ amplitude_n = 2.0, frequency_hz = {3 * hertz} }}]\n"
         f"duration_s = {length}",
         "orders": f"kind = 'tones'\norders = [{{ amplitude_n = 2.0, order = 1 }}, {{ amplitude_n = 5.0, order = 3 }}]\n{swept}",

@@ -1,4 +1,4 @@
-"""What loads other than one force do to impact absorbers: each kind, both resonances at once, random, gravity, shocks, starts."""
+"""What loads other than one force do to impact absorbers: both resonances at once, random, gravity, shocks, starts."""
 
 from pathlib import Path
 
