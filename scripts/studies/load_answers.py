@@ -22,8 +22,22 @@ from optimisation.friction_rule import scaled_friction
 from optimisation.machine import sources
 from optimisation.report.markdown import markdown
 from optimisation.signals import band_levels
-from studies.load_cases import CASES, GAP, MASS_RATIO, MODES, RESTITUTION, Case, Settings, band_text
-from studies.load_spectra import VARIANTS, WIDTHS, random_rows, random_text, shock_rows, shock_text
+from studies.load_spectra import (
+    CASES,
+    GAP,
+    MASS_RATIO,
+    MODES,
+    RESTITUTION,
+    VARIANTS,
+    WIDTHS,
+    Case,
+    Settings,
+    band_text,
+    random_rows,
+    random_text,
+    shock_rows,
+    shock_text,
+)
 from studies.study import Json, Measured, Part, Saver, Steps, Study, rows_by_case
 
 Array = NDArray[np.float64]

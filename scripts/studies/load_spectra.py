@@ -1,28 +1,32 @@
-"""Random loads and shocks on two structures: what an impact absorber leaves, beside the tuned absorber that is best for the same load."""
+"""Two structures, random loads and shocks on them, and what an impact absorber leaves beside the tuned one that is best."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members, drives_of
 from impact_env.loads import Loads, Random, Shock
-from impact_env.modes import ModalModel
-from impact_env.parameters import Absorber, impact_absorber
+from impact_env.modes import ModalModel, modal_model, mode_shapes
+from impact_env.parameters import Absorber, Beam, impact_absorber
 from impact_env.response import Record
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
+from optimisation.bounds import design_force
 from optimisation.friction_rule import scaled_friction
 from optimisation.load_comparison import expected_rms, runs_of, tuned_for
 from optimisation.load_measures import SAMPLES
 from optimisation.report.markdown import markdown
-from studies.load_cases import GAP, MASS_RATIO, RESTITUTION, Case, Settings, band_text
 from studies.study import Json
 
 Array = NDArray[np.float64]
+MODES, MASS_RATIO, GAP, RESTITUTION = 5, 0.02, 1e-3, 0.7
+BAND = (0.05, 0.5, 0.95)
 PERIODS = 800.0  # of a record
 SPECTRA = {"narrow": (0.9, 1.1), "wide": (0.5, 1.5), "two modes": (0.5, 7.5)}  # flat, over the first frequency
 GAPS = np.geomspace(0.6, 3.6, 9)  # over the free motion's RMS at the absorber
@@ -31,6 +35,63 @@ WIDTHS = (0.5, 0.16)  # of a half-sine pulse, in periods of the first mode
 PEAKS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6)  # largest free displacement at the absorber over the gap
 SHOCK_PERIODS = 100.0
 TENTH = 10  # impacts after which energies are read
+
+
+class Settings(NamedTuple):
+    """Runs for each point, and whether it is only a look."""
+
+    members: int
+    quick: bool
+
+
+@dataclass(frozen=True)
+class Case:
+    """A beam, the places of its absorber and of its response, and the forces for which the design rule gives `GAP` there."""
+
+    name: str
+    beam: Beam
+
+    @cached_property
+    def model(self) -> ModalModel:
+        """The modal model."""
+        return modal_model(self.beam)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the absorber in kg."""
+        return MASS_RATIO * self.model.beam_mass
+
+    @cached_property
+    def forces(self) -> tuple[float, float]:
+        """Forces in N near the first and the second resonance."""
+        return design_force(self.model, self.mass, GAP, 1), design_force(self.model, self.mass, GAP, 2)
+
+    @cached_property
+    def node(self) -> float:
+        """Where the second mode stands still, a share of the length."""
+        return float(scipy.optimize.brentq(lambda x: mode_shapes(self.beam, [x])[0, 1], 0.3, 0.95))
+
+    def at(self, *positions: float) -> ModalModel:
+        """Return the model with absorbers elsewhere, the response read at the same place."""
+        beam = replace(self.beam, response_position=self.beam.absorber_position)
+        return modal_model(replace(beam, absorber_position=positions[0]), positions if len(positions) > 1 else None)
+
+
+CASES = {
+    case.name: case
+    for case in (
+        Case("cantilever", Beam(modes=MODES)),
+        Case("supported beam", Beam(modes=MODES, ends="pinned-pinned", absorber_position=0.35, force_position=0.2)),
+    )
+}
+
+
+def band_text(values: Sequence[float] | None) -> str:
+    """Return median and band, nothing of None."""
+    if values is None:
+        return ""
+    low, middle, high = np.quantile(values, BAND)
+    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
 
 
 class Variant(NamedTuple):

@@ -16,9 +16,8 @@ from optimisation.signals import band_levels
 from studies import load_answers, load_spectra
 from studies.cli.load_answers import main
 from studies.load_answers import both_rows, both_text, orders
-from studies.load_cases import CASES, Settings
 from studies.load_figures import FIGURES
-from studies.load_spectra import random_rows, random_text, shock_rows, shock_text
+from studies.load_spectra import CASES, Settings, random_rows, random_text, shock_rows, shock_text
 
 
 def test_bands_of_two_orders_superpose() -> None:

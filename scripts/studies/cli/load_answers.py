@@ -7,7 +7,7 @@ import click
 from optimisation.cli.common import command
 from optimisation.page import DOCS, published
 from studies.load_answers import STUDY
-from studies.load_cases import Settings
+from studies.load_spectra import Settings
 from studies.runner import run
 from studies.study import Place
 
