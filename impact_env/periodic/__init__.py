@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from impact_env.periodic.bifurcation_curves import BifurcationCurve, bifurcation_curve, bifurcation_curves
     from impact_env.periodic.case import Case, case_of
     from impact_env.periodic.green import NoOrbit
-    from impact_env.periodic.hill import hill_multipliers
+    from impact_env.periodic.harmonic_balance import hill_multipliers
     from impact_env.periodic.jump import Hazard, Range, hazard, jumps
     from impact_env.periodic.lyapunov import Exponent, largest_exponent
     from impact_env.periodic.offspring import descendants
@@ -56,7 +56,7 @@ _MODULES = {
     "bifurcation_curves": ("BifurcationCurve", "bifurcation_curve", "bifurcation_curves"),
     "case": ("Case", "case_of"),
     "green": ("NoOrbit",),
-    "hill": ("hill_multipliers",),
+    "harmonic_balance": ("hill_multipliers",),
     "jump": ("Hazard", "Range", "hazard", "jumps"),
     "lyapunov": ("Exponent", "largest_exponent"),
     "offspring": ("descendants",),

@@ -3,6 +3,12 @@
 The unknowns are the harmonics of r = absorber less tip: 2H + 1 of them whatever the number of modes, or those of odd order for orbits that repeat
 themselves with the other sign after half a period. The residual is the force that the motion asks for less the contact law's, harmonic by harmonic;
 its Jacobian is analytic.
+
+How stable a solution is, is told by Hill's method (G. W. Hill, Acta Mathematica 8, 1886; as a matrix: A. Lazarus, O. Thomas, 2010). A disturbance is
+harmonics, as many as the solution has, times exp(mu t): of modes and absorber, velocities, and the force between them, which follows the contact law
+linearised along the solution. Most eigenvalues mu are copies of others, moved by multiples of the frequency and cut off, so that those count whose
+harmonics are the lowest. The contact comes again after half a period of a symmetric solution, and after one of any other, so that harmonics of even
+and of odd order of that span do not meet: one kind has the sign of exp(mu t) after it, the other kind the opposite one.
 """
 
 from __future__ import annotations
@@ -12,6 +18,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
 
@@ -33,13 +40,14 @@ from impact_env.parameters import (
 from impact_env.periodic.branch import Residual
 from impact_env.periodic.contact import CompliantContact, Law, RigidContact
 from impact_env.periodic.continuation import Problem, start
-from impact_env.periodic.trigonometric import Real, largest
+from impact_env.periodic.trigonometric import Real, derivative, largest
 from impact_env.scene import Scene
 
 Complex = NDArray[np.complex128]
 OMEGA, FORCE = "omega", "force"
 PAPER_DAMPER = 0.001  # N s/m between absorber and ground (paper, section 2.5)
 WEIGHT, FRICTION_WEIGHT = 100.0, 10.0  # in absorber mass times omega_1^2, and times omega_1
+STRIP, COPY = 0.6, 0.1  # of the frequency, in which exponents are looked for; relative: as far apart are copies of one in both kinds at its edge
 CENTRING = 1e-9  # of the weight: a spring that chooses the mean of r where no wall does
 
 
@@ -325,3 +333,65 @@ def harmonic_balance(
     linear = JointOfMass(scene.model, mass, harmonics, grounded_damper, multiple)
     law = _law(scene.model, absorber, mass, weight, friction_weight)
     return Balance(linear, law, omega, force, symmetric, CENTRING * weight * mass * float(np.min(scene.model.omega)) ** 2)
+
+
+def hill_multipliers(balance: Balance, z: Real) -> Complex:
+    """Return the 2 N_m + 2 Floquet multipliers of a solution z, the largest first; of a symmetric balance over half a period, mirrored.
+
+    At compliant walls they converge; at rigid ones a fast pair's size does not (docs/harmonic_balance.md): `Orbit.stability` has those. Raises
+    ParameterError for a structure other than `JointOfMass`, and for elastic friction, whose force depends on the motion's past.
+    """
+    linear, law = balance.linear, balance.law
+    require(isinstance(linear, JointOfMass), "structure", linear, "a mass beside a beam's tip for Hill's method")
+    elastic = isinstance(law, CompliantContact) and law.friction_limit is not None
+    require(not elastic, "friction", law, "rigid, or none, for Hill's method")
+    found: list[tuple[float, complex, int]] = []
+    for kind in (0, 1):
+        exponents, order, omega = _exponents(balance, z, kind)
+        sign = 1 if balance.symmetric == (kind == 1) else -1
+        found += [(at, complex(sign * np.exp(np.pi / omega * exponent)), kind) for at, exponent in zip(order, exponents, strict=True)]
+    taken: list[tuple[float, complex, int]] = []
+    for one in sorted(found, key=lambda each: each[0]):
+        if all(one[2] == other[2] or abs(one[1] - other[1]) > COPY * abs(one[1]) for other in taken):
+            taken.append(one)
+    assert isinstance(linear, JointOfMass)
+    return np.array(sorted((value for _, value, _ in taken[: 2 * linear.model.modes + 2]), key=abs, reverse=True))
+
+
+def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, float]:
+    """Return exponents (1/s) of disturbances of even (0) or odd (1) order, the mean order of each, and the frequency (rad/s) that orders count."""
+    linear, law = balance.linear, balance.law
+    assert isinstance(linear, JointOfMass)
+    rows = [balance.polynomial(z), real_row(balance.response(z).contact)]
+    omega = balance.omega / linear.multiple
+    if not balance.symmetric:  # over two periods
+        rows, omega = [_doubled(row) for row in rows], omega / 2
+    h = len(rows[0]) // 2
+    orders = np.concatenate([[0], np.arange(1, h + 1), np.arange(1, h + 1)])
+    kept = np.flatnonzero(orders % 2 == kind)
+    contact = law.contact(rows[0], rows[1], omega, OMEGA)
+    turn, held, slope, rate = (
+        each[np.ix_(kept, kept)] for each in (omega * derivative(np.eye(2 * h + 1)).T, contact.by_dynamic, contact.by_motion, contact.by_rate)
+    )
+    model, tip = linear.model, linear.model.tip_shape
+    across, push = np.append(-tip, 1.0), np.append(-tip, 1 / linear.mass)
+    losses = np.append(2 * model.damping_ratio * model.omega, linear.grounded_damper / linear.mass)
+    one, bodies, size = np.eye(len(kept)), np.eye(len(across)), len(across) * len(kept)
+    flow = np.block([
+        [-np.kron(bodies, turn), np.eye(size), np.zeros((size, len(kept)))],
+        [-np.kron(np.diag(np.append(model.omega**2, 0.0)), one), -np.kron(bodies, turn) - np.kron(np.diag(losses), one), np.kron(push[:, None], one)],
+        [np.kron(across[None], slope - rate @ turn), np.kron(across[None], rate), held - one],
+    ])  # fmt: skip
+    exponents, vectors = scipy.linalg.eig(flow, scipy.linalg.block_diag(np.eye(2 * size), np.zeros_like(one)))
+    inside = np.isfinite(exponents) & (np.abs(exponents.imag) < STRIP * omega)
+    shares = np.sum(np.abs(vectors[:size, inside].reshape(len(across), len(kept), -1)) ** 2, axis=0)
+    inside[inside] = ok = np.sum(shares, axis=0) > 0
+    return exponents[inside], orders[kept] @ (shares[:, ok] / np.sum(shares[:, ok], axis=0)), omega
+
+
+def _doubled(row: Real) -> Real:
+    """Return a polynomial over twice the period."""
+    h = len(row) // 2
+    twice = np.zeros(4 * h + 1)
+    twice[0], twice[2 : 2 * h + 1 : 2], twice[2 * h + 2 :: 2] = row[0], row[1 : h + 1], row[h + 1 :]
+    return twice

@@ -24,8 +24,7 @@ from impact_env.periodic.balance_branches import start_of_orbit
 from impact_env.periodic.case import case_of
 from impact_env.periodic.contact import CompliantContact, Contact, RigidContact, elastic_coulomb
 from impact_env.periodic.continuation import Problem, Steps, both_ways, continuation
-from impact_env.periodic.harmonic_balance import FORCE, OMEGA, PAPER_DAMPER, Balance, Dynamics, harmonic_balance
-from impact_env.periodic.hill import hill_multipliers
+from impact_env.periodic.harmonic_balance import FORCE, OMEGA, PAPER_DAMPER, Balance, Dynamics, harmonic_balance, hill_multipliers
 from impact_env.periodic.symmetric import closed_form
 from impact_env.periodic.trigonometric import basis, derivative, largest, negative, roots, share, values, window
 from impact_env.scene import InitialState, Scene

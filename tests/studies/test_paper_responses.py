@@ -10,7 +10,7 @@ from impact_env.drive import Drive, constant_frequency, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.periodic.residence import Approach, hold
 from optimisation.files import read_json
-from studies.paper import conv, ground_damper, high_low, jump, smr
+from studies.paper import basics, conv, high_low, jump, smr
 from studies.paper.claim import Claim, Verdict, from_plain
 from studies.paper.frame import Settings
 from studies.paper.study import FIGURES
@@ -64,7 +64,7 @@ def test_a_damper_to_ground_is_that_of_an_own_integration(damper: float) -> None
     scene, periods, each = beam_scene(Beam(modes=2), impact_absorber()), 5, 4000
     model, mass = scene.model, float(scene.absorber_mass or 0)
     omega, tip = model.resonance_omega(1), model.tip_shape
-    found = ground_damper.squares(scene, [Drive(4.0, constant_frequency(omega, 1.0, periods))], damper, Exact(), 1, 16)[:, 0]
+    found = basics.squares(scene, [Drive(4.0, constant_frequency(omega, 1.0, periods))], damper, Exact(), 1, 16)[:, 0]
     dt, q, v, a, u, impacts = 2 * np.pi / omega / each, np.zeros(2), np.zeros(2), 0.0, 0.0, 0
     tips = np.zeros(periods * each + 1)
     for k in range(periods * each):
@@ -77,7 +77,7 @@ def test_a_damper_to_ground_is_that_of_an_own_integration(damper: float) -> None
             v, u = v + tip * impulse, u - impulse / mass
         q, a = q + 0.5 * dt * v, a + 0.5 * dt * u
         tips[k + 1] = tip @ q
-    square = tips[: -1 : each // ground_damper.SAMPLES].reshape(periods * 16, -1) ** 2
+    square = tips[: -1 : each // basics.SAMPLES].reshape(periods * 16, -1) ** 2
     assert impacts >= 3
     assert found == pytest.approx(square.mean(axis=1), abs=0.01 * square.max())
 

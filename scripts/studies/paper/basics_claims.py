@@ -24,7 +24,7 @@ def of(values: Json) -> list[Claim]:
     """Return all claims of the part."""
     tuned = [_tuning(values["tuned"]["tunings"]), *_tuned_effects(values["tuned"])]
     runs = [_limits(values["linear"], values["entry"]), _window(values["window"]), _step(values["step"]), _scaling(values["scaling"])]
-    return [*_beam(values["beam"]), *_sweeps(values["linear"]), *runs, *([_damper(values["damper"])] if "damper" in values else []), *tuned]
+    return [*_beam(values["beam"]), *_sweeps(values["linear"]), *runs, _damper(values["damper"]), *tuned]
 
 
 def _beam(beam: Json) -> list[Claim]:

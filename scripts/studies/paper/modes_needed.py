@@ -1,6 +1,5 @@
 """How many modes the second resonance needs: beyond the paper, which keeps ten of them by what they do at the first."""
 
-from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -10,10 +9,11 @@ from matplotlib.figure import Figure
 from impact_env.curve import BAND, CurveCase, quantiles
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
+from optimisation.report.markdown import markdown
 from studies.paper.claim import SAME, Claim, Verdict
-from studies.paper.frame import PaperFigure, Settings, in_turn, shortened
+from studies.paper.frame import NAME, PaperFigure, Settings, in_turn
 from studies.paper.style import LOOKS, legends, line, panels
-from studies.study import Json, Table
+from studies.study import Json
 
 LABEL = "modes_needed"
 FRICTION, RESTITUTION = 0.1, 0.7  # of the paper's best absorber
@@ -51,16 +51,12 @@ def at(values: Json, modes: int, resonance: int, force: float | None = None) -> 
     return found["relative"][k], found["low"][k], found["high"][k], found["nominal"][k]
 
 
-def _table(values: Json, least: Mapping[int, float]) -> Table:
-    """Return the levels at the forces of each resonance that are at ``least`` so many N."""
-    forces = {r: [force for force in forces_of(values, r) if force >= least[r]] for r in OPTIMUM}
-    header = ("modes", *(f"{name}, {force:g} N" for r, name in NAMES.items() for force in forces[r]))
-    return Table(LABEL, header, [(f"{n}", *(_cell(values, n, r, force) for r in OPTIMUM for force in forces[r])) for n in map(int, values)])
-
-
 def _words(values: Json) -> str:
-    text = "Level in % of no absorber with as many modes, median (5 to 95 %), from the paper's best force on; the file has lower forces too."
-    return f"{text}\n\n{shortened(_table(values, OPTIMUM))}"
+    forces = {r: [force for force in forces_of(values, r) if force >= OPTIMUM[r]] for r in OPTIMUM}
+    header = ("modes", *(f"{name}, {force:g} N" for r, name in NAMES.items() for force in forces[r]))
+    rows = [(f"{n}", *(_cell(values, n, r, force) for r in OPTIMUM for force in forces[r])) for n in map(int, values)]
+    text = f"Level in % of no absorber with as many modes, median (5 to 95 %), from the paper's best force on; below: `{NAME}/{LABEL}.json.gz`."
+    return f"{text}\n\n{markdown(header, rows)}"
 
 
 def _cell(values: Json, modes: int, resonance: int, force: float | None) -> str:
@@ -141,7 +137,6 @@ def _draw(values: Json) -> Figure:
 
 FIGURE = PaperFigure(
     LABEL, "how many modes the second resonance needs", words=_words, draw=_draw, claims=_claims, answer=_answer,
-    tables=lambda values: (_table(values, dict.fromkeys(OPTIMUM, 0.0)),),
     measure=lambda settings, size, known: in_turn({str(n): partial(_of_modes, n, settings, size) for n in size.modes}, known),
     sizes=(
         Sizes((1.5, 2.5, 3.5, 5.0), (20.0, 25.0, 30.0, 35.0, 40.0), (5, 7, 10, 15, 20, 30), 16),
