@@ -11,15 +11,7 @@ from impact_env.drive import PAPER_LIMITS
 from impact_env.methods import Exact, Moreau, RungeKutta
 from impact_env.parameters import (
     Beam,
-    CompliantWalls,
-    CoulombFriction,
-    ElasticCoulombFriction,
-    RigidWalls,
-    SlidingAbsorber,
     StuckAbsorber,
-    TunedAbsorber,
-    friction_damper,
-    impact_absorber,
 )
 from impact_env.plain import from_scene
 from impact_env.scene import beam_scene
@@ -172,35 +164,6 @@ def test_scene_from_a_file_is_the_scene_of_the_options(tmp_path: Path) -> None:
     of_modes = results(tmp_path, "--scene", str(modes), *SHORT[2:])
     assert of_modes.pop("scene") == json.loads(modes.read_text())
     assert of_modes == {key: value for key, value in options_alone.items() if key != "scene"}
-
-
-def test_options_become_the_librarys_parameters() -> None:
-    cases = {
-        (): impact_absorber(),
-        ("--gap", "2e-3", "--restitution", "0.5", "--friction-limit", "0.1", "--mass-ratio", "0.05"): impact_absorber(2e-3, 0.5, 0.1, 0.05),
-        ("--friction-limit", "0"): impact_absorber(),
-        ("--absorber", "friction"): friction_damper(),
-        ("--absorber", "friction", "--friction-limit", "2"): friction_damper(2.0),
-        ("--absorber", "friction", "--friction-limit", "2", "--friction-stiffness", "1e4"): SlidingAbsorber(
-            friction=ElasticCoulombFriction(2.0, 1e4)
-        ),
-        ("--contact-stiffness", "1e5"): SlidingAbsorber(walls=CompliantWalls(1e5)),
-        ("--contact-stiffness", "1e5", "--friction-limit", "0.1"): SlidingAbsorber(
-            walls=CompliantWalls(1e5), friction=ElasticCoulombFriction(0.1, 1e5)
-        ),
-        ("--contact-stiffness", "1e5", "--gap", "2e-3", "--friction-limit", "0.1", "--friction-stiffness", "3"): SlidingAbsorber(
-            walls=CompliantWalls(1e5, 2e-3), friction=ElasticCoulombFriction(0.1, 3.0)
-        ),
-        ("--absorber", "tuned"): TunedAbsorber(),
-        ("--absorber", "tuned", "--stiffness", "600", "--absorber-damping", "0"): TunedAbsorber(stiffness=600, damping=0),
-        ("--absorber", "stuck", "--mass-ratio", "0.1"): StuckAbsorber(0.1),
-        ("--absorber", "none"): None,
-    }
-    for arguments, absorber in cases.items():
-        assert sweep_scene.make_absorber(options(*arguments)) == absorber
-    both = sweep_scene.make_absorber(options("--friction-limit", "0.2"))
-    assert isinstance(both, SlidingAbsorber)
-    assert both == SlidingAbsorber(walls=RigidWalls(), friction=CoulombFriction(0.2))
 
 
 def test_defaults_are_the_papers() -> None:

@@ -11,7 +11,6 @@ import scipy.signal
 import scipy.sparse
 from click.testing import CliRunner
 from core import STEEL
-from matplotlib.figure import Figure
 from places import EXAMPLES
 
 from impact_env import ModalModel, load_structure
@@ -31,7 +30,6 @@ from optimisation.friction_rule import best_friction
 from optimisation.mounting import detuned, mounted, scene_on
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
-from optimisation.report.structure_figure import save_figure
 from optimisation.sweep_rate import stationary_level, sweep_ratio
 from optimisation.tuned import den_hartog, highest_amplitude, minimax, peak
 
@@ -307,21 +305,3 @@ def test_nodes_of_a_universal_file_near_a_point(tmp_path: Path) -> None:
     place = '{ node = 12, direction = "z" }'
     (tmp_path / "a.toml").write_text(f'[universal]\nfile = "a.uff"\nforce = {place}\nabsorber = {place}\nmass_kg = 2\n')
     assert "node 12: 100 mm away\nnode 13: 400 mm away" in shown(tmp_path / "a.toml", "--near", 0.6, 0, 0)
-
-
-@pytest.mark.same_bits
-@pytest.mark.parametrize("structure", [Beam(modes=2, force_position=0.3), ModalModel([1.0, 3.0], [0.1, 0.1], [1.0, -2.0], [1.0, 2.0], 1.0)])
-def test_marks_lie_at_the_places_and_on_the_shapes(structure: Beam | ModalModel, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    drawn: list[Figure] = []
-    monkeypatch.setattr("optimisation.report.structure_figure.write_figure", lambda figure, _: drawn.append(figure))
-    save_figure(tmp_path / "a.png", structure)
-    panel = drawn[0].axes[1]
-    marks = {line.get_label(): (line.get_xdata()[0], line.get_ydata()[0]) for line in panel.lines if len(line.get_xdata()) == 1}
-    assert set(marks) == {"force", "absorber", "response"}
-    if isinstance(structure, ModalModel):
-        assert [marks[name][1] for name in ("force", "absorber", "response")] == [-2.0, 2.0, 2.0]
-        return
-    (curve,) = [line for line in panel.lines if len(line.get_xdata()) > 100]
-    assert marks["force"][0] == 0.3
-    for x, y in marks.values():
-        assert np.interp(x, curve.get_xdata(), curve.get_ydata()) == pytest.approx(y, abs=1e-3)

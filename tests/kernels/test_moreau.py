@@ -8,13 +8,9 @@ from impact_env.kernels.motion.level import close_level, new_level
 from impact_env.kernels.motion.observers import DONE, HELD_LOWER, HELD_UPPER, NOT_FINITE, STUCK_INSIDE, new_counters
 from impact_env.kernels.stepping.chirp import fill_phases
 from impact_env.kernels.stepping.grid import Force
-from impact_env.methods import Exact, Method, Moreau, RungeKutta, check_supported
+from impact_env.methods import Moreau
 from impact_env.parameters import (
     Beam,
-    CompliantWalls,
-    ElasticCoulombFriction,
-    ParameterError,
-    SlidingAbsorber,
     StuckAbsorber,
     TunedAbsorber,
     friction_damper,
@@ -181,30 +177,3 @@ def test_the_turning_phasor_is_the_cosine(dt: float) -> None:
     target = np.zeros(count)
     fill_phases(target, count, force, 0, 0.0, dt)
     np.testing.assert_allclose(target, np.cos(schedule.phase_at(dt * np.arange(count)) + 0.7), atol=2e-12)
-
-
-def test_methods_refuse_what_they_cannot_do() -> None:
-    model = beam_scene(Beam(modes=1)).model
-    compliant = Scene(model, SlidingAbsorber(walls=CompliantWalls(1e5)))
-    elastic = Scene(model, SlidingAbsorber(friction=ElasticCoulombFriction(0.1, 1e5)))
-    rigid, friction = Scene(model, impact_absorber()), Scene(model, friction_damper())
-    refused: list[tuple[Scene, Method]] = [(compliant, Moreau()), (elastic, Moreau()), (rigid, RungeKutta()), (friction, RungeKutta())]
-    for present, method in refused:
-        with pytest.raises(ParameterError, match="method"):
-            check_supported(present, method)
-        check_supported(present, Exact())
-    for linear in (Scene(model), Scene(model, StuckAbsorber()), Scene(model, TunedAbsorber())):
-        for method in (Exact(), Moreau(), RungeKutta()):
-            check_supported(linear, method)
-    with pytest.raises(ParameterError, match="method"):
-        check_supported(rigid, "moreau")
-
-
-@pytest.mark.parametrize("value", [3, 0, -20, 20.5, True, float("nan")])
-def test_bad_numbers_of_steps(value: object) -> None:
-    with pytest.raises(ParameterError, match="steps_per_period"):
-        Moreau(value)
-    with pytest.raises(ParameterError, match="steps_per_period"):
-        RungeKutta(value)
-    with pytest.raises(ParameterError, match="steps_per_contact"):
-        RungeKutta(20, value)

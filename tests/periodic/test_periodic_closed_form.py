@@ -9,7 +9,7 @@ from impact_env.parameters import impact_absorber
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.green import Conditions, NoOrbit, Solution, linear_states, residual_and_jacobian, solve
 from impact_env.periodic.motion import motion_of, stability_of
-from impact_env.periodic.schedule import Event, EventSchedule, Regime, flying_schedule
+from impact_env.periodic.schedule import EventSchedule, flying_schedule
 from impact_env.periodic.symmetric import (
     BIRTH,
     MERGER,
@@ -199,15 +199,3 @@ def test_only_an_impact_absorber_with_rigid_contact_is_a_case() -> None:
     for absorber in (None, StuckAbsorber(), impact_absorber(gap=0.0)):
         with pytest.raises(ParameterError, match=r"^absorber = "):
             case_of(beam_scene(Beam(modes=2), absorber), 1.0, 250.0)
-
-
-def test_joined_segments_and_schedules_without_impact_are_not_for_greens_function() -> None:
-    joined = EventSchedule((Event(Regime.SLIDING, -1, 1), Event(Regime.JOINED, 0, 0), Event(Regime.SLIDING, 0, 1)), symmetric=True)
-    assert not joined.flies
-    with pytest.raises(ParameterError, match="joined"):
-        solve(CASES[2], joined, [0.0, 1.0, 2.0])
-    with pytest.raises(ParameterError, match="begins with an impact"):
-        flying_schedule([0, -1, 0], True)
-    turning = EventSchedule((Event(Regime.SLIDING, 0, 1),), symmetric=True)
-    with pytest.raises(ParameterError, match="begins with an impact"):
-        solve(CASES[2], turning, [0.0])

@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 from impact_env import (
     Beam,
     Drive,
-    Exact,
     Moreau,
     NonlinearSink,
     ParameterError,
@@ -178,10 +177,3 @@ def test_a_nonlinear_sink_is_integrated_as_an_independent_solver_does() -> None:
     assert errors[2] < 1e-6
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.5)  # fourth order
     assert found.energy.relative_error < 1e-9
-
-
-@pytest.mark.parametrize("method", [None, Exact(), Moreau()])
-def test_a_sink_is_refused_by_methods_that_cannot_do_it(method: Any) -> None:
-    scene = sink_scene()
-    with pytest.raises(ParameterError, match="RungeKutta for a nonlinear spring"):
-        simulate(scene, Drive(1.0, constant_frequency(300.0, 1.0, 1.0)), method)

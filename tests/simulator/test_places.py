@@ -10,7 +10,7 @@ import pytest
 from commands import sweep
 from places import EXAMPLES
 
-from impact_env import Beam, ModalModel, ParameterError, beam_scene, impact_absorber, impact_absorbers, load_structure, modal_model
+from impact_env import Beam, ModalModel, beam_scene, impact_absorber, impact_absorbers, load_structure, modal_model
 from impact_env.ensemble import Threads
 from impact_env.modes import deflection_row, matrices
 from impact_env.plain import from_scene, to_scene
@@ -163,29 +163,3 @@ def test_a_choice_has_equal_shares_and_no_neighbourhood(structure: ModalModel) -
     assert problem(structure, free=["gap"]).space.default.values["position"] == 1
     fixed = Problem(design_space("impact", ["gap"], fixed={"position": 2}), (Condition(1, 3.5),), beam=structure, rate=100.0)
     np.testing.assert_array_equal(fixed.space.default.scene(structure).model.tip_shape, structure.places[1])
-
-
-def test_what_a_file_with_places_cannot_do_is_refused(structure: ModalModel, tmp_path: Path) -> None:
-    def small(space: Any, beam: Any = structure) -> Problem:
-        return Problem(space, (Condition(1, 3.5),), beam=beam, rate=100.0)
-
-    places = "the number of one of the structure's places for absorbers, 1 to 2"
-    for space, beam, message in (
-        (design_space("impact", ["gap"], fixed={"position": 3}), structure, f"position = 3.0 is not allowed: {places}"),
-        (design_space("impact", ["gap"], fixed={"position": 0.5}), structure, f"position = 0.5 is not allowed: {places}"),
-        (design_space("impact", ["gap"], fixed={"position": 2}), BEAM, "position = 2.0 is not allowed"),
-        (design_space("impact", ["position"], {"position": (1, 4)}), structure, r"bounds of position = \(1.0, 4.0\) is not allowed"),
-        (design_space("several", fixed={"position_1": 3}), structure, "position_1 = 3.0 is not allowed"),
-    ):
-        with pytest.raises(ParameterError, match=message):
-            small(space, beam)
-    with pytest.raises(ParameterError, match="absorber_position"):
-        design_space("impact", ["position"], {"position": (1, 1.5)})
-    with pytest.raises(ParameterError, match="position = 3 is not allowed"):
-        mounted(structure, 3)
-    with pytest.raises(ParameterError, match=r"structure.json: .*stress.*row = 99 is not allowed"):
-        load_structure(write(tmp_path, stress=[{"row": 99, "weight": 1.0}]))
-    with pytest.raises(ParameterError, match=r"stress\[0\] = .*the key weight must be given"):
-        load_structure(write(tmp_path, stress=[{"row": 1}]))
-    with pytest.raises(ParameterError, match=r"a modal model whose file gives the stress"):
-        problem(load_structure(write(tmp_path, stress=None)), objectives=(Objective("damage"),))
