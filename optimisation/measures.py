@@ -149,7 +149,7 @@ def turning_points(values: Array) -> Array:
     moved = values[np.concatenate([[True], np.diff(values) != 0])]
     if len(moved) < 3:
         return moved
-    turns = np.diff(moved[:-1]) * np.diff(moved[1:]) < 0
+    turns = np.sign(np.diff(moved[:-1])) * np.sign(np.diff(moved[1:])) < 0  # of signs: products of tiny steps are zero
     return moved[np.concatenate([[True], turns, [True]])]
 
 
