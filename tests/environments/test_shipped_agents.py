@@ -17,7 +17,7 @@ from optimisation.rl.models import make_lanes
 
 SHIPPED = [(task, algorithm) for task, own in shipped().items() for algorithm in own]
 KINDS = {"ppo": PPO, "sac": SAC}
-pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
+pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date", "ignore:`n_steps=4` is ignored")
 
 
 @pytest.mark.parametrize(("task", "algorithm"), SHIPPED)
