@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from impact_env.periodic.balance_branches import BalanceRow, Exact
@@ -52,6 +53,8 @@ def save_balance(path: Path, exact: Exact, rows: Sequence[BalanceRow], growing: 
         ticks = sorted({row.harmonics for row in rows})
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
         axes.minorticks_off()
+        if axes is not folds:  # a decade or two: more ticks than its powers
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter("{x:g}")
         axes.axvline(PAPERS, color="0.8", lw=1.0, zorder=0)
         axes.grid(True, color="0.9", lw=0.6)
