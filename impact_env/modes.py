@@ -167,6 +167,7 @@ class ModalModel:
         require(bool(np.all(self.omega >= SMALL)), "omega", self.omega, f"frequencies above 0, from {SMALL:g} rad/s")
         ok = bool(np.all((self.damping_ratio >= 0) & (self.damping_ratio <= MOST_DAMPING)))
         require(ok, "damping_ratio", self.damping_ratio, f"0 or above and at most {MOST_DAMPING}")
+        instance("beam", self.beam, Beam | None)
 
     @property
     def modes(self) -> int:
