@@ -68,8 +68,11 @@ PAPER = "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_lengt
 CHAIN = "[matrices]\nmass = 'm.npz'\nstiffness = 'm.npz'\nunits = 'kg, m, s'\nforce = 0\nabsorber = 1\nmodes = 3\nmass_kg = 3\ndamping_ratio = 0.01\n"
 
 
+MOVED = {kind for kind in KINDS if "base" in kind or kind == "samples"}
+
+
 @pytest.mark.usefixtures("few")
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=pytest.mark.nightly if kind in MOVED else ()) for kind in KINDS])
 @pytest.mark.parametrize("structure", ["the paper's beam", "matrices"])
 def test_each_kind_goes_through_sweep_and_comparison(kind: str, structure: str, tmp_path: Path) -> None:
     """Linear concepts leave the same at each intensity, and what is left without one grows with it, but for a decay time."""
@@ -83,8 +86,7 @@ def test_each_kind_goes_through_sweep_and_comparison(kind: str, structure: str, 
     omega = float(omegas[0])
     (tmp_path / "load.toml").write_text(tables_of(omega, tmp_path)[kind])
     given = ["--structure", own, "--load", tmp_path / "load.toml"]
-    moved = "base" in kind or kind == "samples"  # with walls that is one more kernel: test_loads.py
-    absorber = ("--absorber", "none") if moved else ("--restitution", 0.7)
+    absorber = ("--absorber", "none") if kind in MOVED else ("--restitution", 0.7)
     result = sweep(*given, *absorber, "--json", tmp_path / "out.json")
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out.json").read_text())

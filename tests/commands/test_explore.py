@@ -205,7 +205,7 @@ def test_each_concept_is_drawn(concept: str) -> None:
     assert {m["type"] for m in messages} - {"compiling", "line"} == {"curve", "sweep", "motion", "card", "response", "done"}
 
 
-@pytest.mark.parametrize("kind", ["unbalance", pytest.param("base", marks=pytest.mark.nightly), "random"])
+@pytest.mark.parametrize("kind", [pytest.param("unbalance", marks=pytest.mark.nightly), pytest.param("base", marks=pytest.mark.nightly), "random"])
 def test_another_load_is_that_of_its_file(client: TestClient, kind: str) -> None:
     with client.websocket_connect("/socket", headers=OWN) as session:
         values = {"modes": 3, "members": 3, "concept": "tuned", "load": kind}

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
+from core import ALL
 from load_cases import EVERYTHING, cantilever, chirp, record_of
 from numpy.typing import NDArray
 
@@ -231,7 +232,7 @@ def test_a_sampled_chirp_tends_to_the_chirp_with_the_square_of_its_step() -> Non
 def test_a_force_among_loads_is_the_drive_alone() -> None:
     drive = Drive(5.0, SWEEP, 0.4)
     scene = Scene(cantilever(None), SMOOTH)
-    one, other = simulate(scene, drive, record=Record(events=True)), simulate(scene, Loads((Force(drive),)), record=EVERYTHING)
+    one, other = simulate(scene, drive, record=ALL), simulate(scene, Loads((Force(drive),)), record=EVERYTHING)
     assert len(one.impacts.time) > 10
     np.testing.assert_allclose(other.impacts.time[:8], one.impacts.time[:8], rtol=0, atol=1e-11)
 

@@ -14,9 +14,10 @@ from impact_env.kernels.compiling import cache
 from impact_env.kernels.compiling.cache import HOST, NEEDED, SHIPPED_FOR, digest, why_not_shipped
 
 FEATURES = cache.llvmlite.binding.get_host_cpu_features
-pytestmark = pytest.mark.skipif(
-    sys.platform != "linux" or not all(FEATURES().get(name) for name in NEEDED), reason="a Linux machine with AVX2 is needed"
-)
+pytestmark = [
+    pytest.mark.nightly,
+    pytest.mark.skipif(sys.platform != "linux" or not all(FEATURES().get(name) for name in NEEDED), reason="a Linux machine with AVX2 is needed"),
+]
 RUN = """
 import sys
 import impact_env

@@ -61,11 +61,12 @@ PARTS = (
 
 # by their time and, from nothing, by what they compile: two neighbours take other kinds of scenes, since both processes would compile the same one
 LONGEST_FIRST = (
-    "commands/test_explore.py",
     "kernels/test_loads.py",
     "simulator/test_controlled.py",
     "environments/test_response_place.py",
     "design/test_load_gap.py",
+    "commands/test_compare_loads.py",
+    "studies/test_paper_responses.py",
     "kernels/test_exact_rigid.py",
     "kernels/test_one_result.py",
     "kernels/test_exact_compliant.py",
@@ -84,6 +85,7 @@ LONGEST_FIRST = (
     "periodic/test_harmonic_balance.py",
     "design/test_study.py",
     "studies/test_error_vs_runtime.py",
+    "studies/test_benchmark_scripts.py",
     "commands/test_frequency_scripts.py",
     "kernels/test_regimes.py",
     "commands/test_command.py",
