@@ -176,10 +176,12 @@ def _by_branch(branches: tuple[OrbitBranch, ...], found: tuple[LocatedFold, ...]
     return groups
 
 
-def balance_curves(balance: Balance, reference: float, low: float, high: float, progress: Progress | None = None) -> Iterator[ResponseCurve]:
-    """Yield the curves of harmonic balance between two ratios."""
+def balance_curves(
+    balance: Balance, reference: float, low: float, high: float, progress: Progress | None = None, hill: bool = False
+) -> Iterator[ResponseCurve]:
+    """Yield the curves of harmonic balance between two ratios, with ``hill`` their stability."""
     for branch in balance_branches(balance, low * reference, high * reference, progress=progress):
-        yield balance_curve(balance, branch, reference)
+        yield balance_curve(balance, branch, reference, hill)
         if branch.ended == STOPPED:
             raise KeyboardInterrupt
 
@@ -188,8 +190,8 @@ def balance_curves(balance: Balance, reference: float, low: float, high: float, 
 class Asked:
     """What is shown beside the linear responses; a part that is absent is None, False or empty.
 
-    ``exact``: exact orbits, ``pairs``: also those without symmetry. ``balance``: harmonic balance. ``sweeps``: pairs of ratios, from and to, swept
-    at a rate in % per 100 pseudo periods (None: what suits the damping). ``runs``: the stationary responses of many runs.
+    ``exact``: exact orbits, ``pairs``: also those without symmetry. ``balance``: harmonic balance, with ``hill`` its stability. ``sweeps``: pairs of
+    ratios, from and to, swept at a rate in % per 100 pseudo periods (None: what suits the damping). ``runs``: the stationary responses of many runs.
     """
 
     exact: bool = False
@@ -198,6 +200,7 @@ class Asked:
     sweeps: tuple[tuple[float, float], ...] = ()
     percent_per_100_periods: float | None = None
     runs: StationaryRuns | None = None
+    hill: bool = False
 
 
 def overview(
@@ -243,8 +246,9 @@ def overview(
                 "harmonics": linear_part.harmonics,
                 "law": law,
                 "damper": getattr(linear_part, "grounded_damper", None),
+                "hill": asked.hill,
             }
-            curves.extend(keep(name, partial(balance_curves, asked.balance, reference, low, high, progress), ResponseCurve.from_plain))
+            curves.extend(keep(name, partial(balance_curves, asked.balance, reference, low, high, progress, asked.hill), ResponseCurve.from_plain))
         rate = _rate(scene, reference) if asked.percent_per_100_periods is None else asked.percent_per_100_periods
         for start, stop in asked.sweeps:
             name = {"piece": "sweep", "from": start, "to": stop, "rate": rate}

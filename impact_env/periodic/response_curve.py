@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from impact_env.parameters import require
 from impact_env.periodic.branch import FOLD, Branch
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.harmonic_balance import OMEGA, Balance
+from impact_env.periodic.harmonic_balance import OMEGA, Balance, hill_multipliers
 from impact_env.periodic.motion import Motion, stability_of
 from impact_env.periodic.orbit import confirmed
 from impact_env.periodic.orbit_branches import ON_CIRCLE, OrbitBranch
@@ -120,9 +120,13 @@ class ResponseCurve:
             yield (number, self.method, mark.omega_ratio, mark.tip_max, "", "", "", mark.kind, self.period, int(self.symmetric))
 
 
-def balance_curve(balance: Balance, branch: Branch, reference: float) -> ResponseCurve:
-    """Return the frequency response of a branch of harmonic balance; frequencies over ``reference`` in rad/s."""
-    responses = [balance.at(OMEGA, p).response(z) for z, p in zip(branch.points, branch.parameters, strict=True)]
+def balance_curve(balance: Balance, branch: Branch, reference: float, hill: bool = False) -> ResponseCurve:
+    """Return the frequency response of a branch of harmonic balance; frequencies over ``reference`` in rad/s.
+
+    ``hill``: with its stability by `hill_multipliers`, which raises ParameterError where it has none; at rigid walls they do not converge.
+    """
+    solutions = [(balance.at(OMEGA, p), z) for z, p in zip(branch.points, branch.parameters, strict=True)]
+    responses = [at.response(z) for at, z in solutions]
     marks = tuple(CurvePoint(e.kind, e.parameter / reference, balance.at(OMEGA, e.parameter).response(e.point).tip_max) for e in branch.located)
     largest, rms = (np.array([getattr(r, name) for r in responses]) for name in ("tip_max", "tip_rms"))
     period = getattr(balance.linear, "multiple", 1)
@@ -134,6 +138,7 @@ def balance_curve(balance: Balance, branch: Branch, reference: float) -> Respons
         marks,
         branch.closed,
         branch.message,
+        np.array([abs(hill_multipliers(at, z)[0]) < 1 + ON_CIRCLE for at, z in solutions]) if hill else None,
         period=period,
         symmetric=balance.symmetric,
     )

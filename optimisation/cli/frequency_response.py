@@ -9,7 +9,7 @@ import click
 
 from impact_env.drive import default_rate
 from impact_env.ensemble import Executor
-from impact_env.parameters import RigidWalls, positive, require
+from impact_env.parameters import CompliantWalls, RigidWalls, positive, require
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
 from impact_env.periodic.orbit_branches import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.overview import Asked, Overview, overview, sliding
@@ -52,6 +52,10 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
     require(high > low, "--to", high, f"above --from = {low}")
     inelastic = isinstance(walls, RigidWalls) and walls.restitution < 1
     require(not (inelastic and given["method"] == BALANCE), "--method", BALANCE, "exact below a restitution of 1: harmonic balance has no impact law")
+    hill = given["hill"]
+    require(
+        not hill or (given["method"] != EXACT and isinstance(walls, CompliantWalls)), "--hill", hill, "with harmonic balance and --contact-stiffness"
+    )
     balance = None
     if given["method"] != EXACT and not inelastic:
         damper = PAPER_DAMPER if given["grounded_damper"] else 0.0
@@ -59,7 +63,7 @@ def computed(given: dict[str, Any], executor: Executor | None = None) -> Overvie
     sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
     rate = given["rate"]
     rate = default_rate(scene.model, (given["resonance"],)) if rate is None else rate
-    asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given, executor))
+    asked = Asked(given["method"] != BALANCE, given["pairs"], balance, sweeps, rate, stationary_runs(given, executor), hill)
     keep = Pieces(given["resume"], {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference})
     with following(reference) as show:
         return overview(scene, given["force"], reference, low, high, asked, show, keep)
@@ -137,6 +141,7 @@ def runs_table(result: Overview) -> str:
 @click.option("--harmonics", type=int, default=20, show_default=True, help="Highest harmonic of harmonic balance.")
 @click.option("--weight", type=float, default=WEIGHT, show_default=True, help="Weight of the rigid contact in harmonic balance, in m_a omega_1^2.")
 @click.option("--grounded-damper", is_flag=True, help=f"With the paper's damper of {PAPER_DAMPER} N s/m between absorber and ground (balance only).")
+@click.option("--hill", is_flag=True, help="With the stability of harmonic balance at walls that are springs, by Hill's method.")
 @click.option("--sweeps/--no-sweeps", default=True, show_default=True, help="With a sweep up and one down by the exact method.")
 @click.option("--rate", type=float, help="Rate of the sweeps.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--envelope", type=int, metavar="POINTS", help="With the stationary responses at so many frequencies: median, 5 and 95 %.")

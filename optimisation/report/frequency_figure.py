@@ -40,7 +40,9 @@ def save_figure(path: Path, overview: Overview) -> None:
         if curve.method == EXACT:
             _exact(axes, curve)
         else:
-            axes.plot(curve.omega_ratio, MM * curve.tip_max, color=BALANCE, lw=1.0, zorder=3)
+            unstable = np.zeros(len(curve.tip_max), dtype=np.bool_) if curve.stable is None else ~curve.stable
+            axes.plot(curve.omega_ratio, np.where(unstable, np.nan, MM * curve.tip_max), color=BALANCE, lw=1.0, zorder=3)
+            axes.plot(curve.omega_ratio, np.where(unstable, MM * curve.tip_max, np.nan), color=BALANCE, lw=1.0, ls="--", zorder=3)
     _legend(axes, overview)
     low, high = overview.linear.omega_ratio[[0, -1]]
     tops = [curve.peak.tip_max for curve in overview.curves if curve.peak is not None]
@@ -133,6 +135,8 @@ def _legend(axes: Axes, overview: Overview) -> None:
         axes.plot([], [], color=STABLE, lw=0.6 * LOOKS["stable"][2], label="thinner: orbits without symmetry")
     if any(curve.method != EXACT for curve in overview.curves):
         axes.plot([], [], color=BALANCE, lw=1.0, label="harmonic balance")
+    if any(curve.method != EXACT and curve.stable is not None for curve in overview.curves):
+        axes.plot([], [], color=BALANCE, lw=1.0, ls="--", label="the same, unstable")
     for kind in sorted({mark.kind for curve in overview.curves if curve.method == EXACT for mark in curve.located}):
         axes.plot([], [], MARKS.get(kind, "x"), **MARKED, ls="", label=kind)
     axes.figure.legend(loc="outside right upper", fontsize=8.5)  # beside the curves, not over them

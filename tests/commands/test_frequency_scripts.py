@@ -83,6 +83,24 @@ def test_other_absorbers_have_curves_too(response: ModuleType, tmp_path: Path, o
     assert "limit" in found["curves"][0]["ended"]
 
 
+def test_balance_at_springs_loses_its_stability_where_the_absorber_first_touches_them(response: ModuleType, tmp_path: Path) -> None:
+    """With a contact stiffness: up to the fold the absorber floats and the beam is that without one, beyond it each solution is a saddle."""
+    file, figure = tmp_path / "found.json", tmp_path / "found.png"
+    given = ("--modes", 1, "--force", 3, "--from", 0.95, "--to", 0.97, "--no-sweeps", "--method", "balance", "--harmonics", 10, "--hill")
+    refused = call(response, *given)
+    assert refused.exit_code == 2
+    assert "--hill = True is not allowed: with harmonic balance and --contact-stiffness" in refused.output
+    done = call(response, *given, "--contact-stiffness", 2e4, "--json", file, "--plot", figure)
+    assert done.exit_code == 0, done.output
+    curve = json.loads(file.read_text())["curves"][0]
+    model = modal_model(Beam(modes=1))
+    alone = 3 * np.abs(tip_response(model, None, np.array(curve["omega_ratio"]) * model.omega[0]))
+    floats = np.isclose(curve["tip_max_m"], alone, rtol=1e-9)
+    assert 5 < np.sum(floats) < len(floats) - 5
+    np.testing.assert_array_equal(curve["stable"], floats)
+    assert figure.stat().st_size > 10_000
+
+
 def test_both_commands_list_the_same_folds(response: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """At 3 N the branch folds twice near 0.90321, with 4 reversals and with 8: which of them is met depends on the steps of the continuation."""
     orbits = load("orbits", monkeypatch)
