@@ -19,7 +19,6 @@ from impact_env.kernels.control.interval import spread
 from impact_env.level import require_samples
 from impact_env.parameters import non_negative, positive, require
 
-COSTS = ("level", "time", "fatigue", "actuator", "contact force")
 CYCLE = (
     Feature("tip displacement", True),
     Feature("tip velocity", True),
@@ -55,11 +54,11 @@ class Cycle:
 class ActiveTask(Task):
     """Lanes at one frequency each, whose absorber is set anew in every interval.
 
-    ``costs`` (L, 5) of the last interval, each of which a score of its own would sum up: RMS over the stationary RMS without absorber, and time, both
-    over the number of intervals; mean of (|q|/g0)^m; what the actuator moved; mean force of wall and friction on the absorber over the amplitude of
-    the force.
+    Of `costs` the level is the RMS over the stationary RMS without absorber, over the number of intervals; the contact force is the mean force of
+    wall and friction on the absorber, from its momentum, over the amplitude of the force.
     """
 
+    cost_names = ("level", "time", "fatigue", "actuator", "contact force")
     level_name = "RMS of a period over the scene's half-clearance"
 
     def __init__(self, settings: Settings, cycle: Cycle, lanes: int) -> None:
@@ -68,9 +67,8 @@ class ActiveTask(Task):
         self.cycle, self._ratios = cycle, (low, high)
         super().__init__(settings, lanes, max(1, math.ceil(cycle.time_budget / settings.interval - 1e-9)), cycle.fatigue_exponent)
         self.options = {"force": FORCES, "frequency_ratio": (low, high)}
-        self.costs, self._scale = np.zeros((lanes, len(COSTS))), np.ones(lanes)
-        self.squares = np.zeros((lanes, max(1, round(1 / settings.interval))))
-        self._speed, self._moved, self._rms, self._whole = np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.full(lanes, self.interval)
+        self.squares, self._scale = np.zeros((lanes, max(1, round(1 / settings.interval)))), np.ones(lanes)
+        self._speed, self._rms, self._whole = np.zeros(lanes), np.zeros(lanes), np.full(lanes, self.interval)
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw frequency, force and phase."""
@@ -79,7 +77,7 @@ class ActiveTask(Task):
         self.force[lane] = self.draw_force(lane, generator)
         unit = stationary_amplitude(self.model(lane), self.ratio[lane] * self.omega, self.settings.moves_base)
         self._scale[lane] = unit * self.force[lane] / math.sqrt(2)
-        self.costs[lane] = self.squares[lane] = self._speed[lane] = self._moved[lane] = self._rms[lane] = 0.0  # type: ignore[index]
+        self.squares[lane] = self._speed[lane] = self._rms[lane] = 0.0
         self.draw_phase(lane, generator)
 
     @abstractmethod
@@ -97,19 +95,14 @@ class ActiveTask(Task):
 
     def reward(self) -> Array:
         """Return minus the interval's share of the mean relative RMS, less the price of what was moved."""
-        reports, costs = self.runs.reports, self.costs
-        assert costs is not None
-        self.squares[:, :-1], self.squares[:, -1] = self.squares[:, 1:], reports["mean_square"]
+        self.squares[:, :-1], self.squares[:, -1] = self.squares[:, 1:], self.runs.reports["mean_square"]
         self._rms = np.sqrt(self.squares[:, -1])
-        costs[:, 0] = self._rms / self._scale / self.steps
-        costs[:, 1] = 1 / self.steps
-        costs[:, 2] = reports["damage"] / (self.interval * self.settings.samples_per_period)
-        self._moved = costs[:, 3] = self.moved()
         speed, mass = self.runs.state[:, -1].copy(), self.scene.absorber_mass
         assert mass is not None  # what is set is an absorber's
-        costs[:, 4] = np.abs(speed - self._speed) * (mass / (self.interval * self._period)) / self.force
-        self._speed = speed
-        return -costs[:, 0] - self.cycle.price * self._moved
+        contact = np.abs(speed - self._speed) * (mass / (self.interval * self._period)) / self.force
+        self._speed, level, moved = speed, self._rms / self._scale / self.steps, self.moved()
+        self.charge(level, moved, contact)
+        return -level - self.cycle.price * moved
 
     def level(self) -> Array:
         """Return the RMS of the last period in half-clearances of the scene."""

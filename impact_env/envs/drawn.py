@@ -62,7 +62,11 @@ class PassageEnv(TaskEnv):
     ## Rewards
     The sum of all rewards is the score: minus the level of the passage (as in `SweepRateEnv`) over that of the same beam without absorber under the
     same force in a sweep of the whole range at the rate that suits its damping, minus ``price`` for every half-clearance of the scene that the
-    walls move.
+    walls move. Info's ``costs`` (5,) has what the last interval cost: rise of the relative level, below 0 where it falls; time over the time budget;
+    (displacement / half-clearance)^``fatigue_exponent``, summed over samples, over their number in a whole interval; half-clearances that the walls
+    moved; impacts, over the pseudo periods of a whole interval. The last stand in the place of the contact force of `ActiveFrictionEnv`, which is
+    read from the absorber's momentum: over several periods pushes to either side cancel. With ``vector_reward=True`` minus these costs are the
+    reward, in the form of MO-Gymnasium (``reward_space``).
 
     ## Starting State
     At rest, the absorber in the middle of the cavity. What is drawn: direction; start, up to ``start_spread`` behind the near end of ``limits``; rate
@@ -75,8 +79,8 @@ class PassageEnv(TaskEnv):
     ## Arguments
     - ``limits`` (default 0.93 to 1.03), ``start_spread`` (default 0.01), ``sweep_rates`` (default 2 to 6) in % per 100 pseudo periods
     - ``gap_limits`` (default 0.1 mm to 3 mm), ``gap_starts`` (default 0.3 mm to 2 mm), ``gap_speed`` (default 0.01 mm, in m) a pseudo period,
-      ``gap_lag``
-      (default 0) in pseudo periods; ``price`` (default 0.01); ``friction_range`` (default 0.02 to 20) in units of m_a g0 omega^2
+      ``gap_lag`` (default 0) in pseudo periods; ``friction_range`` (default 0.02 to 20) in units of m_a g0 omega^2
+    - ``price`` (default 0.01); ``fatigue_exponent`` (default 5) and ``vector_reward`` (default False)
     - ``damping`` (default 0.005 to 0.02) of all modes, ``restitution`` (default 0.6 to 1), ``scenes`` (default 12): so many pairs of them are spread
       evenly
     - those of every environment: `impact_env.envs.settings.Settings` describes scene, force (default 0.5 to 6 N), method, interval (5) and

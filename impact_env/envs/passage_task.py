@@ -18,7 +18,7 @@ from impact_env.envs.sweep_gap_task import require_cavity
 from impact_env.envs.sweep_task import PER_PERIOD, Passage, SweepTask, speeds
 from impact_env.envs.task import Array, Mask
 from impact_env.kernels.control.interval import spread
-from impact_env.parameters import RigidWalls, SlidingAbsorber, count, non_negative, require
+from impact_env.parameters import RigidWalls, SlidingAbsorber, count, non_negative, positive, require
 from impact_env.scene import Scene
 
 DIGITS = 1e-12
@@ -36,6 +36,7 @@ class Drawn:
     restitution: Range = (0.6, 1.0)
     scenes: int = 12
     price: float = 0.01
+    fatigue_exponent: float = Passage.fatigue_exponent
 
     def __post_init__(self) -> None:
         for name, lowest, highest in (
@@ -53,6 +54,7 @@ class Drawn:
         object.__setattr__(self, "sweep_rates", speeds("sweep_rates", self.sweep_rates, self.limits))
         count("scenes", self.scenes, 1, 1000)
         non_negative("price", self.price)
+        positive("fatigue_exponent", self.fatigue_exponent)
 
     def pool(self, scene: Scene) -> list[Scene]:
         """Return the scenes that episodes draw from: another damping and another restitution each, the same ones always."""
@@ -70,8 +72,14 @@ class Drawn:
 
 
 class LimitedPassageTask(SweepTask):
-    """Lanes that pass through a resonance, each in a scene of a pool, at a rate of its own."""
+    """Lanes that pass through a resonance, each in a scene of a pool, at a rate of its own.
 
+    Of `costs` the level is the rise of the relative level, and the actuator moves the walls. Impacts, a pseudo period of a whole interval, are there
+    in the place of the contact force: over several periods the absorber's momentum says nothing of it, and reports have no impulses.
+    """
+
+    cost_names = ("level", "time", "fatigue", "actuator", "impacts")
+    least_cost = np.array([-math.inf, 0.0, 0.0, 0.0, 0.0])
     features: Sequence[Feature] = (
         *(feature for feature in STATE[:-1] if feature not in (FREQUENCY, TIME_LEFT)),
         FREQUENCY,
@@ -107,7 +115,7 @@ class LimitedPassageTask(SweepTask):
 
     def make_runs(self, **arguments: Any) -> ControlledRuns:
         """Return lanes in a pool of scenes."""
-        return PooledRuns(self.scenes, **arguments)
+        return PooledRuns(self.scenes, **arguments | {"exponent": self.own.fatigue_exponent})  # for the costs: the reward has none
 
     def _reference(self, number: int, down: bool) -> float:
         """Return the level (m) for 1 N of a scene's beam without absorber over the whole range."""
@@ -152,7 +160,9 @@ class LimitedPassageTask(SweepTask):
 
     def reward(self) -> Array:
         """Return the reward of the passage, less the price of moving the walls."""
-        return super().reward() - self.own.price * np.abs(self.runs.orders["gap"] - self._before) / self.length
+        rewards, moved = super().reward(), np.abs(self.runs.orders["gap"] - self._before)
+        self.charge(-rewards, moved / self.length, self.runs.reports["impact_count"] / self.interval)
+        return rewards - self.own.price * moved / self.length
 
     def level(self) -> Array:
         """Return the RMS of the last interval in half-clearances."""

@@ -31,13 +31,12 @@ def observation_space(task: Task) -> spaces.Box:
 def reward_space(task: Task, wanted: bool) -> spaces.Box | None:
     """Return the space of rewards that are vectors, as MO-Gymnasium has it; None where they are scores."""
     require(isinstance(wanted, bool), "vector_reward", wanted, "True or False")
-    require(not wanted or task.costs is not None, "vector_reward", wanted, "False in a task without a vector of costs")
-    return spaces.Box(-np.inf, 0.0, task.costs.shape[1:], np.float64) if wanted and task.costs is not None else None
+    require(not wanted or bool(task.cost_names), "vector_reward", wanted, "False in a task without a vector of costs")
+    return spaces.Box(-np.inf, 0.0 - task.least_cost, task.costs.shape[1:], np.float64) if wanted else None
 
 
 def costs_as_rewards(task: Task, resting: NDArray[np.bool_] | None) -> NDArray[np.float64]:
     """Return minus the costs of the last interval (L, costs), 0 for lanes that rest."""
-    assert task.costs is not None
     return np.where(False if resting is None else resting[:, None], 0.0, -task.costs)
 
 

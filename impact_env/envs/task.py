@@ -31,7 +31,8 @@ class Task(ABC):
     level_name: str
 
     options: Mapping[str, Range] = {"force": FORCES}
-    costs: Array | None = None
+    cost_names: Sequence[str] = ()
+    least_cost: float | Array = 0.0  # (costs,), or of all
     budget_terminates = False
     frequency_origin, frequency_unit = 1.0, FREQUENCY_SCALE
 
@@ -61,6 +62,7 @@ class Task(ABC):
         self._force_range = settings.forces
         self.force, self.ratio, self.time, self.score = (np.zeros(lanes) for _ in range(4))
         self.elapsed = np.zeros(lanes, dtype=np.int64)
+        self.costs = np.zeros((lanes, len(self.cost_names)))
         self.sensors = Sensors(self.features, lanes, settings.observation_noise, settings.observation_delay)
         impacts, unit = self.interval * IMPACTS_SCALE, float(self.frequency_unit)
         self._units = Units(self.length, 1 / (self.omega * self.length), impacts, float(self.frequency_origin), unit, steps)
@@ -84,7 +86,7 @@ class Task(ABC):
             self.draw(lane, generators[lane])
             if self._record is not None:
                 self.runs.orders["place"][lane] = generators[lane].integers(len(self._record.values) - 1)
-        for values in (self.time, self.score, self.elapsed):
+        for values in (self.time, self.score, self.elapsed, self.costs):
             values[which] = 0
         self.runs.restart(which)
         return self.sensors.see(self.values(), generators, which)
@@ -137,6 +139,15 @@ class Task(ABC):
     def reward(self) -> Array:
         """Return the rewards (L,) of the interval that was just made."""
 
+    def charge(self, level: Array, moved: Array, contact: Array) -> None:
+        """Fill ``costs`` (L, 5), what the interval adds to scores of their own, from three of them (L,).
+
+        The other two are time, over the time budget, and fatigue: (|q|/g0)^m summed over the samples, over the number of them in a whole interval.
+        """
+        costs, samples = self.costs, self.interval * self.settings.samples_per_period
+        costs[:, 0], costs[:, 3], costs[:, 4] = level, moved, contact
+        costs[:, 1], costs[:, 2] = self.duration / self.interval / self.steps, self.runs.reports["damage"] / samples
+
     @abstractmethod
     def level(self) -> Array:
         """Return the level (L,) as the observation has it."""
@@ -186,7 +197,7 @@ class Task(ABC):
             "score": self.score.copy(),
             "impacts": self.runs.reports["impact_count"].copy(),
         }
-        if self.costs is not None:
+        if self.cost_names:
             info["costs"] = self.costs.copy()
         if self.settings.raw_state:
             info["state"] = self.runs.state.copy()

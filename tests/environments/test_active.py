@@ -1,6 +1,7 @@
 """Tasks within a period: what they score, what their actuators can do, what a step costs, and what a reset may choose."""
 
 import dataclasses
+import itertools
 import math
 import pickle
 from typing import Any
@@ -11,7 +12,8 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium")
 from environment_cases import ACTIVE_FRICTION, ACTIVE_GAP, ADAPTIVE, GAP1, LIMITED, STRUCTURES, actions, make, vector
 
-from impact_env import Beam, ParameterError, modal_model
+from impact_env import Beam, CoulombFriction, Drive, FrequencySchedule, ParameterError, Record, Scene, linear_sweep, modal_model, simulate
+from impact_env.drive import default_rate
 from optimisation.friction_rule import PAPER_FRICTION, paper_share
 
 SCENE: dict[str, Any] = {"modes": 2, "absorber_options": {"friction_limit": 0.1}, "interval": 0.25, "time_budget": 10.0}
@@ -187,9 +189,53 @@ def test_a_passage_draws_what_it_says_and_its_walls_have_a_price() -> None:
         moved = np.abs(info["gap"] - before)
         fastest = max(fastest, float(moved[moved < 0.1e-3].max()))
         np.testing.assert_allclose(wanted - rewards, 0.01 * moved / 1e-3, atol=1e-12)
+        np.testing.assert_allclose(info["costs"][:, 3], moved / 1e-3, atol=1e-12)
+        np.testing.assert_allclose(rewards, -info["costs"][:, 0] - 0.01 * info["costs"][:, 3], atol=1e-12)
         before = info["gap"]
     assert fastest == pytest.approx(0.05e-3)
     assert many.reset(seed=1, options={"scene": 3})[1]["scene"].tolist() == [3] * 400
+
+
+@pytest.mark.filterwarnings("ignore:.*reward returned by")
+def test_a_passage_costs_what_simulate_says() -> None:
+    """With walls and friction that stay: response level, fatigue and impacts from samples and events of one run. Seed 2: the level also falls.
+
+    Walls that take most of an impact's energy do not let rounding grow.
+    """
+    gap, force, action = 0.7e-3, 3.0, np.array([walls(0.7e-3), -0.6])
+    arguments: dict[str, Any] = {"gap_starts": (gap, gap), "restitution": (0.1, 0.3), "fatigue_exponent": 3.0, "vector_reward": True}
+    env, many = make(LIMITED, **arguments), vector(LIMITED, 2, **arguments)
+    info = env.reset(seed=2, options={"force": force})[1]
+    many.reset(seed=2, options={"force": force})
+    task, phase = env.unwrapped.task, env.unwrapped.task.runs.orders["phase"][0]
+    times, ratios, costs, end = [0.0], [info["frequency_ratio"]], [], False
+    while not end:
+        _, rewards, end, _, info = env.step(action)
+        np.testing.assert_array_equal(many.step(np.array([action, action]))[1][0], rewards)
+        np.testing.assert_array_equal(rewards, -info["costs"])
+        assert env.unwrapped.reward_space.contains(rewards)
+        times.append(info["time"])
+        ratios.append(info["frequency_ratio"])
+        costs.append(info["costs"])
+    scene, omega = task.scenes[info["scene"]], task.settings.omega
+    absorber = dataclasses.replace(
+        scene.absorber, walls=dataclasses.replace(scene.absorber.walls, gap=gap), friction=CoulombFriction(info["friction_limit"])
+    )
+    edges, ends = np.array(times) * 2 * np.pi / omega, (ratios[-1], 0.97 + 0.99 - ratios[-1])
+    drive = Drive(force, FrequencySchedule(edges, np.array(ratios) * omega, omega), phase)
+    run = simulate(Scene(scene.model, absorber), drive, record=Record(series=True, events=True))
+    alone = simulate(Scene(scene.model), Drive(force, linear_sweep(omega, *ends[::-1], default_rate(scene.model)))).level.value
+    tip, cuts = run.history.tip_displacement, [*(160 * np.arange(len(costs))), None]
+    levels = [0.0]
+    for cut in cuts[1:]:
+        at = int(np.argmax(np.abs(tip[:cut])))
+        levels.append(np.sqrt(np.mean(tip[:cut][max(0, at - 320) + 1 : at + 321] ** 2)) / alone)
+    fatigue = [np.sum(np.abs(tip[low:high] / 1e-3) ** 3) / 160 for low, high in itertools.pairwise(cuts)]
+    impacts = np.histogram(run.impacts.time, edges)[0] / 5
+    expected = np.diff(levels), np.diff(times) / 5 / task.steps, fatigue, np.zeros(len(costs)), impacts
+    np.testing.assert_allclose(costs, np.column_stack(expected), rtol=1e-6, atol=1e-9)
+    assert impacts.min() > 0
+    assert np.diff(levels).min() < 0 < np.diff(levels).max()
 
 
 # The choice of the friction limit: its unit, what it is on other scenes, and that a choice which stays is the scene's own friction.

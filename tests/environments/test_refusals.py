@@ -94,6 +94,7 @@ def test_impossible_passive_actions_are_refused(bad: Any) -> None:
         (LIMITED, {"start_spread": 0.06}, "start_spread = 0.06"),
         (LIMITED, {"scenes": 0}, "scenes = 0"),
         (LIMITED, {"price": -0.1}, "price = -0.1"),
+        (LIMITED, {"fatigue_exponent": 0.0}, "fatigue_exponent = 0.0"),
         (STRUCTURES, {"split": "exam"}, "split = 'exam'"),
         (STRUCTURES, {"structures": 0}, "structures = 0"),
         (STRUCTURES, {"observe_structure": 1}, "observe_structure = 1"),
