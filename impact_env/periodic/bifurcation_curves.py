@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.periodic.branch import FOLD, KINK, MINIMUM_STEP, STOPPED, Branch, Monitor, NoConvergenceError, Residual
+from impact_env.periodic.branch import FOLD, KINK, MINIMUM_STEP, STOPPED, Branch, Located, Monitor, NoConvergenceError, Residual
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Chart, Problem, Progress, Steps, continuation
 from impact_env.periodic.green import PARAMETERS, Conditions, NoOrbit, Solution, linear_states, solution_of, unknowns_of
 from impact_env.periodic.motion import derivative_of, motion_of
-from impact_env.periodic.offspring import unlike
+from impact_env.periodic.offspring import halves_apart, unlike
 from impact_env.periodic.orbit import Orbit, confirmed, consistent, shown_order, without_held
 from impact_env.periodic.orbit_branches import (
     GRAZING,
@@ -108,6 +108,7 @@ class CurveWalk(Walk):
     size: float = 1.0  # of the parameter
     limits: tuple[float, float] = (0.0, np.inf)
     frequencies: tuple[float, float] = (0.0, np.inf)
+    start: Solution | None = None
 
     @property
     def scale(self) -> Array:
@@ -130,7 +131,14 @@ class CurveWalk(Walk):
             Monitor(PULLING, lambda z, value: self.weakest(z[:-1], value), ends=True),
             Monitor(RANGE, lambda z, _value: float((z[-1] - low) * (high - z[-1]) / self.case.omega**2), ends=True),
         )
-        return (*watched, Monitor(RESONANCE, self._apart, ends=True)) if self.kind == TORUS else watched
+        alike = tuple(Monitor(kind, partial(self._along_start, side)) for side, kind in _sides(self.schedule))
+        return (*watched, *alike, Monitor(RESONANCE, self._apart, ends=True)) if self.kind == TORUS else (*watched, *alike)
+
+    def _along_start(self, side: float, z: Array, value: float) -> float:
+        """Return by how much the halves differ in the way in which they do at the start: zero where they get alike, and maybe elsewhere."""
+        assert self.start is not None
+        here, there = halves_apart(self.solution(z, value), side), halves_apart(self.start, side)
+        return float(here @ there) if len(here) == len(there) and np.all(np.isfinite(there)) else np.nan
 
     def _apart(self, z: Array, value: float) -> float:
         """Return a function of the torus's pair that is zero where it meets at 1 or -1; behind that it is real, and no torus."""
@@ -254,11 +262,12 @@ def bifurcation_curve(
     for direction in (1.0, -1.0):
         value = float(getattr(solution.case, parameter))
         size = PARAMETER_SHARE * size_of(parameter, value, limits)
-        walk = CurveWalk(solution.case, parameter, solution.schedule, kind=kind, size=size, limits=limits, frequencies=frequencies)
+        walk = CurveWalk(solution.case, parameter, solution.schedule, kind=kind, size=size, limits=limits, frequencies=frequencies, start=solution)
         problem = Problem(walk.residual(), parameter, walk.scale, size, limits, walk.monitors(), walk.recentre)
         way = continuation(problem, np.append(unknowns_of(solution), solution.case.omega), value, direction, steps, progress)
         schedules = walk.schedules(solution.schedule, len(way))
-        ways.append((_explained(way, walk.solution(way.points[-1], float(way.parameters[-1]))), schedules))
+        way = _explained(way, solution.case, schedules)
+        ways.append((way, schedules[: len(way)]))
         if way.closed or way.ended == STOPPED:
             return BifurcationCurve(kind, solution.case, way, tuple(ways[-1][1]), located_schedules(way.located, ways[-1][1]))
     (forward, schedules), (backward, others) = ways
@@ -266,13 +275,37 @@ def bifurcation_curve(
     return BifurcationCurve(kind, solution.case, forward.joined(backward), (*others[:0:-1], *schedules), located)
 
 
-def _explained(way: Branch, last: Solution) -> Branch:
-    """Return a way that broke down with what it met: where both halves of its orbits get alike a curve ends on that of the bifurcation there."""
-    sides = () if last.schedule.symmetric else (-1.0, 1.0) if last.schedule.period_multiple % 2 == 0 else (-1.0,)
-    for side, kind in zip(sides, (SYMMETRY_BREAKING, PERIOD_DOUBLING), strict=False):
-        if way.ended == MINIMUM_STEP and unlike(last, side) < ALIKE:
-            return replace(way, ended=kind, message=f"{kind} at {way.parameter} = {way.parameters[-1]:.10g}, on whose curve it begins")
+def _sides(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
+    """Return the bifurcations on whose curve one of these orbits may begin, each with the sign between halves that are alike there."""
+    if schedule.symmetric:
+        return ()
+    return ((-1.0, SYMMETRY_BREAKING), (1.0, PERIOD_DOUBLING))[: 1 if schedule.period_multiple % 2 else 2]
+
+
+def _explained(way: Branch, case: Case, schedules: Sequence[EventSchedule]) -> Branch:
+    """Return a way that ends where both halves of its orbits get alike, on the curve of the bifurcation there.
+
+    It breaks down there, or passes over to the orbits' mirror images.
+    """
+    for side, kind in _sides(schedules[0]):
+        at = {"omega": float(way.points[-1][-1]), way.parameter: float(way.parameters[-1])}
+        if way.ended == MINIMUM_STEP and unlike(solution_in(case, schedules[-1], way.points[-1][:-1], at), side) < ALIKE:
+            way = replace(way, ended=kind)
+        for event, schedule in zip(way.located, located_schedules(way.located, list(schedules)), strict=True):
+            at = {"omega": float(event.point[-1]), way.parameter: event.parameter}
+            if event.kind == kind and unlike(solution_in(case, schedule, event.point[:-1], at), side) < ALIKE:
+                points, values = (*way.points[: event.after + 1], event.point), np.append(way.parameters[: event.after + 1], event.parameter)
+                way = Branch(way.parameter, points, values, tuple(each for each in way.located if each.after < event.after), kind, "")
+                break
+        if way.ended == kind:
+            message = f"{kind} at {way.parameter} = {way.parameters[-1]:.10g}, on whose curve it begins"
+            return replace(way, message=message, located=_without(way.located, kind))
+        way = replace(way, located=_without(way.located, kind))
     return way
+
+
+def _without(located: Iterable[Located], kind: str) -> tuple[Located, ...]:
+    return tuple(event for event in located if event.kind != kind)
 
 
 def bifurcation_curves(

@@ -93,14 +93,18 @@ def _in_units(point: NDArray[np.float64], solution: Solution, parameter: str, va
     return np.asarray(units * point)
 
 
-def unlike(solution: Solution, side: float) -> float:
-    """Return by how much the second half is not the first one times ``side``: phases in rad, and shares of the largest impulse."""
+def halves_apart(solution: Solution, side: float) -> NDArray[np.float64]:
+    """Return the second half less the first one times ``side``: phases in rad, and shares of the largest impulse; infinite for an odd number."""
     half = len(solution.phases) // 2
     if len(solution.phases) % 2:
-        return np.inf
+        return np.array([np.inf])
     late = solution.phases[half:] - solution.phases[:half] - solution.schedule.turn / 2
-    stronger = (solution.impulses[half:] - side * solution.impulses[:half]) / np.max(np.abs(solution.impulses))
-    return float(max(np.max(np.abs(late)), np.max(np.abs(stronger))))
+    return np.append(late, (solution.impulses[half:] - side * solution.impulses[:half]) / np.max(np.abs(solution.impulses)))
+
+
+def unlike(solution: Solution, side: float) -> float:
+    """Return the largest difference of `halves_apart`."""
+    return float(np.max(np.abs(halves_apart(solution, side))))
 
 
 def _tangent_alike(jacobian: NDArray[np.float64], solution: Solution, side: float) -> NDArray[np.float64]:
