@@ -50,7 +50,7 @@ def prices(values: Any) -> None:
     for case in values["cases"]:
         assert len(case["bare_us_each"]) == len(case["energies_us_each"]) == benchmark_energies.QUICK_REPEATS
         assert case["ratio"] == pytest.approx(case["energies_us"] / case["bare_us"])
-        assert 0.0 < case["balance"] < 1e-12
+        assert 0.0 <= case["balance"] < 1e-12  # in so short a run it may be exact
         assert case["stretches_per_period"] < 1  # windows alone
 
 
