@@ -82,12 +82,12 @@ def cells(notebook: Any) -> list[Any]:
 
 
 def words(notebook: Any) -> list[str]:
-    """Return what each cell says, with one sign for each number, and which kinds of pictures it shows."""
+    """Return what each cell says, with one sign for each number and one space for several, and which kinds of pictures it shows."""
     said = []
     for cell in cells(notebook):
         text = "".join("".join(output.get("text", "")) for output in cell["outputs"])
         kinds = [sorted(output.get("data", {})) for output in cell["outputs"] if output["output_type"] != "stream"]
-        said.append(f"{re.sub(r'-?[0-9][0-9.e-]*', '#', text)} {kinds}")
+        said.append(f"{re.sub(r' +', ' ', re.sub(r'-?[0-9][0-9.e-]*', '#', text))} {kinds}")
     return said
 
 

@@ -69,7 +69,8 @@ pty = pytest.importorskip("pty")
 
 def script(code: str, folder: Path) -> tuple[list[str | Path], dict[str, str]]:
     """Return words and variables of a process that runs code with a folder for kernels."""
-    (file := folder / "script.py").write_text(code)
+    if not (file := folder / "script.py").exists() or file.read_text() != code:
+        file.write_text(code)  # older numba goes by the time of its last change
     return [sys.executable, file], os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(folder)}
 
 
