@@ -31,6 +31,7 @@ MemberKind = Literal["both", "phase", "force"]
 Progress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
 MOST_MEMBERS = 1_000_000
 LANES_A_BATCH = 4  # that an executor gets at once: few enough to spread, and more work than it takes to send them
+_seen: set[Hashable] = set()  # kinds of scene, with the kind of measure, that lanes of this process have run
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -231,8 +232,9 @@ def each_lane(
     def run(k: int) -> None:
         with suppress(Stopped):
             found[k] = _measured(k, lanes[k], measure)
+            _seen.add((type(measure), keys[k]))
 
-    _run_all(run, first_of_each(keys), len(lanes), workers, progress)
+    _run_all(run, [k for k in first_of_each(keys) if (type(measure), keys[k]) not in _seen], len(lanes), workers, progress)
     return found
 
 
@@ -292,7 +294,10 @@ def first_of_each(keys: Iterable[Hashable]) -> list[int]:
 
 
 def _run_all(run: Callable[[int], None], first: list[int], total: int, workers: int, progress: Progress | None) -> None:
-    """Call ``run`` for 0..total - 1, ``first`` one after the other: threads that need the same kernel would only wait for its compilation."""
+    """Call ``run`` for 0..total - 1, ``first`` one after the other: threads that need the same kernel would only wait for its compilation.
+
+    Where a kind of scene was seen with another record before, they do wait, and nothing else happens.
+    """
     done = 0
 
     def finished(future: Future[None]) -> None:

@@ -1,4 +1,5 @@
 import pickle
+import threading
 from collections.abc import Callable, Generator, Hashable, Sequence
 from dataclasses import replace
 from typing import TypeVar
@@ -23,7 +24,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.curve import CurveCase, PerformanceCurve, performance_curve, performance_curves, quantiles
-from impact_env.ensemble import PERTURBATION, Lane, LaneLevels, Members, draw_members, run_lanes
+from impact_env.ensemble import PERTURBATION, Lane, LaneLevels, Members, draw_members, each_lane, run_lanes
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -44,6 +45,13 @@ def some_lanes() -> list[Lane]:
 
 def rows(levels: LaneLevels) -> np.ndarray:
     return np.array([levels.level, levels.time, levels.frequency_ratio, levels.max_tip, levels.impacts, levels.stuck_time])
+
+
+def test_lanes_of_a_kind_that_ran_before_start_together() -> None:
+    """The first one of all runs alone, since the others would wait for its kernels; with two lanes a call all calls would otherwise use one core."""
+    lanes, both = some_lanes()[:2], threading.Barrier(2, timeout=60)
+    each_lane(lanes[:1], lambda _lane: 0)
+    assert sorted(each_lane(lanes, lambda _lane: both.wait(), threads=2)) == [0, 1]
 
 
 @pytest.mark.parametrize("method", [Exact(), Moreau()])
