@@ -160,7 +160,7 @@ def test_tip_shapes_that_almost_vanish(ratio: float, share: float) -> None:
 
 @pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-9, 1e-4])
 def test_two_modes_with_one_frequency(apart: float) -> None:
-    for seed in range(6):
+    for seed in range(20):
         model = custom(seed, 4, 0.01, 2)
         omega = np.array(model.omega)
         omega[2] = omega[1] * (1 + apart)

@@ -12,6 +12,7 @@ from impact_env.parameters import ParameterError
 from impact_env.periodic.bifurcation_curves import KINDS, RESONANCE, BifurcationCurve, bifurcation_curve, bifurcation_curves, compound
 from impact_env.periodic.branch import FOLD
 from impact_env.periodic.case import Case, case_of
+from impact_env.periodic.continuation import Steps
 from impact_env.periodic.green import NoOrbit, Solution
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.isolas import IsolaCell, Level, thresholds
@@ -111,8 +112,12 @@ def test_behind_grazing_a_curve_is_no_orbits() -> None:
     assert all("passes a wall" in orbit.reason for orbit in refused)
 
 
-def test_the_fold_of_a_pair_begins_on_the_curve_of_broken_symmetry() -> None:
-    (curve,), (broken,) = one_mode()[FOLD][1:], one_mode()[SYMMETRY_BREAKING]
+@pytest.mark.parametrize(("first", "most"), [(0.02, 0.2), (0.015, 0.2), (0.03, 0.2), (0.01, 0.4), (0.05, 0.5)])
+def test_the_fold_of_a_pair_begins_on_the_curve_of_broken_symmetry(first: float, most: float) -> None:
+    """With some steps the way breaks down there, with others it passes over to the mirror images: which of them depends on last bits."""
+    (known,), (broken,) = one_mode()[FOLD][1:], one_mode()[SYMMETRY_BREAKING]
+    start, steps = known.solution(len(known.schedules) // 2), Steps(first=first, least=1e-7, most=most, points=600)
+    curve = bifurcation_curve(start, FOLD, "force", (1.0, 2.5), RANGE, steps)
     assert curve.branch.ended.startswith(SYMMETRY_BREAKING)
     assert f"{SYMMETRY_BREAKING} at force = " in curve.branch.message
     places = np.column_stack([broken.omega / FIRST, broken.branch.parameters])
