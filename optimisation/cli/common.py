@@ -41,6 +41,12 @@ def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = (
         raise BadInput(f"{option} = {target} is not allowed: a name that ends in {', '.join(suffixes)}")
 
 
+def page_option(marker: str) -> Callable[[Command], Command]:
+    """Add --page, for a table between two comments that hold the ``marker``."""
+    words = f"Write the table into this page, between <!-- {marker} --> and <!-- /{marker} -->, as in docs/which_gap.md."
+    return click.option("--page", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=words)
+
+
 def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
     """Add --json to a command; with - the JSON is all that goes to standard output, and what else the command says to standard error."""
 

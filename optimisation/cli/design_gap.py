@@ -12,9 +12,9 @@ from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber, fri
 from optimisation.cli.common import BadInput, check_target, command, end_early, name_files, plain_errors, uncertain_of, uncertain_option
 from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
 from optimisation.cli.structure_option import (
-    POSITION_HELP,
     mass_option,
     mass_ratio_of,
+    position_option,
     read_device,
     refuse_beside,
     scene_option,
@@ -159,13 +159,7 @@ def under_load(given: dict[str, Any]) -> None:
 @click.option("--force-tolerance", type=float, default=TOLERANCE, show_default=True, help="Share by which the force may be larger or smaller.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
 @mass_option
-@click.option(
-    "--position",
-    type=float,
-    default=Beam.absorber_position,
-    show_default=True,
-    help=POSITION_HELP,
-)
+@position_option
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--restitution", type=float, default=RESTITUTION, show_default=True, help="Coefficient of restitution in the simulation, 0 to 1.")
 @click.option(

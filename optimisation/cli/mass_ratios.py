@@ -10,7 +10,7 @@ from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
-from optimisation.cli.common import check_target, command, name_files, plain_errors
+from optimisation.cli.common import check_target, command, name_files, page_option, plain_errors
 from optimisation.cli.structure_option import RESONANCES_HELP, model_of, read_device, scene_option, structure_option
 from optimisation.comparison import RESONANCES
 from optimisation.executors import cluster_option, workers
@@ -87,12 +87,7 @@ MEMBERS = 4
 @click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @cluster_option
-@click.option(
-    "--page",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help=f"Write the table into this page, between <!-- {MARKER} --> and <!-- /{MARKER} -->, as in docs/which_gap.md.",
-)
+@page_option(MARKER)
 def main(
     structure: Path | None,
     scene: Path | None,

@@ -20,7 +20,8 @@ from optimisation.files import write_json
 from optimisation.mounting import mounted
 
 Command = Callable[..., Any]
-POSITION_HELP = "Place of absorber and response, over the length; of a beam from a file the absorber's only; of modes the number of a place."
+PLACE = "Place of absorber and response, over the length; of a beam from a file the absorber's only; of modes the number of a place."
+position_option = click.option("--position", type=float, default=Beam.absorber_position, show_default=True, help=PLACE)
 RESONANCES_HELP = "Two resonances to look at, counted from 1; twice the same: one."
 
 

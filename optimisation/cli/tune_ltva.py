@@ -6,13 +6,13 @@ import click
 
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
-from optimisation.cli.common import check_target, command, name_files, plain_errors
+from optimisation.cli.common import check_target, command, name_files, page_option, plain_errors
 from optimisation.cli.load_option import load_option, loads_of, refuse_beside_load
 from optimisation.cli.structure_option import (
-    POSITION_HELP,
     mass_option,
     mass_ratio_of,
     model_of,
+    position_option,
     read_device,
     refuse_beside,
     scene_option,
@@ -105,25 +105,14 @@ def under_load(load: Path, model: ModalModel, mass_ratio: float, resonance: int,
 @click.option("--resonance", type=click.IntRange(min=1), default=1, show_default=True, help="Resonance to tune to, counted from 1.")
 @click.option("--mass-ratio", type=float, default=DEFAULT_MASS_RATIO, show_default=True, help="Absorber mass over beam mass.")
 @mass_option
-@click.option(
-    "--position",
-    type=float,
-    default=Beam.absorber_position,
-    show_default=True,
-    help=POSITION_HELP,
-)
+@position_option
 @click.option("--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept.")
 @click.option("--damping", type=float, default=Beam.damping_ratio, show_default=True, help="Modal damping ratio, the same for all modes.")
 @click.option("--low", type=float, default=LOW, show_default=True, help="Begin of the scoring range over the resonance frequency.")
 @click.option("--high", type=float, default=HIGH, show_default=True, help="End of the scoring range; a range that cannot hold both peaks is refused.")
 @click.option("--quick", is_flag=True, help="Without the proofs, which take a second for the first resonance and a minute for higher ones.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/tune_ltva"), show_default=True, help="Folder for figure and tables.")
-@click.option(
-    "--page",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help=f"Write the table into this page, between <!-- {MARKER} --> and <!-- /{MARKER} -->, as in docs/which_gap.md.",
-)
+@page_option(MARKER)
 def main(
     structure: Path | None,
     scene: Path | None,
