@@ -1,5 +1,6 @@
 """Notice of compilation: one line, and registered callbacks, when the first use of a kind of scene compiles its kernels for up to a minute."""
 
+import gc
 import logging
 import sys
 import threading
@@ -74,6 +75,18 @@ class CompilingFor:
         _thread.purpose = self._before
 
 
+class _SeldomCollected(event.Listener):
+    """What compilation makes mostly stays: to look for garbage among it as often as Python does takes a tenth of the time."""
+
+    def on_start(self, event: event.Event) -> None:  # noqa: ARG002 - numba's interface
+        self._before = gc.get_threshold()
+        if gc.isenabled() and self._before[0]:
+            gc.set_threshold(50_000, 20, 50)
+
+    def on_end(self, event: event.Event) -> None:  # noqa: ARG002
+        gc.set_threshold(*self._before)
+
+
 class _Announcer(event.Listener):
     """Tells of each kernel that is compiled, of which there is one at a time: callbacks at once, everyone as soon as it has taken `PATIENCE`."""
 
@@ -114,6 +127,7 @@ def _say(what: str, words: str) -> None:
 
 _ANNOUNCER = _Announcer()
 event.register(COMPILING, _ANNOUNCER)
+event.register(COMPILING, _SeldomCollected())
 
 
 @contextmanager

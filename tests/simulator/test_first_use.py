@@ -1,14 +1,17 @@
 """What a first use from Python tells: one line after a second of compiling, wherever stderr goes, and nothing in a warm run."""
 
+import gc
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from numba.core import event
 from places import ROOT, SUPPORT
 
 from impact_env import Beam, Drive, Record, beam_scene, constant_frequency, friction_damper, impact_absorber, impact_absorbers, simulate
+from impact_env.kernels.compiling.parts import COMPILING
 from impact_env.kernels.exact.rigid import exact_lane
 from impact_env.modes import modal_model
 from impact_env.periodic.case import Case
@@ -138,6 +141,13 @@ def test_callbacks_are_told_of_our_kernels_until_they_are_taken_out(tmp_path: Pa
     out, error = without_a_terminal(SMALL + OWN, tmp_path)
     assert out == ["third", "kernels started False", "kernels finished True", "not kept"]
     assert error.count("ValueError: a callback of one's own") == 2
+
+
+def test_garbage_is_looked_for_seldom_while_something_compiles_and_as_before_after_that() -> None:
+    before = gc.get_threshold()
+    with event.trigger_event(COMPILING):
+        assert gc.get_threshold()[0] > 10 * before[0]
+    assert gc.get_threshold() == before
 
 
 def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
