@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -22,20 +23,6 @@ else:
 
 ROOT = Path(__file__).resolve().parents[2]
 PYTHON = "Scripts/python.exe" if sys.platform == "win32" else "bin/python"  # in a virtual environment
-EXPECTED = {
-    "main": "half a minute to two minutes",
-    "test": "about half a minute",
-    "files": "a few seconds",
-    "env": "a few seconds",
-    "clients": "a few seconds",
-    "explore": "a few seconds",
-    "browser": "half a minute",
-    "rl": "several minutes, as torch is large",
-    "offline": "half a minute",
-    "optimise": "about a minute",
-    "cluster": "about a minute",
-    "examples": "about a minute, beside that of rl",
-}
 
 
 def say(text: str) -> None:
@@ -96,6 +83,11 @@ class SetUp:
         command = [str(self.python), "-m", "pip", "install", "-qq", "--no-input", "--no-compile", "--disable-pip-version-check", *arguments]
         subprocess.run(command, check=True, cwd=self.root, stdin=subprocess.DEVNULL)
 
+    def install(self, layers: list[str]) -> None:
+        """Install all at once, so that two layers that want different versions of a package are an error."""
+        requirements = self.root / "requirements"
+        self.pip("-c", str(requirements / "main.txt"), *(word for layer in layers for word in ("-r", str(requirements / f"{layer}.txt"))))
+
     def make(self, layers: list[str]) -> None:
         """Install what is not current; a folder that was left half-made is made again."""
         if not self.usable():
@@ -106,15 +98,15 @@ class SetUp:
         fresh = not self.folder.exists()
         self.folder.mkdir(exist_ok=True)
         self.incomplete.touch()
-        for layer in due:
-            what = "Setting up .venv" if layer == "main" else f"Adding requirements/{layer}.txt to .venv"
-            say(f"{what} (once, {EXPECTED.get(layer, 'a few minutes')}) ...")
-            if layer == "main" and fresh:
+        if "main" in due:
+            say("Setting up .venv (once, half a minute to two minutes) ...")
+            if fresh:
                 subprocess.run([sys.executable, "-m", "venv", str(self.folder)], check=True)
-            requirements = self.root / "requirements"
-            self.pip("-c", str(requirements / "main.txt"), "-r", str(requirements / f"{layer}.txt"))
-            if layer == "main":
-                self.pip("--no-deps", "--no-build-isolation", "--editable", str(self.root))
+            self.install(["main"])
+            self.pip("--no-deps", "--no-build-isolation", "--editable", str(self.root))
+        if added := [layer for layer in due if layer != "main"]:
+            say(f"Adding to .venv: {', '.join(added)} (once, {'several minutes, as torch is large' if 'rl' in added else 'up to a minute'}) ...")
+            self.install(added)
         # as pip would, on all cores; a file that is no Python of today is left
         subprocess.run([str(self.python), "-m", "compileall", "-qq", "-j", "0", str(self.folder)], stdin=subprocess.DEVNULL)
         self.stamps.mkdir(exist_ok=True)
@@ -148,10 +140,12 @@ class SetUp:
 def main(layers: list[str]) -> int:
     set_up = SetUp(ROOT)
     try:
-        with lock(ROOT):
+        with lock(ROOT), ThreadPoolExecutor(1) as beside:
+            set_up.make([])
+            kernels = beside.submit(set_up.warm_kernels) if "kernels" in layers else None  # which need no other package
             set_up.make([layer for layer in layers if layer != "kernels"])
-            if "kernels" in layers:
-                set_up.warm_kernels()
+            if kernels:
+                kernels.result()
     except KeyboardInterrupt:
         say("\nSet-up was broken off; the next call does it again.")
         return 130
