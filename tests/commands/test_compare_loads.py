@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from commands import call, read, sweep
-from load_cases import KINDS, MASS, OMEGA, tables_of
+from load_cases import KINDS, MASS, OMEGA, file_of_one_mode, tables_of
 
 from impact_env.ensemble import Lane
 from impact_env.loads import Loads, Shock
@@ -18,14 +18,6 @@ from optimisation import load_comparison
 from optimisation.cli.group import imported
 from optimisation.load_measures import measure_of, measured
 
-STRUCTURE = f"""
-[model]
-omega_rad_s = [{OMEGA[0]}]
-damping_ratio = [0.01]
-force_shape_per_sqrt_kg = [0.6]
-tip_shape_per_sqrt_kg = [2.6]
-beam_mass_kg = {MASS}
-"""
 LOAD = '[load]\nkind = "shock"\npulse = "triangle"\npeak_n = 30.0\npulse_s = 0.0125\nduration_s = 0.4\n'
 
 
@@ -46,7 +38,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("few")
 def test_the_command_writes_what_it_prints(tmp_path: Path) -> None:
-    (tmp_path / "structure.toml").write_text(STRUCTURE)
+    (tmp_path / "structure.toml").write_text(file_of_one_mode(0.01))
     (tmp_path / "load.toml").write_text(LOAD)
     given = ["--structure", tmp_path / "structure.toml", "--load", tmp_path / "load.toml", "--out", tmp_path / "out"]
     result = call(imported("compare_absorbers"), *given, "--members", 1, "--forces", 3)
@@ -68,11 +60,8 @@ PAPER = "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_lengt
 CHAIN = "[matrices]\nmass = 'm.npz'\nstiffness = 'm.npz'\nunits = 'kg, m, s'\nforce = 0\nabsorber = 1\nmodes = 3\nmass_kg = 3\ndamping_ratio = 0.01\n"
 
 
-MOVED = {kind for kind in KINDS if "base" in kind or kind == "samples"}
-
-
 @pytest.mark.usefixtures("few")
-@pytest.mark.parametrize("kind", [pytest.param(kind, marks=pytest.mark.nightly if kind in MOVED else ()) for kind in KINDS])
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=() if kind == "shock" else pytest.mark.nightly) for kind in KINDS])
 @pytest.mark.parametrize("structure", ["the paper's beam", "matrices"])
 def test_each_kind_goes_through_sweep_and_comparison(kind: str, structure: str, tmp_path: Path) -> None:
     """Linear concepts leave the same at each intensity, and what is left without one grows with it, but for a decay time."""
@@ -86,7 +75,7 @@ def test_each_kind_goes_through_sweep_and_comparison(kind: str, structure: str, 
     omega = float(omegas[0])
     (tmp_path / "load.toml").write_text(tables_of(omega, tmp_path)[kind])
     given = ["--structure", own, "--load", tmp_path / "load.toml"]
-    absorber = ("--absorber", "none") if kind in MOVED else ("--restitution", 0.7)
+    absorber = ("--restitution", 0.7) if kind == "force" else ("--absorber", "none")
     result = sweep(*given, *absorber, "--json", tmp_path / "out.json")
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out.json").read_text())

@@ -53,7 +53,7 @@ def options(*arguments: str) -> dict[str, Any]:
     [
         pytest.param(["--absorber", "impact"], marks=pytest.mark.plain),
         pytest.param(["--absorber", "impact", "--restitution", "0.7", "--friction-limit", "0.1"], marks=pytest.mark.plain),
-        ["--absorber", "friction"],
+        pytest.param(["--absorber", "friction"], marks=pytest.mark.plain),
         ["--absorber", "tuned"],
         ["--absorber", "stuck"],
         ["--absorber", "none"],

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from commands import call, read
-from load_cases import MASS, OMEGA
+from load_cases import MASS, OMEGA, file_of_one_mode
 from numpy.typing import NDArray
 
 from impact_env.ensemble import draw_members, drives_of
@@ -29,14 +29,6 @@ from optimisation.problem import Problem
 MODEL = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.6, 2.6)), MASS)
 BAND = ((35.0, 0.5), (46.0, 0.5))
 NOISE = Loads((Random(np.array(BAND), 20.0, 1),), OMEGA[0])
-STRUCTURE = f"""
-[model]
-omega_rad_s = [{OMEGA[0]}]
-damping_ratio = [0.01]
-force_shape_per_sqrt_kg = [0.6]
-tip_shape_per_sqrt_kg = [2.6]
-beam_mass_kg = {MASS}
-"""
 
 
 def late_rms(gap: float, member: int) -> float:
@@ -47,6 +39,7 @@ def late_rms(gap: float, member: int) -> float:
     return float(np.sqrt(np.mean(history.modal_displacement[history.time >= 5 / (0.01 * OMEGA[0]), 0] ** 2))) * 2.6
 
 
+@pytest.mark.nightly
 def test_the_gap_under_noise_is_among_the_best_of_a_scan() -> None:
     found = advise_for_loads(MODEL, NOISE, friction_limit=0.0)
     scan = [np.median([late_rms(float(gap), m) for m in range(3)]) for gap in found.free_rms * np.geomspace(0.5, 4, 9)]
@@ -86,7 +79,7 @@ def test_a_random_load_is_tuned_to_its_least_mean_square() -> None:
 
 
 def test_the_commands(tmp_path: Path) -> None:
-    (tmp_path / "structure.toml").write_text(STRUCTURE)
+    (tmp_path / "structure.toml").write_text(file_of_one_mode(0.01))
     load = tmp_path / "load.toml"
     load.write_text('[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 20.0\npulse_s = 0.0125\nduration_s = 1.0\n')
     given = ["--structure", tmp_path / "structure.toml", "--load", load, "--out", tmp_path]
@@ -122,14 +115,6 @@ def test_a_load_that_moves_nothing_is_refused() -> None:
 DAMPED = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.02, 0.6, 2.6)), MASS)
 SHORT_NOISE = Loads((Random(np.array(((35.0, 0.5), (46.0, 0.5))), 4.0, 1),), OMEGA[0])
 SHOCK = Loads((Shock("half-sine", 20.0, 0.0125, 0.5),), OMEGA[0])
-DAMPED_FILE = f"""
-[model]
-omega_rad_s = [{OMEGA[0]}]
-damping_ratio = [0.02]
-force_shape_per_sqrt_kg = [0.6]
-tip_shape_per_sqrt_kg = [2.6]
-beam_mass_kg = {MASS}
-"""
 
 
 def problem(loads: Loads, factors: tuple[float, ...] = (1.0,), members: int = 1, **more: object) -> Problem:
@@ -194,7 +179,7 @@ def test_what_does_not_go_with_loads_is_refused() -> None:
 
 
 def written(folder: Path) -> list[object]:
-    (folder / "structure.toml").write_text(DAMPED_FILE)
+    (folder / "structure.toml").write_text(file_of_one_mode(0.02))
     (folder / "load.toml").write_text('[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 20.0\npulse_s = 0.0125\nduration_s = 0.5\n')
     return ["--structure", folder / "structure.toml", "--load", folder / "load.toml", "--out", folder / "out", "--designs", 10, "--members", 2]
 

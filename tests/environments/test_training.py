@@ -266,6 +266,7 @@ def test_bad_hyperparameters_are_named(tmp_path: Path, text: str, words: str) ->
 
 
 @pytest.mark.same_bits
+@pytest.mark.slow
 def test_command_goes_on_after_kill_and_reports(tmp_path: Path) -> None:
     """Kill -9 in the middle of a training; the same command finishes it, as an undisturbed one would have."""
     file = tmp_path / "small.yaml"

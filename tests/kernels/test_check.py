@@ -1,6 +1,8 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from core import scene_of
+from core import ALL, scene_of
 
 from impact_env import Drive, Moreau, Record, Response, Scene, constant_frequency, impact_absorber, simulate
 from impact_env.families.exact import rigid_regimes
@@ -18,7 +20,7 @@ GAP = 1e-3
 
 def checked(scene: Scene, periods: float = 30.0, force: float = 3.5) -> Response:
     drive = Drive(force, constant_frequency(scene.model.resonance_omega(1), 1.0, periods))
-    return simulate(scene, drive, record=Record(check=True))
+    return simulate(scene, drive, record=ALL)
 
 
 @pytest.mark.parametrize("friction", [None, pytest.param(0.1, marks=pytest.mark.plain)])
@@ -33,7 +35,7 @@ def test_no_miss_where_there_is_none(friction: float | None) -> None:
 def test_a_checked_run_is_the_run() -> None:
     scene = scene_of(impact_absorber(restitution=0.7, friction_limit=0.1), modes=2)
     drive = Drive(3.5, constant_frequency(scene.model.resonance_omega(1), 1.0, 10.0))
-    one, other = (simulate(scene, drive, record=Record(check=check)) for check in (False, True))
+    one, other = (simulate(scene, drive, record=replace(ALL, check=check)) for check in (False, True))
     np.testing.assert_array_equal(one.end_state, other.end_state)
     assert one.check is None
 

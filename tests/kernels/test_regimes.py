@@ -158,6 +158,7 @@ def test_tip_shapes_that_almost_vanish(ratio: float, share: float) -> None:
     assert max(all_errors(changed, 0.3, 1.0, 0.05)) < BAR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-9, 1e-4])
 def test_two_modes_with_one_frequency(apart: float) -> None:
     for seed in range(20):

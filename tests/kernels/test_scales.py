@@ -165,7 +165,7 @@ def test_a_sweep_through_sixty_thousand_gaps() -> None:
     """Its walls were passed 55 times while only the wall of the start was looked for."""
     model = ModalModel([0.0817], [1e-4], [1.33], [1.33], 0.564)
     scene = Scene(model, impact_absorber(1e-3))
-    response = simulate(scene, Drive(3.5, linear_sweep(0.0817, 0.1, 1.58, 1.48e4 / 5.1)), record=Record(check=True))
+    response = simulate(scene, Drive(3.5, linear_sweep(0.0817, 0.1, 1.58, 1.48e4 / 5.1)), record=ALL)
     assert response.check.searches > 10_000
     assert response.check.misses == 0
 

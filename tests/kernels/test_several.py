@@ -36,7 +36,7 @@ from impact_env.energy import stored_energy
 from impact_env.ensemble import Lane, run_lanes
 from impact_env.families import Observers
 from impact_env.families.exact import SEVERAL as ANY_NUMBER
-from impact_env.kernels.motion.observers import DONE, Series, new_counters, new_energy, new_events
+from impact_env.kernels.motion.observers import DONE, Series, new_check, new_counters, new_energy, new_events
 from impact_env.methods import Exact
 from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
@@ -179,7 +179,7 @@ def test_a_single_absorber_is_the_same_in_the_lane_of_several(friction: float | 
     scene, drive = beam_scene(BEAM, impact_absorber(3e-4, restitution, friction)), drive_of(3.0, 0.97, 1.02, periods=3)
     single, start = run(scene, drive), InitialState().vector(scene)
     series = Series(np.zeros((len(single.history.time), len(start))))  # as `run` has it, for one kernel fewer
-    seen, end = Observers(new_counters(), events=new_events(1000), series=series, energy=new_energy(3)), start.copy()
+    seen, end = Observers(new_counters(check=new_check()), events=new_events(1000), series=series, energy=new_energy(3)), start.copy()
     assert ANY_NUMBER.run(scene, drive, Exact(), end, drive.schedule.pseudo_period / 32, seen) == DONE
     assert seen.counters.counts["impacts"] == single.impact_count >= 3
     assert seen.counters.counts["stuck_time"] == pytest.approx(single.stuck_time, rel=1e-6, abs=1e-9 * PERIOD)

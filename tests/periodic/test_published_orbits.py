@@ -123,6 +123,7 @@ def test_branches_find_orbits_that_the_closed_form_does_not_lead_to() -> None:
     assert [orbit.schedule.reversals for orbit in found[0.966]] == [26]
 
 
+@pytest.mark.nightly
 def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() -> None:
     """N_m = 5, e = 0.7: Newton's method on the fold's conditions runs from one order of reversals to the other at the outer valley and ridge."""
     case = paper_case(5, 1.0, 1.0, 0.7, 0.01)

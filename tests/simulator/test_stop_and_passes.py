@@ -7,13 +7,14 @@ import sys
 import threading
 import time
 from concurrent.futures import wait
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from core import OMEGA, drive_of, run, scene_of
+from core import EVERYTHING, OMEGA, drive_of, run, scene_of
 from places import ROOT
 
 from impact_env import (
@@ -25,7 +26,6 @@ from impact_env import (
     Moreau,
     ParameterError,
     Pass,
-    Record,
     RungeKutta,
     Scene,
     Stop,
@@ -167,9 +167,9 @@ def test_passes_end_at_a_stop_and_with_their_reader(way: str) -> None:
 
 def test_an_envelope_and_a_window_are_those_of_the_samples() -> None:
     drive = drive_of(3.0, 0.98, 1.02, periods=30)
-    whole = simulate(SCENE, drive, record=Record(events=True, series=True))
+    whole = simulate(SCENE, drive, record=EVERYTHING)
     end = drive.schedule.times[-1]
-    part = simulate(SCENE, drive, record=Record(events=True, envelope=7, series=Window(0.25 * end, 0.5 * end)))
+    part = simulate(SCENE, drive, record=replace(EVERYTHING, envelope=7, series=Window(0.25 * end, 0.5 * end)))
     tip, times = whole.history.tip_displacement, whole.history.time
     inside = (times >= 0.25 * end) & (times <= 0.5 * end)
     np.testing.assert_array_equal(part.history.time, times[inside])
@@ -179,7 +179,7 @@ def test_an_envelope_and_a_window_are_those_of_the_samples() -> None:
         mine = tip[(times >= low) & ((times < high) | (k == 6))]
         assert (part.envelope.low[k], part.envelope.high[k]) == (mine.min(), mine.max())
     assert part.level == whole.level
-    assert simulate(SCENE, drive, record=Record(events=True, envelope=3)).history is None
+    assert simulate(SCENE, drive, record=replace(EVERYTHING, envelope=3, series=False)).history is None
 
 
 def test_shapes_along_a_beam_are_those_of_its_model() -> None:

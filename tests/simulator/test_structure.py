@@ -12,7 +12,7 @@ import scipy.io
 import scipy.linalg
 import scipy.optimize
 import scipy.sparse
-from core import drive_of, run
+from core import EVERYTHING, drive_of, run
 from load_cases import record_of
 from places import EXAMPLES
 
@@ -22,7 +22,6 @@ from impact_env.loads import BASE, Loads, Samples
 from impact_env.modes import ModalModel, matrices
 from impact_env.parameters import ParameterError, impact_absorber
 from impact_env.plain import from_scene
-from impact_env.response import Record
 from impact_env.scene import Scene
 from impact_env.structure import load_structure
 from impact_env.structures.checks import warnings_of_matrix
@@ -107,7 +106,7 @@ def test_sections_of_one_kind_are_no_sections() -> None:
 def test_level_is_read_where_the_beam_says() -> None:
     beam = Beam(modes=4, absorber_position=0.7, response_position=0.9)
     scene, drive = beam_scene(beam, impact_absorber(restitution=0.7, friction_limit=0.1)), drive_of(3.5, 0.95, 1.0, periods=60)
-    response = simulate(scene, drive, record=Record(series=True))
+    response = simulate(scene, drive, record=EVERYTHING)
     row = modal_model(Beam(modes=4, force_position=0.9)).force_shape
     values = response.history.modal_displacement @ row
     at = int(np.argmax(np.abs(values)))

@@ -101,7 +101,7 @@ SMALL: dict[ModuleType, tuple[str, str, list[object], dict[str, object], Callabl
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("module", SMALL, ids=lambda module: module.__name__)
+@pytest.mark.parametrize("module", [pytest.param(m, marks=pytest.mark.nightly if m is benchmark_energies else (), id=m.__name__) for m in SMALL])
 def test_a_benchmark_writes_what_it_prints(module: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     block, shown, options, smaller, check = SMALL[module]
     for name, value in smaller.items():

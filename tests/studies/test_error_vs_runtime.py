@@ -27,6 +27,7 @@ def call(*arguments: object) -> Result:
     return CliRunner().invoke(error_vs_runtime.main, [str(argument) for argument in arguments])
 
 
+@pytest.mark.nightly
 def test_trajectories_show_who_is_exact() -> None:
     (measure,) = trajectory.cases(TINY).values()
     rows = measure()
@@ -55,6 +56,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cost, "LANE_PERIODS", 2.0)
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("tiny")
 def test_tiny_run_writes_files_figures_and_page(tmp_path: Path) -> None:
     out, page = tmp_path / "study", tmp_path / "study.md"

@@ -44,6 +44,7 @@ def result(folder: Path, part: str) -> dict[str, object]:
     return dict(read_json(folder / "findings" / f"{part}.json.gz")["result"])
 
 
+@pytest.mark.nightly
 def test_parts_write_numbers_figures_and_page(findings: ModuleType, tmp_path: Path) -> None:
     chosen, before = [part for part in PARTS if part != "scaling"], peak_memory()  # which other tests have filled
     run = call(findings, "--quick", "--out", tmp_path, *[word for part in chosen for word in ("--part", part)])

@@ -42,6 +42,7 @@ def test_one_mode_without_losses_at_its_contact_is_strongly_modulated() -> None:
     assert np.max(np.abs(np.array(record["absorber_m"]) - record["tip_m"])) <= values["linear"]["gap_m"] * (1 + 1e-4)
 
 
+@pytest.mark.nightly
 def test_friction_springs_and_walls_approach_the_rigid_laws() -> None:
     for kind in (conv.WALLS, conv.FRICTION):
         found = conv._over_stiffness(QUICK, conv.sizes(3, 4, 3), kind, Exact())

@@ -1,6 +1,7 @@
 """Runs and truths shared by the tests of the simulator's core. One set of observers for all runs, so that each kernel is compiled once."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +24,12 @@ Array = NDArray[np.float64]
 OMEGA = float(beam_scene(Beam(modes=1)).model.omega[0])
 PERIOD = 2 * np.pi / OMEGA
 STEEL = Beam(length=1.2, bending_stiffness=210e9 * 0.04 * 0.008**3 / 12, mass_per_length=7850 * 0.04 * 0.008, force_position=0.25)
-ALL = Record(level=False, events=True, series=True, energy=True)
+ALL = Record(level=False, events=True, series=True, energy=True, check=True)
+EVERYTHING = replace(ALL, level=True)
 
 
-def run(scene: Scene, drive: Drive, method: Method | None = None, initial: InitialState | None = None, samples: int = 32) -> Response:
-    return simulate(scene, drive, method, initial=initial, record=replace(ALL, samples_per_period=samples))
+def run(scene: Scene, drive: Drive, method: Method | None = None, initial: InitialState | None = None, samples: int = 32, **more: Any) -> Response:
+    return simulate(scene, drive, method, initial=initial, record=replace(ALL, samples_per_period=samples), **more)
 
 
 def drive_of(force: float, *ratios: float, periods: float = 5.0, reference: float = OMEGA, phase: float = 0.0) -> Drive:

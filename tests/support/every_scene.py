@@ -148,7 +148,6 @@ EVERY: dict[str, Callable[[], Bits]] = {
     "level": swept(impact_absorber(restitution=0.7, friction_limit=0.1), record=LEVEL),
     "level, no absorber": swept(None, record=LEVEL),
     "level, Moreau": swept(impact_absorber(), Moreau(100), LEVEL),
-    "checked": swept(impact_absorber(restitution=0.7), record=Record(check=True)),
     "intervals": controlled(impact_absorber(restitution=0.7, friction_limit=0.1)),
     "intervals, Moreau": controlled(impact_absorber(restitution=0.7), Moreau(100)),
     "orbits": orbits,

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from core import EVERYTHING
 from numpy.typing import NDArray
 
 from impact_env.drive import FrequencySchedule
@@ -47,12 +48,16 @@ GRAVITY = (
     (0.08774835287587945, 0.227846135),
 )
 
-EVERYTHING = Record(events=True, series=True, energy=True, check=True)
-
 
 def record_of(scene: Scene) -> Record:
     """What runs under loads record: one set where there is contact, and one where there is none, as each set is one more kernel."""
     return Record(series=True, energy=True) if scene.kind is SceneKind.LINEAR else EVERYTHING
+
+
+def file_of_one_mode(damping_ratio: float) -> str:
+    """Return the file of a structure with that cantilever's first frequency and mass."""
+    shapes = "force_shape_per_sqrt_kg = [0.6]\ntip_shape_per_sqrt_kg = [2.6]"
+    return f"[model]\nomega_rad_s = [{OMEGA[0]}]\ndamping_ratio = [{damping_ratio}]\n{shapes}\nbeam_mass_kg = {MASS}\n"
 
 
 def cantilever(participation: tuple[float, ...] | None = PARTICIPATION) -> ModalModel:
