@@ -297,6 +297,7 @@ def test_energy_and_walls(data: st.DataObject, absorbers: SeveralAbsorbers, forc
     assert check(response, 1e-9) <= 1
 
 
+@pytest.mark.nightly
 def test_lanes_and_level() -> None:
     scene = beam_scene(BEAM, impact_absorbers((1e-3, 3e-4), (1.0, 0.6), restitution=0.7, friction_limit=0.05))
     drive = drive_of(3.0, 0.98, 1.02, periods=30)
