@@ -41,9 +41,9 @@ def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = (
         raise BadInput(f"{option} = {target} is not allowed: a name that ends in {', '.join(suffixes)}")
 
 
-def page_option(marker: str) -> Callable[[Command], Command]:
-    """Add --page, for a table between two comments that hold the ``marker``."""
-    words = f"Write the table into this page, between <!-- {marker} --> and <!-- /{marker} -->, as in docs/which_gap.md."
+def page_option(marker: str, page: str) -> Callable[[Command], Command]:
+    """Add --page, for a table between two comments that hold the ``marker``, as in ``page``."""
+    words = f"Write the table into this page, between <!-- {marker} --> and <!-- /{marker} -->, as in {page}."
     return click.option("--page", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help=words)
 
 

@@ -87,7 +87,7 @@ MEMBERS = 4
 @click.option("--rate", type=float, help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]")
 @click.option("--threads", type=click.IntRange(min=1), help="Number of threads; the result does not depend on it.  [default: all cores]")
 @cluster_option
-@page_option(MARKER)
+@page_option(MARKER, "docs/which_gap.md")
 def main(
     structure: Path | None,
     scene: Path | None,

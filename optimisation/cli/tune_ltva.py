@@ -112,7 +112,7 @@ def under_load(load: Path, model: ModalModel, mass_ratio: float, resonance: int,
 @click.option("--high", type=float, default=HIGH, show_default=True, help="End of the scoring range; a range that cannot hold both peaks is refused.")
 @click.option("--quick", is_flag=True, help="Without the proofs, which take a second for the first resonance and a minute for higher ones.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("results/tune_ltva"), show_default=True, help="Folder for figure and tables.")
-@page_option(MARKER)
+@page_option(MARKER, "docs/which_gap.md")
 def main(
     structure: Path | None,
     scene: Path | None,
