@@ -85,12 +85,18 @@ def level_places(case: Case, low: float, high: float) -> tuple[tuple[str, float,
     forces = fold_force(case, omegas)
     rise = np.diff(forces)
     found = []
-    for k in np.flatnonzero(rise[:-1] * rise[1:] < 0) + 1:
+    for k in _changes_of_sign(rise) + 1:
         omega = _level(case, omegas[k - 1], omegas[k + 1])
         at = case.changed(omega=omega)
         if fold_impulse(at) > 0:
-            found.append((BIRTH if rise[k] > 0 else MERGER, float(fold_force(at, [omega])[0]), omega))
+            found.append((BIRTH if rise[k] >= 0 else MERGER, float(fold_force(at, [omega])[0]), omega))
     return tuple(found)
+
+
+def _changes_of_sign(values: Array) -> NDArray[np.intp]:
+    """Return k (K,) where the sign of values (M,) at k + 1 is another one than at k; 0 counts as above 0, and what is not finite has none."""
+    below, known = values < 0, np.isfinite(values)
+    return np.flatnonzero((below[:-1] != below[1:]) & known[:-1] & known[1:])
 
 
 def _level(case: Case, low: float, high: float) -> float:
@@ -117,8 +123,12 @@ def closed_folds(case: Case, low: float, high: float) -> tuple[float, ...]:
         return float(fold_force(case, [omega])[0]) - case.force
 
     found = []
-    for k in np.flatnonzero(above[:-1] * above[1:] < 0):
-        omega = float(scipy.optimize.brentq(excess, omegas[k], omegas[k + 1], xtol=1e-15 * omegas[k], rtol=1e-15))
+    for k in _changes_of_sign(above):
+        ends, values = omegas[k : k + 2], [excess(omega) for omega in omegas[k : k + 2]]
+        if values[0] * values[1] > 0:  # alone, one of them has other last bits
+            omega = float(ends[np.argmin(np.abs(values))])
+        else:
+            omega = float(scipy.optimize.brentq(excess, *ends, xtol=1e-15 * omegas[k], rtol=1e-15))
         if fold_impulse(case.changed(omega=omega)) > 0:
             found.append(omega)
     return tuple(found)

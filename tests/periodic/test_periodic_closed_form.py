@@ -24,6 +24,15 @@ from impact_env.periodic.symmetric import (
 )
 
 
+def test_a_fold_at_a_frequency_of_the_map_itself_is_found() -> None:
+    """There the difference to the case's force is exactly 0, and has no sign."""
+    case, low, high = CASES[0], 0.93, 0.97
+    omegas = map_frequencies(case, low, high)
+    for k in (1, len(omegas) // 2, len(omegas) - 2):
+        folds = closed_folds(case.changed(force=float(fold_force(case, omegas)[k])), low, high)
+        assert np.min(np.abs(np.array(folds) - omegas[k])) < 1e-12 * omegas[k]
+
+
 def other_model() -> ModalModel:
     """Not the paper's beam: few modes close together, damped below, at and above the critical ratio, shapes of both signs."""
     return ModalModel([31.0, 40.0, 95.0, 210.0], [0.03, 0.004, 1.0, 1.7], [0.8, -0.5, 0.4, 0.2], [1.1, 0.9, -0.7, 0.5], 1.4)

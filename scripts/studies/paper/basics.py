@@ -220,7 +220,7 @@ def squares(scene: Scene, drives: Sequence[Drive], damper: float, method: Method
     assert mass is not None
     runs = ControlledRuns(scene, len(drives), schedule.reference, 1 / pieces, method, samples_per_period=SAMPLES, threads=threads)
     runs.orders["force"], runs.orders["phase"] = np.array([(drive.amplitude, drive.phase) for drive in drives]).T
-    edges: Array = runs.duration * np.arange(int(schedule.times[-1] / runs.duration) + 1.0)
+    edges: Array = runs.duration * np.arange(int(schedule.times[-1] / runs.duration * (1 + 1e-9)) + 1.0)
     omega = np.asarray(schedule.omega_at(edges))
     found = np.empty((len(omega) - 1, len(drives)))
     for k in range(len(found)):
