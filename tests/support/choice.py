@@ -18,7 +18,6 @@ QUICK = (
     "kernels/test_runge_kutta.py",
     "kernels/test_several.py",
     "simulator/test_bad_input.py",
-    "simulator/test_controlled.py",
     "simulator/test_ensemble.py",
     "simulator/test_model.py",
     "simulator/test_frequency.py",
@@ -62,9 +61,8 @@ PARTS = (
 # by their time and, from nothing, by what they compile: two neighbours take other kinds of scenes, since both processes would compile the same one
 LONGEST_FIRST = (
     "kernels/test_loads.py",
-    "simulator/test_stop_and_passes.py",
+    "simulator/test_controlled.py",
     "environments/test_active.py",
-    "periodic/test_bifurcation_curves.py",
     "design/test_load_gap.py",
     "commands/test_explore.py",
     "commands/test_structure_commands.py",
@@ -81,6 +79,8 @@ LONGEST_FIRST = (
     "environments/test_suite.py",
     "kernels/test_kernel_cache.py",
     "kernels/test_search_truth.py",
+    "simulator/test_stop_and_passes.py",
+    "periodic/test_bifurcation_curves.py",
     "simulator/test_places.py",
     "simulator/test_first_use.py",
     "design/test_cluster.py",
