@@ -76,11 +76,11 @@ class CompilingFor:
 
 
 class _SeldomCollected(event.Listener):
-    """What compilation makes mostly stays: to look for garbage among it as often as Python does takes a tenth of the time."""
+    """What compilation makes mostly stays: to look for garbage among it as often as Python does takes up to a tenth of the time."""
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002 - numba's interface
         self._before = gc.get_threshold()
-        if gc.isenabled() and self._before[0]:
+        if 0 < self._before[0] < 50_000:  # 0: never
             gc.set_threshold(50_000, 20, 50)
 
     def on_end(self, event: event.Event) -> None:  # noqa: ARG002

@@ -124,11 +124,7 @@ def closed_folds(case: Case, low: float, high: float) -> tuple[float, ...]:
 
     found = []
     for k in _changes_of_sign(above):
-        ends, values = omegas[k : k + 2], [excess(omega) for omega in omegas[k : k + 2]]
-        if values[0] * values[1] > 0:  # alone, one of them has other last bits
-            omega = float(ends[np.argmin(np.abs(values))])
-        else:
-            omega = float(scipy.optimize.brentq(excess, *ends, xtol=1e-15 * omegas[k], rtol=1e-15))
+        omega = float(scipy.optimize.brentq(excess, omegas[k], omegas[k + 1], xtol=1e-15 * omegas[k], rtol=1e-15))
         if fold_impulse(case.changed(omega=omega)) > 0:
             found.append(omega)
     return tuple(found)
