@@ -18,6 +18,7 @@ from impact_env import (
     constant_frequency,
     friction_damper,
     impact_absorber,
+    simulate,
 )
 from impact_env.drive import Drive
 
@@ -28,7 +29,7 @@ SPRING = 100 * Beam().static_tip_stiffness
 
 def run(scene: Scene, drive: Drive, start: InitialState | None = None) -> Response:
     """Observe all, and find no miss."""
-    response = core.run(scene, drive, initial=start, most_events=200_000)
+    response = simulate(scene, drive, initial=start, most_events=200_000, record=core.ALL)
     assert response.check.misses == 0
     return response
 

@@ -1,7 +1,6 @@
 """Runs and truths shared by the tests of the simulator's core. One set of observers for all runs, so that each kernel is compiled once."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +27,8 @@ ALL = Record(level=False, events=True, series=True, energy=True, check=True)
 EVERYTHING = replace(ALL, level=True)
 
 
-def run(scene: Scene, drive: Drive, method: Method | None = None, initial: InitialState | None = None, samples: int = 32, **more: Any) -> Response:
-    return simulate(scene, drive, method, initial=initial, record=replace(ALL, samples_per_period=samples), **more)
+def run(scene: Scene, drive: Drive, method: Method | None = None, initial: InitialState | None = None, samples: int = 32) -> Response:
+    return simulate(scene, drive, method, initial=initial, record=replace(ALL, samples_per_period=samples))
 
 
 def drive_of(force: float, *ratios: float, periods: float = 5.0, reference: float = OMEGA, phase: float = 0.0) -> Drive:
